@@ -1,0 +1,1 @@
+"""Motion planning for a robot arm on a table, with every collision check counted."""

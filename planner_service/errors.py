@@ -1,0 +1,90 @@
+"""What can go wrong, and who can mend it.
+
+::
+
+    PlannerServiceError
+    ├─ InvalidRequest (ValueError)       the caller's mistake: .field, .value, .expected
+    │  ├─ UnknownName (LookupError)      .kind, .name, .available
+    │  └─ InvalidFile                    .path, .problems: all of them, not the first
+    ├─ PlanningFailed                    only from PlanResult.unwrap(); carries .failure
+    ├─ BrokenInvariant                   our bug; nobody catches it
+    └─ MissingDependency (ImportError)   names the package, and the extra that brings it
+
+That no plan was found is not an error: ``PlanResult.failure`` says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+__all__ = [
+    "BrokenInvariant",
+    "InvalidFile",
+    "InvalidRequest",
+    "MissingDependency",
+    "PlannerServiceError",
+    "PlanningFailed",
+    "UnknownName",
+]
+
+
+class PlannerServiceError(Exception):
+    """Everything this package raises on purpose."""
+
+
+class InvalidRequest(PlannerServiceError, ValueError):
+    """A value the caller gave cannot be used; the message names it and says what would be right."""
+
+    def __init__(self, field: str, value: Any, expected: str, *, message: str | None = None) -> None:
+        super().__init__(message or f"{field}: got {value!r}; expected {expected}")
+        self.field = field
+        self.value = value
+        self.expected = expected
+
+
+class UnknownName(InvalidRequest, LookupError):
+    """A name that nothing has; the message offers the nearest that exists."""
+
+    def __init__(self, kind: str, name: str, available: Iterable[str]) -> None:
+        self.kind = kind
+        self.name = name
+        self.available = tuple(sorted(available))
+        near = get_close_matches(name, self.available, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"available: {', '.join(self.available) or 'none'}"
+        super().__init__(
+            kind, name, f"one of {', '.join(self.available)}", message=f"unknown {kind} {name!r}; {hint}"
+        )
+
+
+class InvalidFile(InvalidRequest):
+    """A file that cannot be used, with every problem found in it."""
+
+    def __init__(self, path: Path | str, problems: Sequence[str]) -> None:
+        self.path = Path(path)
+        self.problems = tuple(problems)
+        lines = "".join(f"\n  - {problem}" for problem in self.problems)
+        super().__init__("file", str(path), "a valid file", message=f"{path}: {len(self.problems)} problem(s){lines}")
+
+
+class PlanningFailed(PlannerServiceError):
+    """``PlanResult.unwrap()`` was called on a result without a plan."""
+
+    def __init__(self, failure: Any) -> None:
+        super().__init__(str(failure))
+        self.failure = failure
+
+
+class BrokenInvariant(PlannerServiceError):
+    """A promise of this package does not hold: please report it."""
+
+
+class MissingDependency(PlannerServiceError, ImportError):
+    """An optional package is not installed."""
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(f"{package} is not installed; pip install 'planner-service[{extra}]' brings it")
+        self.package = package
+        self.extra = extra

@@ -1,0 +1,367 @@
+"""Poses and convex shapes: the words in which robots and scenes say where things are.
+
+Lengths in metres, quaternions as (w, x, y, z). Every shape is centred on its own origin and
+convex; cylinders and capsules lie along local z. All shapes answer the same few questions
+(``support``, ``distance``, ``grown``, ``covering_spheres``), on which the collision checker, its
+bounds and the certificates are built.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.errors import InvalidRequest
+
+__all__ = ["Box", "Capsule", "Cylinder", "FloatArray", "Pose", "Shape", "Sphere", "read_only", "rpy_matrix"]
+
+FloatArray = NDArray[np.float64]
+
+MAX_LENGTH = 1e3
+"""No robot on a table is a kilometre long: a longer length is a unit mistake."""
+
+
+def read_only(values: ArrayLike) -> FloatArray:
+    """A private, immutable float64 copy of ``values``."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """Rotation matrix of URDF's fixed-axis angles, Rz(yaw) Ry(pitch) Rx(roll), shape (3, 3)."""
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _float(value: Any) -> float:
+    if isinstance(value, (str, bytes, bool)):  # float() would read them; Box("111") is no cube of a metre
+        raise TypeError(value)
+    return float(value)
+
+
+def _finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(_float(v) for v in values)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidRequest(field, values, f"{size} numbers") from None
+    if len(numbers) != size or not all(math.isfinite(v) for v in numbers):
+        raise InvalidRequest(field, values, f"{size} finite numbers")
+    return numbers
+
+
+def _length(field: str, value: Any) -> float:
+    try:
+        number = _float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidRequest(field, value, "a length in metres") from None
+    if not 0.0 < number <= MAX_LENGTH:
+        raise InvalidRequest(field, value, f"a positive length up to {MAX_LENGTH:g} m")
+    return number
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where a frame is in another: position in metres, orientation as a unit quaternion (w, x, y, z).
+
+    Raises:
+        InvalidRequest: a number is not finite, or the quaternion's norm is off 1 by more than 1e-3
+            (closer ones are normalised).
+    """
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        position = _finite_tuple("position", self.position, 3)
+        quaternion = _finite_tuple("quaternion", self.quaternion, 4)
+        norm = math.sqrt(sum(v * v for v in quaternion))
+        if abs(norm - 1.0) > 1e-3:
+            raise InvalidRequest("quaternion", quaternion, f"a unit quaternion (w, x, y, z); its norm is {norm:.6g}")
+        if abs(norm - 1.0) > 1e-12:  # an already unit one stays bit for bit what it was
+            quaternion = tuple(v / norm for v in quaternion)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "quaternion", quaternion)
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> Pose:
+        """The pose of a 4 x 4 homogeneous matrix.
+
+        Raises:
+            InvalidRequest: not 4 x 4, not finite, or its rotation is not orthonormal within 1e-6
+                or mirrors (determinant -1).
+        """
+        try:
+            T = np.asarray(matrix, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InvalidRequest("matrix", matrix, "a finite 4 x 4 matrix") from None
+        if T.shape != (4, 4) or not np.all(np.isfinite(T)):
+            raise InvalidRequest("matrix", matrix, "a finite 4 x 4 matrix")
+        R = T[:3, :3]
+        if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
+            raise InvalidRequest("matrix", matrix, "an orthonormal rotation and a last row 0 0 0 1")
+        return cls(tuple(T[:3, 3]), _quaternion(R))
+
+    @classmethod
+    def from_rpy(cls, position: Sequence[float], rpy: Sequence[float]) -> Pose:
+        """The pose of URDF's ``<origin xyz rpy>``: fixed-axis roll, pitch, yaw in radians."""
+        roll, pitch, yaw = _finite_tuple("rpy", rpy, 3)
+        x, y, z = _finite_tuple("position", position, 3)
+        return cls((x, y, z), _quaternion(rpy_matrix(roll, pitch, yaw)))
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Rotation matrix, shape (3, 3)."""
+        w, x, y, z = self.quaternion
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Homogeneous matrix, shape (4, 4)."""
+        T = np.eye(4)
+        T[:3, :3] = self.rotation
+        T[:3, 3] = self.position
+        return T
+
+    def inverse(self) -> Pose:
+        """The pose of the outer frame in this one."""
+        w, x, y, z = self.quaternion
+        turned = Pose(quaternion=(w, -x, -y, -z))
+        px, py, pz = turned._rotated(self.position)
+        return Pose((-px, -py, -pz), turned.quaternion)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """``T_a_b @ T_b_c`` is ``T_a_c``, in scalar arithmetic, so that it has the same bits on every machine."""
+        w, x, y, z = self.quaternion
+        ow, ox, oy, oz = other.quaternion
+        px, py, pz = self._rotated(other.position)
+        tx, ty, tz = self.position
+        quaternion = (
+            w * ow - x * ox - y * oy - z * oz,
+            w * ox + x * ow + y * oz - z * oy,
+            w * oy - x * oz + y * ow + z * ox,
+            w * oz + x * oy - y * ox + z * ow,
+        )
+        return Pose((tx + px, ty + py, tz + pz), quaternion)
+
+    def _rotated(self, point: tuple[float, float, float]) -> tuple[float, float, float]:
+        rows = self.rotation.tolist()
+        px, py, pz = point
+        x, y, z = (row[0] * px + row[1] * py + row[2] * pz for row in rows)
+        return (x, y, z)
+
+
+def _quaternion(R: FloatArray) -> tuple[float, float, float, float]:
+    """Unit quaternion with w >= 0 of a rotation matrix (Shepperd's method: the largest component first)."""
+    squares = (
+        1.0 + R[0, 0] + R[1, 1] + R[2, 2],
+        1.0 + R[0, 0] - R[1, 1] - R[2, 2],
+        1.0 - R[0, 0] + R[1, 1] - R[2, 2],
+        1.0 - R[0, 0] - R[1, 1] + R[2, 2],
+    )
+    k = max(range(4), key=lambda i: squares[i])
+    s = 2.0 * math.sqrt(squares[k])
+    a, b, c = (R[2, 1] - R[1, 2]) / s, (R[0, 2] - R[2, 0]) / s, (R[1, 0] - R[0, 1]) / s
+    d, e, f = (R[0, 1] + R[1, 0]) / s, (R[0, 2] + R[2, 0]) / s, (R[1, 2] + R[2, 1]) / s
+    w, x, y, z = ((s / 4, a, b, c), (a, s / 4, d, e), (b, d, s / 4, f), (c, e, f, s / 4))[k]
+    sign = -1.0 if w < 0 else 1.0
+    norm = math.sqrt(w * w + x * x + y * y + z * z) * sign
+    return (float(w / norm), float(x / norm), float(y / norm), float(z / norm))
+
+
+@runtime_checkable
+class Shape(Protocol):
+    """A convex solid centred on its own origin."""
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        """A point of the solid farthest along each direction; (..., 3) in, (..., 3) out, any length of direction."""
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Distance from each point to the solid, 0 inside; (..., 3) in, (...) out; exact up to rounding."""
+
+    def grown(self, margin: float) -> Shape:
+        """A shape of the same kind that holds every point within ``margin`` of this one."""
+
+    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
+        """Spheres whose union holds the solid: centres (k, 3) and radii (k,)."""
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius of the smallest sphere about the origin that holds the solid."""
+
+
+MAX_COVER = 6
+"""Spheres per elongated shape: more of them hug it better but cost the prefilter more."""
+
+
+def _strip_cover(half: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    """Equal spheres in a row along the longest half length of a box-like solid, a slab of it each."""
+    axis = max(range(3), key=lambda i: half[i])
+    across = math.sqrt(sum(half[i] ** 2 for i in range(3) if i != axis))
+    count = min(MAX_COVER, max(1, math.ceil(half[axis] / max(across, 1e-9))))
+    slab = half[axis] / count
+    centres = np.zeros((count, 3))
+    centres[:, axis] = [(-count + 1 + 2 * i) * slab for i in range(count)]
+    return centres, np.full(count, math.hypot(across, slab))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A cuboid with full edge lengths ``size`` = (x, y, z)."""
+
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        x, y, z = _finite_tuple("size", self.size, 3)
+        object.__setattr__(self, "size", (_length("size[0]", x), _length("size[1]", y), _length("size[2]", z)))
+
+    @property
+    def half(self) -> tuple[float, float, float]:
+        """Half edge lengths."""
+        x, y, z = self.size
+        return (x / 2, y / 2, z / 2)
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        return np.asarray(np.where(direction < 0, -1.0, 1.0) * np.array(self.half))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        outside = np.maximum(np.abs(points) - np.array(self.half), 0.0)
+        return np.asarray(np.sqrt((outside * outside).sum(axis=-1)))
+
+    def grown(self, margin: float) -> Box:
+        x, y, z = self.size
+        return Box((x + 2 * margin, y + 2 * margin, z + 2 * margin))
+
+    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
+        return _strip_cover(self.half)
+
+    @property
+    def bounding_radius(self) -> float:
+        return math.hypot(*self.half)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball."""
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _length("radius", self.radius))
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        return self.radius * _unit(direction)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        return np.asarray(np.maximum(np.sqrt((points * points).sum(axis=-1)) - self.radius, 0.0))
+
+    def grown(self, margin: float) -> Sphere:
+        return Sphere(self.radius + margin)
+
+    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
+        return np.zeros((1, 3)), np.array([self.radius])
+
+    @property
+    def bounding_radius(self) -> float:
+        return self.radius
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder along local z; ``length`` is its full length."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _length("radius", self.radius))
+        object.__setattr__(self, "length", _length("length", self.length))
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        point = np.zeros(np.shape(direction))
+        point[..., :2] = self.radius * _unit(np.asarray(direction)[..., :2])
+        point[..., 2] = np.where(np.asarray(direction)[..., 2] < 0, -0.5, 0.5) * self.length
+        return point
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        radial = np.maximum(np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2) - self.radius, 0.0)
+        axial = np.maximum(np.abs(points[..., 2]) - self.length / 2, 0.0)
+        return np.asarray(np.sqrt(radial * radial + axial * axial))
+
+    def grown(self, margin: float) -> Cylinder:
+        return Cylinder(self.radius + margin, self.length + 2 * margin)
+
+    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
+        count = min(MAX_COVER, max(1, math.ceil(self.length / 2 / self.radius)))
+        slab = self.length / 2 / count
+        centres = np.zeros((count, 3))
+        centres[:, 2] = [(-count + 1 + 2 * i) * slab for i in range(count)]
+        return centres, np.full(count, math.hypot(self.radius, slab))
+
+    @property
+    def bounding_radius(self) -> float:
+        return math.hypot(self.radius, self.length / 2)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All points within ``radius`` of a segment of ``length`` along local z (the caps come on top)."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _length("radius", self.radius))
+        object.__setattr__(self, "length", _length("length", self.length))
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        point = self.radius * _unit(direction)
+        point[..., 2] += np.where(np.asarray(direction)[..., 2] < 0, -0.5, 0.5) * self.length
+        return point
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        axial = np.maximum(np.abs(points[..., 2]) - self.length / 2, 0.0)
+        span = np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2 + axial * axial)
+        return np.asarray(np.maximum(span - self.radius, 0.0))
+
+    def grown(self, margin: float) -> Capsule:
+        return Capsule(self.radius + margin, self.length)
+
+    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
+        count = min(MAX_COVER, max(1, math.ceil((self.length / 2 + self.radius) / self.radius)))
+        slab = self.length / 2 / count
+        centres = np.zeros((count, 3))
+        centres[:, 2] = [(-count + 1 + 2 * i) * slab for i in range(count)]
+        return centres, np.full(count, self.radius + slab)
+
+    @property
+    def bounding_radius(self) -> float:
+        return self.radius + self.length / 2
+
+
+def _unit(direction: FloatArray) -> FloatArray:
+    """Directions scaled to length 1; a zero direction stays zero, which is a point of every shape here."""
+    d = np.asarray(direction, dtype=np.float64)
+    largest = np.abs(d).max(axis=-1, keepdims=True)
+    d = d / np.where(largest > 0, largest, 1.0)  # first, or the squares of 1e-200 and 1e200 leave the range of floats
+    norm = np.sqrt((d * d).sum(axis=-1, keepdims=True))
+    return np.asarray(d / np.where(norm > 0, norm, 1.0))
