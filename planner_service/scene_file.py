@@ -1,0 +1,238 @@
+"""TOML files of shapes and poses: read with all their problems told at once, written whole or not at all."""
+
+from __future__ import annotations
+
+import math
+import os
+import reprlib
+import stat
+import sys
+import uuid
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, TypeVar
+
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["MAX_BYTES", "SHAPE_KEYS", "Table", "read_tables", "write_whole"]
+
+T = TypeVar("T")
+
+MAX_BYTES = 5_000_000
+"""A scene of 10,000 obstacles takes about 2 MB; a larger file is no scene."""
+
+SHAPE_KEYS = ("box", "sphere", "cylinder", "capsule")
+"""What ``Table.shape`` reads, one of them per table."""
+
+MAX_HINTS = 100
+"""Spelling hints per file: finding one takes far longer than naming the problem."""
+
+
+def read_tables(path: Path) -> dict[str, Any]:
+    """The content of the TOML file at ``path``.
+
+    Raises:
+        InvalidFile: not a regular file, unreadable, over ``MAX_BYTES``, not UTF-8, or malformed (with the line).
+    """
+    data = _read_bytes(path)
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InvalidFile(path, [f"not UTF-8: byte {data[error.start]:#04x} on line {line}"]) from None
+    except RecursionError:
+        raise InvalidFile(path, ["malformed TOML: nested too deeply"]) from None
+    except ValueError as error:  # TOMLDecodeError says where; an integer of thousands of digits is a plain ValueError
+        raise InvalidFile(path, [f"malformed TOML: {error}"]) from None
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):  # asked before opening: to open a pipe is to wait for its writer
+            raise InvalidFile(path, ["not a file"])
+        with open(path, "rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise InvalidFile(path, ["no such file"]) from None
+    except (OSError, ValueError) as error:
+        if isinstance(error, InvalidFile):
+            raise
+        raise InvalidFile(path, [f"cannot be read: {getattr(error, 'strerror', None) or error}"]) from None
+    if len(data) > MAX_BYTES:
+        raise InvalidFile(path, [f"too large: more than {MAX_BYTES:,} bytes"])
+    return data
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Put ``text`` into the file at ``path``, or leave everything as it was.
+
+    Raises:
+        InvalidFile: the folder does not exist, may not be written, is full, or ``path`` is a folder.
+    """
+    try:
+        target = Path(os.path.realpath(path))  # a link stays a link
+    except (OSError, ValueError) as error:
+        raise InvalidFile(path, [f"cannot be written: {error}"]) from None
+    temporary = target.parent / f".{uuid.uuid4().hex}.tmp"  # in another folder the exchange would not be atomic
+    try:
+        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, target)
+    except OSError as error:
+        raise InvalidFile(path, [f"cannot be written: {error.strerror or error}"]) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+class Table:
+    """A TOML table read key by key; what is wrong goes to ``problems``, and None comes back in its place.
+
+    Args:
+        where: How problems begin, such as ``obstacle 3 'post'``; empty for the top of the file.
+        problems: The list that all tables of a file share.
+    """
+
+    def __init__(self, where: str, content: dict[str, Any], problems: list[str]) -> None:
+        self.where = where
+        self.content = content
+        self._problems = problems
+
+    def problem(self, text: str) -> None:
+        """Note one problem of this table."""
+        self._problems.append(f"{self.where}: {text}" if self.where else text)
+
+    def attempt(self, make: Callable[[], T]) -> T | None:
+        """What ``make`` returns, or None if it refuses: its reason becomes a problem."""
+        try:
+            return make()
+        except InvalidRequest as error:
+            self.problem(str(error))
+            return None
+
+    def allow_only(self, keys: Iterable[str]) -> None:
+        """Note every other key, with the nearest one that is allowed."""
+        allowed = tuple(keys)
+        for key in self.content:
+            if key in allowed:
+                continue
+            near = get_close_matches(key, allowed, n=1) if len(self._problems) < MAX_HINTS else []
+            hint = f"did you mean {near[0]!r}?" if near else f"allowed: {', '.join(allowed)}"
+            self.problem(f"unknown key {reprlib.repr(key)}; {hint}")
+
+    def text(self, key: str) -> str | None:
+        """The text under ``key``, or None if the key is missing (no problem) or holds something else (one)."""
+        value = self.content.get(key)
+        if value is None or isinstance(value, str):
+            return value
+        self.problem(f"{key}: got {_shown(value)}; expected a text")
+        return None
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """The texts under ``key``; none if the key is missing."""
+        value = self.content.get(key, [])
+        if isinstance(value, list) and all(isinstance(item, str) for item in value):
+            return tuple(value)
+        self.problem(f"{key}: got {_shown(value)}; expected a list of texts")
+        return ()
+
+    def tables(self, key: str) -> list[dict[str, Any]]:
+        """The array of tables under ``key``; empty if the key is missing."""
+        value = self.content.get(key, [])
+        if isinstance(value, list) and all(isinstance(item, dict) for item in value):
+            return value
+        self.problem(f"{key}: got {_shown(value)}; expected tables, each headed [[{key}]]")
+        return []
+
+    def shape(self) -> Shape | None:
+        """The one shape among the table's keys."""
+        keys = [key for key in SHAPE_KEYS if key in self.content]
+        if len(keys) != 1:
+            found = f"two or more shapes, {' and '.join(keys)}" if keys else "shape is missing"
+            self.problem(f"{found}; expected exactly one of {', '.join(SHAPE_KEYS)}")
+        shapes = [self._shape(key) for key in keys]  # of two, both are read, each for its own problems
+        return shapes[0] if len(shapes) == 1 else None
+
+    def pose(self) -> Pose | None:
+        """The pose of ``position``, which must be there, and ``quaternion_wxyz``, which need not."""
+        position = self._numbers("position", "xyz", self._number)
+        quaternion: list[float] | None = [1.0, 0.0, 0.0, 0.0]
+        if "quaternion_wxyz" in self.content:
+            quaternion = self._numbers("quaternion_wxyz", "wxyz", self._number)
+        if quaternion is None:
+            return None
+        w, x, y, z = quaternion
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        try:
+            turned = Pose(quaternion=(w, x, y, z))
+        except InvalidRequest:
+            self.problem(f"quaternion_wxyz: got {quaternion}; expected a unit quaternion, but its norm is {norm:.6g}")
+            return None
+        return None if position is None else Pose((position[0], position[1], position[2]), turned.quaternion)
+
+    def _shape(self, key: str) -> Shape | None:
+        value = self.content[key]
+        if key == "box":
+            size = self._numbers(key, "xyz", self._positive)
+            return None if size is None else Box((size[0], size[1], size[2]))
+        if key == "sphere":
+            radius = self._positive(key, value)
+            return None if radius is None else Sphere(radius)
+        if not isinstance(value, dict):
+            self.problem(f"{key}: got {_shown(value)}; expected {{ radius = ..., length = ... }}")
+            return None
+        inner = Table(f"{self.where}: {key}", value, self._problems)
+        inner.allow_only(("radius", "length"))
+        radius, length = inner._length("radius"), inner._length("length")
+        if radius is None or length is None:
+            return None
+        return Cylinder(radius, length) if key == "cylinder" else Capsule(radius, length)
+
+    def _length(self, key: str) -> float | None:
+        if key in self.content:
+            return self._positive(key, self.content[key])
+        self.problem(f"{key} is missing; expected a length in metres")
+        return None
+
+    def _numbers(self, key: str, axes: str, read: Callable[[str, Any], float | None]) -> list[float] | None:
+        if key not in self.content:
+            self.problem(f"{key} is missing; expected [{', '.join(axes)}]")
+            return None
+        value = self.content[key]
+        if not isinstance(value, list) or len(value) != len(axes):
+            self.problem(f"{key}: got {_shown(value)}; expected [{', '.join(axes)}]")
+            return None
+        found = [read(f"{key} {axis}", item) for axis, item in zip(axes, value, strict=True)]
+        numbers = [number for number in found if number is not None]
+        return numbers if len(numbers) == len(axes) else None
+
+    def _number(self, label: str, value: Any) -> float | None:
+        if _is_number(value) and -MAX_LENGTH <= value <= MAX_LENGTH:
+            return float(value)
+        self.problem(f"{label}: got {_shown(value)}; expected a number from -{MAX_LENGTH:g} to {MAX_LENGTH:g}")
+        return None
+
+    def _positive(self, label: str, value: Any) -> float | None:
+        if _is_number(value) and 0 < value <= MAX_LENGTH:
+            return float(value)
+        self.problem(f"{label}: got {_shown(value)}; expected a positive length up to {MAX_LENGTH:g} m")
+        return None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _shown(value: Any) -> str:
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # Python refuses to print integers of thousands of digits
+        return "an integer of thousands of digits"
