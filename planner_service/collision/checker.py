@@ -1,0 +1,330 @@
+"""The one oracle: is it free? It alone judges, and it alone counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.collision.edges import EdgeStep, Known, MotionStep, bisection_order, interior
+from planner_service.collision.fcl import FclJudge
+from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
+from planner_service.collision.parts import Parts
+from planner_service.collision.prefilter import Prefilter
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray
+from planner_service.path import JointPath
+from planner_service.robot import Robot
+from planner_service.scene import Scene
+
+__all__ = ["CollisionChecker", "Contact", "EdgeHit"]
+
+MAX_PADDING = 0.1
+"""Metres; more padding than this is a unit mistake."""
+
+LIMIT_SLACK = 1e-9
+"""Radians or metres by which rounding may carry a configuration over a joint limit."""
+
+_FIRST_CHUNK, _CHUNK = 8, 64
+"""Samples judged at once: few first, because an edge that collides mostly does so early in bisection order."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two things that touch.
+
+    Attributes:
+        a: A link of the robot, or an object it carries.
+        b: What it touches: a link, a carried object or an obstacle.
+        depth: Overlap in metres of their deepest pieces along a separating direction: an upper
+            bound of how far they penetrate.
+    """
+
+    a: str
+    b: str
+    depth: float
+
+    def __str__(self) -> str:
+        return f"{self.a} x {self.b} (at most {self.depth * 1000:.1f} mm deep)"
+
+
+@dataclass(frozen=True)
+class EdgeHit:
+    """The first sample of an edge, in the order of judging, that collides.
+
+    Attributes:
+        fraction: Where it is on the edge: 0 at q1, 1 at q2.
+        a: A link of the robot, or an object it carries.
+        b: What it touches.
+    """
+
+    fraction: float
+    a: str
+    b: str
+
+
+class CollisionChecker:
+    """Answers whether a robot's configurations and the edges between them are free in a scene.
+
+    FCL's boolean ``collide`` decides every doubtful pair; a pair is not asked only where it is
+    proven apart by more than the margin in which FCL could say otherwise. Joint limits are part of
+    the question: a configuration outside them raises rather than being called free.
+
+    Args:
+        edge_step: How finely edges are sampled.
+        padding: Distance in metres that every pair must keep; verdicts of a plan use 0.
+        allowed: Pairs of link or object names that may touch, beside those the robot allows.
+
+    Raises:
+        UnknownName: ``allowed`` names nothing that is there.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene,
+        *,
+        edge_step: EdgeStep | None = None,
+        padding: float = 0.0,
+        allowed: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        if not 0.0 <= padding <= MAX_PADDING:
+            raise InvalidRequest("padding", padding, f"metres between 0 and {MAX_PADDING}")
+        self.robot = robot
+        self.scene = scene
+        self.edge_step: EdgeStep = MotionStep() if edge_step is None else edge_step
+        self.padding = float(padding)
+        self.allowed = tuple(sorted({(min(a, b), max(a, b)) for a, b in allowed}))
+        self.ledger = Ledger()
+        self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
+        self._prefilter = Prefilter(robot, self._parts)
+        self._judge = FclJudge(self._parts.shapes)
+        n = self._parts.riding
+        for k, part in enumerate(self._parts.parts[n:], start=n):
+            self._judge.place(k, part.T[:3, :3], part.T[:3, 3])
+        self._local = [_numbers(part.T) for part in self._parts.parts[:n]]
+        self._pairs: list[list[int]] = self._parts.pairs.tolist()
+        self._reach: list[float] = robot.reach(self._parts.carried).tolist()
+        self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
+        self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
+        self._variants: dict[tuple[float, tuple[tuple[str, str], ...]], CollisionChecker] = {}
+
+    def variant(
+        self, *, padding: float | None = None, allowed: Iterable[tuple[str, str]] | None = None
+    ) -> CollisionChecker:
+        """A checker of the same robot and scene with other padding or allowed pairs; both count in one ledger."""
+        padding = self.padding if padding is None else float(padding)
+        pairs = self.allowed if allowed is None else tuple(sorted({(min(a, b), max(a, b)) for a, b in allowed}))
+        if (padding, pairs) == (self.padding, self.allowed):
+            return self
+        if (padding, pairs) not in self._variants:
+            other = CollisionChecker(
+                self.robot, self.scene, edge_step=self.edge_step, padding=padding, allowed=pairs
+            )
+            other.ledger = self.ledger
+            other._variants = self._variants
+            self._variants[padding, pairs] = other
+        return self._variants[padding, pairs]
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What was asked so far, of this checker and its variants."""
+        return self.ledger.counts
+
+    @property
+    def pair_count(self) -> int:
+        """Pairs of pieces judged in each state, robot against itself and against the scene."""
+        return len(self._pairs)
+
+    @contextmanager
+    def limited(
+        self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
+    ) -> Iterator[None]:
+        """Within the block, a check that would pass one of these limits raises a ``SearchStopped`` instead."""
+        with self.ledger.limited(states=states, deadline=deadline, token=token):
+            yield
+
+    def state_is_free(self, q: ArrayLike) -> bool:
+        """Whether the robot at q (n,) touches neither itself nor the scene; counts one state.
+
+        Raises:
+            InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
+        """
+        return self._first_collision(self._configuration("q", q)[None]) is None
+
+    def edge_is_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
+        """Whether every sample of the straight line from q1 to q2 is free; counts as ``edge_hit`` does."""
+        return self.edge_hit(q1, q2, known=known) is None
+
+    def edge_hit(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> EdgeHit | None:
+        """Where the straight line from q1 to q2 collides, None when every sample is free.
+
+        Counts one edge and its states. Judges q1, q2, then the interior in bisection order, up to the first sample that collides.
+
+        Args:
+            known: Ends that are known to be free and are neither judged nor counted.
+
+        Raises:
+            InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
+        """
+        start, end = self._configuration("q1", q1), self._configuration("q2", q2)
+        self.ledger.charge_edge()
+        a, b = start.tolist(), end.tolist()
+        ends = [(0.0, start)] if Known.START not in known else []
+        if Known.END not in known and a != b:
+            ends.append((1.0, end))
+        if ends:
+            hit = self._first_collision(np.array([q for _, q in ends]))
+            if hit is not None:
+                return EdgeHit(ends[hit[0]][0], *hit[1])
+        segments = self._segments(a, b)
+        if segments == 1:
+            return None
+        hit = self._first_collision(interior(a, b, segments))
+        if hit is None:
+            return None
+        fraction = float(bisection_order(segments)[hit[0], 0])
+        return EdgeHit(fraction if tuple(a) <= tuple(b) else 1.0 - fraction, *hit[1])
+
+    def segments(self, q1: ArrayLike, q2: ArrayLike) -> int:
+        """The number of equal parts into which the edge from q1 to q2 is split; counts nothing."""
+        return self._segments(self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist())
+
+    def _segments(self, a: Sequence[float], b: Sequence[float]) -> int:
+        return self.edge_step.segments([y - x for x, y in zip(a, b, strict=True)], self._reach)
+
+    def path_is_free(self, path: JointPath, *, known: Known = Known.NEITHER) -> bool:
+        """Whether every piece of a polyline is free, one edge each; inner waypoints are judged once.
+
+        Args:
+            known: Ends of the path that are known to be free.
+        """
+        points = path.waypoints
+        if len(points) == 1:
+            return bool(known) or self.state_is_free(points[0])
+        for k in range(len(points) - 1):
+            ends = Known.START if k or Known.START in known else Known.NEITHER
+            if k == len(points) - 2:
+                ends |= known & Known.END
+            if not self.edge_is_free(points[k], points[k + 1], known=ends):
+                return False
+        return True
+
+    def clearance(self, q: ArrayLike) -> float:
+        """A proven lower bound in metres of the smallest gap at q (n,); negative when something overlaps.
+
+        The bound is the separation of the original shapes along the best direction found, by
+        support functions. Counts one distance per pair.
+
+        Returns:
+            ``math.inf`` when no pair is judged at all.
+
+        Raises:
+            InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
+        """
+        bounds, _ = self._prefilter.bounds(self._configuration("q", q), math.inf)
+        self.ledger.charge_distances(len(self._pairs))
+        return float(bounds.min()) if len(bounds) else math.inf
+
+    def contacts(self, q: ArrayLike) -> tuple[Contact, ...]:
+        """The pairs that touch at q (n,), deepest first; empty when q is free. Counts one state.
+
+        Raises:
+            InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
+        """
+        q = self._configuration("q", q)
+        self.ledger.charge_states(1)
+        _, numbers = self._prefilter.candidates(q[None])
+        hits = set(self._colliding_pairs(q.tolist(), numbers.tolist()))
+        if not hits:
+            return ()
+        bounds, pairs = self._prefilter.bounds(q, 0.0)
+        overlap = dict(zip(pairs.tolist(), (-bounds).tolist(), strict=True))
+        depth: dict[tuple[str, str], float] = {}
+        for pair in hits:  # one that only touches may be bounded apart: its depth is 0
+            names = self._parts.names(pair)
+            depth[names] = max(depth.get(names, 0.0), overlap.get(pair, 0.0))
+        found = [Contact(a, b, value) for (a, b), value in depth.items()]
+        return tuple(sorted(found, key=lambda c: (-c.depth, c.a, c.b)))
+
+    def _configuration(self, field: str, q: ArrayLike) -> FloatArray:
+        array = np.asarray(q, dtype=np.float64)
+        if array.shape != (self.robot.n,):
+            raise InvalidRequest(field, np.shape(q), f"{self.robot.n} joint values, shape ({self.robot.n},)")
+        for k, value in enumerate(array.tolist()):
+            if not self._lower[k] <= value <= self._upper[k]:
+                low, high = self.robot.limits.lower[k], self.robot.limits.upper[k]
+                raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in [{low:.4f}, {high:.4f}]")
+        return array
+
+    def _first_collision(self, Q: FloatArray) -> tuple[int, tuple[str, str]] | None:
+        """Judge configurations (m, n) in order, up to the first that collides, and count them.
+
+        Returns its row and the owners of the first pair that touches there, None when all are free.
+        """
+        start, size = 0, _FIRST_CHUNK
+        while start < len(Q):
+            self.ledger.poll()
+            room = self.ledger.room()
+            chunk = Q[start : start + (size if room is None else min(size, room + 1))]
+            hit = self._first_hit(chunk)
+            self.ledger.charge_states(len(chunk) if hit is None else hit[0] + 1)
+            if hit is not None:
+                names = self._parts.names(hit[1])
+                self.ledger.hit(names)
+                return start + hit[0], names
+            start, size = start + len(chunk), _CHUNK
+        return None
+
+    def _first_hit(self, Q: FloatArray) -> tuple[int, int] | None:
+        """The first row of Q that collides and the first of its pairs that does."""
+        rows, pairs = self._prefilter.candidates(Q)
+        doubtful: dict[int, list[int]] = {}
+        for row, pair in zip(rows.tolist(), pairs.tolist(), strict=True):
+            doubtful.setdefault(row, []).append(pair)
+        for row, numbers in doubtful.items():
+            for pair in self._colliding_pairs(Q[row].tolist(), numbers):
+                return row, pair
+        return None
+
+    def _colliding_pairs(self, q: Sequence[float], numbers: Iterable[int]) -> Iterator[int]:
+        """The pairs among ``numbers`` that FCL finds touching at q, as it is asked.
+
+        The poses FCL gets come from one scalar forward kinematics, whatever placed the prefilter.
+        """
+        placed: set[int] = set()
+        poses = None
+        for number in numbers:
+            i, j = self._pairs[number]
+            for part in (i, j):
+                if part < self._parts.riding and part not in placed:
+                    poses = self.robot.body_poses(q) if poses is None else poses
+                    placed.add(part)
+                    R, t = _compose(poses[self._parts.parts[part].body], self._local[part])
+                    self._judge.place(part, R, t)
+            if self._judge.collide(i, j):
+                yield number
+
+
+def _numbers(T: FloatArray) -> tuple[float, ...]:
+    """A 4 x 4 matrix as nine row-major rotation numbers and three translation numbers."""
+    return (*T[:3, :3].ravel().tolist(), *T[:3, 3].tolist())
+
+
+def _compose(a: Sequence[float], b: Sequence[float]) -> tuple[FloatArray, FloatArray]:
+    """Rotation (3, 3) and translation (3,) of the product of two poses given as twelve numbers each."""
+    a0, a1, a2, a3, a4, a5, a6, a7, a8, x, y, z = a
+    b0, b1, b2, b3, b4, b5, b6, b7, b8, u, v, w = b
+    R = np.array(
+        [
+            [a0 * b0 + a1 * b3 + a2 * b6, a0 * b1 + a1 * b4 + a2 * b7, a0 * b2 + a1 * b5 + a2 * b8],
+            [a3 * b0 + a4 * b3 + a5 * b6, a3 * b1 + a4 * b4 + a5 * b7, a3 * b2 + a4 * b5 + a5 * b8],
+            [a6 * b0 + a7 * b3 + a8 * b6, a6 * b1 + a7 * b4 + a8 * b7, a6 * b2 + a7 * b5 + a8 * b8],
+        ]
+    )
+    t = np.array([a0 * u + a1 * v + a2 * w + x, a3 * u + a4 * v + a5 * w + y, a6 * u + a7 * v + a8 * w + z])
+    return R, t

@@ -1,0 +1,127 @@
+"""How finely an edge is sampled, and in which order.
+
+An edge is the straight line between two configurations. Its samples split it into equal parts;
+the ends come first, then the interior in bisection order (the midpoint, the quarters, ...), which
+finds a collision soonest when none is expected anywhere in particular (LaValle, Planning
+Algorithms, 5.3.4). Sampling proves nothing between the samples.
+
+The arithmetic is plain float64 sums in joint order, so that the number of samples is the same on
+every CPU: no BLAS and no vector norm, whose last bit depends on the instruction set.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray
+
+__all__ = ["EdgeStep", "JointStep", "Known", "MotionStep", "bisection_order", "interior"]
+
+MAX_SEGMENTS = 1_000_000
+"""More samples than this on one edge is a mistake in the step, not a plan."""
+
+_SLACK = 1e-9
+"""Keeps a quotient that is an integer but for rounding from costing one sample more."""
+
+
+class Known(enum.Flag):
+    """Which ends of an edge are known to be free already, so that they are not judged again."""
+
+    NEITHER = 0
+    START = 1
+    END = 2
+    BOTH = 3
+
+
+class EdgeStep(Protocol):
+    """A rule for the number of equal parts an edge is split into."""
+
+    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        """Parts of an edge with joint differences ``dq`` (rad or m) for joints of that ``reach`` (m)."""
+
+
+def _positive(field: str, value: float, unit: str) -> float:
+    number = float(value)
+    if not (math.isfinite(number) and number > 0.0):
+        raise InvalidRequest(field, value, f"a positive number of {unit}")
+    return number
+
+
+def _count(extent: float, step: float) -> int:
+    parts = max(1, math.ceil(extent / step - _SLACK))
+    if parts > MAX_SEGMENTS:
+        raise InvalidRequest("edge_step", step, f"a step that splits an edge into at most {MAX_SEGMENTS} parts")
+    return parts
+
+
+@dataclass(frozen=True)
+class MotionStep:
+    """No point of the robot moves farther than ``distance`` metres from one sample to the next.
+
+    ``sum(reach_i * |dq_i|)`` bounds the motion of every point, where ``reach_i`` is the largest
+    distance of any robot point from joint axis i (Schwarzer, Saha & Latombe, IEEE T-RO 21(3), 2005).
+    """
+
+    distance: float = 0.010
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "distance", _positive("distance", self.distance, "metres"))
+
+    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        motion = 0.0
+        for difference, radius in zip(dq, reach, strict=True):
+            motion += radius * abs(difference)
+        return _count(motion, self.distance)
+
+
+@dataclass(frozen=True)
+class JointStep:
+    """Samples at most ``angle`` apart in the L2 norm over all joints: the textbook rule, for comparisons."""
+
+    angle: float = 0.02
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "angle", _positive("angle", self.angle, "radians"))
+
+    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        squares = 0.0
+        for difference in dq:
+            squares += difference * difference
+        return _count(math.sqrt(squares), self.angle)
+
+
+@lru_cache(maxsize=4096)
+def bisection_order(segments: int) -> FloatArray:
+    """Fractions k / segments of the interior samples in bisection order, shape (segments - 1, 1), read-only."""
+    order = []
+    spans = [(0, segments)]
+    while spans:
+        below = []
+        for low, high in spans:
+            middle = (low + high) // 2
+            if middle > low:
+                order.append(middle)
+                below += [(low, middle), (middle, high)]
+        spans = below
+    fractions = np.array(order, dtype=np.float64).reshape(-1, 1) / segments
+    fractions.flags.writeable = False
+    return fractions
+
+
+def interior(q1: Sequence[float], q2: Sequence[float], segments: int) -> FloatArray:
+    """The interior samples of an edge in the order in which they are judged, shape (segments - 1, n).
+
+    They are computed from the lexicographically smaller end, so that an edge and its reverse are
+    the same samples to the last bit.
+    """
+    first, last = (q1, q2) if tuple(q1) <= tuple(q2) else (q2, q1)
+    start = np.array(first, dtype=np.float64)
+    return start + (np.array(last, dtype=np.float64) - start) * bisection_order(segments)

@@ -1,0 +1,59 @@
+"""The judge: FCL's boolean ``collide`` between convex shapes. The only module that imports fcl.
+
+What FCL gets wrong is kept away from it (measured on 49,000 pose pairs and by hand): half-spaces,
+planes, cones and meshes are never built; distances, signed distances, penetration depths and
+continuous collision are never asked; a result object is replaced after a hit because it stays
+"colliding" for ever; poses are finite and orthonormal because they come from our own kinematics of
+validated values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import fcl
+
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
+
+__all__ = ["FclJudge"]
+
+
+def _geometry(shape: Shape) -> fcl.CollisionGeometry:
+    if isinstance(shape, Box):
+        return fcl.Box(*shape.size)
+    if isinstance(shape, Sphere):
+        return fcl.Sphere(shape.radius)
+    if isinstance(shape, Cylinder):
+        return fcl.Cylinder(shape.radius, shape.length)
+    if isinstance(shape, Capsule):
+        return fcl.Capsule(shape.radius, shape.length)
+    raise BrokenInvariant(f"FCL is not trusted with a {type(shape).__name__}")
+
+
+class FclJudge:
+    """Collision objects built once, moved and asked in pairs; nothing is allocated per check but poses.
+
+    Attributes:
+        asked: Pair questions put to FCL so far, for reports; what is counted for the user is states.
+    """
+
+    def __init__(self, shapes: Sequence[Shape]) -> None:
+        self._objects = [fcl.CollisionObject(_geometry(shape)) for shape in shapes]
+        self._request = fcl.CollisionRequest()
+        self._result = fcl.CollisionResult()
+        self.asked = 0
+
+    def place(self, index: int, rotation: FloatArray, translation: FloatArray) -> None:
+        """Move object ``index`` to a rotation (3, 3) and a translation (3,) in the world."""
+        self._objects[index].setTransform(fcl.Transform(rotation, translation))
+
+    def collide(self, a: int, b: int) -> bool:
+        """Whether objects a and b touch; gaps within a micrometre of contact are undefined."""
+        self.asked += 1
+        if fcl.collide(self._objects[a], self._objects[b], self._request, self._result) == 0:
+            return False
+        self._result = fcl.CollisionResult()
+        return True
+
+

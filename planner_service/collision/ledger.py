@@ -1,0 +1,150 @@
+"""The one place where collision checks are counted, and where their limits are enforced."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+__all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
+
+
+@dataclass(frozen=True)
+class CheckCounts:
+    """What was asked of the collision checker.
+
+    Attributes:
+        states: Configurations judged free or not, samples along edges one by one, up to and
+            including the first that collides.
+        edges: Edges judged.
+        distances: (configuration, pair) clearance bounds requested.
+    """
+
+    states: int = 0
+    edges: int = 0
+    distances: int = 0
+
+    def __add__(self, other: CheckCounts) -> CheckCounts:
+        return CheckCounts(self.states + other.states, self.edges + other.edges, self.distances + other.distances)
+
+    def __sub__(self, other: CheckCounts) -> CheckCounts:
+        return CheckCounts(self.states - other.states, self.edges - other.edges, self.distances - other.distances)
+
+
+class SearchStopped(Exception):
+    """A limit was reached inside a check; it unwinds to the service, which turns it into a Failure."""
+
+
+class CheckBudgetSpent(SearchStopped):
+    """The next state would exceed ``max_checks``."""
+
+
+class TimeBoxSpent(SearchStopped):
+    """The time limit passed."""
+
+
+class Cancelled(SearchStopped):
+    """The caller's token was cancelled."""
+
+
+class CancelToken:
+    """Lets another thread end a running call: it stops before its next check."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+
+    def cancel(self) -> None:
+        """Ask the call that holds this token to stop."""
+        self._event.set()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether ``cancel`` was called."""
+        return self._event.is_set()
+
+
+class Ledger:
+    """Running counts with their limits, shared by a checker and its variants.
+
+    Not thread-safe: the service lets one call at a time use it.
+    """
+
+    def __init__(self) -> None:
+        self.states = 0
+        self.edges = 0
+        self.distances = 0
+        self.hits: Counter[tuple[str, str]] = Counter()
+        self._state_limit: int | None = None
+        self._deadline: float | None = None
+        self._token: CancelToken | None = None
+
+    @property
+    def counts(self) -> CheckCounts:
+        """The counts so far."""
+        return CheckCounts(self.states, self.edges, self.distances)
+
+    @contextmanager
+    def limited(self, *, states: int | None, deadline: float | None, token: CancelToken | None) -> Iterator[None]:
+        """Within the block, stop before the count of states exceeds now + ``states`` or ``time.monotonic()`` ``deadline``."""
+        before = (self._state_limit, self._deadline, self._token)
+        self._state_limit = None if states is None else self.states + states
+        self._deadline, self._token = deadline, token
+        try:
+            yield
+        finally:
+            self._state_limit, self._deadline, self._token = before
+
+    @contextmanager
+    def at_most(self, states: int) -> Iterator[None]:
+        """Within the block, stop after ``states`` more, or sooner where the limits around it say so."""
+        limit, nearer = self._state_limit, self.states + states
+        self._state_limit = nearer if limit is None else min(limit, nearer)
+        try:
+            yield
+        finally:
+            self._state_limit = limit
+
+    @contextmanager
+    def apart(self, *, states: int | None) -> Iterator[None]:
+        """Within the block only ``states`` and the token limit; what it spends does not shorten the limits around it."""
+        limit, deadline = self._state_limit, self._deadline
+        began, clock = self.states, time.monotonic()
+        try:
+            with self.limited(states=states, deadline=None, token=self._token):
+                yield
+        finally:
+            self._state_limit = None if limit is None else limit + self.states - began
+            self._deadline = None if deadline is None else deadline + time.monotonic() - clock
+
+    def poll(self) -> None:
+        """Raise if the time box is over or the call was cancelled; costs no check."""
+        if self._token is not None and self._token.cancelled:
+            raise Cancelled("cancelled by the caller")
+        if self._deadline is not None and time.monotonic() > self._deadline:
+            raise TimeBoxSpent("the time limit passed")
+
+    def room(self) -> int | None:
+        """How many more states may be judged; None without a limit."""
+        return None if self._state_limit is None else self._state_limit - self.states
+
+    def charge_states(self, judged: int) -> None:
+        """Record ``judged`` states; when that is more than there is room for, record the room and stop."""
+        if self._state_limit is not None and self.states + judged > self._state_limit:
+            self.states = max(self.states, self._state_limit)
+            raise CheckBudgetSpent("the check budget is spent")
+        self.states += judged
+
+    def charge_edge(self) -> None:
+        """Record one edge."""
+        self.edges += 1
+
+    def charge_distances(self, bounds: int) -> None:
+        """Record clearance bounds."""
+        self.distances += bounds
+
+    def hit(self, pair: tuple[str, str]) -> None:
+        """Record which pair made a state collide."""
+        self.hits[pair] += 1

@@ -1,0 +1,117 @@
+"""What can collide with what: the robot's shapes, what it carries and the scene as one numbered list."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry import FloatArray, Pose, Shape, read_only
+from planner_service.robot import Robot
+from planner_service.scene import Scene
+
+__all__ = ["Part", "Parts"]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One convex piece: ``owner`` is the link, carried object or obstacle it belongs to.
+
+    ``body`` numbers the robot body it rides on, or is -1 for an obstacle; ``T`` is its pose in
+    that body, or in the world.
+    """
+
+    owner: str
+    body: int
+    shape: Shape
+    T: FloatArray
+
+    @property
+    def moves(self) -> bool:
+        """Whether it rides on a body that a joint moves."""
+        return self.body > 0
+
+
+class Parts:
+    """The numbered pieces of a robot in a scene, and the pairs of them that must stay apart.
+
+    The robot's pieces come first, outermost bodies first (the wrist hits things more often than
+    the shoulder, so a colliding state is found out sooner), then the obstacles in scene order.
+
+    Args:
+        allowed: Pairs of owners that may touch, beside those the robot and the carried objects allow.
+        padding: Metres. Every pair must stay apart by at least this: each piece is grown by half of it.
+
+    Attributes:
+        carried: The carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
+
+    Raises:
+        UnknownName: a pair or a touch link names nothing that is there.
+        InvalidRequest: an owner's name stands for two things.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Iterable[tuple[str, str]]) -> None:
+        riding = [Part(s.link, s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes]
+        tool = Pose.from_matrix(robot.tool_placement)
+        self.carried = tuple((robot.tool_body, a.shape, tool @ a.pose) for a in scene.attached)
+        riding += [
+            Part(a.name, body, shape, read_only(pose.matrix))
+            for a, (body, shape, pose) in zip(scene.attached, self.carried, strict=True)
+        ]
+        riding.sort(key=lambda part: -part.body)
+        standing = [Part(o.name, -1, o.shape, read_only(o.pose.matrix)) for o in scene.obstacles]
+        self.parts = tuple(riding + standing)
+        self.riding = len(riding)
+        self.shapes = tuple(part.shape.grown(padding / 2) if padding else part.shape for part in self.parts)
+        self._check_names(robot, scene)
+        self._allowed = self._allowed_pairs(robot, scene, allowed)
+        self.pairs = self._pairs()
+
+    def _check_names(self, robot: Robot, scene: Scene) -> None:
+        links = {shape.link for shape in robot.shapes}
+        for name in [o.name for o in scene.obstacles] + [a.name for a in scene.attached]:
+            if name in links:
+                raise InvalidRequest("scene", name, f"an object name that is not a link of {robot.name}")
+
+    def _allowed_pairs(
+        self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]
+    ) -> frozenset[frozenset[str]]:
+        known = {part.owner for part in self.parts}
+        pairs = [frozenset(contact.links) for contact in robot.allowed_contacts]
+        for attached in scene.attached:
+            for link in attached.touch_links:
+                if link not in known:
+                    raise UnknownName("touch link", link, known)
+                pairs.append(frozenset((attached.name, link)))
+        for a, b in allowed:
+            for name in (a, b):
+                if name not in known:
+                    raise UnknownName("link or object", name, known)
+            pairs.append(frozenset((a, b)))
+        return frozenset(pairs)
+
+    def _may_touch(self, a: Part, b: Part) -> bool:
+        if a.owner == b.owner or frozenset((a.owner, b.owner)) in self._allowed:
+            return True
+        if a.body >= 0 and b.body >= 0:
+            return a.body == b.body
+        moving = a if b.body < 0 else b
+        return not moving.moves
+
+    def _pairs(self) -> NDArray[np.intp]:
+        """Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot."""
+        rows = [
+            (i, j)
+            for i in range(self.riding)
+            for j in [*range(self.riding, len(self.parts)), *range(i + 1, self.riding)]
+            if not self._may_touch(self.parts[i], self.parts[j])
+        ]
+        return np.array(rows, dtype=np.intp).reshape(-1, 2)
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """The owners of a pair: the link or carried object, then what it meets."""
+        i, j = self.pairs[pair]
+        return self.parts[i].owner, self.parts[j].owner

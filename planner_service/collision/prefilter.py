@@ -1,0 +1,106 @@
+"""Which pairs FCL has to be asked about: all but those proven apart, for a whole batch of configurations.
+
+Three sieves, each cheaper per pair than the next: world-aligned boxes swept over the whole batch;
+the same boxes per configuration; separating axes for what is left. A pair that passes as "apart" is apart by more
+than ``MARGIN`` in exact arithmetic, beyond the micrometre in which FCL's own answer is undefined
+and far beyond rounding (1e-15), so FCL would say the same.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.collision.bounds import Placed, Solids, box_of, gaps, refined_gaps
+from planner_service.collision.parts import Parts
+from planner_service.geometry import FloatArray
+from planner_service.robot import Robot
+
+__all__ = ["MARGIN", "Prefilter"]
+
+MARGIN = 2e-6
+"""Metres by which a pair must be proven apart for FCL not to be asked."""
+
+_FEW = 10
+"""Below this many configurations scalar kinematics are faster than arrays, and so is FCL on this many pairs."""
+
+IntArray = NDArray[np.intp]
+
+
+class Prefilter:
+    """The sieves for one numbered list of parts; holds nothing that changes."""
+
+    def __init__(self, robot: Robot, parts: Parts) -> None:
+        self._robot = robot
+        self._parts = parts
+        self._solids = Solids.of(parts.shapes)
+        n = parts.riding
+        T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
+        self._bodies = np.array([part.body for part in parts.parts[:n]], dtype=np.intp)
+        self._R_part, self._t_part = T[:n, :3, :3].copy(), T[:n, :3, 3].copy()
+        self._R_world, self._t_world = T[n:, :3, :3].copy(), T[n:, :3, 3].copy()
+        standing = Solids(self._solids.half[n:], self._solids.ball[n:], self._solids.disc[n:])
+        reach = box_of(standing, self._R_world)
+        self._low_world, self._high_world = self._t_world - reach, self._t_world + reach
+        self._riding = Solids(self._solids.half[:n], self._solids.ball[:n], self._solids.disc[:n])
+        self._i, self._j = parts.pairs[:, 0], parts.pairs[:, 1]
+
+    def candidates(self, Q: FloatArray) -> tuple[IntArray, IntArray]:
+        """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
+        R, t = self._place(Q)
+        row, pair = self._overlapping(R, t)
+        if len(row) > _FEW:
+            a, b = self._placed(R, t, row, pair)
+            doubtful = gaps(a, b, enough=MARGIN) <= MARGIN
+            row, pair = row[doubtful], pair[doubtful]
+        return row, pair
+
+    def bounds(self, q: FloatArray, cutoff: float) -> tuple[FloatArray, IntArray]:
+        """Proven lower bounds of the gaps at q (n,) in metres, and the pairs they are of.
+
+        Every pair that is not among them is at least ``cutoff`` apart.
+        """
+        R, t = self._place(q[None])
+        pair = np.arange(len(self._parts.pairs), dtype=np.intp)
+        a, b = self._placed(R, t, np.zeros_like(pair), pair)
+        rough = gaps(a, b, enough=cutoff)
+        near = np.flatnonzero(rough <= cutoff)
+        return np.maximum(rough[near], refined_gaps(a.take(near), b.take(near))), near
+
+    def _place(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Poses of the riding parts: R (m, parts, 3, 3) and t (m, parts, 3).
+
+        Rounding is free to differ from CPU to CPU here, unlike in the poses FCL gets: ``MARGIN`` covers it.
+        """
+        if len(Q) <= _FEW:
+            numbers = np.array([self._robot.body_poses(q) for q in Q.tolist()])
+            R_body, t_body = numbers[..., :9].reshape(*numbers.shape[:2], 3, 3), numbers[..., 9:]
+        else:
+            R_body, t_body = self._robot.body_poses_batch(Q)
+        R_body, t_body = R_body[:, self._bodies], t_body[:, self._bodies]
+        return R_body @ self._R_part, t_body + (R_body @ self._t_part[..., None])[..., 0]
+
+    def _overlapping(self, R: FloatArray, t: FloatArray) -> tuple[IntArray, IntArray]:
+        """Rows and pairs whose world-aligned boxes overlap: first those swept by the batch, then row by row."""
+        reach = box_of(self._riding, R) + MARGIN
+        low, high = t - reach, t + reach
+        swept_low = np.concatenate([low.min(axis=0), self._low_world])
+        swept_high = np.concatenate([high.max(axis=0), self._high_world])
+        meet = ((swept_low[self._i] <= swept_high[self._j]) & (swept_high[self._i] >= swept_low[self._j])).all(axis=-1)
+        pair = np.flatnonzero(meet)
+        i, j = self._i[pair], self._j[pair]
+        own = j < self._parts.riding
+        low_j, high_j = np.empty((len(R), len(j), 3)), np.empty((len(R), len(j), 3))
+        low_j[:, own], high_j[:, own] = low[:, j[own]], high[:, j[own]]
+        low_j[:, ~own], high_j[:, ~own] = swept_low[j[~own]], swept_high[j[~own]]
+        row, column = np.nonzero(((low[:, i] <= high_j) & (high[:, i] >= low_j)).all(axis=-1))
+        return row, pair[column]
+
+    def _placed(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[Placed, Placed]:
+        i, j = self._i[pair], self._j[pair]
+        n = self._parts.riding
+        R_j, t_j = np.empty((len(j), 3, 3)), np.empty((len(j), 3))
+        own = j < n
+        R_j[own], t_j[own] = R[row[own], j[own]], t[row[own], j[own]]
+        R_j[~own], t_j[~own] = self._R_world[j[~own] - n], self._t_world[j[~own] - n]
+        return Placed(self._solids.take(i), R[row, i], t[row, i]), Placed(self._solids.take(j), R_j, t_j)
