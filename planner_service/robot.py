@@ -1,0 +1,326 @@
+"""A robot as an immutable value: where its bodies are, how fast it may move, what of it may touch what."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.bodies import Body, BodyPose, BodyTree, LinkShape
+from planner_service.data import data_folder
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry import FloatArray, Pose, Shape, read_only
+from planner_service.reach import reach_bounds
+
+__all__ = [
+    "AllowedContact",
+    "Body",
+    "ExemptRetreat",
+    "Gripper",
+    "JointLimits",
+    "LinkShape",
+    "Robot",
+    "load_robot",
+    "robot_names",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of the moving joints, each of shape (n,), in rad, s (m for a prismatic joint)."""
+
+    lower: FloatArray
+    upper: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            array = read_only(getattr(self, item.name))
+            if array.ndim != 1 or not np.all(np.isfinite(array)):
+                raise InvalidRequest(item.name, array, "finite numbers of shape (n,)")
+            object.__setattr__(self, item.name, array)
+        if len({len(getattr(self, item.name)) for item in fields(self)}) != 1:
+            raise InvalidRequest("limits", [len(getattr(self, item.name)) for item in fields(self)], "equal lengths")
+        if np.any(self.lower > self.upper):
+            raise InvalidRequest("lower", self.lower, f"at most upper = {self.upper}")
+        for name in ("velocity", "acceleration", "jerk"):
+            if np.any(getattr(self, name) <= 0.0):
+                raise InvalidRequest(name, getattr(self, name), "positive numbers")
+
+
+@dataclass(frozen=True)
+class AllowedContact:
+    """Two links that are not judged against each other, and why."""
+
+    links: tuple[str, str]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Gripper:
+    """A parallel gripper: its width is the gap between the pads, each finger standing at half of it.
+
+    Attributes:
+        joints: The finger joints.
+        links: The links these move, with collision shapes or without.
+        lower, upper: Range of the width in metres.
+        closed: The shapes of ``links`` at width 0.
+        directions: For each of ``closed``, the unit direction in its body in which it opens.
+    """
+
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    lower: float
+    upper: float
+    closed: tuple[LinkShape, ...]
+    directions: tuple[tuple[float, float, float], ...]
+
+    def shapes(self, width: float) -> tuple[LinkShape, ...]:
+        """The finger shapes at ``width``, in the order of ``closed``."""
+        moved = []
+        for item, direction in zip(self.closed, self.directions, strict=True):
+            x, y, z = (p + width / 2 * d for p, d in zip(item.pose.position, direction, strict=True))
+            moved.append(replace(item, pose=Pose((x, y, z), item.pose.quaternion)))
+        return tuple(moved)
+
+
+@dataclass(frozen=True, eq=False)
+class ExemptRetreat:
+    """The one fixed way out of a named pose, straight to ``to`` (n,), on which ``pairs`` of links are not judged."""
+
+    pose: str
+    to: FloatArray
+    pairs: tuple[tuple[str, str], ...]
+    reason: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "to", read_only(self.to))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot, its gripper standing at ``gripper_width``; made by ``load_robot`` or ``Robot.from_urdf``.
+
+    Attributes:
+        joint_names: The n joints of q, in order.
+        named_poses: Name and q (n,) of each named pose, "home" among them.
+        base_links: Links that stand still; they are not judged against static obstacles.
+        tool_frame: The link whose frame is the tool's; it is fixed to body ``tool_body`` at ``tool_placement``,
+            4 x 4 T_body_tool.
+        bodies: Moving bodies, parents before children; the first is the fixed base.
+        shapes: Collision shapes of all links; links fixed to each other share a body.
+        gripper_width: Gap between the finger pads in metres; 0 without a gripper.
+        inverse: Which inverse kinematics fits: "wxai" or "numeric".
+        settle_time: Seconds the arm rings after a stop.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    limits: JointLimits
+    named_poses: tuple[tuple[str, FloatArray], ...]
+    base_links: tuple[str, ...]
+    tool_frame: str
+    tool_body: int
+    tool_placement: FloatArray
+    bodies: tuple[Body, ...]
+    shapes: tuple[LinkShape, ...]
+    allowed_contacts: tuple[AllowedContact, ...] = ()
+    gripper: Gripper | None = None
+    gripper_width: float = 0.0
+    retreats: tuple[ExemptRetreat, ...] = ()
+    inverse: str = "numeric"
+    settle_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "named_poses", tuple((name, read_only(q)) for name, q in self.named_poses))
+        object.__setattr__(self, "tool_placement", read_only(self.tool_placement))
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: Path | str,
+        tool_frame: str | None = None,
+        srdf: Path | str | None = None,
+        package_dirs: Sequence[Path | str] = (),
+        locked_joints: Mapping[str, float] | None = None,
+    ) -> Robot:
+        """Any arm whose URDF describes its collision geometry by boxes, cylinders and spheres.
+
+        A link and the next one above it that has shapes may touch; accelerations and jerks, which URDF does not know,
+        are stated conventions (``robot_source``), and so is the range of a continuous joint, a full turn either way;
+        home is zero where the limits allow it, else their middle.
+
+        Args:
+            tool_frame: The last link of the longest chain if None.
+            srdf: A file whose ``<disable_collisions>`` are allowed contacts, reasons included.
+            package_dirs: Folders besides the URDF's own in which meshes may lie.
+            locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic these follow.
+
+        Raises:
+            InvalidFile: the URDF or SRDF has problems; all of them are named.
+            UnknownName: no such tool frame or locked joint.
+        """
+        from planner_service.robot_source import robot_from_urdf
+
+        folders = tuple(Path(folder) for folder in package_dirs)
+        return robot_from_urdf(
+            Path(path), tool_frame, None if srdf is None else Path(srdf), folders, dict(locked_joints or {})
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints in q."""
+        return len(self.joint_names)
+
+    @property
+    def poses(self) -> dict[str, FloatArray]:
+        """The named poses, each (n,)."""
+        return dict(self.named_poses)
+
+    @property
+    def home(self) -> FloatArray:
+        """The pose to start from, (n,)."""
+        return self.pose("home")
+
+    def pose(self, name: str) -> FloatArray:
+        """A named pose, (n,).
+
+        Raises:
+            UnknownName: there is none of that name.
+        """
+        poses = self.poses
+        if name not in poses:
+            raise UnknownName("pose", name, poses)
+        return poses[name]
+
+    @cached_property
+    def _tree(self) -> BodyTree:
+        return BodyTree(self.bodies)
+
+    def body_poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
+        """World pose of every body as (r00, r01, r02, r10, ..., r22, x, y, z); q (n,) must be finite."""
+        return self._tree.poses(q)
+
+    def body_poses_batch(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """World rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for Q (m, n): the bits of ``body_poses``."""
+        return self._tree.poses_batch(Q)
+
+    def tool_pose(self, q: Sequence[float] | FloatArray) -> FloatArray:
+        """4 x 4 T_world_tool."""
+        a, b, c, d, e, f, g, h, i, x, y, z = self.body_poses(q)[self.tool_body]
+        body = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
+        T = self.tool_placement
+        out: FloatArray = body[:, :1] * T[:1] + body[:, 1:2] * T[1:2] + body[:, 2:3] * T[2:3] + body[:, 3:] * T[3:]
+        return out
+
+    def tool_jacobian(self, q: Sequence[float] | FloatArray) -> FloatArray:
+        """6 x n: linear velocity of the tool's origin, then angular, world axes (Pinocchio's LOCAL_WORLD_ALIGNED)."""
+        poses = self.body_poses(q)
+        a, b, c, d, e, f, g, h, i, x, y, z = poses[self.tool_body]
+        u, v, w = self.tool_placement[:3, 3].tolist()
+        x, y, z = x + a * u + b * v + c * w, y + d * u + e * v + f * w, z + g * u + h * v + i * w
+        out = np.zeros((6, self.n))
+        index = self.tool_body
+        while index > 0:
+            body = self.bodies[index]
+            a, b, c, d, e, f, g, h, i, px, py, pz = poses[index]
+            u, v, w = body.axis.tolist()
+            ax, ay, az = a * u + b * v + c * w, d * u + e * v + f * w, g * u + h * v + i * w
+            if body.prismatic:
+                out[:, body.q_index] = (ax, ay, az, 0.0, 0.0, 0.0)
+            else:
+                rx, ry, rz = x - px, y - py, z - pz
+                out[:, body.q_index] = (ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx, ax, ay, az)
+            index = body.parent
+        return out
+
+    def reach(self, extra: Sequence[tuple[int, Shape, Pose]] = ()) -> FloatArray:
+        """(n,): metres that any point of the robot moves per radian of each joint, at most (1.0 for a prismatic joint).
+
+        Args:
+            extra: More shapes that ride along: body index, shape, T_body_shape.
+        """
+        travel = np.maximum(np.abs(self.limits.lower), np.abs(self.limits.upper)).tolist()
+        own = [(item.body, item.shape, item.pose) for item in self.shapes]
+        return read_only(reach_bounds(self.bodies, travel, [*own, *extra]))
+
+    def with_gripper(self, width: float) -> Robot:
+        """This robot with the finger pads ``width`` metres apart.
+
+        Raises:
+            InvalidRequest: no gripper, or ``width`` outside its range.
+        """
+        if self.gripper is None:
+            raise InvalidRequest("width", width, f"nothing: robot {self.name!r} has no gripper")
+        lower, upper = self.gripper.lower, self.gripper.upper
+        if not isinstance(width, (int, float)) or not lower <= width <= upper:
+            raise InvalidRequest("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m")
+        moved = iter(self.gripper.shapes(float(width)))
+        shapes = tuple(next(moved) if item.link in self.gripper.links else item for item in self.shapes)
+        return replace(self, gripper_width=float(width), shapes=shapes)
+
+    @cached_property
+    def link_pairs(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of links to judge against each other: with shapes, on different bodies, not allowed to touch."""
+        body_of = {item.link: item.body for item in self.shapes}
+        allowed = {frozenset(contact.links) for contact in self.allowed_contacts}
+        return tuple(
+            (a, b) for a, b in combinations(body_of, 2) if body_of[a] != body_of[b] and frozenset((a, b)) not in allowed
+        )
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of everything that can change an answer (reasons in words cannot); equal in every process."""
+        content = {
+            "name": self.name,
+            "joints": self.joint_names,
+            "limits": [getattr(self.limits, item.name).tolist() for item in fields(self.limits)],
+            "poses": [(name, q.tolist()) for name, q in sorted(self.named_poses, key=lambda pose: pose[0])],
+            "base": sorted(self.base_links),
+            "tool": (self.tool_frame, self.tool_body, self.tool_placement.tolist()),
+            "bodies": [
+                (b.name, b.parent, b.placement.tolist(), b.axis.tolist(), b.prismatic, b.q_index) for b in self.bodies
+            ],
+            "shapes": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in self.shapes],
+            "allowed": sorted(sorted(contact.links) for contact in self.allowed_contacts),
+            "gripper": self.gripper and (self.gripper.joints, self.gripper.lower, self.gripper.upper),
+            "width": self.gripper_width,
+            "retreats": [(r.pose, r.to.tolist(), sorted(map(sorted, r.pairs))) for r in self.retreats],
+            "inverse": self.inverse,
+            "settle": self.settle_time,
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.n} joints, {len(self.shapes)} shapes, gripper_width={self.gripper_width:g})"
+
+
+def load_robot(name_or_path: str | Path) -> Robot:
+    """The robot of a robot.toml: one that comes with the package, by name, or any, by path.
+
+    Raises:
+        UnknownName: no robot of that name comes with the package.
+        InvalidFile: robot.toml or its URDF has problems; all of them are named.
+    """
+    from planner_service.robot_source import robot_from_file
+
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or "/" in text or text.endswith(".toml"):
+        return robot_from_file(Path(name_or_path))
+    if text not in robot_names():
+        raise UnknownName("robot", text, robot_names())
+    return robot_from_file(data_folder("robots") / text / "robot.toml")
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(path.parent.name for path in data_folder("robots").glob("*/robot.toml")))

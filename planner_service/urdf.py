@@ -1,0 +1,333 @@
+"""A strict reading of URDF: everything that later code believes about the text is checked here first.
+
+Other readers repair, drop or follow what they do not understand: a box with a NaN edge vanishes, swapped limits
+load, ``package://../`` is followed. ``read_urdf`` refuses instead, and names every problem of the file at once.
+What it returns can be written again as canonical text (``Urdf.xml``), the only text other libraries get to see.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.geometry import Box, Cylinder, Shape, Sphere
+from planner_service.mesh_path import mesh_path_problem
+from planner_service.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
+
+__all__ = ["read_urdf", "read_xml"]
+
+MAX_BYTES = 10_000_000
+"""Ten times the largest URDF seen in the wild."""
+MAX_ELEMENTS = 500
+"""Links, and joints: a 3000-joint file exhausts the memory of a 4 GiB machine inside the kinematics library."""
+MAX_DEPTH = 64
+"""URDF nests five deep."""
+MAX_OFFSET = 1e3
+"""No joint of an arm sits a kilometre from its parent: a longer offset is a unit mistake."""
+CONTINUOUS_RANGE = 2.0 * math.pi
+"""A continuous joint is planned within one full turn to either side: bounded, and no seam at half a turn."""
+DEFAULT_VELOCITY = 1.0
+"""rad/s for a continuous joint whose file states no limit: slow enough for any arm."""
+
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+
+
+def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> Urdf:
+    """The robot of a URDF file.
+
+    Args:
+        package_dirs: Folders besides the file's own in which a mesh may lie.
+
+    Raises:
+        InvalidFile: with every problem found.
+    """
+    reader = _Reader((path.resolve().parent, *(folder.resolve() for folder in package_dirs)))
+    root = read_xml(path, "robot")
+    urdf = reader.robot(root)
+    if reader.problems:
+        raise InvalidFile(path, reader.problems)
+    return urdf
+
+
+def read_xml(path: Path, root_tag: str) -> ElementTree.Element:
+    """The root element of a UTF-8 XML file without DTD or entities, at most 10 MB.
+
+    Raises:
+        InvalidFile: unreadable, too large, too deep, not UTF-8, not well-formed, or another root.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InvalidFile(path, [f"larger than {MAX_BYTES // 1_000_000} MB"])
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InvalidFile(path, [f"cannot be read: {error.strerror}"]) from None
+    except UnicodeDecodeError:
+        raise InvalidFile(path, ["not UTF-8 text"]) from None
+    for mark in ("<!DOCTYPE", "<!ENTITY"):
+        if mark in text.upper():
+            raise InvalidFile(path, [f"{mark} is not allowed: write the robot without a document type or entities"])
+    try:
+        root = _shallow(path, text)
+    except ElementTree.ParseError as error:
+        raise InvalidFile(path, [f"not well-formed XML: {error}"]) from None
+    if root.tag != root_tag:
+        raise InvalidFile(path, [f"the root element is <{root.tag}>; expected <{root_tag}>"])
+    return root
+
+
+def _shallow(path: Path, text: str) -> ElementTree.Element:
+    """The root element of a text whose elements nest no deeper than MAX_DEPTH."""
+    builder = _DepthLimited(path)
+    parser = ElementTree.XMLParser(target=builder)
+    parser.feed(text)
+    root: ElementTree.Element = parser.close()
+    return root
+
+
+class _DepthLimited(ElementTree.TreeBuilder):
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+        self.depth = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            raise InvalidFile(self.path, [f"elements nested deeper than {MAX_DEPTH}"])
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ElementTree.Element:
+        self.depth -= 1
+        return super().end(tag)
+
+
+class _Reader:
+    """Reads elements and remembers every problem; after a problem it goes on with a stand-in value."""
+
+    def __init__(self, folders: tuple[Path, ...]) -> None:
+        self.folders = folders
+        self.problems: list[str] = []
+
+    def robot(self, root: ElementTree.Element) -> Urdf:
+        link_elements, joint_elements = root.findall("link"), root.findall("joint")
+        for tag, elements in (("links", link_elements), ("joints", joint_elements)):
+            if len(elements) > MAX_ELEMENTS:
+                self.problems.append(f"{len(elements)} {tag}; at most {MAX_ELEMENTS}")
+                return Urdf("", "", (), ())
+        name = self.text(root, "name", "robot")
+        links = tuple(self.link(element) for element in link_elements)
+        joints = tuple(self.joint(element) for element in joint_elements)
+        return Urdf(name, self.tree(links, joints), links, joints)
+
+    def link(self, element: ElementTree.Element) -> UrdfLink:
+        name = self.text(element, "name", "link")
+        collisions = []
+        for index, child in enumerate(element.findall("collision")):
+            where = f"link {name!r} collision[{index}]"
+            shape = self.shape(child, name, where)
+            xyz, rpy = self.origin(child, where)
+            if shape is not None:
+                collisions.append(UrdfCollision(shape, xyz, rpy))
+        return UrdfLink(name, tuple(collisions), self.inertial(element, name))
+
+    def shape(self, collision: ElementTree.Element, link: str, where: str) -> Shape | None:
+        geometry = self.one(collision, "geometry", where)
+        kinds = [] if geometry is None else list(geometry)
+        if len(kinds) != 1:
+            self.problems.append(f"{where}: <geometry> has {len(kinds)} shapes; expected exactly one")
+            return None
+        kind = kinds[0]
+        if kind.tag == "mesh":
+            problem = mesh_path_problem(kind.get("filename", ""), self.folders) or (
+                f"mesh collision geometry is not supported yet; describe {link} with boxes, cylinders and spheres"
+            )
+            self.problems.append(f"{where}: {problem}")
+            return None
+        try:
+            if kind.tag == "box":
+                return Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0)))  # type: ignore[arg-type]
+            if kind.tag == "cylinder":
+                return Cylinder(self.number(kind, "radius", where, 1.0), self.number(kind, "length", where, 1.0))
+            if kind.tag == "sphere":
+                return Sphere(self.number(kind, "radius", where, 1.0))
+        except InvalidRequest as error:
+            self.problems.append(f"{where}: {kind.tag} {error}")
+            return None
+        self.problems.append(f"{where}: unknown geometry <{kind.tag}>; expected box, cylinder or sphere")
+        return None
+
+    def inertial(self, link: ElementTree.Element, name: str) -> Inertial | None:
+        where = f"link {name!r} inertial"
+        element = self.one(link, "inertial", where)
+        if element is None:
+            return None
+        xyz, rpy = self.origin(element, where)
+        mass, inertia = self.one(element, "mass", where), self.one(element, "inertia", where)
+        if mass is None or inertia is None:
+            self.problems.append(f"{where}: expected <mass> and <inertia>")
+            return None
+        value = self.number(mass, "value", where, 1.0)
+        if value < 0.0:
+            self.problems.append(f"{where}: mass {value:g}; expected at least 0")
+        xx, xy, xz, yy, yz, zz = (
+            self.number(inertia, key, where, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        return Inertial(value, xyz, rpy, (xx, xy, xz, yy, yz, zz))
+
+    def joint(self, element: ElementTree.Element) -> UrdfJoint:
+        name = self.text(element, "name", "joint")
+        where = f"joint {name!r}"
+        kind = element.get("type", "")
+        if kind not in JOINT_TYPES:
+            self.problems.append(f"{where}: type {kind!r}; expected one of {', '.join(JOINT_TYPES)}")
+            kind = "fixed"
+        ends = []
+        for tag in ("parent", "child"):
+            end = self.one(element, tag, where)
+            ends.append("" if end is None else end.get("link", ""))
+            if not ends[-1]:
+                self.problems.append(f'{where}: expected <{tag} link="..."/>')
+        xyz, rpy = self.origin(element, where)
+        lower, upper, velocity, effort = self.limits(element, kind, where)
+        return UrdfJoint(
+            name=name,
+            kind="revolute" if kind == "continuous" else kind,
+            parent=ends[0],
+            child=ends[1],
+            xyz=xyz,
+            rpy=rpy,
+            axis=self.axis(element, kind, where),
+            lower=lower,
+            upper=upper,
+            velocity=velocity,
+            effort=effort,
+            mimic=self.mimic(element, where),
+        )
+
+    def axis(self, joint: ElementTree.Element, kind: str, where: str) -> Vector:
+        element = self.one(joint, "axis", where)
+        if element is None or kind == "fixed":
+            return (1.0, 0.0, 0.0)  # URDF's default
+        x, y, z = self.numbers(element, "xyz", 3, f"{where} axis", (1.0, 0.0, 0.0))
+        norm = math.sqrt(x * x + y * y + z * z)
+        if not 1e-6 < norm < math.inf:
+            self.problems.append(
+                f"{where}: axis {x:g} {y:g} {z:g} has no direction; expected a vector that is not zero"
+            )
+            return (1.0, 0.0, 0.0)
+        return (x / norm, y / norm, z / norm)
+
+    def limits(self, joint: ElementTree.Element, kind: str, where: str) -> tuple[float, float, float, float]:
+        """Lower, upper, velocity and effort."""
+        if kind == "fixed":
+            return (0.0, 0.0, 0.0, 0.0)
+        span = CONTINUOUS_RANGE if kind == "continuous" else 0.0
+        element = self.one(joint, "limit", where)
+        if element is None:
+            if kind != "continuous":
+                self.problems.append(f"{where}: a {kind} joint needs <limit lower upper velocity>")
+            return (-span, span, DEFAULT_VELOCITY, 0.0)
+        velocity = self.number(element, "velocity", f"{where} limit", 1.0)
+        if velocity <= 0.0:
+            self.problems.append(f"{where}: velocity {velocity:g}; expected more than 0")
+        effort = self.number(element, "effort", f"{where} limit", 0.0) if "effort" in element.attrib else 0.0
+        if kind == "continuous":
+            return (-span, span, velocity, effort)
+        lower = self.number(element, "lower", f"{where} limit", 0.0)
+        upper = self.number(element, "upper", f"{where} limit", lower)
+        if lower > upper:
+            self.problems.append(f"{where}: lower {lower:g} is above upper {upper:g}")
+        if max(abs(lower), abs(upper)) > MAX_OFFSET:
+            self.problems.append(f"{where}: limits {lower:g} .. {upper:g}; expected at most {MAX_OFFSET:g}")
+        return (lower, upper, velocity, effort)
+
+    def mimic(self, joint: ElementTree.Element, where: str) -> Mimic | None:
+        element = self.one(joint, "mimic", where)
+        if element is None:
+            return None
+        multiplier = (
+            self.number(element, "multiplier", f"{where} mimic", 1.0) if "multiplier" in element.attrib else 1.0
+        )
+        offset = self.number(element, "offset", f"{where} mimic", 0.0) if "offset" in element.attrib else 0.0
+        return Mimic(element.get("joint", ""), multiplier, offset)
+
+    def tree(self, links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...]) -> str:
+        """The root link; problems for doubled or missing names, several roots and cycles."""
+        for kind, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
+            self.problems += [f"{kind} {name!r} is defined {n} times" for name, n in Counter(names).items() if n > 1]
+        known = {link.name for link in links}
+        joint_names = {joint.name for joint in joints}
+        for joint in joints:
+            for end, link in (("parent", joint.parent), ("child", joint.child)):
+                if link and link not in known:
+                    self.problems.append(f"joint {joint.name!r}: {end} link {link!r} does not exist")
+            if joint.mimic is not None and joint.mimic.joint not in joint_names - {joint.name}:
+                self.problems.append(f"joint {joint.name!r}: mimics {joint.mimic.joint!r}, which is no other joint")
+        parents = Counter(joint.child for joint in joints)
+        self.problems += [f"link {name!r} has {n} parent joints; expected one" for name, n in parents.items() if n > 1]
+        roots = sorted(known - set(parents))
+        if len(roots) != 1:
+            found = ", ".join(roots) or "none: the joints form a cycle"
+            self.problems.append(f"expected exactly one root link; found {found}")
+        return self.reachable(roots[0], known, joints) if len(roots) == 1 else ""
+
+    def reachable(self, root: str, known: set[str], joints: tuple[UrdfJoint, ...]) -> str:
+        children: dict[str, list[str]] = {}
+        for joint in joints:
+            children.setdefault(joint.parent, []).append(joint.child)
+        seen, open_links = {root}, [root]
+        while open_links:
+            fresh = [child for child in children.get(open_links.pop(), []) if child not in seen]
+            seen.update(fresh)
+            open_links += fresh
+        if known - seen:
+            self.problems.append(f"links in a cycle, cut off from {root!r}: {', '.join(sorted(known - seen))}")
+        return root
+
+    def origin(self, element: ElementTree.Element, where: str) -> tuple[Vector, Vector]:
+        origin = self.one(element, "origin", where)
+        zero = (0.0, 0.0, 0.0)
+        if origin is None:
+            return zero, zero
+        read = {
+            key: self.numbers(origin, key, 3, f"{where} origin", zero) if key in origin.attrib else zero
+            for key in ("xyz", "rpy")
+        }
+        if max(abs(value) for key in read for value in read[key]) > MAX_OFFSET:
+            self.problems.append(f"{where}: origin {read['xyz']} {read['rpy']}; expected at most {MAX_OFFSET:g}")
+        return read["xyz"], read["rpy"]  # type: ignore[return-value]
+
+    def one(self, element: ElementTree.Element, tag: str, where: str) -> ElementTree.Element | None:
+        """The child of that tag, if there is one; several are a problem, as readers differ in which they take."""
+        found = element.findall(tag)
+        if len(found) > 1:
+            self.problems.append(f"{where}: <{tag}> is given {len(found)} times")
+        return found[0] if found else None
+
+    def text(self, element: ElementTree.Element, key: str, where: str) -> str:
+        value = element.get(key, "")
+        if not value or value != value.strip():
+            self.problems.append(f"<{where}> {key} = {value!r}; expected a name")
+        return value
+
+    def number(self, element: ElementTree.Element, key: str, where: str, stand_in: float) -> float:
+        return self.numbers(element, key, 1, where, (stand_in,))[0]
+
+    def numbers(
+        self, element: ElementTree.Element, key: str, count: int, where: str, stand_in: tuple[float, ...]
+    ) -> tuple[float, ...]:
+        text = element.get(key)
+        words = (text or "").split()
+        try:
+            values = tuple(float(word) for word in words if "_" not in word and word.isascii())
+        except ValueError:
+            values = ()
+        if len(words) == len(values) == count and all(math.isfinite(value) for value in values):
+            return values
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        self.problems.append(f"{where}: {key} = {text!r}; expected {wanted}")
+        return stand_in
