@@ -1,0 +1,383 @@
+"""The one place that knows OMPL: a fresh planner per query, judged by our oracle, repeatable from its seed.
+
+OMPL draws every random generator's seed from one global source at construction. So each query
+reseeds that source and builds everything anew, under a process-wide lock; nothing survives it.
+
+An exception of the oracle is held back: from then on every answer is "not free" and the
+termination condition says stop, OMPL winds up within microseconds and hands over its best path if
+it has one, and only then does the exception leave. Anytime planners thereby keep what they found,
+and no exception unwinds through OMPL's own code.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from math import isfinite
+from typing import Any
+
+import numpy as np
+import ompl.base as ob
+import ompl.geometric as og
+import ompl.util as ou
+
+from planner_service.collision.edges import Known
+from planner_service.collision.ledger import SearchStopped
+from planner_service.geometry import FloatArray
+from planner_service.search import Oracle, SearchProblem, SearchResult, Space, distances
+
+__all__ = ["Setting", "grow", "solve", "solve_in_batches"]
+
+Setting = float | int | bool
+Configuration = tuple[float, ...]
+
+MAX_SAMPLES = 200_000
+"""Samples of one batch planner at most; its neighbourhoods would fill the memory first."""
+
+MAX_IDLE = 20_000
+"""Looks at the termination condition in a row without a new question, after which OMPL is taken to
+be going in circles (measured: BITstar 6,732 near its optimum, all others below 2,000)."""
+
+MAX_REPEATS = 200
+"""Known edges asked in a row without a look at the termination condition. OMPL 2.0.1's AORRTC extends a
+tree for ever over known edges once its bound on the length excludes the rest; a "no" frees it."""
+
+# OMPL's seed source is global to the process, and so is the lock that makes queries repeatable.
+_turn = threading.Lock()
+
+_SEEDS = 2**32 - 1
+
+
+class _GoingInCircles(Exception):
+    """OMPL asks nothing new any more."""
+
+
+class _Judge:
+    """The oracle as OMPL calls it: nothing is judged twice, exceptions are held back.
+
+    Holds no OMPL object: nanobind's references are invisible to Python's collector, and a cycle
+    would keep the whole query for ever.
+    """
+
+    def __init__(self, space: Space, free: Iterable[Configuration] = ()) -> None:
+        self._oracle: Oracle = space.oracle
+        self._poll = space.poll
+        self._span = slice(0, len(space.lower))
+        self._free = set(free)
+        self._edges: dict[tuple[Configuration, Configuration], bool] = {}
+        self._idle = self._repeats = 0
+        self.held: Exception | None = None
+
+    @property
+    def states(self) -> int:
+        return self._oracle.states
+
+    def state(self, state: Any) -> bool:
+        q = tuple(state[self._span])
+        del state  # see edge()
+        if q in self._free:
+            return True
+        if self.held is not None:
+            return False
+        try:
+            self._idle = self._repeats = 0
+            free = bool(self._oracle.state_is_free(np.array(q)))
+        except Exception as error:
+            self._hold(error)
+            return False
+        if free:
+            self._free.add(q)
+        return free
+
+    def edge(self, a: Configuration, b: Configuration) -> bool:
+        """The verdict as OMPL takes it.
+
+        No frame below OMPL keeps a state of OMPL's: a traceback would keep it alive beyond OMPL's
+        own use of that memory, and the next state at the same address would crash the process.
+        """
+        if self.held is not None:
+            return False
+        self._repeats += 1
+        try:
+            free = self.between(a, b)
+        except Exception as error:
+            self._hold(error)
+            return False
+        if self._repeats > MAX_REPEATS:
+            self._repeats = 0
+            return False
+        return free
+
+    def between(self, a: Configuration, b: Configuration) -> bool:
+        """The verdict on one edge, from memory if it was judged before, in either direction."""
+        key = _key(a, b)
+        if key not in self._edges:
+            self._idle = self._repeats = 0
+            known = (Known.START if a in self._free else Known.NEITHER) | (
+                Known.END if b in self._free else Known.NEITHER
+            )
+            self._edges[key] = bool(self._oracle.edge_is_free(np.array(a), np.array(b), known=known))
+            if self._edges[key]:
+                self._free.update(key)
+        return self._edges[key]
+
+    def over(self) -> bool:
+        """Whether a limit was reached, asking ``poll`` too: some planners spin without judging anything."""
+        self._idle += 1
+        self._repeats = 0
+        if self.held is None:
+            try:
+                self._poll()
+                if self._idle > MAX_IDLE:
+                    raise _GoingInCircles("OMPL asked nothing new any more")
+            except Exception as error:
+                self._hold(error)
+        return self.held is not None
+
+    def _hold(self, error: Exception) -> None:
+        self.held = error
+
+    def release(self) -> Exception | None:
+        """What was held back, without a reference here, which would be a cycle through its traceback."""
+        held, self.held = self.held, None
+        return held
+
+    def close(self) -> None:
+        """Let go of the oracle: OMPL's objects live as long as a traceback does, and they hold this judge."""
+        del self._oracle, self._poll
+
+
+class _Motions(ob.MotionValidator):  # type: ignore[misc]
+    """Hands whole edges to the judge; without it OMPL would sample them itself."""
+
+    def __init__(self, si: Any, judge: _Judge) -> None:
+        super().__init__(si)  # and no reference of our own to si: that would be a cycle
+        self._judge = judge
+        self._span = slice(0, si.getStateDimension())
+
+    def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
+        a, b = tuple(first[self._span]), tuple(second[self._span])
+        del first, second  # see _Judge.edge
+        return self._judge.edge(a, b)
+
+
+class _Run:
+    """One OMPL planner over fresh objects, alive inside ``_seeded`` only."""
+
+    def __init__(self, space: Space, judge: _Judge, planner: str, settings: dict[str, Setting]) -> None:
+        n = len(space.lower)
+        self.judge, self._n = judge, n
+        states, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
+        for joint in range(n):
+            bounds.setLow(joint, float(space.lower[joint]))
+            bounds.setHigh(joint, float(space.upper[joint]))
+        states.setBounds(bounds)
+        self._si = ob.SpaceInformation(states)
+        self._si.setStateValidityChecker(judge.state)
+        self._si.setMotionValidator(_Motions(self._si, judge))
+        self._si.setup()
+        self._problem = ob.ProblemDefinition(self._si)
+        self._problem.setOptimizationObjective(ob.PathLengthOptimizationObjective(self._si))
+        self.planner = getattr(og, planner)(self._si)
+        for setter, value in settings.items():
+            getattr(self.planner, setter)(value)
+
+    def _state(self, q: Iterable[float]) -> Any:
+        state = self._si.allocState()
+        for joint, value in enumerate(q):
+            state[joint] = float(value)
+        return state
+
+    def between(self, start: FloatArray, goals: FloatArray) -> None:
+        """Pose the query."""
+        self._problem.addStartState(self._state(start))
+        targets = ob.GoalStates(self._si)
+        for goal in goals:
+            targets.addState(self._state(goal))
+        self._problem.setGoal(targets)
+        self.ready()
+
+    def ready(self) -> None:
+        self.planner.setProblemDefinition(self._problem)
+        self.planner.setup()
+
+    def until(self, act: Callable[[Any], Any], enough: Callable[[Any], bool]) -> Any:
+        """``act`` with a condition that ends it when a limit is reached or ``enough(planner)``."""
+        # AORRTC keeps the condition, so the condition must not keep the planner: hence the box, emptied at the end.
+        judge, box = self.judge, [self.planner]
+        condition = ob.PlannerTerminationCondition(lambda: bool(judge.over() or (box and enough(box[0]))))
+        try:
+            return act(condition)
+        except Exception:
+            if judge.held is None:
+                raise
+            return None  # with no sample drawn at all, the batch planners' statistics fail: a stop like others
+        finally:
+            box.clear()
+
+    def path(self) -> list[Configuration]:
+        """The waypoints of an exact solution, empty without one."""
+        if not self._problem.hasExactSolution():
+            return []
+        path = self._problem.getSolutionPath()
+        return [tuple(path.getState(k)[0 : self._n]) for k in range(path.getStateCount())]
+
+    def roadmap(self) -> tuple[FloatArray, list[tuple[int, int]]]:
+        """Milestones (N, n), isolated ones left out by OMPL, and edges, each once with the smaller index first."""
+        data = ob.PlannerData(self._si)
+        self.planner.getPlannerData(data)
+        count = data.numVertices()
+        points = np.array([data.getVertex(k).getState()[0 : self._n] for k in range(count)]).reshape(count, self._n)
+        edges = {(min(k, m), max(k, m)) for k in range(count) for m in data.getEdges(k) if k != m}
+        return points, sorted(edges)
+
+
+def solve(
+    problem: SearchProblem, planner: str, settings: dict[str, Setting], *, checks: int | None = None
+) -> SearchResult:
+    """Search with the OMPL planner of that name until it has a path.
+
+    Args:
+        settings: OMPL's setters and their arguments.
+        checks: For anytime planners: once a path is known and this many states were judged, end with
+            the best path. None: end with the first.
+    """
+    judge = _judge_for(problem)
+    first = judge.states
+
+    def enough(planner: Any) -> bool:
+        return checks is not None and judge.states - first >= checks and isfinite(planner.bestCost().value())
+
+    try:
+        return _result(problem, judge, _path(problem, judge, planner, settings, problem.goals, enough))
+    finally:
+        judge.close()
+
+
+def solve_in_batches(problem: SearchProblem, planner: str, samples: int) -> SearchResult:
+    """Search with a batch planner, doubling its samples each time it tried every goal in vain.
+
+    One goal and one batch at a time: OMPL's own way to add samples to a batch reads beyond a vector
+    when there are several goals (measured: a segmentation fault).
+    """
+    judge = _judge_for(problem)
+    points: list[Configuration] = []
+    note = f"no path among {MAX_SAMPLES} samples"
+    try:
+        while not points and judge.held is None and samples <= MAX_SAMPLES:
+            settings: dict[str, Setting] = {"setNumSamples": samples, "setExtendedFMT": False}
+            for goal in problem.goals:
+                points = _path(problem, judge, planner, settings, goal[None], lambda _: False)
+                if points or judge.held is not None:
+                    note = ""
+                    break
+            samples *= 2
+        return _result(problem, judge, points, note=note)
+    finally:
+        judge.close()
+
+
+def grow(
+    space: Space, planner: str, settings: dict[str, Setting], *, size: tuple[int, int], seed: int
+) -> tuple[FloatArray, list[tuple[int, int]]]:
+    """Milestones (N, n) and edges of a roadmap grown by the OMPL planner of that name.
+
+    Args:
+        size: Milestones wanted, and states after which growing ends with fewer.
+    """
+    milestones, max_checks = size
+    judge = _Judge(space)
+    first = judge.states
+
+    def enough(planner: Any) -> bool:
+        return bool(planner.milestoneCount() >= milestones or judge.states - first >= max_checks)
+
+    try:
+        with _seeded(seed, space.poll):
+            run = _Run(space, judge, planner, settings)
+            run.ready()  # growing before a problem is set would crash OMPL
+            run.until(run.planner.growRoadmapPtc, enough)
+            roadmap = run.roadmap()
+    finally:
+        judge.close()
+    held = judge.release()
+    if held is not None and not isinstance(held, _GoingInCircles):
+        try:
+            raise held
+        finally:
+            del held  # see _result
+    return roadmap
+
+
+@contextmanager
+def _seeded(seed: int, poll: Callable[[], None]) -> Iterator[None]:
+    """The process's turn at OMPL, freshly seeded and silent; a caller who waits for it can still be stopped."""
+    while not _turn.acquire(timeout=0.01):
+        poll()
+    level = ou.getLogLevel()
+    try:
+        ou.setLogLevel(ou.LOG_NONE)  # also of the claim that reseeding a used generator had no effect: it has
+        ou.RNG.setSeed(1 + int(seed) % _SEEDS)  # OMPL ignores 0
+        yield
+    finally:
+        ou.setLogLevel(level)
+        _turn.release()
+
+
+def _path(
+    problem: SearchProblem,
+    judge: _Judge,
+    planner: str,
+    settings: dict[str, Setting],
+    goals: FloatArray,
+    enough: Callable[[Any], bool],
+) -> list[Configuration]:
+    """The path OMPL found, empty if none."""
+    with _seeded(problem.seed, problem.poll):
+        run = _Run(problem, judge, planner, settings)
+        run.between(problem.start, goals)
+        run.until(run.planner.solve, enough)
+        return run.path()
+
+
+def _judge_for(problem: SearchProblem) -> _Judge:
+    return _Judge(problem, map(tuple, [problem.start.tolist(), *problem.goals.tolist()]))
+
+
+def _result(problem: SearchProblem, judge: _Judge, points: list[Configuration], *, note: str = "") -> SearchResult:
+    held = judge.release()
+    if isinstance(held, _GoingInCircles):
+        held, note = None, f"ended early: {held}"
+    index = None
+    if points and (held is None or isinstance(held, SearchStopped)):
+        index = int(np.argmin(distances(problem.goals, np.array(points[-1]))))
+        points = _exact(points, tuple(problem.start.tolist()), tuple(problem.goals[index].tolist()))
+        # OMPL promises free pieces; an edge is free only if the oracle said so of this very edge.
+        if not all(judge.between(a, b) for a, b in pairwise(points)):
+            index, note = None, "a piece of the path collides that OMPL had not asked about"
+    if held is not None and index is None:
+        try:
+            raise held
+        finally:
+            del held  # a frame of its own traceback: it would live until the garbage collector finds the cycle
+    return SearchResult(
+        waypoints=None if index is None else np.array(points),
+        goal_index=index,
+        note=note if held is None else f"stopped with a path in hand: {held}",
+        stopped=held.with_traceback(None) if isinstance(held, SearchStopped) else None,
+    )
+
+
+def _exact(points: list[Configuration], start: Configuration, goal: Configuration) -> list[Configuration]:
+    """``points`` from exactly ``start`` to exactly ``goal``, without repetitions."""
+    chain = [start]
+    for q in [*points[1:-1], goal]:
+        if q != chain[-1]:
+            chain.append(q)
+    return chain
+
+
+def _key(a: Configuration, b: Configuration) -> tuple[Configuration, Configuration]:
+    return (a, b) if a <= b else (b, a)

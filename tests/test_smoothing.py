@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray
+from planner_service.planners import RRTConnect
+from planner_service.smoothing import shortcut
+from tests.discs import WALL, DiscWorld, Stop, across, length
+
+NOTHING: tuple[tuple[float, float, float], ...] = ()
+
+
+def found(world: DiscWorld, *, n: int = 2, seed: int = 0) -> FloatArray:
+    waypoints = RRTConnect(range=0.3).search(across(world, n=n, seed=seed)).waypoints
+    assert waypoints is not None
+    return waypoints
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6), n=st.sampled_from([2, 3, 6]), step=st.sampled_from([0.02, 0.05, 0.3]))
+def test_the_laws_of_shortcutting(seed: int, n: int, step: float) -> None:
+    world = DiscWorld(step=step)
+    path = found(world, n=n, seed=seed)
+    before = len(world.edges)
+    short = shortcut(path, world, np.random.default_rng(seed))
+    assert short[0].tolist() == path[0].tolist()
+    assert short[-1].tolist() == path[-1].tolist()
+    assert length(short) <= length(path) * (1 + 1e-12), "rounding of sums only"
+    assert world.found_free(short)
+    asked = [frozenset(edge) for edge in world.edges[before:]]
+    assert len(set(asked)) == len(asked)
+
+
+def test_the_ends_of_cuts_between_vertices_are_known_to_be_free() -> None:
+    world = DiscWorld(NOTHING)
+    path = [[0.0, 0.0], [1.0, 1.0], [2.0, -1.0], [3.0, 0.0]]
+    shortcut(path, world, np.random.default_rng(0), tries=0)
+    assert world.judged
+    assert not {tuple(q) for q in path} & set(world.judged)
+
+
+def test_a_detour_in_the_open_becomes_the_straight_line_with_one_edge() -> None:
+    world = DiscWorld(NOTHING)
+    short = shortcut([[0, 0], [1, 1], [2, -1], [3, 0]], world, np.random.default_rng(0))
+    assert short.tolist() == [[0, 0], [3, 0]]
+    assert len(world.edges) == 1
+
+
+def test_random_cuts_shorten_what_skipping_vertices_cannot() -> None:
+    world = DiscWorld(WALL[:1])
+    path = [[-2.0, 0.0], [0.0, 2.5], [2.0, 0.0]]
+    skipped = shortcut(path, world, np.random.default_rng(0), tries=0)
+    assert skipped.tolist() == path
+    assert length(shortcut(path, world, np.random.default_rng(0))) < 0.85 * length(skipped)
+
+
+def test_the_rest_of_a_piece_that_fails_on_its_own_undoes_the_cut() -> None:
+    path = np.array([[-2.0, 0.0], [0.0, 2.5], [2.0, 0.0]])
+
+    class Picky(DiscWorld):
+        """Refuses every edge that touches an end of the path, as finer samples might."""
+
+        def edge_is_free(self, q1: FloatArray, q2: FloatArray, **known: object) -> bool:
+            self.edges.append((tuple(q1.tolist()), tuple(q2.tolist())))
+            return not {tuple(path[0]), tuple(path[2])} & {tuple(q1), tuple(q2)}
+
+    assert shortcut(path, Picky(NOTHING), np.random.default_rng(0)).tolist() == path.tolist()
+
+
+def test_shortcutting_is_far_cheaper_than_asking_about_random_pairs_again_and_again() -> None:
+    ours, naive = [], []
+    for seed in range(10):
+        world = DiscWorld()
+        path = found(world, seed=seed)
+        before = world.states
+        shortcut(path, world, np.random.default_rng(seed))
+        ours.append(world.states - before)
+        naive.append(by_300_random_pairs(path, np.random.default_rng(seed)))
+    assert sorted(ours)[5] * 4 < sorted(naive)[5]
+
+
+def by_300_random_pairs(path: FloatArray, rng: np.random.Generator) -> int:
+    """States the textbook loop judges, remembering nothing."""
+    world, points = DiscWorld(), list(path)
+    for _ in range(300):
+        i, j = sorted(rng.integers(0, len(points), 2).tolist())
+        if j - i >= 2 and world.edge_is_free(points[i], points[j]):
+            points = points[: i + 1] + points[j:]
+    return world.states
+
+
+def test_equal_generators_give_equal_paths_and_counts() -> None:
+    runs = []
+    for _ in range(2):
+        world = DiscWorld()
+        runs.append((shortcut(found(world, n=6), world, np.random.default_rng(7)).tolist(), world.states))
+    assert runs[0] == runs[1]
+
+
+def test_the_callers_array_stays_as_it_is() -> None:
+    path = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]])
+    copy = path.copy()
+    short = shortcut(path, DiscWorld(NOTHING), np.random.default_rng(0))
+    assert np.array_equal(path, copy)
+    assert not short.flags.writeable
+
+
+def test_repeated_waypoints_fall_away() -> None:
+    short = shortcut([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]], DiscWorld(NOTHING), np.random.default_rng(0))
+    assert short.tolist() == [[0.0, 0.0], [1.0, 0.0]]
+
+
+def test_a_single_configuration_is_its_own_shortcut() -> None:
+    assert shortcut([[0.5, 0.5]], DiscWorld(NOTHING), np.random.default_rng(0)).tolist() == [[0.5, 0.5]]
+
+
+def test_a_limit_comes_out_unchanged() -> None:
+    path = found(DiscWorld())
+    with pytest.raises(Stop, match="limit"):
+        shortcut(path, DiscWorld(limit=5, error=lambda: Stop("limit")), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("waypoints", [np.zeros((0, 2)), [1.0, 2.0], [[float("nan"), 0.0]]])
+def test_waypoints_that_are_no_path_are_refused(waypoints: FloatArray) -> None:
+    with pytest.raises(InvalidRequest, match="waypoints"):
+        shortcut(waypoints, DiscWorld(NOTHING), np.random.default_rng(0))
