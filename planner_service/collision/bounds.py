@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
 
-__all__ = ["Solids", "box_of", "gaps", "gaps_along", "refined_gaps"]
+__all__ = ["Placed", "Solids", "box_of", "gaps_along", "refined_gaps", "rough_gaps"]
+
+_PROJECTIONS = 60
+"""Alternating projections converge slowly near contact; this many find the gap to micrometres elsewhere."""
 
 IntArray = NDArray[np.intp]
 
@@ -138,32 +141,26 @@ def _edge_crosses(a: Placed, b: Placed) -> FloatArray:
     return cross.reshape(9, len(a.t), 3)
 
 
-def gaps(a: Placed, b: Placed, *, enough: float) -> FloatArray:
-    """Lower bounds of the gaps between pairs of solids, (p,); pairs proven farther apart than ``enough`` are left at that.
-
-    Exact for two boxes that overlap; a little low for round ones, which ``refined_gaps`` mends.
-    """
-    best = gaps_along(a, b, _axes(a, b)).max(axis=0)
-    open_rows = np.flatnonzero(best <= enough)
-    if len(open_rows):
-        near_a, near_b = a.take(open_rows), b.take(open_rows)
-        best[open_rows] = np.maximum(best[open_rows], gaps_along(near_a, near_b, _edge_crosses(near_a, near_b)).max(axis=0))
-        best[open_rows] = np.maximum(best[open_rows], _projected(near_a, near_b, rounds=3))
-    return best
+def rough_gaps(a: Placed, b: Placed) -> FloatArray:
+    """Quick lower bounds of the gaps between pairs of solids, (p,): the line of centres and the face normals."""
+    return np.asarray(gaps_along(a, b, _axes(a, b)).max(axis=0))
 
 
 def refined_gaps(a: Placed, b: Placed) -> FloatArray:
-    """The tightest lower bounds this module can prove, (p,): every axis, and alternating projections to the end."""
+    """The tightest lower bounds this module can prove, (p,): every separating axis, then alternating projections.
+
+    Exact for two boxes that overlap.
+    """
     every = np.concatenate([_axes(a, b), _edge_crosses(a, b)])
-    return np.maximum(gaps_along(a, b, every).max(axis=0), _projected(a, b, rounds=60))
+    return np.asarray(np.maximum(gaps_along(a, b, every).max(axis=0), _projected(a, b)))
 
 
-def _projected(a: Placed, b: Placed, *, rounds: int) -> FloatArray:
-    """Gaps along the lines between nearest points, found by projecting onto a and b in turn (Cheney & Goldstein 1959)."""
+def _projected(a: Placed, b: Placed) -> FloatArray:
+    """Gaps along lines between nearest points, found by projecting onto a and b in turn (Cheney & Goldstein 1959)."""
     best = np.full(len(a.t), -np.inf)
     on_a = a.t
-    for _ in range(rounds):
+    for _ in range(_PROJECTIONS):
         on_b = b.nearest(on_a)
         on_a = a.nearest(on_b)
         best = np.maximum(best, gaps_along(a, b, on_b - on_a))
-    return best
+    return np.asarray(best)

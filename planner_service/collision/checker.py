@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -122,9 +121,7 @@ class CollisionChecker:
         if (padding, pairs) == (self.padding, self.allowed):
             return self
         if (padding, pairs) not in self._variants:
-            other = CollisionChecker(
-                self.robot, self.scene, edge_step=self.edge_step, padding=padding, allowed=pairs
-            )
+            other = CollisionChecker(self.robot, self.scene, edge_step=self.edge_step, padding=padding, allowed=pairs)
             other.ledger = self.ledger
             other._variants = self._variants
             self._variants[padding, pairs] = other
@@ -163,7 +160,8 @@ class CollisionChecker:
     def edge_hit(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> EdgeHit | None:
         """Where the straight line from q1 to q2 collides, None when every sample is free.
 
-        Counts one edge and its states. Judges q1, q2, then the interior in bisection order, up to the first sample that collides.
+        Counts one edge and its states. Judges q1, q2, then the interior in bisection order, up to the
+        first sample that collides.
 
         Args:
             known: Ends that are known to be free and are neither judged nor counted.
@@ -226,9 +224,9 @@ class CollisionChecker:
         Raises:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
-        bounds, _ = self._prefilter.bounds(self._configuration("q", q), math.inf)
+        gap = self._prefilter.smallest_gap(self._configuration("q", q))
         self.ledger.charge_distances(len(self._pairs))
-        return float(bounds.min()) if len(bounds) else math.inf
+        return gap
 
     def contacts(self, q: ArrayLike) -> tuple[Contact, ...]:
         """The pairs that touch at q (n,), deepest first; empty when q is free. Counts one state.
@@ -239,20 +237,19 @@ class CollisionChecker:
         q = self._configuration("q", q)
         self.ledger.charge_states(1)
         _, numbers = self._prefilter.candidates(q[None])
-        hits = set(self._colliding_pairs(q.tolist(), numbers.tolist()))
-        if not hits:
-            return ()
-        bounds, pairs = self._prefilter.bounds(q, 0.0)
-        overlap = dict(zip(pairs.tolist(), (-bounds).tolist(), strict=True))
+        hits = np.array(list(self._colliding_pairs(q.tolist(), numbers.tolist())), dtype=np.intp)
         depth: dict[tuple[str, str], float] = {}
-        for pair in hits:  # one that only touches may be bounded apart: its depth is 0
-            names = self._parts.names(pair)
-            depth[names] = max(depth.get(names, 0.0), overlap.get(pair, 0.0))
+        for pair, overlap in zip(hits.tolist(), self._prefilter.overlaps(q, hits).tolist(), strict=True):
+            names = self._parts.names(pair)  # of a pair that only touches the bound may be below 0
+            depth[names] = max(depth.get(names, 0.0), overlap)
         found = [Contact(a, b, value) for (a, b), value in depth.items()]
         return tuple(sorted(found, key=lambda c: (-c.depth, c.a, c.b)))
 
     def _configuration(self, field: str, q: ArrayLike) -> FloatArray:
-        array = np.asarray(q, dtype=np.float64)
+        try:
+            array = np.asarray(q, dtype=np.float64)
+        except (TypeError, ValueError):  # words, or rows of unequal length
+            raise InvalidRequest(field, q, f"{self.robot.n} joint values, shape ({self.robot.n},)") from None
         if array.shape != (self.robot.n,):
             raise InvalidRequest(field, np.shape(q), f"{self.robot.n} joint values, shape ({self.robot.n},)")
         for k, value in enumerate(array.tolist()):

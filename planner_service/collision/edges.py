@@ -49,7 +49,10 @@ class EdgeStep(Protocol):
 
 
 def _positive(field: str, value: float, unit: str) -> float:
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidRequest(field, value, f"a positive number of {unit}") from None
     if not (math.isfinite(number) and number > 0.0):
         raise InvalidRequest(field, value, f"a positive number of {unit}")
     return number
@@ -98,7 +101,7 @@ class JointStep:
         return _count(math.sqrt(squares), self.angle)
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=1024)
 def bisection_order(segments: int) -> FloatArray:
     """Fractions k / segments of the interior samples in bisection order, shape (segments - 1, 1), read-only."""
     order = []

@@ -55,5 +55,3 @@ class FclJudge:
             return False
         self._result = fcl.CollisionResult()
         return True
-
-

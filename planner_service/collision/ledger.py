@@ -66,6 +66,11 @@ class CancelToken:
         return self._event.is_set()
 
 
+def _least(a: float | None, b: float | None) -> float | None:
+    """The smaller of two limits, None meaning no limit."""
+    return min(value for value in (a, b) if value is not None) if a is not None or b is not None else None
+
+
 class Ledger:
     """Running counts with their limits, shared by a checker and its variants.
 
@@ -87,33 +92,30 @@ class Ledger:
         return CheckCounts(self.states, self.edges, self.distances)
 
     @contextmanager
-    def limited(self, *, states: int | None, deadline: float | None, token: CancelToken | None) -> Iterator[None]:
-        """Within the block, stop before the count of states exceeds now + ``states`` or ``time.monotonic()`` ``deadline``."""
+    def limited(
+        self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
+    ) -> Iterator[None]:
+        """Within the block, stop before ``states`` more are exceeded, or ``time.monotonic()`` passes ``deadline``.
+
+        Limits around the block hold on within it.
+        """
         before = (self._state_limit, self._deadline, self._token)
-        self._state_limit = None if states is None else self.states + states
-        self._deadline, self._token = deadline, token
+        self._state_limit = _least(self._state_limit, None if states is None else self.states + states)
+        self._deadline = _least(self._deadline, deadline)
+        self._token = token if token is not None else self._token
         try:
             yield
         finally:
             self._state_limit, self._deadline, self._token = before
 
     @contextmanager
-    def at_most(self, states: int) -> Iterator[None]:
-        """Within the block, stop after ``states`` more, or sooner where the limits around it say so."""
-        limit, nearer = self._state_limit, self.states + states
-        self._state_limit = nearer if limit is None else min(limit, nearer)
-        try:
-            yield
-        finally:
-            self._state_limit = limit
-
-    @contextmanager
     def apart(self, *, states: int | None) -> Iterator[None]:
-        """Within the block only ``states`` and the token limit; what it spends does not shorten the limits around it."""
+        """Within the block only ``states`` and the token limit; what it spends does not use up the limits around it."""
         limit, deadline = self._state_limit, self._deadline
         began, clock = self.states, time.monotonic()
         try:
-            with self.limited(states=states, deadline=None, token=self._token):
+            self._state_limit, self._deadline = None, None
+            with self.limited(states=states):
                 yield
         finally:
             self._state_limit = None if limit is None else limit + self.states - began

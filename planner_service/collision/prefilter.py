@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.collision.bounds import Placed, Solids, box_of, gaps, refined_gaps
+from planner_service.collision.bounds import Placed, Solids, box_of, refined_gaps, rough_gaps
 from planner_service.collision.parts import Parts
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
@@ -22,7 +22,13 @@ MARGIN = 2e-6
 """Metres by which a pair must be proven apart for FCL not to be asked."""
 
 _FEW = 10
-"""Below this many configurations scalar kinematics are faster than arrays, and so is FCL on this many pairs."""
+"""Up to this many configurations scalar kinematics are faster than arrays."""
+
+_ASKED_AT_ONCE = 30
+"""Up to this many pairs FCL is faster than a look at their separating axes."""
+
+_LIKELY_SMALLEST = 8
+"""Pairs with the smallest rough bounds, refined first."""
 
 IntArray = NDArray[np.intp]
 
@@ -49,23 +55,35 @@ class Prefilter:
         """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
         R, t = self._place(Q)
         row, pair = self._overlapping(R, t)
-        if len(row) > _FEW:
+        if len(row) > _ASKED_AT_ONCE:
             a, b = self._placed(R, t, row, pair)
-            doubtful = gaps(a, b, enough=MARGIN) <= MARGIN
+            doubtful = rough_gaps(a, b) <= MARGIN
             row, pair = row[doubtful], pair[doubtful]
         return row, pair
 
-    def bounds(self, q: FloatArray, cutoff: float) -> tuple[FloatArray, IntArray]:
-        """Proven lower bounds of the gaps at q (n,) in metres, and the pairs they are of.
+    def smallest_gap(self, q: FloatArray) -> float:
+        """A proven lower bound in metres of the smallest gap of any pair at q (n,), infinite without pairs.
 
-        Every pair that is not among them is at least ``cutoff`` apart.
+        Rough bounds of all pairs first; then only those are refined that could be the smallest.
         """
+        a, b = self._all_placed(q)
+        rough = rough_gaps(a, b)
+        if len(rough) == 0:
+            return float("inf")
+        first = np.argsort(rough, kind="stable")[:_LIKELY_SMALLEST]
+        least = refined_gaps(a.take(first), b.take(first)).min()
+        near = np.flatnonzero(rough <= least)
+        return float(min(least, refined_gaps(a.take(near), b.take(near)).min())) if len(near) else float(least)
+
+    def overlaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
+        """Upper bounds in metres of how far pairs (k,) overlap at q (n,); negative for a pair proven apart."""
+        a, b = self._all_placed(q)
+        return np.asarray(-refined_gaps(a.take(pairs), b.take(pairs)))
+
+    def _all_placed(self, q: FloatArray) -> tuple[Placed, Placed]:
         R, t = self._place(q[None])
         pair = np.arange(len(self._parts.pairs), dtype=np.intp)
-        a, b = self._placed(R, t, np.zeros_like(pair), pair)
-        rough = gaps(a, b, enough=cutoff)
-        near = np.flatnonzero(rough <= cutoff)
-        return np.maximum(rough[near], refined_gaps(a.take(near), b.take(near))), near
+        return self._placed(R, t, np.zeros_like(pair), pair)
 
     def _place(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Poses of the riding parts: R (m, parts, 3, 3) and t (m, parts, 3).

@@ -1,0 +1,350 @@
+"""Laws of the collision checker: its verdicts against two others, its bounds against the distances they bound.
+
+The first judge asks python-fcl about every pair, one by one, with poses from Pinocchio: no prefilter, no batch, no
+kinematics of ours. The second, ``tests.independent``, reads all files itself and asks Coal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import fcl
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from planner_service.collision import CollisionChecker, JointStep, Known, MotionStep, prefilter
+from planner_service.collision.edges import EdgeStep
+from planner_service.collision.parts import Parts
+from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.robot import Robot, load_robot
+from planner_service.scene import Attached, Obstacle, Scene, load_scene
+from tests.independent import IndependentChecker, tables_of
+
+ROOT = Path(__file__).parents[2]
+FINGERS = ("finger_left", "finger_right")
+CONTACT = 2e-6
+"""Metres: closer to contact than this the answer of FCL, and of Coal, is undefined (both miss touching shapes)."""
+
+BLOCK = Attached("block", Box((0.045, 0.045, 0.045)), Pose((0.01, 0.0, 0.0)), FINGERS)
+ROD = Attached("rod", Capsule(0.01, 0.16), Pose.from_rpy((0.005, 0.0, 0.02), (0.0, math.pi / 2, 0.0)), FINGERS)
+ROUND = (
+    Obstacle("ball", Sphere(0.07), Pose((0.25, 0.15, 0.2))),
+    Obstacle("bar", Capsule(0.03, 0.3), Pose.from_rpy((0.3, -0.1, 0.25), (0.7, 0.4, 0.1))),
+    Obstacle("pipe", Cylinder(0.04, 0.3), Pose.from_rpy((0.2, -0.25, 0.2), (1.2, -0.3, 0.5))),
+    Obstacle("crate", Box((0.1, 0.12, 0.2)), Pose.from_rpy((0.1, 0.3, 0.15), (0.3, 0.2, 1.0))),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """A robot in a scene, and how it is to be judged."""
+
+    name: str
+    scene: str
+    obstacles: tuple[Obstacle, ...] = ()
+    attached: tuple[Attached, ...] = ()
+    allowed: tuple[tuple[str, str], ...] = ()
+    padding: float = 0.0
+    width: float = 0.08
+
+    def checker(self, step: EdgeStep | None = None) -> CollisionChecker:
+        scene, robot = self.whole_scene(), load_robot("wxai").with_gripper(self.width)
+        return CollisionChecker(robot, scene, edge_step=step, padding=self.padding, allowed=self.allowed)
+
+    def whole_scene(self) -> Scene:
+        there = load_scene(self.scene)
+        return Scene((*there.obstacles, *self.obstacles), self.attached)
+
+    def independent(self) -> IndependentChecker:
+        plain = not (self.obstacles or self.attached)
+        scene: Any = ROOT / "scenes" / f"{self.scene}.toml" if plain else tables_of(self.whole_scene())
+        return IndependentChecker(
+            ROOT / "robots" / "wxai", scene, gripper_width=self.width, allowed=self.allowed, padding=self.padding
+        )
+
+
+SETUPS = (
+    *(Setup(name, name) for name in ("bin", "shelf", "post", "clutter", "narrow", "window")),
+    Setup("round", "table", obstacles=ROUND),
+    Setup("padded bin", "bin", padding=0.010),
+    Setup("padded round", "table", obstacles=ROUND, padding=0.004),
+    Setup("block in bin", "bin", attached=(BLOCK,), width=0.046),
+    Setup("rod in shelf", "shelf", attached=(ROD,), width=0.02),
+    Setup("padded rod in window", "window", attached=(ROD,), padding=0.002),
+    Setup("allowed", "narrow", allowed=(("wall_left", "link_6"), ("link_5", "link_2"), ("finger_left", "wall_left"))),
+    Setup("closed gripper", "clutter", width=0.0),
+)
+by_name = pytest.mark.parametrize("setup", SETUPS, ids=lambda setup: setup.name)
+
+
+class PairLoop:
+    """Every pair of a checker, asked of python-fcl one by one; poses from Pinocchio."""
+
+    def __init__(self, checker: CollisionChecker, model: Any) -> None:
+        parts = checker._parts
+        self._model, self._data = model, model.createData()
+        self._objects = [fcl.CollisionObject(_geometry(shape)) for shape in parts.shapes]
+        self._pairs = parts.pairs.tolist()
+        self._riding = []
+        for part, thing in zip(parts.parts, self._objects, strict=True):
+            if part.body > 0:
+                joint = model.getJointId(checker.robot.bodies[part.body].name)
+                self._riding.append((thing, joint, pin.SE3(np.array(part.T))))
+            else:
+                thing.setTransform(fcl.Transform(part.T[:3, :3], part.T[:3, 3]))
+        self._request, self._result = fcl.CollisionRequest(), fcl.CollisionResult()
+
+    def free(self, q: FloatArray) -> bool:
+        pin.forwardKinematics(self._model, self._data, q)
+        for thing, joint, local in self._riding:
+            T = self._data.oMi[joint] * local
+            thing.setTransform(fcl.Transform(T.rotation, T.translation))
+        for i, j in self._pairs:
+            if fcl.collide(self._objects[i], self._objects[j], self._request, self._result):
+                self._result = fcl.CollisionResult()
+                return False
+        return True
+
+
+def _geometry(shape: Shape) -> Any:
+    if isinstance(shape, Box):
+        return fcl.Box(*shape.size)
+    if isinstance(shape, Sphere):
+        return fcl.Sphere(shape.radius)
+    assert isinstance(shape, (Cylinder, Capsule))
+    return (fcl.Cylinder if isinstance(shape, Cylinder) else fcl.Capsule)(shape.radius, shape.length)
+
+
+def anywhere(robot: Robot, rng: np.random.Generator, count: int) -> FloatArray:
+    return rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+
+
+def planner_like(
+    robot: Robot, is_free: Callable[[FloatArray], bool], rng: np.random.Generator, count: int
+) -> Iterator[FloatArray]:
+    """Samples of short edges of a random walk that only ever leaves from free states, as a growing tree does."""
+    q, made = np.array(robot.home), 0
+    while made < count:
+        target = anywhere(robot, rng, 1)[0]
+        step = (target - q) * min(1.0, 0.3 / math.dist(target, q))
+        for fraction in np.linspace(0.0, 1.0, 5)[1:]:
+            made += 1
+            yield q + step * fraction
+        if is_free(q + step):
+            q = q + step
+        if rng.random() < 0.02:  # start over, or a walk may stay in one corner
+            q = np.array(robot.home)
+
+
+def near_contact(
+    robot: Robot, is_free: Callable[[FloatArray], bool], rng: np.random.Generator, count: int
+) -> Iterator[FloatArray]:
+    """States from 10 um to 2 mm of motion to either side of where free turns into colliding."""
+    reach = robot.reach()
+    made = 0
+    while made < count:
+        free, hit = anywhere(robot, rng, 2)
+        if is_free(free) == is_free(hit):
+            continue
+        if not is_free(free):
+            free, hit = hit, free
+        way = (hit - free) / float((reach * np.abs(hit - free)).sum())  # per metre of motion
+        low, high = 0.0, float((reach * np.abs(hit - free)).sum())
+        while high - low > 1e-6:
+            middle = (low + high) / 2
+            low, high = (middle, high) if is_free(free + way * middle) else (low, middle)
+        for off in 10.0 ** rng.uniform(-5.0, -2.7, 6):
+            for side in (low - off, high + off):
+                q = free + way * side
+                if (q >= robot.limits.lower).all() and (q <= robot.limits.upper).all():
+                    made += 1
+                    yield q
+
+
+@dataclass
+class Comparison:
+    """How often three judges were asked, and where they differed beyond what contact leaves undefined."""
+
+    states: int = 0
+    free: int = 0
+    unlike_fcl: int = 0
+    at_contact: int = 0
+    differing: list[tuple[str, FloatArray]] = field(default_factory=list)
+
+
+def compare(setup: Setup, count: int, seed: int) -> Comparison:
+    """Ask all three about ``count`` states of each kind."""
+    checker, second = setup.checker(), setup.independent()
+    first = PairLoop(checker, second.model)
+    rng = np.random.default_rng(seed)
+    found = Comparison()
+    robot = checker.robot
+    for states in (
+        anywhere(robot, rng, count),
+        planner_like(robot, second.free, rng, count),
+        near_contact(robot, second.free, rng, count),
+    ):
+        for q in states:
+            ours, theirs = checker.state_is_free(q), (first.free(q), second.free(q))
+            found.states += 1
+            found.free += ours
+            found.unlike_fcl += ours != theirs[0]
+            if theirs == (ours, ours):
+                continue
+            if abs(min(second.gaps(q).values())) <= CONTACT:
+                found.at_contact += 1
+            else:
+                found.differing.append((f"ours {ours}, fcl pair by pair {theirs[0]}, Coal {theirs[1]}", q))
+    return found
+
+
+@by_name
+def test_a_verdict_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Setup) -> None:
+    found = compare(setup, 120, seed=3)
+    assert found.differing == []
+    assert found.unlike_fcl == 0  # not even at contact: whatever FCL says there is repeated
+    assert 0 < found.free < found.states
+    assert found.at_contact <= found.states / 100
+
+
+@by_name
+def test_both_checkers_judge_the_same_pairs(setup: Setup) -> None:
+    checker, second = setup.checker(), setup.independent()
+    ours = sorted(sorted(checker._parts.names(k)) for k in range(checker.pair_count))
+    assert ours == sorted(sorted(pair) for pair in second.pairs)
+
+
+def test_the_comparison_notices_a_prefilter_that_lets_three_millimetres_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prefilter, "MARGIN", -0.003)
+    assert compare(SETUPS[0], 60, seed=3).differing
+
+
+def test_the_comparison_notices_a_pair_that_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Parts._pairs
+
+    def without_one(parts: Parts) -> Any:
+        pairs = whole(parts)
+        names = [{parts.parts[i].owner, parts.parts[j].owner} for i, j in pairs.tolist()]
+        tip = max(k for k, pair in enumerate(names) if pair == {"finger_left", "table"})
+        return np.delete(pairs, tip, axis=0)
+
+    monkeypatch.setattr(Parts, "_pairs", without_one)
+    assert compare(SETUPS[4], 250, seed=3).differing
+
+
+def test_the_comparison_notices_a_link_frame_that_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Robot.body_poses
+
+    def displaced(robot: Robot, q: Any) -> Any:
+        poses = whole(robot, q)
+        poses[6] = (*poses[6][:11], poses[6][11] + 0.001)
+        return poses
+
+    monkeypatch.setattr(Robot, "body_poses", displaced)
+    assert compare(SETUPS[0], 60, seed=3).differing
+
+
+def bisection(parts: int) -> list[float]:
+    """Interior fractions, halves before quarters before eighths."""
+    order, spans = [], deque([(0, parts)])
+    while spans:
+        low, high = spans.popleft()
+        if high - low > 1:
+            order.append((low + high) // 2 / parts)
+            spans += [(low, (low + high) // 2), ((low + high) // 2, high)]
+    return order
+
+
+def expected_edge(
+    q1: FloatArray, q2: FloatArray, parts: int, known: Known, is_free: Callable[[FloatArray], bool]
+) -> tuple[bool, int]:
+    """Verdict and states of an edge judged sample by sample in the stated order, up to the first that collides."""
+    samples = [q for q, end in ((q1, Known.START), (q2, Known.END)) if end not in known]
+    first, last = sorted((q1, q2), key=lambda q: tuple(q.tolist()))
+    samples += [first + (last - first) * fraction for fraction in bisection(parts)]
+    for number, q in enumerate(samples, start=1):
+        if not is_free(q):
+            return False, number
+    return True, len(samples)
+
+
+def parts_of(q1: FloatArray, q2: FloatArray, step: EdgeStep, reach: FloatArray) -> int:
+    if isinstance(step, MotionStep):
+        motion: float = sum(r * abs(d) for r, d in zip(reach.tolist(), (q2 - q1).tolist(), strict=True))
+        return max(1, math.ceil(motion / step.distance - 1e-9))
+    assert isinstance(step, JointStep)
+    return max(1, math.ceil(math.dist(q1, q2) / step.angle - 1e-9))
+
+
+def compare_edges(setup: Setup, step: EdgeStep, count: int, seed: int) -> tuple[int, list[Any]]:
+    """How many of ``count`` edges collide, and those on which verdict or count differ from the two other judges'."""
+    checker, second = setup.checker(step), setup.independent()
+    first = PairLoop(checker, second.model)
+    rng = np.random.default_rng(seed)
+    reach = checker.robot.reach(checker._parts.carried)
+    colliding, differing = 0, []
+    for _ in range(count):
+        q1, q2 = anywhere(checker.robot, rng, 2)
+        q2 = q1 + (q2 - q1) * min(1.0, rng.uniform(0.05, 1.0) / math.dist(q1, q2))
+        known = Known(int(first.free(q1)) * Known.START.value | int(first.free(q2)) * Known.END.value)
+        known &= Known(int(rng.integers(4)))
+        before = checker.counts
+        verdict = checker.edge_is_free(q1, q2, known=known)
+        spent = checker.counts - before
+        colliding += not verdict
+        for judge in (first.free, second.free):
+            told = (verdict, spent.states)
+            expected = expected_edge(q1, q2, parts_of(q1, q2, step, reach), known, judge)
+            if told != expected or spent.edges != 1:
+                differing.append((told, expected, q1, q2, known))
+    return colliding, differing
+
+
+@pytest.mark.parametrize("step", [MotionStep(), JointStep()], ids=["motion", "joint"])
+@pytest.mark.parametrize("name", ["bin", "window", "rod in shelf", "padded round"])
+def test_an_edge_is_judged_and_counted_as_its_samples_one_by_one(name: str, step: EdgeStep) -> None:
+    setup = next(s for s in SETUPS if s.name == name)
+    colliding, differing = compare_edges(setup, step, 12, seed=5)
+    assert differing == []
+    assert 0 < colliding < 12
+
+
+@by_name
+def test_clearance_is_a_bound_of_the_distance_and_close_to_it(setup: Setup) -> None:
+    checker, second = setup.checker(), setup.independent()
+    rng = np.random.default_rng(11)
+    missing = []
+    for q in planner_like(checker.robot, second.free, rng, 16):
+        distance, bound = min(second.gaps(q).values()), checker.clearance(q)
+        if distance > 0.0:
+            assert bound <= distance + 1e-5  # Coal is right to about a micrometre
+            missing.append(distance - bound)
+        else:
+            assert bound <= CONTACT
+    assert len(missing) >= 5
+    assert np.median(missing) <= 1e-4
+    assert max(missing) <= 0.001
+
+
+@by_name
+def test_contacts_name_the_pairs_that_coal_finds_and_bound_their_depth(setup: Setup) -> None:
+    checker, second = setup.checker(), setup.independent()
+    rng = np.random.default_rng(13)
+    compared = 0
+    for q in anywhere(checker.robot, rng, 30):
+        gaps = {frozenset(pair): gap for pair, gap in second.gaps(q).items()}
+        if min(abs(gap) for gap in gaps.values()) <= CONTACT:
+            continue
+        contacts = checker.contacts(q)
+        assert {frozenset((c.a, c.b)) for c in contacts} == {pair for pair, gap in gaps.items() if gap < 0.0}
+        assert [c.depth for c in contacts] == sorted((c.depth for c in contacts), reverse=True)
+        for contact in contacts:
+            assert contact.depth >= -gaps[frozenset((contact.a, contact.b))] - 1e-5
+            compared += 1
+    assert compared >= 10

@@ -1,0 +1,244 @@
+"""Counts and their limits: no check beyond a limit is made, none is forgotten."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+
+import pytest
+
+from planner_service.collision import CancelToken, CheckCounts, CollisionChecker, JointStep, Known
+from planner_service.collision.ledger import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
+from planner_service.geometry import Cylinder, Pose
+from planner_service.robot import load_robot
+from planner_service.scene import Obstacle, Scene
+
+PLANAR = load_robot("planar2")
+START, GOAL = (0.0, 0.0), (3.0, 0.0)
+SAMPLES = 201
+"""Samples of the edge from START to GOAL, both ends included."""
+HIT_AT = 6
+"""With the pin in the way: both ends, then 1/2, 1/4, 3/4 and 1/8 of the edge, the last of which collides."""
+
+
+def checker_with(*obstacles: Obstacle) -> CollisionChecker:
+    return CollisionChecker(PLANAR, Scene(obstacles), edge_step=JointStep(3.0 / (SAMPLES - 1)))
+
+
+def open_checker() -> CollisionChecker:
+    return checker_with(Obstacle("far", Cylinder(0.1, 0.2), Pose((-1.3, -0.5, 0.0))))
+
+
+def blocked_checker() -> CollisionChecker:
+    angle = 3.0 / 8.0
+    return checker_with(Obstacle("pin", Cylinder(0.005, 0.2), Pose((1.4 * math.cos(angle), 1.4 * math.sin(angle), 0))))
+
+
+class CountingDown(CancelToken):
+    """A token that another thread would cancel after the ledger has looked at it some times."""
+
+    def __init__(self, looks: int) -> None:
+        super().__init__()
+        self._looks = looks
+
+    @property
+    def cancelled(self) -> bool:
+        self._looks -= 1
+        return self._looks < 0
+
+
+def test_counts_add_and_subtract() -> None:
+    a, b = CheckCounts(5, 2, 7), CheckCounts(1, 1, 3)
+    assert a + b == CheckCounts(6, 3, 10)
+    assert a - b == CheckCounts(4, 1, 4)
+    assert a - a == CheckCounts()
+
+
+def test_each_question_counts_what_it_says() -> None:
+    checker = open_checker()
+    checker.state_is_free(START)
+    assert checker.counts == CheckCounts(states=1)
+    checker.contacts(START)
+    assert checker.counts == CheckCounts(states=2)
+    checker.clearance(START)
+    assert checker.counts == CheckCounts(states=2, distances=checker.pair_count)
+    checker.edge_is_free(START, GOAL)
+    assert checker.counts == CheckCounts(states=2 + SAMPLES, edges=1, distances=checker.pair_count)
+    checker.segments(START, GOAL)
+    assert checker.counts == CheckCounts(states=2 + SAMPLES, edges=1, distances=checker.pair_count)
+
+
+@pytest.mark.parametrize("budget", [*range(20), 63, 64, 65, 70, 71, 72, 73, 74, 75, 135, 136, 137, 199, 200])
+def test_a_budget_below_the_cost_of_an_edge_is_spent_exactly(budget: int) -> None:
+    checker = open_checker()
+    with checker.limited(states=budget), pytest.raises(CheckBudgetSpent):
+        checker.edge_is_free(START, GOAL)
+    assert checker.counts == CheckCounts(states=budget, edges=1)
+
+
+@pytest.mark.parametrize("budget", [SAMPLES, SAMPLES + 1, 10_000])
+def test_a_budget_of_the_cost_of_an_edge_is_enough(budget: int) -> None:
+    checker = open_checker()
+    with checker.limited(states=budget):
+        assert checker.edge_is_free(START, GOAL)
+    assert checker.counts == CheckCounts(states=SAMPLES, edges=1)
+
+
+@pytest.mark.parametrize("budget", range(12))
+def test_a_budget_that_reaches_the_first_collision_is_enough(budget: int) -> None:
+    checker = blocked_checker()
+    with checker.limited(states=budget):
+        if budget < HIT_AT:
+            with pytest.raises(CheckBudgetSpent):
+                checker.edge_is_free(START, GOAL)
+        else:
+            assert not checker.edge_is_free(START, GOAL)
+    assert checker.counts == CheckCounts(states=min(budget, HIT_AT), edges=1)
+
+
+def test_a_budget_counts_from_where_it_is_set_and_over_variants() -> None:
+    checker = open_checker()
+    checker.state_is_free(START)
+    with checker.limited(states=2):
+        checker.state_is_free(START)
+        checker.variant(padding=0.01).state_is_free(START)
+        with pytest.raises(CheckBudgetSpent, match="budget"):
+            checker.state_is_free(START)
+        with pytest.raises(CheckBudgetSpent):
+            checker.contacts(START)
+        with pytest.raises(CheckBudgetSpent):
+            checker.variant(padding=0.01).edge_is_free(START, GOAL, known=Known.BOTH)
+    assert checker.counts == CheckCounts(states=3, edges=1)
+    assert checker.state_is_free(START)
+
+
+def test_a_spent_budget_does_not_refuse_what_costs_no_state() -> None:
+    checker = open_checker()
+    with checker.limited(states=0):
+        assert checker.edge_is_free(START, START, known=Known.BOTH)
+        assert checker.clearance(START) > 0.0
+    assert checker.counts == CheckCounts(edges=1, distances=checker.pair_count)
+
+
+def test_limits_end_with_their_block_even_when_it_raises() -> None:
+    ledger = Ledger()
+    with ledger.limited(states=5, deadline=None, token=None):
+        assert ledger.room() == 5
+        with pytest.raises(CheckBudgetSpent), ledger.limited(states=1, deadline=0.0, token=None):
+            ledger.charge_states(2)
+        assert ledger.room() == 4
+        ledger.poll()
+    assert ledger.room() is None
+    ledger.charge_states(100)
+    assert ledger.counts == CheckCounts(states=101)
+
+
+def test_a_time_box_that_is_over_stops_before_the_next_check() -> None:
+    checker = open_checker()
+    with checker.limited(deadline=time.monotonic() - 1.0):
+        with pytest.raises(TimeBoxSpent):
+            checker.state_is_free(START)
+        with pytest.raises(TimeBoxSpent):
+            checker.edge_is_free(START, GOAL)
+    assert checker.counts == CheckCounts(edges=1)
+    assert checker.state_is_free(START)
+
+
+def test_a_time_box_ends_an_edge_midway(monkeypatch: pytest.MonkeyPatch) -> None:
+    checker = open_checker()
+    ticks = iter(range(1000))
+    with checker.limited(deadline=2.5):
+        monkeypatch.setattr(time, "monotonic", lambda: float(next(ticks)))
+        with pytest.raises(TimeBoxSpent):
+            checker.edge_is_free(START, GOAL)
+    assert 0 < checker.counts.states < SAMPLES
+
+
+def test_a_cancelled_token_stops_the_next_check_and_only_in_its_block() -> None:
+    checker, token = open_checker(), CancelToken()
+    assert not token.cancelled
+    with checker.limited(token=token):
+        assert checker.state_is_free(START)
+        thread = threading.Thread(target=token.cancel)
+        thread.start()
+        thread.join()
+        assert token.cancelled
+        with pytest.raises(Cancelled):
+            checker.state_is_free(START)
+    assert checker.state_is_free(START)
+    assert checker.counts == CheckCounts(states=2)
+
+
+def test_a_token_ends_an_edge_midway() -> None:
+    checker = open_checker()
+    with checker.limited(token=CountingDown(looks=2)), pytest.raises(Cancelled):
+        checker.edge_is_free(START, GOAL)
+    assert 0 < checker.counts.states < SAMPLES
+
+
+@pytest.mark.parametrize(("inner", "room"), [(3, 3), (10, 10), (50, 10)])
+def test_a_limit_never_reaches_beyond_the_limits_around_it(inner: int, room: int) -> None:
+    ledger = Ledger()
+    with ledger.limited(states=10, deadline=None, token=None):
+        with ledger.limited(states=inner):
+            assert ledger.room() == room
+            with pytest.raises(CheckBudgetSpent):
+                ledger.charge_states(room + 1)
+        assert ledger.room() == 10 - room
+    with ledger.limited(states=2):
+        assert ledger.room() == 2
+    assert ledger.room() is None
+    assert ledger.counts == CheckCounts(states=room)
+
+
+def test_work_apart_does_not_shorten_the_limits_around_it() -> None:
+    ledger = Ledger()
+    with ledger.limited(states=10, deadline=None, token=None):
+        ledger.charge_states(4)
+        with ledger.apart(states=100):
+            assert ledger.room() == 100
+            ledger.charge_states(50)
+        assert ledger.room() == 6
+        with pytest.raises(CheckBudgetSpent):
+            ledger.charge_states(7)
+    assert ledger.counts == CheckCounts(states=60)
+
+
+def test_work_apart_has_its_own_limit_and_leaves_the_rest_as_it_was() -> None:
+    ledger = Ledger()
+    with ledger.limited(states=10, deadline=None, token=None):
+        with pytest.raises(CheckBudgetSpent), ledger.apart(states=5):
+            ledger.charge_states(6)
+        assert ledger.counts == CheckCounts(states=5)
+        assert ledger.room() == 10
+
+
+def test_work_apart_stops_the_clock_but_not_the_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    ledger, token = Ledger(), CancelToken()
+    with ledger.limited(states=None, deadline=101.0, token=token):
+        with ledger.apart(states=None):
+            now[0] = 150.0
+            ledger.poll()
+        now[0] = 150.9
+        ledger.poll()
+        now[0] = 151.1
+        with pytest.raises(TimeBoxSpent):
+            ledger.poll()
+        token.cancel()
+        with ledger.apart(states=None), pytest.raises(Cancelled):
+            ledger.poll()
+
+
+def test_every_way_to_be_stopped_is_caught_by_one_name() -> None:
+    assert all(issubclass(kind, SearchStopped) for kind in (CheckBudgetSpent, TimeBoxSpent, Cancelled))
+
+
+def test_the_ledger_remembers_which_pairs_blocked() -> None:
+    checker = blocked_checker()
+    for _ in range(3):
+        assert not checker.edge_is_free(START, GOAL)
+    assert checker.state_is_free(START)
+    assert dict(checker.ledger.hits) == {("forearm", "pin"): 3}
