@@ -1,1 +1,128 @@
-"""Motion planning for a robot arm on a table, with every collision check counted."""
+"""Motion planning for a robot arm on a table, with every collision check counted.
+
+::
+
+    from planner_service import PlannerService, PlanRequest
+
+    service = PlannerService("wxai", "table")
+    result = service.plan(PlanRequest(start=service.robot.home, goal=[0.8, 1.3, 1.0, -0.8, 0.0, 0.0]))
+    print(result.counts, result.trajectory.duration)
+"""
+
+from planner_service.collision import (
+    CancelToken,
+    CheckCounts,
+    CollisionChecker,
+    Contact,
+    JointStep,
+    Known,
+    MotionStep,
+)
+from planner_service.errors import (
+    BrokenInvariant,
+    InvalidFile,
+    InvalidRequest,
+    MissingDependency,
+    PlannerServiceError,
+    PlanningFailed,
+    UnknownName,
+)
+from planner_service.follow import AllowedStretch
+from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
+from planner_service.grasps import top_grasps
+from planner_service.kinematics import inverse_kinematics, straight_tool_line
+from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
+from planner_service.path import JointPath, Trajectory
+from planner_service.planners import (
+    AORRTC,
+    BFMT,
+    BKPIECE1,
+    FMT,
+    KPIECE1,
+    LBKPIECE1,
+    PRM,
+    RRT,
+    BITstar,
+    InformedRRTstar,
+    PRMstar,
+    RRTConnect,
+    RRTstar,
+    SORRTstar,
+)
+from planner_service.primitives import Handling, Segment, TaskResult, move_linear, pick, place
+from planner_service.request import PlanRequest
+from planner_service.roadmap import Roadmap
+from planner_service.robot import JointLimits, Robot, load_robot, robot_names
+from planner_service.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
+from planner_service.service import PlannerService
+from planner_service.timing import SCurve, ToppRa, Trapezoidal
+
+__all__ = [
+    "AORRTC",
+    "BFMT",
+    "BKPIECE1",
+    "FMT",
+    "KPIECE1",
+    "LBKPIECE1",
+    "PRM",
+    "RRT",
+    "AllowedStretch",
+    "Attached",
+    "BITstar",
+    "Box",
+    "BrokenInvariant",
+    "CancelToken",
+    "Capsule",
+    "CheckCounts",
+    "CollisionChecker",
+    "Contact",
+    "Cylinder",
+    "ExemptInterval",
+    "Failure",
+    "Handling",
+    "InformedRRTstar",
+    "InvalidFile",
+    "InvalidRequest",
+    "JointLimits",
+    "JointPath",
+    "JointStep",
+    "Known",
+    "MissingDependency",
+    "MotionStep",
+    "Obstacle",
+    "PRMstar",
+    "PlanRequest",
+    "PlanResult",
+    "PlannerService",
+    "PlannerServiceError",
+    "PlanningFailed",
+    "Pose",
+    "RRTConnect",
+    "RRTstar",
+    "Reason",
+    "Roadmap",
+    "Robot",
+    "SCurve",
+    "SORRTstar",
+    "Scene",
+    "Segment",
+    "Sphere",
+    "Stage",
+    "StageReport",
+    "TaskResult",
+    "ToppRa",
+    "Trajectory",
+    "Trapezoidal",
+    "UnknownName",
+    "inverse_kinematics",
+    "load_robot",
+    "load_scene",
+    "move_linear",
+    "pick",
+    "place",
+    "robot_names",
+    "save_scene",
+    "scene_names",
+    "straight_tool_line",
+    "top_grasps",
+]

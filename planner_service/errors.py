@@ -8,7 +8,8 @@
     │  └─ InvalidFile                    .path, .problems: all of them, not the first
     ├─ PlanningFailed                    only from PlanResult.unwrap(); carries .failure
     ├─ BrokenInvariant                   our bug; nobody catches it
-    └─ MissingDependency (ImportError)   names the package, and the extra that brings it
+    ├─ MissingDependency (ImportError)   names the package, and the extra that brings it
+    └─ TimingFailed                      from a timing law used by itself; in a plan it is a Failure
 
 That no plan was found is not an error: ``PlanResult.failure`` says why.
 """

@@ -1,0 +1,97 @@
+"""A polyline as somebody gave it, checked once and timed: what straight-line primitives are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.collision import CancelToken, CollisionChecker, Known
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray
+from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage
+from planner_service.path import JointPath
+from planner_service.pipeline import timed
+from planner_service.search import joint_distance
+from planner_service.stagebook import Limits, NoPlan, StageBook
+from planner_service.timing import Timing
+from planner_service.turns import Turns
+
+__all__ = ["AllowedStretch", "FollowRequest", "follow"]
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class AllowedStretch:
+    """Waypoints ``first`` to ``last`` of a polyline, between and at which the named pairs may touch."""
+
+    first: int
+    last: int
+    pairs: tuple[Pair, ...]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class FollowRequest:
+    """The polyline to follow, shape (N, n), where contact is meant on it, and the timing law."""
+
+    waypoints: ArrayLike
+    contacts: tuple[AllowedStretch, ...]
+    timing: Timing
+
+
+def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, cancel: CancelToken | None) -> PlanResult:
+    """Check a polyline as it is and time it; ENDPOINTS judges its first waypoint, STRAIGHT_LINE the rest, once."""
+    points = np.array(request.waypoints, dtype=np.float64)
+    path = JointPath(points)
+    if path.n != checker.robot.n:
+        raise InvalidRequest("waypoints", points.shape, f"rows of {checker.robot.n} joint values")
+    book = StageBook(checker, Limits(None, None, cancel))
+    try:
+        with book.within_limits(turns):
+            with book.during(Stage.ENDPOINTS):
+                _judge_first(checker, points, request.contacts)
+            with book.during(Stage.STRAIGHT_LINE) as entry:
+                _judge_pieces(checker, points, request.contacts)
+                entry.note, entry.length = f"{len(points)} points", path.length
+            trajectory = timed(path, request.timing, checker.robot.limits, book)
+            return book.result(path, trajectory, exempt=_intervals(points, request.contacts))
+    except NoPlan as no_plan:
+        return book.result(failure=no_plan.failure)
+
+
+def _allowed_on(contacts: tuple[AllowedStretch, ...], first: int, last: int) -> frozenset[Pair]:
+    """Pairs that may touch on the whole of waypoints ``first`` to ``last``."""
+    return frozenset(p for c in contacts if c.first <= first and last <= c.last for p in c.pairs)
+
+
+def _judge_first(checker: CollisionChecker, points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> None:
+    lenient = checker.variant(allowed=(*checker.allowed, *_allowed_on(contacts, 0, 0)))
+    if not lenient.state_is_free(points[0]):
+        found = lenient.contacts(points[0])
+        detail = f"start in collision: {', '.join(str(contact) for contact in found[:3])}"
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, detail, found))
+
+
+def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> None:
+    """Judge each piece once; a waypoint again only where the next piece allows less than the one before did."""
+    before = _allowed_on(contacts, 0, 0)
+    for k in range(len(points) - 1):
+        pairs = _allowed_on(contacts, k, k + 1)
+        known = Known.START if before <= pairs else Known.NEITHER
+        hit = checker.variant(allowed=(*checker.allowed, *pairs)).edge_hit(points[k], points[k + 1], known=known)
+        if hit is not None:
+            part = (k + hit.fraction) / (len(points) - 1)
+            detail = f"blocked at {part:.0%} of the way: {hit.a} x {hit.b}"
+            raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
+        before = pairs
+
+
+def _intervals(points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> tuple[ExemptInterval, ...]:
+    s = [0.0]
+    for a, b in pairwise(points.tolist()):
+        s.append(s[-1] + joint_distance(a, b))
+    return tuple(ExemptInterval(s[c.first], s[c.last], c.pairs, c.reason) for c in contacts)

@@ -1,0 +1,72 @@
+"""Where a parallel gripper can take hold of an object: tool poses, best first.
+
+The tool frame's x axis is the direction of approach, its y axis the direction in which the
+fingers close, its origin between the fingertips.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import Box, FloatArray, Pose
+from planner_service.robot import Robot
+from planner_service.scene import Obstacle
+
+__all__ = ["top_grasps", "width_across"]
+
+TILTS = (0.0, math.radians(15.0), math.radians(-15.0), math.radians(30.0), math.radians(-30.0))
+"""Leans of the approach from straight down, in the order tried: the arm cannot rise far with a vertical
+gripper, and a lean is what gives it room."""
+
+_YAWS_OF_A_ROUND_OBJECT = 8
+
+
+def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS) -> tuple[Pose, ...]:
+    """Grasps of an object from above, its centre between the fingertips: upright first, then leaning ones.
+
+    A box is taken across its faces, a round object from several sides. Grasps wider than the
+    gripper opens are left out.
+
+    Args:
+        tilts: Leans in radians about the axis through the fingers, in the order of preference.
+
+    Raises:
+        InvalidRequest: the robot has no gripper, or the object is too wide for it from every side.
+    """
+    if robot.gripper is None:
+        raise InvalidRequest("robot", robot.name, "a robot with a gripper")
+    R = target.pose.rotation
+    heading = math.atan2(R[1, 0], R[0, 0])
+    count = 4 if isinstance(target.shape, Box) else _YAWS_OF_A_ROUND_OBJECT
+    grasps = [
+        Pose.from_matrix(_from_above(target.pose.position, heading + 2 * math.pi * k / count, tilt))
+        for tilt in tilts
+        for k in range(count)
+    ]
+    fitting = tuple(pose for pose in grasps if width_across(target, pose) <= robot.gripper.upper)
+    if not fitting:
+        width = min(width_across(target, pose) for pose in grasps)
+        expected = f"an object at most {robot.gripper.upper:.3f} m wide; this one is {width:.3f} m"
+        raise InvalidRequest("target", target.name, expected)
+    return fitting
+
+
+def _from_above(position: Sequence[float], yaw: float, tilt: float) -> FloatArray:
+    """Tool pose pointing down at a position, turned by yaw about the vertical, leaning about its finger axis."""
+    fingers = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+    outward = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    approach = outward * math.sin(tilt) + np.array([0.0, 0.0, -math.cos(tilt)])
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1], T[:3, 2] = approach, fingers, np.cross(approach, fingers)
+    T[:3, 3] = position
+    return T
+
+
+def width_across(target: Obstacle, grasp: Pose) -> float:
+    """Extent in metres of an object along the finger axis of a grasp."""
+    axis = target.pose.rotation.T @ grasp.rotation[:, 1]
+    return float(axis @ (target.shape.support(axis) - target.shape.support(-axis)))

@@ -1,0 +1,155 @@
+"""What a plan came to: its stages, what each cost, and the reason when there is none."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from planner_service.collision import CheckCounts, Contact
+from planner_service.errors import BrokenInvariant, PlanningFailed
+from planner_service.geometry import FloatArray
+from planner_service.path import JointPath, Trajectory
+
+__all__ = ["ExemptInterval", "Failure", "PlanResult", "Reason", "Stage", "StageReport"]
+
+
+class Stage(enum.Enum):
+    """The steps of a plan, in their order."""
+
+    ENDPOINTS = "endpoints"
+    STRAIGHT_LINE = "straight line"
+    ROADMAP = "roadmap"
+    SEARCH = "search"
+    SHORTCUT = "shortcut"
+    CERTIFY = "certify"
+    TIMING = "timing"
+
+
+class Reason(enum.Enum):
+    """Why there is no plan, in MoveIt's words where it has one."""
+
+    START_IN_COLLISION = "START_IN_COLLISION"
+    GOAL_IN_COLLISION = "GOAL_IN_COLLISION"
+    START_OUTSIDE_LIMITS = "START_OUTSIDE_LIMITS"
+    GOAL_OUTSIDE_LIMITS = "GOAL_OUTSIDE_LIMITS"
+    NO_IK_SOLUTION = "NO_IK_SOLUTION"
+    TIMED_OUT = "TIMED_OUT"
+    CHECK_BUDGET_EXHAUSTED = "CHECK_BUDGET_EXHAUSTED"
+    PREEMPTED = "PREEMPTED"
+    PLANNING_FAILED = "PLANNING_FAILED"
+    NOT_CERTIFIED = "NOT_CERTIFIED"
+    TIMING_FAILED = "TIMING_FAILED"
+    LINE_BLOCKED = "LINE_BLOCKED"
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """Why there is no plan.
+
+    Attributes:
+        stage: Where it ended.
+        reason: The kind of reason.
+        detail: A sentence for a person: what was wrong, the value, what would be right.
+        contacts: For an end in collision, what touches there, deepest first.
+        nearest_free: For an end in collision, the nearest free configuration found, shape (n,).
+        blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
+    """
+
+    stage: Stage
+    reason: Reason
+    detail: str
+    contacts: tuple[Contact, ...] = ()
+    nearest_free: FloatArray | None = None
+    blocked_by: tuple[tuple[str, str, float], ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.reason.value} ({self.stage.value}): {self.detail}"
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """One stage of a plan.
+
+    Attributes:
+        counts: What the stage asked of the collision checker.
+        seconds: Wall time.
+        length: L2 joint length of the path after the stage, in radians (metres for prismatic joints), or None.
+        note: What happened, for a person.
+    """
+
+    stage: Stage
+    counts: CheckCounts
+    seconds: float
+    length: float | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class ExemptInterval:
+    """A stretch of the path, in path length s, on which named pairs were not judged, and why."""
+
+    s_start: float
+    s_end: float
+    pairs: tuple[tuple[str, str], ...]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """A plan, or the reason why there is none.
+
+    Attributes:
+        path: The geometry q(s), None without a plan.
+        trajectory: The same geometry in time, None without a plan.
+        failure: None with a plan.
+        stages: What each stage cost, in order; a retried stage appears once, with all its tries.
+        goal_index: Which of the requested goals the path reaches, counting as given.
+        attempts: Searches started; 0 when a straight line was free.
+        padding: Distance in metres that the search kept from everything.
+        deterministic: False when the clock or the caller had a say in the result.
+        exempt: Stretches on which named pairs were not judged.
+        notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
+    """
+
+    path: JointPath | None
+    trajectory: Trajectory | None
+    failure: Failure | None
+    stages: tuple[StageReport, ...]
+    goal_index: int | None = None
+    attempts: int = 0
+    padding: float = 0.0
+    deterministic: bool = True
+    exempt: tuple[ExemptInterval, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a plan."""
+        return self.failure is None
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What the whole plan asked of the collision checker: the sum of its stages."""
+        return sum((report.counts for report in self.stages), CheckCounts())
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of all stages."""
+        return sum(report.seconds for report in self.stages)
+
+    def stage(self, stage: Stage) -> StageReport:
+        """The report of a stage; one that did not run cost nothing."""
+        found = next((report for report in self.stages if report.stage is stage), None)
+        return found or StageReport(stage, CheckCounts(), 0.0)
+
+    def unwrap(self) -> tuple[JointPath, Trajectory]:
+        """The path and the trajectory.
+
+        Raises:
+            PlanningFailed: there is no plan.
+        """
+        if self.failure is not None:
+            raise PlanningFailed(self.failure)
+        if self.path is None or self.trajectory is None:
+            raise BrokenInvariant("a result without a failure has no path")
+        return self.path, self.trajectory

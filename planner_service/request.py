@@ -1,0 +1,120 @@
+"""What is asked of the planner."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray, Pose, read_only
+from planner_service.planners import Planner, RRTConnect
+from planner_service.robot import Robot
+from planner_service.timing import Timing, ToppRa
+
+__all__ = ["Goal", "PlanRequest"]
+
+Goal = ArrayLike | Pose | Sequence[ArrayLike | Pose]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRequest:
+    """A motion from a configuration to a goal, and what it may cost.
+
+    Attributes:
+        start: Joint vector, shape (n,).
+        goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
+            kinematics solution is a goal), or a sequence of either, any of which will do.
+        planner: The search, asked only when no straight line is free.
+        timing: The law s(t) along the path.
+        seed: Decides every random choice; the same request and seed give the same plan and counts.
+        max_checks: States the whole plan may judge (a PRM's building has its own budget).
+        time_limit: Wall seconds for all stages and retries, a safety net: a result it touched says
+            ``deterministic=False``. None for no limit.
+        retries: Further searches with fresh seeds when one gives up.
+        padding: Metres that the search keeps from everything; near an end that is closer it keeps less.
+        velocity_scale, acceleration_scale: Parts in (0, 1] of the robot's limits that may be used.
+        start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
+            then clamped, and the result says so.
+
+    Raises:
+        InvalidRequest: a value is of the wrong kind, not finite, or out of its range.
+    """
+
+    start: ArrayLike
+    goal: Goal
+    planner: Planner = field(default_factory=RRTConnect)
+    timing: Timing = field(default_factory=ToppRa)
+    seed: int = 0
+    max_checks: int = 50_000
+    time_limit: float | None = 1.0
+    retries: int = 3
+    padding: float = 0.001
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    start_tolerance: float = 0.01
+
+    def __post_init__(self) -> None:
+        _whole("seed", self.seed, 0, 2**63 - 1)
+        _whole("max_checks", self.max_checks, 1, 10**9)
+        _whole("retries", self.retries, 0, 1000)
+        _number("padding", self.padding, 0.0, 0.1)
+        _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
+        if self.time_limit is not None:
+            _number("time_limit", self.time_limit, 0.0, 86_400.0)
+        for name in ("velocity_scale", "acceleration_scale"):
+            if _number(name, getattr(self, name), 0.0, 1.0) == 0.0:
+                raise InvalidRequest(name, 0.0, "a part in (0, 1] of the limit")
+        if not callable(getattr(self.planner, "search", None)):
+            raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
+        if not callable(getattr(self.timing, "time_path", None)):
+            raise InvalidRequest("timing", self.timing, "a timing law such as ToppRa()")
+
+    def goals(self, robot: Robot) -> tuple[FloatArray | Pose, ...]:
+        """The goals one by one, joint vectors copied and checked for shape and finiteness.
+
+        Raises:
+            InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
+        """
+        goal: Any = self.goal
+        if isinstance(goal, Pose):
+            return (goal,)
+        several = isinstance(goal, list | tuple) and any(isinstance(g, Pose) or np.ndim(g) > 0 for g in goal)
+        if not several and np.ndim(goal) < 2:
+            return (joint_vector("goal", goal, robot),)
+        if len(goal) == 0:
+            raise InvalidRequest("goal", goal, "at least one goal")
+        return tuple(g if isinstance(g, Pose) else joint_vector(f"goal[{k}]", g, robot) for k, g in enumerate(goal))
+
+
+def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
+    """n finite joint values as a read-only array.
+
+    Raises:
+        InvalidRequest: not n numbers, or one of them is not finite.
+    """
+    try:
+        array = read_only(values)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InvalidRequest(name, values, f"{robot.n} joint values") from None
+    if array.shape != (robot.n,):
+        raise InvalidRequest(name, f"shape {array.shape}", f"{robot.n} joint values, shape ({robot.n},)")
+    for joint, value in zip(robot.joint_names, array.tolist(), strict=True):
+        if not math.isfinite(value):
+            raise InvalidRequest(name, value, f"a finite value for {joint}")
+    return array
+
+
+def _whole(name: str, value: object, low: int, high: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+        raise InvalidRequest(name, value, f"a whole number in [{low}, {high}]")
+
+
+def _number(name: str, value: object, low: float, high: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not low <= float(value) <= high:
+        raise InvalidRequest(name, value, f"a number in [{low:g}, {high:g}]")
+    return float(value)

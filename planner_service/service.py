@@ -1,0 +1,132 @@
+"""One verb: plan. Robot and scene in, a timed path and its costs out.
+
+request -> ENDPOINTS -> STRAIGHT_LINE -> SEARCH -> SHORTCUT -> CERTIFY -> TIMING
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
+from planner_service.errors import InvalidRequest
+from planner_service.follow import AllowedStretch, FollowRequest, follow
+from planner_service.outcome import PlanResult
+from planner_service.pipeline import Run, SearchOracle
+from planner_service.planners import PRM, PRMstar
+from planner_service.remedies import WayOut, way_out
+from planner_service.request import PlanRequest, joint_vector
+from planner_service.roadmap import Roadmap
+from planner_service.robot import Robot, load_robot
+from planner_service.scene import Scene, load_scene
+from planner_service.search import SearchSpace
+from planner_service.timing import Timing, Trapezoidal
+from planner_service.turns import Turns
+
+__all__ = ["PlannerService"]
+
+
+class PlannerService:
+    """Plans motions of one robot in one scene, and counts what that costs.
+
+    May be used from several threads: calls take turns, first come, first served. Not across a fork:
+    build a new one there.
+
+    Args:
+        robot: A robot, or the name or file of one (``load_robot``).
+        scene: A scene, or the name or file of one (``load_scene``).
+        edge_step: How finely edges are sampled; ``MotionStep(0.010)`` if not given.
+        allowed: Pairs of link or object names that may touch, beside those the robot allows.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | str | Path,
+        scene: Scene | str | Path,
+        *,
+        edge_step: EdgeStep | None = None,
+        allowed: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
+        self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        self.checker = CollisionChecker(self.robot, self.scene, edge_step=edge_step, allowed=allowed)
+        self._turns = Turns()
+        self._process = os.getpid()
+
+    def with_scene(self, scene: Scene | str | Path) -> PlannerService:
+        """A service for the same robot and settings in another scene."""
+        return self.changed(scene=scene if isinstance(scene, Scene) else load_scene(scene))
+
+    def changed(self, *, gripper: float | None = None, scene: Scene | None = None) -> PlannerService:
+        """A service with the same settings whose gripper stands ``gripper`` metres open, or whose scene is another."""
+        return PlannerService(
+            self.robot if gripper is None else self.robot.with_gripper(gripper),
+            self.scene if scene is None else scene,
+            edge_step=self.checker.edge_step,
+            allowed=self.checker.allowed,
+        )
+
+    def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None) -> PlanResult:
+        """A timed path from the start to a goal, or the reason why there is none.
+
+        Args:
+            cancel: Ends the call before its next check when cancelled from another thread.
+
+        Raises:
+            InvalidRequest: start or goal is not n finite numbers (or a pose), or this service was
+                carried across a fork. That no plan exists is a result, not an error.
+        """
+        self._require_own_process()
+        return Run(self.checker, request, cancel).result(self._turns)
+
+    def follow(
+        self,
+        waypoints: ArrayLike,
+        *,
+        contacts: Sequence[AllowedStretch] = (),
+        timing: Timing | None = None,
+        cancel: CancelToken | None = None,
+    ) -> PlanResult:
+        """A given polyline checked as it is, each piece once, and timed; nothing is searched.
+
+        Args:
+            waypoints: Shape (N, n).
+            contacts: Stretches on which named pairs may touch, where contact is meant.
+            timing: The law s(t) along it; ``Trapezoidal()`` if not given.
+
+        Raises:
+            InvalidRequest: waypoints are not finite rows of n joint values within the limits.
+        """
+        self._require_own_process()
+        request = FollowRequest(waypoints, tuple(contacts), Trapezoidal() if timing is None else timing)
+        return follow(self.checker, request, self._turns, cancel)
+
+    def build_roadmap(self, planner: PRM | PRMstar, *, seed: int = 0, padding: float = 0.001) -> Roadmap:
+        """A roadmap of the free space, for many queries in the same scene; pass it as ``PlanRequest.planner``.
+
+        Its states are counted by the checker; ``planner.max_checks`` limits them.
+
+        Args:
+            padding: Metres its milestones and edges keep from everything; best that of the queries to come.
+        """
+        self._require_own_process()
+        with self._turns.taken():
+            limits, checker = self.robot.limits, self.checker.variant(padding=padding)
+            return planner.grow(SearchSpace(limits.lower, limits.upper, SearchOracle(checker)), seed=seed)
+
+    def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
+        """A short motion from a colliding configuration q (n,) to a free one, None if none was found.
+
+        Nothing is executed and no plan uses it by itself: it is shown, and the caller decides.
+        """
+        self._require_own_process()
+        with self._turns.taken():
+            return way_out(self.checker, joint_vector("q", q, self.robot), np.random.default_rng(seed))
+
+    def _require_own_process(self) -> None:
+        if os.getpid() != self._process:
+            raise InvalidRequest("service", "built before a fork", "a PlannerService built in this process")

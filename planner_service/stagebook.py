@@ -1,0 +1,138 @@
+"""Keeping the books of one call: which stage cost what, what was noted, and how it ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from planner_service.collision import CancelToken, CollisionChecker
+from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
+from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
+from planner_service.path import JointPath, Trajectory
+from planner_service.turns import Turns
+
+__all__ = ["Limits", "NoPlan", "StageBook", "blocked_in_words"]
+
+
+class NoPlan(Exception):
+    """Unwinds from a stage to the end of the call, with the reason."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(str(failure))
+        self.failure = failure
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one call may spend."""
+
+    states: int | None
+    seconds: float | None
+    token: CancelToken | None
+
+
+class Entry:
+    """What a running stage wants to have written down."""
+
+    def __init__(self) -> None:
+        self.note = ""
+        self.length: float | None = None
+
+
+class StageBook:
+    """The stages of one call as they happen; its result at the end."""
+
+    def __init__(self, checker: CollisionChecker, limits: Limits) -> None:
+        self._checker = checker
+        self._limits = limits
+        self._reports: dict[Stage, StageReport] = {}
+        self._stage = Stage.ENDPOINTS
+        self._hits = checker.ledger.hits.copy()
+        self.notes: list[str] = []
+        self.deterministic = True
+        self.padding = 0.0
+        self.attempts = 0
+        self.end_trouble = ""
+
+    @contextmanager
+    def during(self, stage: Stage) -> Iterator[Entry]:
+        """Charge what the block costs to ``stage``, however it ends."""
+        self._stage = stage
+        entry = Entry()
+        counts, clock = self._checker.counts, time.perf_counter()
+        try:
+            yield entry
+        finally:
+            spent, seconds = self._checker.counts - counts, time.perf_counter() - clock
+            self._reports[stage] = StageReport(stage, spent, seconds, entry.length, entry.note)
+
+    @contextmanager
+    def within_limits(self, turns: Turns) -> Iterator[None]:
+        """Take a turn, and hold the call to its limits from then on.
+
+        Raises:
+            NoPlan: a limit was reached.
+        """
+        limits = self._limits
+        try:
+            with turns.taken(limits.token):
+                self._hits = self._checker.ledger.hits.copy()
+                deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
+                with self._checker.limited(states=limits.states, deadline=deadline, token=limits.token):
+                    yield
+        except SearchStopped as stopped:
+            raise NoPlan(self._stopped(stopped)) from stopped
+
+    def result(
+        self,
+        path: JointPath | None = None,
+        trajectory: Trajectory | None = None,
+        *,
+        failure: Failure | None = None,
+        goal_index: int | None = None,
+        exempt: tuple[ExemptInterval, ...] = (),
+    ) -> PlanResult:
+        """The books, closed."""
+        return PlanResult(
+            path=path,
+            trajectory=trajectory,
+            failure=failure,
+            stages=tuple(self._reports[stage] for stage in Stage if stage in self._reports),
+            goal_index=goal_index,
+            attempts=self.attempts,
+            padding=self.padding,
+            deterministic=self.deterministic,
+            exempt=exempt,
+            notes=tuple(self.notes),
+        )
+
+    def gave_up(self) -> Failure:
+        """The failure of a search that ended by itself without a path."""
+        return self._unknown(Reason.PLANNING_FAILED, "the search gave up")
+
+    def _stopped(self, stopped: SearchStopped) -> Failure:
+        if isinstance(stopped, Cancelled):
+            self.deterministic = False
+            return Failure(self._stage, Reason.PREEMPTED, str(stopped))
+        if isinstance(stopped, TimeBoxSpent):
+            self.deterministic = False
+            return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._limits.seconds:g} s passed")
+        return self._unknown(Reason.CHECK_BUDGET_EXHAUSTED, f"no path within {self._limits.states} checks")
+
+    def _unknown(self, reason: Reason, what: str) -> Failure:
+        """A failure that proves nothing, with what the search kept running into."""
+        hits = self._checker.ledger.hits - self._hits
+        total = sum(hits.values())
+        worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
+        blocked = tuple((a, b, count / total) for (a, b), count in worst)
+        detail = f"{what}; whether a path exists is unknown{blocked_in_words(blocked)}{self.end_trouble}"
+        return Failure(self._stage, reason, detail, blocked_by=blocked)
+
+
+def blocked_in_words(blocked: tuple[tuple[str, str, float], ...]) -> str:
+    """The pairs most in the way, as the end of a sentence."""
+    if not blocked:
+        return ""
+    return "; most in the way: " + ", ".join(f"{a} x {b} ({share:.0%})" for a, b, share in blocked[:3])
