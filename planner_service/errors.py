@@ -55,9 +55,7 @@ class UnknownName(InvalidRequest, LookupError):
         self.available = tuple(sorted(available))
         near = get_close_matches(name, self.available, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"available: {', '.join(self.available) or 'none'}"
-        super().__init__(
-            kind, name, f"one of {', '.join(self.available)}", message=f"unknown {kind} {name!r}; {hint}"
-        )
+        super().__init__(kind, name, f"one of {', '.join(self.available)}", message=f"unknown {kind} {name!r}; {hint}")
 
 
 class InvalidFile(InvalidRequest):

@@ -129,9 +129,7 @@ def interpolate(a: Pose, b: Pose, u: float) -> Pose:
     return Pose(position, (near * w + far * ow, near * x + far * ox, near * y + far * oy, near * z + far * oz))
 
 
-def inverse_kinematics(
-    robot: Robot, pose: Pose, *, seed: int = 0, seeds: Sequence[ArrayLike] = ()
-) -> FloatArray:
+def inverse_kinematics(robot: Robot, pose: Pose, *, seed: int = 0, seeds: Sequence[ArrayLike] = ()) -> FloatArray:
     """Configurations within the joint limits that bring the tool to ``pose``, shape (k, n); k = 0 if none was found.
 
     ``robot.inverse`` "wxai": closed form, every solution, confirmed by forward kinematics to 1e-7. "numeric": damped

@@ -81,7 +81,7 @@ def read_robot_file(path: Path) -> RobotFile:
     except UnicodeDecodeError:
         raise InvalidFile(path, ["not UTF-8 text"]) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InvalidFile(path, [f"not valid TOML: {error}"]) from None
+        raise InvalidFile(path, [f"malformed TOML: {error}"]) from None
     problems: list[str] = []
     result = _robot_file(path, _Table(data, "", problems), problems)
     if problems:

@@ -21,7 +21,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["MAX_BYTES", "SHAPE_KEYS", "Table", "read_tables", "write_whole"]
+__all__ = ["MAX_BYTES", "SHAPE_KEYS", "Table", "read_tables", "require_writable", "write_whole"]
 
 T = TypeVar("T")
 
@@ -70,12 +70,33 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
+def require_writable(path: str | os.PathLike[str]) -> None:
+    """Return if a file can be put at ``path``: to be asked before the work whose result would be lost.
+
+    Raises:
+        InvalidFile: it cannot, and why.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        regular = target.is_file() or not target.exists()
+        if regular:
+            probe = target.parent / f".{uuid.uuid4().hex}.tmp"
+            probe.touch(exist_ok=False)
+            probe.unlink()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidFile(os.fspath(path), [f"cannot be written: {reason}"]) from None
+    if not regular:  # to put a file in the place of a device or a folder is never meant
+        raise InvalidFile(os.fspath(path), ["cannot be written: it is there, and no regular file"])
+
+
 def write_whole(path: Path, text: str) -> None:
     """Put ``text`` into the file at ``path``, or leave everything as it was.
 
     Raises:
-        InvalidFile: the folder does not exist, may not be written, is full, or ``path`` is a folder.
+        InvalidFile: the folder does not exist, may not be written, is full, or ``path`` is a folder or device.
     """
+    require_writable(path)
     try:
         target = Path(os.path.realpath(path))  # a link stays a link
     except (OSError, ValueError) as error:

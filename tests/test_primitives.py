@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_segments_join_end_to_start(cell: PlannerService) -> None:
     task = picked(cell)
     paths = [segment.result.unwrap()[0].waypoints for segment in task.segments]
     assert paths[0][0].tolist() == cell.robot.home.tolist()
-    assert all(a[-1].tolist() == b[0].tolist() for a, b in zip(paths[:-1], paths[1:], strict=True))
+    assert all(a[-1].tolist() == b[0].tolist() for a, b in pairwise(paths))
     assert task.q.tolist() == paths[-1][-1].tolist()
 
 
@@ -142,8 +143,16 @@ def test_what_looking_for_a_grasp_cost_is_counted(cell: PlannerService) -> None:
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda c: pick(c, c.robot.home, "blok", [Pose()]), UnknownName, "unknown obstacle 'blok'; did you mean 'block'"),
-        (lambda c: pick(c, c.robot.home, "block", []), InvalidRequest, "grasps: got .*; expected at least one tool pose"),
+        (
+            lambda c: pick(c, c.robot.home, "blok", [Pose()]),
+            UnknownName,
+            "unknown obstacle 'blok'; did you mean 'block'",
+        ),
+        (
+            lambda c: pick(c, c.robot.home, "block", []),
+            InvalidRequest,
+            "grasps: got .*; expected at least one tool pose",
+        ),
         (lambda c: pick(c, [0.0], "block", [Pose()]), InvalidRequest, "q: got .*; expected 6 joint values"),
         (lambda c: picked(c, support="tabel"), UnknownName, "unknown obstacle 'tabel'; did you mean 'table'"),
         (lambda c: picked(c, support_gap=-1.0), InvalidRequest, "support_gap: got -1.0"),
@@ -151,14 +160,16 @@ def test_what_looking_for_a_grasp_cost_is_counted(cell: PlannerService) -> None:
         (lambda c: picked(c, open_width=0.2), InvalidRequest, r"width: got 0.2; expected a gap .* in \[0, 0.08\]"),
     ],
 )
-def test_bad_input_names_what_is_wrong(cell: PlannerService, call: object, error: type[Exception], message: str) -> None:
+def test_bad_input_names_what_is_wrong(
+    cell: PlannerService, call: object, error: type[Exception], message: str
+) -> None:
     with pytest.raises(error, match=message):
         call(cell)  # type: ignore[operator]
 
 
 def test_an_object_wider_than_the_gripper_has_no_grasp(cell: PlannerService) -> None:
     wide = replace(cell.scene.obstacle("block"), shape=Box((0.1, 0.1, 0.045)))
-    with pytest.raises(InvalidRequest, match="at most 0.080 m wide; this one is 0.100 m"):
+    with pytest.raises(InvalidRequest, match=r"at most 0.080 m wide; this one is 0.100 m"):
         top_grasps(cell.robot, wide)
 
 

@@ -29,7 +29,7 @@ VELOCITY = "values = [3.375, 3.375, 3.375, 7.0, 7.0, 7.0]"
 FIRST_PAIR = 'links = ["base_link", "link_1"]'
 
 BAD = {
-    "not TOML": ("name = ", "name : ", "not valid TOML"),
+    "not TOML": ("name = ", "name : ", "malformed TOML"),
     "unknown key": ("settle_time", "settle_tmie", "unknown key settle_tmie"),
     "unknown key inside": ("width = ", "width_mm = 80\nwidth = ", "unknown key gripper.width_mm"),
     "unknown key in a list": (

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -148,7 +149,7 @@ def test_an_anytime_planner_ends_at_its_soft_cap_with_a_path(discs: PlannerServi
 
 def test_unwrap_raises_what_the_failure_says(discs: PlannerService) -> None:
     result = discs.plan(asked(goal=(4.0, 0.0)))
-    with pytest.raises(PlanningFailed, match="GOAL_OUTSIDE_LIMITS.*shoulder = 4 is outside"):
+    with pytest.raises(PlanningFailed, match=r"GOAL_OUTSIDE_LIMITS.*shoulder = 4 is outside"):
         result.unwrap()
 
 
@@ -228,7 +229,9 @@ def test_a_cancelled_call_ends_as_preempted() -> None:
 
 def test_a_call_cancelled_while_waiting_for_its_turn_ends_too() -> None:
     service, first, second = walled_in(), CancelToken(), CancelToken()
-    long = threading.Thread(target=service.plan, args=(asked(goal=(math.pi, 0.0), max_checks=10**8),), kwargs={"cancel": first})
+    long = threading.Thread(
+        target=service.plan, args=(asked(goal=(math.pi, 0.0), max_checks=10**8),), kwargs={"cancel": first}
+    )
     long.start()
     second.cancel()
     result = service.plan(asked(goal=(0.1, 0.1)), cancel=second)
@@ -321,7 +324,7 @@ def test_a_way_out_of_a_collision_touches_only_what_it_touched_at_its_start(disc
 def test_a_given_polyline_is_judged_once_piece_by_piece(discs: PlannerService) -> None:
     points = [(0.0, 0.0), (0.1, -0.1), (0.1, -0.2)]
     result = discs.follow(points)
-    samples = sum(discs.checker.segments(a, b) for a, b in zip(points[:-1], points[1:], strict=True))
+    samples = sum(discs.checker.segments(a, b) for a, b in pairwise(points))
     assert result.counts == CheckCounts(states=1 + samples, edges=2)
     assert result.unwrap()[0].waypoints.tolist() == [list(q) for q in points]
 
@@ -394,4 +397,7 @@ def test_a_service_for_another_scene_keeps_robot_and_settings(discs: PlannerServ
 
 
 def test_a_robot_may_be_given_as_a_value_or_by_name() -> None:
-    assert PlannerService(load_robot("planar2"), load_scene("discs")).robot.hash == PlannerService("planar2", "discs").robot.hash
+    assert (
+        PlannerService(load_robot("planar2"), load_scene("discs")).robot.hash
+        == PlannerService("planar2", "discs").robot.hash
+    )

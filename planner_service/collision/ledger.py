@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
 __all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
 
@@ -66,9 +67,14 @@ class CancelToken:
         return self._event.is_set()
 
 
-def _least(a: float | None, b: float | None) -> float | None:
+_Limit = TypeVar("_Limit", int, float)
+
+
+def _least(a: _Limit | None, b: _Limit | None) -> _Limit | None:
     """The smaller of two limits, None meaning no limit."""
-    return min(value for value in (a, b) if value is not None) if a is not None or b is not None else None
+    if a is None or b is None:
+        return b if a is None else a
+    return min(a, b)
 
 
 class Ledger:

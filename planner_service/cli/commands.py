@@ -1,0 +1,238 @@
+"""The commands: read what was asked, plan or judge, print, and say by the exit code what came of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from planner_service.cli import listings
+from planner_service.cli.arguments import configuration, goals, timing_by_name
+from planner_service.cli.pick_place import plan_pick_place
+from planner_service.cli.tables import console, emit, plan_rows, render, table, task_rows
+from planner_service.collision import CollisionChecker
+from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.outcome import Failure
+from planner_service.path import JointPath
+from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, save_plan
+from planner_service.planners import PLANNERS, planner_by_name
+from planner_service.request import PlanRequest
+from planner_service.robot import Robot, load_robot, robot_names
+from planner_service.scene import load_scene, scene_names
+from planner_service.scene_file import require_writable
+from planner_service.service import PlannerService
+
+__all__ = ["app"]
+
+NO_PLAN, BAD_INPUT = 1, 2
+
+MESSAGE_LINES = 20
+"""A file can have thousands of problems."""
+
+MAX_NOTES = 8
+"""A task that finds no grasp has a note for each that it tried."""
+
+app = typer.Typer(
+    help="Motion planning for a robot arm on a table, with every collision check counted.",
+    epilog="Exit codes: 0 planned or free, 1 no plan or colliding, 2 bad input, 130 interrupted, 70 our own error.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+RobotName = Annotated[str, typer.Option("--robot", help="Name, or path of a robot.toml.")]
+SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a scene's TOML file.")]
+PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}.")]
+TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
+Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
+MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
+TimeLimit = Annotated[float, typer.Option(help="Wall seconds of a plan, a safety net; inf for none.")]
+Padding = Annotated[float, typer.Option(help="Metres that the search keeps from everything.")]
+Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
+
+_DEFAULT = PlanRequest((), ())
+
+
+@contextmanager
+def _bad_input_exits() -> Iterator[None]:
+    """End the command with a message and code 2 if its caller made a mistake."""
+    try:
+        yield
+    except (InvalidRequest, MissingDependency) as error:
+        first, *more = str(error).splitlines()[: MESSAGE_LINES + 1] or [type(error).__name__]
+        hidden = len(str(error).splitlines()) - 1 - len(more)
+        more += [f"  ... and {hidden} more"] if hidden > 0 else []
+        typer.echo("\n".join([f"planner-service: {first}", *more]), err=True)
+        raise typer.Exit(BAD_INPUT) from None
+
+
+@app.command(short_help="Plan a motion to a goal, stage by stage.")
+def plan(
+    start: Annotated[str, typer.Option(help="A named pose, or joint values separated by commas.")],
+    goal: Annotated[
+        list[str],
+        typer.Option(help="As --start, or pose:x,y,z,qw,qx,qy,qz of the tool; given several times, any will do."),
+    ],
+    scene: SceneName,
+    robot: RobotName = "wxai",
+    planner: PlannerName = "rrtconnect",
+    timing: TimingName = "toppra",
+    seed: Seed = _DEFAULT.seed,
+    max_checks: MaxChecks = _DEFAULT.max_checks,
+    time_limit: TimeLimit = 1.0,
+    padding: Padding = _DEFAULT.padding,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Plan a motion from one configuration to a goal, and print it stage by stage."""
+    with _bad_input_exits():
+        service = _service(robot, scene, out)
+        request = PlanRequest(
+            configuration("--start", start, service.robot),
+            goals(goal, service.robot),
+            planner_by_name(planner),
+            timing_by_name(timing),
+            seed=seed,
+            max_checks=max_checks,
+            time_limit=None if time_limit == math.inf else time_limit,
+            padding=padding,
+        )
+        _load_libraries(request, service.robot)
+        result = service.plan(request)
+        saved = SavedPlan(MadeFor.of(service), request, result)
+        if out is not None:
+            save_plan(saved, out)
+    words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
+    text = "" if as_json else render(table(words, plan_rows(result), console().width, _unit(service.robot)))
+    _finish(saved, text, result.failure, result.notes, as_json=as_json)
+
+
+@app.command("pick-place", short_help="Plan a whole pick-and-place.")
+def pick_place(
+    robot: RobotName = "wxai",
+    scene: SceneName = "bin",
+    target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
+    onto: Annotated[str, typer.Option(help="The obstacle on whose middle to place it.")] = "tray",
+    seed: Seed = _DEFAULT.seed,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Plan a whole pick-and-place from home and back, and print every motion with its cost."""
+    with _bad_input_exits():
+        service = _service(robot, scene, out)
+        request = PlanRequest(service.robot.home, service.robot.home, seed=seed)
+        _load_libraries(request, service.robot)
+        task = plan_pick_place(service, target, onto, request)
+        if out is not None:
+            save_plan(task, out)
+    words = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
+    text = "" if as_json else render(table(words, task_rows(task), console().width, _unit(service.robot)))
+    _finish(task, text, task.failure, task.notes, as_json=as_json)
+
+
+@app.command(short_help="Is a configuration free?")
+def check(
+    q: Annotated[str, typer.Option("--q", help="A named pose, or joint values separated by commas.")],
+    scene: SceneName,
+    robot: RobotName = "wxai",
+    as_json: AsJson = False,
+) -> None:
+    """Tell whether a configuration is free, which pairs touch, and how much room is left at least."""
+    with _bad_input_exits():
+        arm, world = load_robot(robot), load_scene(scene)
+        values = configuration("--q", q, arm)
+        checker = CollisionChecker(arm, world)
+        contacts, clearance = checker.contacts(values), checker.clearance(values)
+    bound = clearance if math.isfinite(clearance) else None
+    if as_json:
+        touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
+        words = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
+        emit(_json({"robot": arm.name, "scene": world.name, **words}))
+    else:
+        lines = [f"{'colliding' if contacts else 'free'}: {robot} in {scene} at {q}"]
+        lines += [f"  {contact}" for contact in contacts]
+        if not contacts:
+            room = "nothing is judged" if bound is None else f"clearance: at least {bound * 1000:.1f} mm"
+            lines.append(f"  {room}")
+        emit(render(*lines))
+    raise typer.Exit(NO_PLAN if contacts else 0)
+
+
+@app.command(short_help="List the robots, or show one.")
+def robots(name: Name = None, as_json: AsJson = False) -> None:
+    """List the robots that come with the package, or show one: its joint limits and named poses."""
+    with _bad_input_exits():
+        found = [load_robot(entry) for entry in ([name] if name is not None else robot_names())]
+    if as_json:
+        records = [listings.robot_record(robot) for robot in found]
+        emit(_json({"robots": records} if name is None else records[0]))
+    elif name is not None:
+        (robot,) = found
+        hand = "" if robot.gripper is None else f", gripper {robot.gripper.lower:g} to {robot.gripper.upper:g} m wide"
+        head = f"{robot.name}: {robot.n} joints, {len(robot.shapes)} collision shapes, tool {robot.tool_frame}{hand}"
+        units = "rad, m for a prismatic joint; s" if _unit(robot) == "" else "rad, s"
+        emit(render(head, f"limits in {units}", "", listings.joint_table(robot), "", listings.pose_table(robot)))
+    else:
+        rows = listings.columns(("robot", False), ("joints", True), ("shapes", True), ("poses", False))
+        for robot in found:
+            rows.add_row(robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses))
+        emit(render(rows))
+
+
+@app.command(short_help="List the scenes, or show one.")
+def scenes(name: Name = None, as_json: AsJson = False) -> None:
+    """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
+    with _bad_input_exits():
+        found = [load_scene(entry) for entry in ([name] if name is not None else scene_names())]
+    if as_json:
+        records = [listings.scene_record(scene) for scene in found]
+        emit(_json({"scenes": records} if name is None else records[0]))
+    elif name is not None:
+        (scene,) = found
+        emit(render(f"{scene.name or name}: {scene.description or 'a scene'}", "", listings.object_table(scene)))
+    else:
+        rows = listings.columns(("scene", False), ("obstacles", True), ("description", False))
+        for scene in found:
+            rows.add_row(scene.name, str(len(scene.obstacles)), scene.description)
+        emit(render(rows))
+
+
+def _service(robot: str, scene: str, out: str | None) -> PlannerService:
+    """The service, and the certainty that its result will have a place."""
+    if out is not None:
+        require_writable(out)
+    return PlannerService(load_robot(robot), load_scene(scene))
+
+
+def _load_libraries(request: PlanRequest, robot: Robot) -> None:
+    """Time a motion that nobody asked for: libraries load when first used, and no stage is to be charged for that."""
+    request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
+
+
+def _unit(robot: Robot) -> str:
+    return "" if any(body.prismatic for body in robot.bodies) else "rad"
+
+
+def _finish(
+    saved: SavedPlan | SavedTask, text: str, failure: Failure | None, notes: tuple[str, ...], *, as_json: bool
+) -> None:
+    """Print, and leave with the code that says whether there is a plan."""
+    emit(_json(saved.document()) if as_json else text)
+    if not as_json and notes:
+        more = [f"note: and {len(notes) - MAX_NOTES} more, all in --json"] if len(notes) > MAX_NOTES else []
+        emit(render(*(f"note: {note}" for note in notes[:MAX_NOTES]), *more))
+    if failure is not None:
+        typer.echo(f"no plan: {failure}", err=True)
+        raise typer.Exit(NO_PLAN)
+
+
+def _json(document: dict[str, Any]) -> str:
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"

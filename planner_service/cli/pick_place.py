@@ -1,0 +1,99 @@
+"""A whole pick-and-place: from home to the object, onto another one, and home again."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray, Pose
+from planner_service.grasps import top_grasps
+from planner_service.plan_file import MadeFor, SavedTask
+from planner_service.primitives import Handling, Segment, pick, place
+from planner_service.request import PlanRequest
+from planner_service.scene import Obstacle, Scene
+from planner_service.service import PlannerService
+
+__all__ = ["places_on", "plan_pick_place", "standing_on"]
+
+STANDING_GAP = 0.005
+"""Metres between an object and what it stands on, at most: scenes leave a millimetre, detections more."""
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def plan_pick_place(service: PlannerService, target: str, onto: str, request: PlanRequest) -> SavedTask:
+    """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
+
+    Args:
+        request: Its start is where the robot starts and returns to; planner, timing, seed and limits
+            are used throughout, its goal is not.
+
+    Raises:
+        UnknownName: no such obstacle.
+        InvalidRequest: the robot has no gripper, or the object is too wide for it.
+    """
+    began, origin = time.perf_counter(), MadeFor.of(service)
+    scene = service.scene
+    obstacle, support = scene.obstacle(target), scene.obstacle(onto)
+    if target == onto:
+        raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
+    task = f"pick {target} from {scene.name or 'the scene'}, place on {onto}"
+    picking = Handling(support=standing_on(scene, target), request=request)
+    picked = pick(service, request.start, target, top_grasps(service.robot, obstacle), picking)
+    notes, segments = [f"pick: {note}" for note in picked.notes], list(picked.segments)
+    choosing, failure = picked.choosing, picked.failure
+    if picked.ok:
+        segments[0] = replace(segments[0], name="home -> pregrasp")
+        placing = Handling(support=onto, request=request)
+        placed = place(picked.service, picked.q, target, places_on(obstacle, support), placing)
+        notes += [f"place: {note}" for note in placed.notes]
+        segments += placed.segments
+        choosing, failure = choosing + placed.choosing, placed.failure
+        if placed.ok:
+            home = placed.service.plan(replace(request, start=placed.q, goal=request.start))
+            segments.append(Segment("retreat -> home", home, placed.service.robot.gripper_width))
+            failure = home.failure
+    return SavedTask(
+        origin, task, tuple(segments), choosing, time.perf_counter() - began, failure=failure, notes=tuple(notes)
+    )
+
+
+def standing_on(scene: Scene, name: str) -> str | None:
+    """The obstacle whose top is within 5 mm of an object's underside and below its centre, None if there is none."""
+    target = scene.obstacle(name)
+    x, y, _ = target.pose.position
+    bottom = -_reach(target, -UP)
+    gaps = {
+        other.name: abs(bottom - _reach(other, UP))
+        for other in scene.obstacles
+        if other.name != name and _spans(other, 0, x) and _spans(other, 1, y)
+    }
+    near = [(gap, found) for found, gap in gaps.items() if gap <= STANDING_GAP]
+    return min(near)[1] if near else None
+
+
+def places_on(target: Obstacle, support: Obstacle) -> tuple[Pose, ...]:
+    """Poses of an object with its underside on the middle of a support's top: turned as it is, then by quarters."""
+    x, y, _ = support.pose.position
+    height = _reach(target, -UP) + target.pose.position[2]
+    top = _reach(support, UP)
+    quarters = (Pose(quaternion=(math.cos(k * math.pi / 4), 0.0, 0.0, math.sin(k * math.pi / 4))) for k in range(4))
+    return tuple(
+        Pose((x, y, top + height), (quarter @ Pose(quaternion=target.pose.quaternion)).quaternion)
+        for quarter in quarters
+    )
+
+
+def _reach(obstacle: Obstacle, direction: FloatArray) -> float:
+    """How far an obstacle extends from the base frame's origin in a direction, in metres."""
+    local = obstacle.pose.rotation.T @ direction
+    return float(direction @ np.asarray(obstacle.pose.position) + local @ obstacle.shape.support(local))
+
+
+def _spans(obstacle: Obstacle, axis: int, value: float) -> bool:
+    direction = np.eye(3)[axis]
+    return -_reach(obstacle, -direction) <= value <= _reach(obstacle, direction)

@@ -1,0 +1,178 @@
+"""Results as JSON objects, and back: for every ``x_record`` there is a ``read_x``, and no bit is lost between them.
+
+Reading notes problems at the place where they are; what comes back is then a stand-in.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, TypeVar
+
+import numpy as np
+
+from planner_service.collision import CheckCounts, Contact
+from planner_service.geometry import read_only
+from planner_service.json_file import Node
+from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
+from planner_service.path import JointPath, Trajectory
+
+__all__ = [
+    "counts_record",
+    "failure_record",
+    "read_counts",
+    "read_failure",
+    "read_result",
+    "read_texts",
+    "result_record",
+]
+
+Member = TypeVar("Member", bound=enum.Enum)
+
+
+def counts_record(counts: CheckCounts) -> dict[str, int]:
+    """What was asked of the checker."""
+    return {"states": counts.states, "edges": counts.edges, "distances": counts.distances}
+
+
+def read_counts(node: Node) -> CheckCounts:
+    """See ``counts_record``."""
+    return CheckCounts(node.at("states").whole(), node.at("edges").whole(), node.at("distances").whole())
+
+
+def read_texts(node: Node) -> tuple[str, ...]:
+    """A list of texts."""
+    return tuple(item.text() for item in node.items())
+
+
+def result_record(result: PlanResult) -> dict[str, Any]:
+    """A plan or its failure, with what it cost."""
+    path, trajectory = result.path, result.trajectory
+    return {
+        "ok": result.ok,
+        "failure": failure_record(result.failure),
+        "goal_index": result.goal_index,
+        "attempts": result.attempts,
+        "padding": result.padding,
+        "deterministic": result.deterministic,
+        "notes": list(result.notes),
+        "counts": counts_record(result.counts),
+        "stages": [_stage(report) for report in result.stages],
+        "exempt": [_exempt(interval) for interval in result.exempt],
+        "path": None if path is None else {"length": path.length, "waypoints": path.waypoints.tolist()},
+        "trajectory": None
+        if trajectory is None
+        else {
+            "duration": trajectory.duration,
+            "dilation": trajectory.dilation,
+            "durations": trajectory.durations.tolist(),
+            "coefficients": trajectory.coefficients.tolist(),
+        },
+    }
+
+
+def read_result(node: Node, n: int) -> PlanResult:
+    """See ``result_record``; n is the number of joints."""
+    failure = node.at("failure").optional(lambda at: read_failure(at, n))
+    path = node.at("path").optional(lambda at: _read_path(at, n))
+    trajectory = node.at("trajectory").optional(lambda at: None if path is None else _read_trajectory(at, path))
+    if node.sound and (failure is None) != (path is not None and trajectory is not None):
+        node.problem("expected either a failure or a path and a trajectory")
+    return PlanResult(
+        path,
+        trajectory,
+        failure,
+        tuple(_read_stage(item) for item in node.at("stages").items()),
+        goal_index=node.at("goal_index").optional(Node.whole),
+        attempts=node.at("attempts").whole(),
+        padding=node.at("padding").number(),
+        deterministic=node.at("deterministic").flag(),
+        exempt=tuple(_read_exempt(item) for item in node.at("exempt").items()),
+        notes=read_texts(node.at("notes")),
+    )
+
+
+def _read_path(node: Node, n: int) -> JointPath | None:
+    waypoints = np.array(node.at("waypoints").rows(n), dtype=np.float64)
+    path = node.attempt(lambda: JointPath(waypoints))
+    if path is not None and len(path.waypoints) != len(waypoints):
+        node.problem(f"{len(waypoints) - len(path.waypoints)} waypoints are where the one before them is")
+    return path if node.sound else None
+
+
+def _read_trajectory(node: Node, path: JointPath) -> Trajectory | None:
+    durations = [item.number() for item in node.at("durations").items()]
+    coefficients = node.at("coefficients").rows(4)
+    dilation = node.at("dilation").number()
+    table = np.array(coefficients, dtype=np.float64).reshape(-1, 4)
+    return node.attempt(lambda: Trajectory(path, np.array(durations, dtype=np.float64), table, dilation))
+
+
+def _stage(report: StageReport) -> dict[str, Any]:
+    told = {"seconds": report.seconds, "length": report.length, "note": report.note}
+    return {"stage": report.stage.value, **counts_record(report.counts), **told}
+
+
+def _read_stage(node: Node) -> StageReport:
+    return StageReport(
+        _member(node.at("stage"), Stage),
+        read_counts(node),
+        node.at("seconds").number(),
+        node.at("length").optional(Node.number),
+        node.at("note").text(),
+    )
+
+
+def _member(node: Node, kind: type[Member]) -> Member:
+    found = next((member for member in kind if member.value == node.value), None)
+    if found is None:
+        node.wrong(f"one of {', '.join(member.value for member in kind)}")
+    return found or next(iter(kind))
+
+
+def _exempt(interval: ExemptInterval) -> dict[str, Any]:
+    pairs = [list(pair) for pair in interval.pairs]
+    return {"s_start": interval.s_start, "s_end": interval.s_end, "pairs": pairs, "reason": interval.reason}
+
+
+def _read_exempt(node: Node) -> ExemptInterval:
+    pairs = []
+    for item in node.at("pairs").items():
+        names = read_texts(item)
+        if len(names) != 2:
+            item.wrong("two names")
+            continue
+        pairs.append((names[0], names[1]))
+    ends = node.at("s_start").number(), node.at("s_end").number()
+    return ExemptInterval(*ends, tuple(pairs), node.at("reason").text())
+
+
+def failure_record(failure: Failure | None) -> dict[str, Any] | None:
+    """Why there is no plan; None for None."""
+    if failure is None:
+        return None
+    return {
+        "stage": failure.stage.value,
+        "reason": failure.reason.value,
+        "detail": failure.detail,
+        "contacts": [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in failure.contacts],
+        "nearest_free": None if failure.nearest_free is None else failure.nearest_free.tolist(),
+        "blocked_by": [{"a": a, "b": b, "share": share} for a, b, share in failure.blocked_by],
+    }
+
+
+def read_failure(node: Node, n: int) -> Failure:
+    """See ``failure_record``; n is the number of joints."""
+    return Failure(
+        _member(node.at("stage"), Stage),
+        _member(node.at("reason"), Reason),
+        node.at("detail").text(),
+        tuple(
+            Contact(item.at("a").text(), item.at("b").text(), item.at("depth_at_most").number())
+            for item in node.at("contacts").items()
+        ),
+        node.at("nearest_free").optional(lambda at: read_only(at.numbers(n))),
+        tuple(
+            (item.at("a").text(), item.at("b").text(), item.at("share").number())
+            for item in node.at("blocked_by").items()
+        ),
+    )

@@ -1,0 +1,58 @@
+"""The built wheel: complete, tidy, and at home anywhere."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "-w",
+        str(folder),
+        ".",
+    ]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    return next(folder.glob("*.whl"))
+
+
+def test_the_wheel_puts_nothing_but_the_package_into_site_packages(wheel: Path) -> None:
+    top = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert {name for name in top if not name.endswith(".dist-info")} == {"planner_service"}
+
+
+def test_the_wheel_carries_every_robot_and_scene(wheel: Path) -> None:
+    inside = set(zipfile.ZipFile(wheel).namelist())
+    for kind in ("robots", "scenes"):
+        files = [path.relative_to(ROOT) for path in (ROOT / kind).rglob("*") if path.is_file()]
+        assert files
+        assert {f"planner_service/_data/{path.as_posix()}" for path in files} <= inside
+
+
+def test_an_installed_wheel_plans_from_the_root_folder(wheel: Path, tmp_path: Path) -> None:
+    zipfile.ZipFile(wheel).extractall(tmp_path)
+    program = (
+        "import planner_service as p; s = p.PlannerService('wxai', 'table'); "
+        "print(p.__file__, s.plan(p.PlanRequest(s.robot.home, [0.5, 1.3, 1.0, -0.8, 0.0, 0.0])).ok)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd="/", env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == [str(tmp_path / "planner_service" / "__init__.py"), "True"]

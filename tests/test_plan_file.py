@@ -1,0 +1,317 @@
+"""Plans and tasks survive their files bit for bit, and a file that is wrong says everything that is wrong."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service.collision import CheckCounts, Contact
+from planner_service.errors import InvalidFile
+from planner_service.geometry import Pose
+from planner_service.json_file import MAX_BYTES
+from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
+from planner_service.path import JointPath
+from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
+from planner_service.planners import PLANNERS, RRT, RRTConnect
+from planner_service.primitives import Segment
+from planner_service.request import PlanRequest
+from planner_service.scene_file import require_writable
+from planner_service.search import SearchProblem, SearchResult
+from planner_service.service import PlannerService
+from planner_service.timing import SCurve, ToppRa, Trapezoidal
+
+Document = dict[str, Any]
+
+LIMITS = PlannerService("planar2", "empty").robot.limits
+MADE_FOR = MadeFor("planar2", "ab" * 32, ("joint_1", "joint_2"), "discs", "cd" * 32)
+
+
+def planned(timing: Any = None) -> PlanResult:
+    """A result with a corner, and with numbers that have no short decimal form."""
+    path = JointPath(np.array([[0.1, 1 / 3], [0.7, -0.2], [2**0.5, 1e-9]]))
+    trajectory = (timing or ToppRa()).time_path(path, LIMITS)
+    stages = (
+        StageReport(Stage.ENDPOINTS, CheckCounts(2, 0, 0), 0.1 + 0.2),
+        StageReport(Stage.SEARCH, CheckCounts(40, 3, 0), 1e-4, path.length, "rrtconnect, try 2"),
+    )
+    exempt = (ExemptInterval(0.0, 1 / 7, (("link_1", "link_2"),), "they touch when folded"),)
+    return PlanResult(path, trajectory, None, stages, 1, 2, 0.001, False, exempt, ("start: clamped",))
+
+
+def failed() -> PlanResult:
+    failure = Failure(
+        Stage.ENDPOINTS,
+        Reason.GOAL_IN_COLLISION,
+        "goal in collision: link_2 x disc_1",
+        (Contact("link_2", "disc_1", 1 / 30),),
+        np.array([0.1, 0.2]),
+        (("link_2", "disc_1", 2 / 3),),
+    )
+    return PlanResult(None, None, failure, (StageReport(Stage.ENDPOINTS, CheckCounts(9, 0, 0), 0.01),))
+
+
+def request(**changes: Any) -> PlanRequest:
+    return PlanRequest(**{"start": (0.1, 1 / 3), "goal": (2**0.5, 1e-9), **changes})
+
+
+@pytest.fixture
+def there(tmp_path: Path) -> Path:
+    return tmp_path / "plan.json"
+
+
+def reloaded(plan: SavedPlan, there: Path) -> SavedPlan:
+    save_plan(plan, there)
+    return load_plan(there)
+
+
+@pytest.mark.parametrize("law", [ToppRa(), Trapezoidal(), SCurve()], ids=lambda law: law.name)
+def test_path_and_trajectory_come_back_bit_for_bit(law: Any, there: Path) -> None:
+    before = planned(law)
+    after = reloaded(SavedPlan(MADE_FOR, request(), before), there).result
+    path, trajectory = before.unwrap()
+    path_read, trajectory_read = after.unwrap()
+    for mine, read in (
+        (path.waypoints, path_read.waypoints),
+        (path.knots, path_read.knots),
+        (trajectory.durations, trajectory_read.durations),
+        (trajectory.coefficients, trajectory_read.coefficients),
+        (trajectory.sample(0.01).q, trajectory_read.sample(0.01).q),
+    ):
+        assert mine.tobytes() == read.tobytes()
+    assert trajectory.dilation == trajectory_read.dilation
+
+
+def test_what_a_plan_cost_and_what_was_noted_come_back(there: Path) -> None:
+    before = planned()
+    after = reloaded(SavedPlan(MADE_FOR, request(), before), there).result
+    for name in ("stages", "goal_index", "attempts", "padding", "deterministic", "exempt", "notes", "failure"):
+        assert getattr(after, name) == getattr(before, name), name
+
+
+def test_a_failure_comes_back_whole(there: Path) -> None:
+    before, after = failed().failure, reloaded(SavedPlan(MADE_FOR, request(), failed()), there).result.failure
+    assert before is not None
+    assert after is not None
+    for name in ("stage", "reason", "detail", "contacts", "blocked_by"):
+        assert getattr(after, name) == getattr(before, name), name
+    assert after.nearest_free is not None
+    assert after.nearest_free.tolist() == [0.1, 0.2]
+
+
+def test_what_it_was_made_for_comes_back(there: Path) -> None:
+    assert reloaded(SavedPlan(MADE_FOR, request(), planned()), there).made_for == MADE_FOR
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_every_planner_comes_back_with_its_settings(name: str, there: Path) -> None:
+    asked = request(planner=PLANNERS[name]())
+    read = reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request
+    assert read is not None
+    assert read.planner == asked.planner
+
+
+def test_the_request_comes_back_to_the_last_setting(there: Path) -> None:
+    asked = request(
+        planner=RRT(range=0.3, goal_bias=0.1),
+        timing=SCurve(jerk=20.0),
+        seed=2**62,
+        max_checks=77,
+        time_limit=None,
+        retries=0,
+        padding=0.0,
+        velocity_scale=0.5,
+        acceleration_scale=1 / 3,
+        start_tolerance=0.0,
+    )
+    read = reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request
+    assert read is not None
+    for item in fields(PlanRequest):
+        assert getattr(read, item.name) == getattr(asked, item.name), item.name
+
+
+def test_several_goals_come_back_in_order_poses_among_them(there: Path) -> None:
+    goals = (np.array([0.25, 0.5]), Pose((0.1, 0.2, 1 / 3), (0.6, 0.0, 0.8, 0.0)), np.array([1.0, 1.5]))
+    read = reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request
+    assert read is not None
+    assert isinstance(read.goal, tuple)
+    assert read.goal == ((0.25, 0.5), goals[1], (1.0, 1.5))
+
+
+def test_a_planner_without_a_name_leaves_no_request_but_a_plan(there: Path) -> None:
+    class Own:
+        name = "own"
+
+        def search(self, problem: SearchProblem) -> SearchResult:
+            raise NotImplementedError
+
+    read = reloaded(SavedPlan(MADE_FOR, request(planner=Own()), planned()), there)
+    assert read.request is None
+    assert read.result.ok
+
+
+def test_a_loaded_request_plans_the_loaded_path_again(there: Path) -> None:
+    service = PlannerService("planar2", "discs")
+    asked = request(start=service.robot.pose("lesson_start"), goal=service.robot.pose("lesson_goal"), time_limit=None)
+    read = reloaded(SavedPlan(MadeFor.of(service), asked, service.plan(asked)), there)
+    assert read.request is not None
+    again = service.plan(read.request)
+    assert again.unwrap()[0].waypoints.tobytes() == read.result.unwrap()[0].waypoints.tobytes()
+    assert again.counts == read.result.counts
+
+
+def test_a_task_comes_back_motion_by_motion(there: Path) -> None:
+    segments = (Segment("descend", planned(), 0.069), Segment("lift", failed(), 0.045))
+    task = SavedTask(MADE_FOR, "pick a block", segments, CheckCounts(5, 4, 3), 1 / 3, failed().failure, ("way 1",))
+    save_plan(task, there)
+    read = load_task(there)
+    assert [(s.name, s.width, s.result.ok) for s in read.segments] == [("descend", 0.069, True), ("lift", 0.045, False)]
+    assert (read.made_for, read.task, read.choosing, read.seconds) == (MADE_FOR, "pick a block", task.choosing, 1 / 3)
+    assert (read.counts, read.notes) == (CheckCounts(42 + 9 + 5, 3 + 4, 3), ("way 1",))
+    assert str(read.failure) == str(task.failure)
+
+
+def test_a_file_has_no_nan_and_its_seconds_and_counts_are_numbers(there: Path) -> None:
+    save_plan(SavedPlan(MADE_FOR, request(seed=np.int64(3), padding=np.float64(0.002)), planned()), there)
+    document = json.loads(there.read_text(), parse_constant=lambda name: pytest.fail(name))
+    assert (document["format"], document["version"]) == ("planner-service/plan", 1)
+    assert document["request"]["seed"] == 3
+    assert document["result"]["counts"] == {"states": 42, "edges": 3, "distances": 0}
+
+
+def damaged(there: Path, change: Callable[[Document], object], *, result: PlanResult | None = None) -> str:
+    """The message of loading a good file after one change to its content."""
+    save_plan(SavedPlan(MADE_FOR, request(), result or planned()), there)
+    document = json.loads(there.read_text())
+    change(document)
+    there.write_text(json.dumps(document))
+    with pytest.raises(InvalidFile) as caught:
+        load_plan(there)
+    assert caught.value.path == there
+    return "\n".join(caught.value.problems)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda d: d.pop("format"), "format: missing"),
+        (lambda d: d.update(format="other"), "format: got 'other'; expected 'planner-service/plan'"),
+        (lambda d: d.update(version=2), "version: got 2; this package reads version 1"),
+        (lambda d: d["robot"].update(joint_names="ab"), "robot.joint_names: got 'ab'; expected a list"),
+        (lambda d: d["scene"].pop("hash"), "scene.hash: missing"),
+        (lambda d: d.update(request=7), "request: got 7; expected an object"),
+        (lambda d: d["request"].update(seed=-1), "request.seed: got -1; expected a whole number of at least 0"),
+        (lambda d: d["request"].update(seed=True), "request.seed: got True"),
+        (lambda d: d["request"].update(padding=True), "request.padding: got True; expected a finite number"),
+        (lambda d: d["request"].update(padding=9.0), "request: padding: got 9.0; expected a number in [0, 0.1]"),
+        (lambda d: d["request"].update(goals=[]), "request.goals: got []; expected at least one goal"),
+        (lambda d: d["request"]["start"].append(1.0), "request.start: got [0.1, 0.333"),
+        (lambda d: d["request"]["planner"].update(name="rrtconect"), "did you mean 'rrtconnect'?"),
+        (lambda d: d["request"]["planner"]["settings"].update(reach=1), "no other keys than range"),
+        (lambda d: d["request"]["planner"]["settings"].update(range=-1), "range: got -1; expected a positive number"),
+        (lambda d: d["request"]["planner"].update(settings=[]), "request.planner.settings: got []"),
+        (lambda d: d["result"].update(attempts=1.5), "result.attempts: got 1.5"),
+        (lambda d: d["result"].update(deterministic=1), "result.deterministic: got 1; expected true or false"),
+        (
+            lambda d: d["result"]["stages"][1].update(stage="thinking"),
+            "result.stages[1].stage: got 'thinking'; expected",
+        ),
+        (lambda d: d["result"]["path"]["waypoints"][1].pop(), "result.path.waypoints[1]: got [0.7]; expected 2 finite"),
+        (lambda d: d["result"]["path"].update(waypoints=[]), "result.path: waypoints: got"),
+        (lambda d: d["result"]["path"]["waypoints"].insert(0, [0.1, 1 / 3]), "1 waypoints are where the one before"),
+        (lambda d: d["result"]["trajectory"]["durations"].pop(), "result.trajectory: coefficients"),
+        (lambda d: d["result"]["trajectory"].update(coefficients=[]), "result.trajectory: coefficients: got (0, 4)"),
+        (lambda d: d["result"]["trajectory"]["durations"].__setitem__(0, 10**400), "durations[0]: got 1000000000"),
+        (lambda d: d["result"].update(trajectory=None), "expected either a failure or a path and a trajectory"),
+        (lambda d: d["result"]["exempt"][0].update(pairs=[["link_1"]]), "result.exempt[0].pairs[0]: got ['link_1']"),
+    ],
+)
+def test_a_damaged_file_names_the_place_and_what_would_be_right(
+    change: Callable[[Document], object], problem: str, there: Path
+) -> None:
+    assert problem in damaged(there, change)
+
+
+def test_all_problems_are_named_not_the_first(there: Path) -> None:
+    def change(document: Document) -> None:
+        document["request"]["seed"] = "x"
+        document["result"]["path"]["waypoints"][0][1] = None
+        del document["result"]["stages"][0]["seconds"]
+        document["result"]["notes"] = [1]
+
+    problems = damaged(there, change).splitlines()
+    assert [line.partition(":")[0] for line in problems] == [
+        "request.seed",
+        "result.path.waypoints[0]",
+        "result.stages[0].seconds",
+        "result.notes[0]",
+    ]
+
+
+def test_a_law_that_leaves_its_path_is_refused(there: Path) -> None:
+    message = damaged(there, lambda d: d["result"]["trajectory"]["coefficients"][3].__setitem__(0, 99.0))
+    assert "without a jump" in message
+
+
+def test_a_task_is_not_loaded_as_a_plan(there: Path) -> None:
+    save_plan(SavedTask(MADE_FOR, "pick", (), CheckCounts(), 0.0), there)
+    with pytest.raises(InvalidFile, match="expected 'planner-service/plan'"):
+        load_plan(there)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"", "malformed JSON"),
+        (b"[]", "got \\[\\]; expected an object"),
+        (b"{", "malformed JSON: .*line 1"),
+        (b'{"format": NaN}', "NaN is not a number"),
+        (b'{"a": 1, "a": 2}', "key 'a' is there twice"),
+        (b"\xff", "not UTF-8"),
+        (b"[" * 200_000, "nested too deeply"),
+        (b'{"version": ' + b"9" * 10_000 + b"}", "malformed JSON|expected a whole number|format: missing"),
+        (b" " * (MAX_BYTES + 1), "too large"),
+    ],
+    ids=["empty", "list", "cut", "nan", "twice", "bytes", "deep", "digits", "large"],
+)
+def test_what_is_no_plan_is_refused_in_words(content: bytes, problem: str, there: Path) -> None:
+    there.write_bytes(content)
+    with pytest.raises(InvalidFile, match=problem):
+        load_plan(there)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    for path, problem in ((tmp_path / "none.json", "no such file"), (tmp_path, "not a file")):
+        with pytest.raises(InvalidFile, match=problem):
+            load_plan(path)
+
+
+@pytest.mark.parametrize("place", ["missing/plan.json", ".", "/dev/null", "a\0b"])
+def test_a_place_that_takes_no_file_is_known_before_there_is_a_plan(place: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidFile, match="cannot be written"):
+        require_writable(place if "\0" in place else tmp_path / place)
+
+
+def test_asking_for_a_place_leaves_nothing_there(tmp_path: Path) -> None:
+    require_writable(tmp_path / "plan.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_refused_plan_leaves_the_old_file_as_it_was(there: Path) -> None:
+    there.write_text("old")
+    bad = SavedPlan(MADE_FOR, request(), planned())
+    object.__setattr__(bad.result, "padding", float("nan"))
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        save_plan(bad, there)
+    assert there.read_text() == "old"
+
+
+def test_default_planner_settings_are_written_out(there: Path) -> None:
+    save_plan(SavedPlan(MADE_FOR, request(), planned()), there)
+    planner = json.loads(there.read_text())["request"]["planner"]
+    assert planner == {"name": "rrtconnect", "settings": {"range": RRTConnect().range}}

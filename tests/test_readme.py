@@ -1,0 +1,42 @@
+"""What the README shows is what happens."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from planner_service.cli.commands import app
+
+README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
+
+
+def test_its_python_examples_run_in_order_and_print_what_stands_below_them(capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, Any] = {}
+    shown = 0
+    for (language, code), (below, expected) in pairwise(BLOCKS):
+        if language == "python":
+            exec(compile(code, "README.md", "exec"), names)
+            printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+            assert (below, printed) == ("text", expected.splitlines())
+            shown += 1
+    assert shown == sum(language == "python" for language, _ in BLOCKS)
+    assert shown >= 3
+
+
+def test_its_demo_is_what_the_demo_prints_but_for_milliseconds() -> None:
+    shown = next(text for language, text in BLOCKS if language == "console").splitlines()
+    printed = CliRunner(env={"COLUMNS": "100"}).invoke(app, ["pick-place"]).stdout.splitlines()
+    assert shown[0] == "$ make demo"
+    assert [line[:92].rstrip() for line in shown[1:]] == [line[:92].rstrip() for line in printed]
+
+
+def test_its_commands_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    commands = re.findall(r"^\$ planner-service (.*?)(?: +#.*)?$", README, flags=re.MULTILINE)
+    assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 5
