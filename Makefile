@@ -1,0 +1,34 @@
+# Everything sets itself up: a virtual environment, the pinned dependencies, the package.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+# One thread per process: the pinned counts do not depend on it, the timings do.
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: demo test lint types bench clean
+.DEFAULT_GOAL := demo
+
+$(BIN)/.ready: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 13) else "Python 3.10 to 3.13 is needed, this is " + sys.version.split()[0] + "; name another with: make PYTHON=python3.12")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+	@touch $@
+
+demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it cost
+	@$(BIN)/planner-service pick-place
+
+test: $(BIN)/.ready lint types  ## lint, types and the test suite
+	$(BIN)/python -m pytest
+
+lint: $(BIN)/.ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(BIN)/.ready
+	$(BIN)/mypy
+
+bench: $(BIN)/.ready  ## the tables of the README, printed
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf $(VENV)
