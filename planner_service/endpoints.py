@@ -38,21 +38,28 @@ class GoalState:
         q: Shape (n,); where a retreat leads to a named pose, its free end.
         index: Which of the requested goals it belongs to.
         arrival: The fixed way from q into the requested pose, travelled backwards.
+        padding: What q keeps from everything, in metres, at most what was asked.
     """
 
     q: FloatArray
     index: int
     arrival: ExemptRetreat | None
+    padding: float
 
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Between what to plan: a free start, free goals (nearest first), and the padding all of them allow."""
+    """Between what to plan: a free start with its padding, and free goals, nearest first."""
 
     start: FloatArray
     departure: ExemptRetreat | None
+    start_padding: float
     goals: tuple[GoalState, ...]
-    padding: float
+
+    @property
+    def padding(self) -> float:
+        """What all of the ends keep from everything, in metres."""
+        return min(self.start_padding, *(goal.padding for goal in self.goals))
 
 
 class Endpoints:
@@ -73,23 +80,20 @@ class Endpoints:
             NoPlan: the start, or every goal, is outside the limits, unreachable or in collision.
         """
         start, departure = self._beyond_retreat(self._clamped(self._start))
-        padding = self._padding_at(start, self._request.padding, "start")
+        start_padding = self._padding_at(start, "start")
         goals: list[GoalState] = []
         refused: list[Failure] = []
         for index, given in enumerate(self._goals):
             try:
                 for q in self._configurations(self._name(index), given):
                     goal, arrival = self._beyond_retreat(q)
-                    padding = self._padding_at(goal, padding, self._name(index))
-                    goals.append(GoalState(goal, index, arrival))
+                    goals.append(GoalState(goal, index, arrival, self._padding_at(goal, self._name(index))))
             except NoPlan as no_plan:
                 refused.append(no_plan.failure)
         if not goals:
             raise NoPlan(refused[0])
         goals.sort(key=lambda goal: joint_distance(start, goal.q))
-        if padding < self._request.padding:
-            self._book.notes.append(f"an end is close to something: the search keeps {padding * 1000:g} mm")
-        return Ends(start, departure, tuple(goals), padding)
+        return Ends(start, departure, start_padding, tuple(goals))
 
     def _name(self, index: int) -> str:
         return "goal" if len(self._goals) == 1 else f"goal[{index}]"
@@ -154,12 +158,13 @@ class Endpoints:
             return retreat.to, retreat
         return q, None
 
-    def _padding_at(self, q: FloatArray, widest: float, name: str) -> float:
+    def _padding_at(self, q: FloatArray, name: str) -> float:
         """The widest padding of a short ladder with which q is free.
 
         Raises:
             NoPlan: q collides as it is.
         """
+        widest = self._request.padding
         ladder = [widest * part for part in _PADDING_STEPS] if widest else [0.0]
         for padding in ladder:
             if self._checker.variant(padding=padding).state_is_free(q):

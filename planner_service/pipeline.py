@@ -17,6 +17,7 @@ from planner_service.geometry import FloatArray
 from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage
 from planner_service.path import JointPath, Trajectory
 from planner_service.planners import PRM, PRMstar
+from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.robot import JointLimits
 from planner_service.search import Planner, SearchProblem, SearchSpace, joint_distance
@@ -97,6 +98,7 @@ class Run:
         self._request = request
         self._book = StageBook(checker, Limits(request.max_checks, request.time_limit, cancel))
         self._endpoints = Endpoints(checker, request, self._book)
+        self._oracles: list[SearchOracle] = []
 
     def result(self, turns: Turns) -> PlanResult:
         """Run the stages when the turn has come."""
@@ -111,17 +113,21 @@ class Run:
         with book.during(Stage.ENDPOINTS):
             ends = self._endpoints.find()
         book.padding = ends.padding
-        oracle = SearchOracle(self._checker.variant(padding=ends.padding), [ends.start], [g.q for g in ends.goals])
-        points = self._straight_line(ends, oracle)
+        points = self._straight_line(ends)
         if points is None:
-            points = self._shortcut(self._search(ends, oracle), oracle)
-        path, goal_index, exempt = self._certified(points, ends, oracle)
+            points = self._searched(ends)
+        path, goal_index, exempt = self._certified(points, ends)
         request = self._request
         limits = scaled(self._checker.robot.limits, request.velocity_scale, request.acceleration_scale)
         trajectory = timed(path, request.timing, limits, book)
         return book.result(path, trajectory, goal_index=goal_index, exempt=exempt)
 
-    def _straight_line(self, ends: Ends, oracle: SearchOracle) -> FloatArray | None:
+    def _oracle(self, padding: float, start: FloatArray, goals: Iterable[FloatArray]) -> SearchOracle:
+        self._oracles.append(SearchOracle(self._checker.variant(padding=padding), [start], goals))
+        return self._oracles[-1]
+
+    def _straight_line(self, ends: Ends) -> FloatArray | None:
+        oracle = self._oracle(ends.padding, ends.start, [goal.q for goal in ends.goals])
         with self._book.during(Stage.STRAIGHT_LINE) as entry:
             for goal in ends.goals:
                 if goal.q.tolist() == ends.start.tolist():
@@ -135,12 +141,46 @@ class Run:
                 entry.note = entry.note or f"blocked at {hit.fraction:.0%}: {hit.a} x {hit.b}"
         return None
 
-    def _search(self, ends: Ends, oracle: SearchOracle) -> FloatArray:
+    def _searched(self, ends: Ends) -> FloatArray:
+        """A path searched with the full padding; an end that is closer to something is left on a short line first."""
+        book, request = self._book, self._request
+        with book.during(Stage.SEARCH):
+            leads = None if ends.padding == request.padding else self._leads(ends)
+        start, goals = leads or (ends.start, tuple(goal.q for goal in ends.goals))
+        if leads is not None:
+            book.notes.append(
+                f"an end is closer than {request.padding * 1000:g} mm to something: only near it less is kept"
+            )
+            book.padding = request.padding
+        oracle = self._oracle(book.padding, start, goals)
+        found = self._shortcut(self._search(start, goals, oracle), oracle)
+        goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == found[-1].tolist())
+        points = [ends.start, *found, goal]
+        return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
+
+    def _leads(self, ends: Ends) -> tuple[FloatArray, tuple[FloatArray, ...]] | None:
+        """Configurations near the ends that keep the full padding, a free line away; None if an end has none."""
+        roomy = self._checker.variant(padding=self._request.padding)
+        rng = np.random.default_rng([self._request.seed, 3])
+        found: list[FloatArray] = []
+        for q, padding in [(ends.start, ends.start_padding), *((goal.q, goal.padding) for goal in ends.goals)]:
+            if padding == self._request.padding:
+                found.append(q)
+                continue
+            tight = self._oracle(padding, q, ())
+            close = (p for p in near(q, roomy.robot.limits, rng) if roomy.state_is_free(p))
+            lead: FloatArray | None = next((p for p in close if tight.edge_is_free(q, p, known=Known.BOTH)), None)
+            if lead is None:
+                return None
+            found.append(lead)
+        return found[0], tuple(found[1:])
+
+    def _search(self, start: FloatArray, goals: tuple[FloatArray, ...], oracle: SearchOracle) -> FloatArray:
         planner = self._grown(self._request.planner, oracle)
         limits = self._checker.robot.limits
         problem = SearchProblem(
-            start=ends.start,
-            goals=np.array([goal.q for goal in ends.goals]),
+            start=start,
+            goals=np.array(goals),
             lower=limits.lower,
             upper=limits.upper,
             oracle=oracle,
@@ -200,13 +240,12 @@ class Run:
             entry.length = _length(points)
             return points
 
-    def _certified(
-        self, points: FloatArray, ends: Ends, oracle: SearchOracle
-    ) -> tuple[JointPath, int, tuple[ExemptInterval, ...]]:
+    def _certified(self, points: FloatArray, ends: Ends) -> tuple[JointPath, int, tuple[ExemptInterval, ...]]:
         """The whole path, each of its pieces judged, in this call, as exactly this piece."""
         with self._book.during(Stage.CERTIFY) as entry:
             for q1, q2 in pairwise(points):
-                if not oracle.proved(q1, q2) and not self._checker.edge_is_free(q1, q2):
+                proved = any(oracle.proved(q1, q2) for oracle in self._oracles)
+                if not proved and not self._checker.edge_is_free(q1, q2):
                     raise NoPlan(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, "a piece of the final path collides"))
             goal = next(goal for goal in ends.goals if goal.q.tolist() == points[-1].tolist())
             robot, pieces, exempt = self._checker.robot, [points], []

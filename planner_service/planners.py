@@ -79,10 +79,12 @@ class RRTConnect:
     """Two trees that grow towards each other: the default, quick to a first path (Kuffner & LaValle, ICRA 2000).
 
     Attributes:
-        range: Longest edge.
+        range: Longest edge, in joint distance (rad). Measured on the WidowX AI among six scenes, 0.7 to 1.0 cost a
+            fifth fewer states than 0.5; seven-joint arms in tighter scenes favour 0.35 to 0.5. OMPL's own default, a
+            fifth of the space, is several times dearer.
     """
 
-    range: float = 0.5
+    range: float = 0.7
     name: ClassVar[str] = "rrtconnect"
 
     def __post_init__(self) -> None:

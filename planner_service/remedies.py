@@ -6,6 +6,7 @@ Nothing here moves a start by itself: a remedy is shown to the user, who decides
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,9 @@ import numpy as np
 from planner_service.collision import CollisionChecker
 from planner_service.geometry import FloatArray, read_only
 from planner_service.path import JointPath
+from planner_service.robot import JointLimits
 
-__all__ = ["WayOut", "nearest_free", "way_out"]
+__all__ = ["WayOut", "near", "nearest_free", "way_out"]
 
 _SHELLS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Radii in joint space (rad) searched in turn: beyond the last, the way out is a matter for a person."""
@@ -43,17 +45,17 @@ def nearest_free(checker: CollisionChecker, q: FloatArray, rng: np.random.Genera
     Random directions on growing shells inside the joint limits, then bisection back towards q;
     every state is counted.
     """
-    limits = checker.robot.limits
+    free = (there for there in near(q, checker.robot.limits, rng) if checker.state_is_free(there))
+    found = next(free, None)
+    return None if found is None else read_only(_pulled_back(checker, q, found))
+
+
+def near(q: FloatArray, limits: JointLimits, rng: np.random.Generator) -> Iterator[FloatArray]:
+    """Configurations around q (n,) inside the limits, in random directions on growing shells."""
     for radius in _SHELLS:
-        found = []
-        for direction in rng.standard_normal((_DIRECTIONS, checker.robot.n)).tolist():
+        for direction in rng.standard_normal((_DIRECTIONS, len(q))).tolist():
             norm = math.sqrt(sum(x * x for x in direction))
-            there = np.clip(q + np.array(direction) * (radius / norm), limits.lower, limits.upper)
-            if checker.state_is_free(there):
-                found.append(_pulled_back(checker, q, there))
-        if found:
-            return read_only(min(found, key=lambda p: _distance(q, p)))
-    return None
+            yield np.clip(q + np.array(direction) * (radius / norm), limits.lower, limits.upper)
 
 
 def _pulled_back(checker: CollisionChecker, q: FloatArray, free: FloatArray) -> FloatArray:
@@ -66,10 +68,6 @@ def _pulled_back(checker: CollisionChecker, q: FloatArray, free: FloatArray) -> 
         else:
             low = middle
     return q + (free - q) * high if high < 1.0 else free
-
-
-def _distance(a: FloatArray, b: FloatArray) -> float:
-    return math.sqrt(sum(x * x for x in (a - b).tolist()))
 
 
 def way_out(checker: CollisionChecker, q: FloatArray, rng: np.random.Generator) -> WayOut | None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from planner_service.collision import CancelToken, CollisionChecker
+from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
 from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
 from planner_service.path import JointPath, Trajectory
@@ -58,7 +58,7 @@ class StageBook:
 
     @contextmanager
     def during(self, stage: Stage) -> Iterator[Entry]:
-        """Charge what the block costs to ``stage``, however it ends."""
+        """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up."""
         self._stage = stage
         entry = Entry()
         counts, clock = self._checker.counts, time.perf_counter()
@@ -66,7 +66,10 @@ class StageBook:
             yield entry
         finally:
             spent, seconds = self._checker.counts - counts, time.perf_counter() - clock
-            self._reports[stage] = StageReport(stage, spent, seconds, entry.length, entry.note)
+            before = self._reports.get(stage, StageReport(stage, CheckCounts(), 0.0))
+            self._reports[stage] = StageReport(
+                stage, before.counts + spent, before.seconds + seconds, entry.length, entry.note
+            )
 
     @contextmanager
     def within_limits(self, turns: Turns) -> Iterator[None]:

@@ -23,6 +23,7 @@ from planner_service import (
     CheckCounts,
     Cylinder,
     InvalidRequest,
+    JointPath,
     Obstacle,
     PlannerService,
     PlanningFailed,
@@ -283,10 +284,17 @@ def test_a_service_carried_across_a_fork_is_refused(monkeypatch: pytest.MonkeyPa
 def test_the_search_keeps_its_padding_and_less_where_an_end_is_closer() -> None:
     near = Obstacle("near", Cylinder(0.1, 0.2), Pose((1.2, 0.1104, 0.0)))  # 0.4 mm beside the stretched arm
     service = PlannerService("planar2", Scene((near,)))
-    result = service.plan(asked(goal=(-1.0, 0.0)))
-    assert result.padding == 0.00025
-    assert any("keeps 0.25 mm" in note for note in result.notes)
+    straight = service.plan(asked(goal=(-1.0, 0.0)))
+    assert straight.padding == 0.00025
     assert service.plan(asked(start=(-0.5, 0.0), goal=(-1.0, 0.0))).padding == 0.001
+    beyond = service.plan(asked(goal=(0.6, 0.0)))
+    path, _ = beyond.unwrap()
+    assert beyond.padding == 0.001
+    assert "only near it less is kept" in beyond.notes[0]
+    roomy = service.checker.variant(padding=0.001)
+    assert roomy.path_is_free(JointPath(path.waypoints[1:]))
+    assert not roomy.state_is_free(path.waypoints[0])
+    assert service.checker.path_is_free(path)
 
 
 def test_the_way_out_of_sleep_is_exempt_for_its_two_pairs_and_nothing_else(arm: PlannerService) -> None:
