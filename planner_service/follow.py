@@ -13,7 +13,8 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage
 from planner_service.path import JointPath
-from planner_service.pipeline import timed
+from planner_service.pipeline import scaled, timed
+from planner_service.request import require_scale
 from planner_service.search import joint_distance
 from planner_service.stagebook import Limits, NoPlan, StageBook
 from planner_service.timing import Timing
@@ -36,11 +37,22 @@ class AllowedStretch:
 
 @dataclass(frozen=True, eq=False)
 class FollowRequest:
-    """The polyline to follow, shape (N, n), where contact is meant on it, and the timing law."""
+    """The polyline to follow, shape (N, n), where contact is meant on it, and how fast.
+
+    ``scales`` are the parts in (0, 1] of the velocity and acceleration limits that may be used.
+
+    Raises:
+        InvalidRequest: a scale is not in (0, 1].
+    """
 
     waypoints: ArrayLike
     contacts: tuple[AllowedStretch, ...]
     timing: Timing
+    scales: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        for name, scale in zip(("velocity_scale", "acceleration_scale"), self.scales, strict=True):
+            require_scale(name, scale)
 
 
 def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, cancel: CancelToken | None) -> PlanResult:
@@ -49,7 +61,12 @@ def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, canc
     path = JointPath(points)
     if path.n != checker.robot.n:
         raise InvalidRequest("waypoints", points.shape, f"rows of {checker.robot.n} joint values")
-    book = StageBook(checker, Limits(None, None, cancel))
+    for contact in request.contacts:
+        if not 0 <= contact.first <= contact.last < len(points):
+            found = f"waypoints {contact.first} to {contact.last}"
+            raise InvalidRequest("contacts", found, f"first and last waypoint in order, from 0 to {len(points) - 1}")
+        checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
+    book = StageBook(checker, Limits(None, None, None, cancel))
     try:
         with book.within_limits(turns):
             with book.during(Stage.ENDPOINTS):
@@ -57,7 +74,7 @@ def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, canc
             with book.during(Stage.STRAIGHT_LINE) as entry:
                 _judge_pieces(checker, points, request.contacts)
                 entry.note, entry.length = f"{len(points)} points", path.length
-            trajectory = timed(path, request.timing, checker.robot.limits, book)
+            trajectory = timed(path, request.timing, scaled(checker.robot.limits, *request.scales), book)
             return book.result(path, trajectory, exempt=_intervals(points, request.contacts))
     except NoPlan as no_plan:
         return book.result(failure=no_plan.failure)

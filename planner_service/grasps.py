@@ -16,7 +16,7 @@ from planner_service.geometry import Box, FloatArray, Pose
 from planner_service.robot import Robot
 from planner_service.scene import Obstacle
 
-__all__ = ["top_grasps", "width_across"]
+__all__ = ["offset_from", "top_grasps", "width_across"]
 
 TILTS = (0.0, math.radians(15.0), math.radians(-15.0), math.radians(30.0), math.radians(-30.0))
 """Leans of the approach from straight down, in the order tried: the arm cannot rise far with a vertical
@@ -70,3 +70,10 @@ def width_across(target: Obstacle, grasp: Pose) -> float:
     """Extent in metres of an object along the finger axis of a grasp."""
     axis = target.pose.rotation.T @ grasp.rotation[:, 1]
     return float(axis @ (target.shape.support(axis) - target.shape.support(-axis)))
+
+
+def offset_from(target: Obstacle, grasp: Pose) -> tuple[float, float]:
+    """How far in metres an object's centre is off the middle between the fingers, and the fingertips off the object."""
+    R, r = target.pose.rotation, np.array(target.pose.position) - np.array(grasp.position)
+    aside = abs(float(grasp.rotation[:, 1] @ r))
+    return aside, float(target.shape.distance(-(R.T @ r)))

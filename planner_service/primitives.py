@@ -14,11 +14,11 @@ from functools import cached_property
 
 from numpy.typing import ArrayLike
 
-from planner_service.collision import CheckCounts
+from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.follow import AllowedStretch
 from planner_service.geometry import FloatArray, Pose
-from planner_service.grasps import width_across
+from planner_service.grasps import offset_from, width_across
 from planner_service.kinematics import ToolLine, inverse_kinematics, straight_tool_line
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
 from planner_service.request import PlanRequest, joint_vector
@@ -36,6 +36,15 @@ SHORT_APPROACHES = (0.06, 0.04, 0.02)
 FINGER_ROOM = 0.012
 """Metres that each finger stands off the object when the gripper opens for it."""
 
+LOOSE_GRASP = 0.01
+"""Metres by which the point between the fingertips may miss the object: the pads reach that far around it."""
+
+PUSHED_ASIDE = 0.003
+"""Metres by which closing fingers may push the object aside: what a grasp from a camera is off by."""
+
+MEANT_OVERLAP = 0.001
+"""Metres by which things that are meant to touch may overlap, as models do."""
+
 LINE_POINTS = 60
 
 Pair = tuple[str, str]
@@ -49,9 +58,10 @@ class Handling:
         support: What the object stands on before a pick, or on after a place: an obstacle's name.
         support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
         open_width: The gripper's opening around the object; 12 mm of room for each finger if None.
-        request: Planner, timing, seed and limits are taken from here; its start and goal are not.
+        request: Planner, timing, seed, scales and limits are taken from here; its start and goal are not.
         line_timing: The law along the straight tool lines. Between two stops on a straight piece the
             trapezoid is the optimum that TOPP-RA approaches, in closed form.
+        cancel: Ends the task before its next check when cancelled from another thread.
     """
 
     support: str | None = None
@@ -59,6 +69,7 @@ class Handling:
     open_width: float | None = None
     request: PlanRequest | None = None
     line_timing: Timing = field(default_factory=Trapezoidal)
+    cancel: CancelToken | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.support_gap <= 0.05:
@@ -117,6 +128,7 @@ def move_linear(
     *,
     points: int = LINE_POINTS,
     timing: Timing | None = None,
+    cancel: CancelToken | None = None,
 ) -> PlanResult:
     """A straight motion of the tool, checked once and timed.
 
@@ -133,7 +145,7 @@ def move_linear(
     line = straight_tool_line(service.robot, q, goal, points=points)
     if line.stopped is not None:
         return PlanResult(None, None, _line_failure(line), ())
-    return service.follow(line.waypoints, timing=timing)
+    return service.follow(line.waypoints, timing=timing, cancel=cancel)
 
 
 def _line_failure(line: ToolLine) -> Failure:
@@ -161,7 +173,7 @@ def pick(
     obstacle = service.scene.obstacle(target)
     if not grasps:
         raise InvalidRequest("grasps", grasps, "at least one tool pose")
-    return _perform(service, q, [_grasping(service, obstacle, grasp, handling) for grasp in grasps], handling)
+    return _Task(service, q, handling).result([_grasping(service, obstacle, grasp, handling) for grasp in grasps])
 
 
 def place(
@@ -184,7 +196,7 @@ def place(
         raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])
     if not poses:
         raise InvalidRequest("poses", poses, "at least one pose of the object")
-    return _perform(service, q, [_placing(service, held, pose, handling) for pose in poses], handling)
+    return _Task(service, q, handling).result([_placing(service, held, pose, handling) for pose in poses])
 
 
 @dataclass(frozen=True)
@@ -205,10 +217,12 @@ class _Contact:
         services: Makes what plans the way in and what plans the way out.
         touches_in, touches_out: Where contact is meant on the straight lines in and out.
         names: Of the three motions: to the line, along it in, along it out.
+        objection: Why a configuration there makes no sense, judged by the checker of the way in; empty if it does.
     """
 
     tool: Pose
     services: Callable[[], tuple[PlannerService, PlannerService]]
+    objection: Callable[[CollisionChecker, FloatArray], str]
     touches_in: tuple[_Touch, ...]
     touches_out: tuple[_Touch, ...]
     names: tuple[str, str, str]
@@ -220,37 +234,64 @@ class _Contact:
 
 
 def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: Handling) -> _Contact:
-    fingers = _gripper(service).links
+    fingers = _fingers(service)
     width = width_across(target, grasp)
     opening = _opening(service, width, handling)
+    pairs = tuple((finger, target.name) for finger in fingers)
 
     def services() -> tuple[PlannerService, PlannerService]:
         held = Attached(target.name, target.shape, grasp.inverse() @ target.pose, touch_links=fingers)
         scene = service.scene.without(target.name).with_attached(held)
         return service.changed(gripper=opening), service.changed(gripper=width, scene=scene)
 
-    touch = _Touch(tuple((finger, target.name) for finger in fingers), None, "the fingers may touch what they take")
-    return _Contact(
-        grasp, services, (touch,), _standing(service, target.name, handling), ("to pregrasp", "descend", "lift")
-    )
+    def objection(checker: CollisionChecker, q: FloatArray) -> str:
+        aside, beyond = offset_from(target, grasp)
+        if beyond > LOOSE_GRASP:
+            return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
+        if aside > PUSHED_ASIDE:
+            return f"closing would push {target.name} {aside * 1000:.0f} mm aside"
+        return _deepest(checker, q, pairs)
+
+    touch = _Touch(pairs, None, "the fingers may touch what they take")
+    lifting = _standing(service, target.name, handling)
+    return _Contact(grasp, services, objection, (touch,), lifting, ("to pregrasp", "descend", "lift"))
 
 
 def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Handling) -> _Contact:
-    fingers = _gripper(service).links
     opening = _opening(service, service.robot.gripper_width, handling)
 
     def services() -> tuple[PlannerService, PlannerService]:
         scene = service.scene.without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, pose))
         return service, service.changed(gripper=opening, scene=scene)
 
-    touch = _Touch(tuple((finger, held.name) for finger in fingers), None, "the fingers may touch what they leave")
-    return _Contact(
-        pose @ held.pose.inverse(),
-        services,
-        _standing(service, held.name, handling),
-        (touch,),
-        ("transfer", "lower", "retreat"),
+    def objection(checker: CollisionChecker, q: FloatArray) -> str:
+        if handling.support is None:
+            return ""
+        pair = (held.name, handling.support)
+        roomy = checker.variant(padding=handling.support_gap)
+        if all(pair != (contact.a, contact.b) for contact in roomy.contacts(q)):
+            return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
+        return _deepest(checker, q, (pair,))
+
+    touch = _Touch(
+        tuple((finger, held.name) for finger in _fingers(service)), None, "the fingers may touch what they leave"
     )
+    lowering = _standing(service, held.name, handling)
+    return _Contact(
+        pose @ held.pose.inverse(), services, objection, lowering, (touch,), ("transfer", "lower", "retreat")
+    )
+
+
+def _deepest(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) -> str:
+    """Which of ``pairs`` overlaps too much for touching at q, in words; empty if none does."""
+    deep = (c for c in checker.contacts(q) if (c.a, c.b) in pairs and c.depth > MEANT_OVERLAP)
+    return next((f"{c.a} would stand {c.depth * 1000:.1f} mm inside {c.b}" for c in deep), "")
+
+
+def _fingers(service: PlannerService) -> tuple[str, ...]:
+    """The finger links that can touch anything."""
+    shaped = {shape.link for shape in service.robot.shapes}
+    return tuple(link for link in _gripper(service).links if link in shaped)
 
 
 def _gripper(service: PlannerService) -> Gripper:
@@ -263,7 +304,11 @@ def _opening(service: PlannerService, width: float, handling: Handling) -> float
     widest = _gripper(service).upper
     if width > widest:
         raise InvalidRequest("target", f"{width:.4f} m wide", f"an object at most {widest:.4f} m wide")
-    return min(widest, width + 2 * FINGER_ROOM) if handling.open_width is None else handling.open_width
+    if handling.open_width is None:
+        return min(widest, width + 2 * FINGER_ROOM)
+    if handling.open_width < width:
+        raise InvalidRequest("open_width", handling.open_width, f"at least the object's width, {width:.4f} m")
+    return handling.open_width
 
 
 def _standing(service: PlannerService, name: str, handling: Handling) -> tuple[_Touch, ...]:
@@ -273,82 +318,110 @@ def _standing(service: PlannerService, name: str, handling: Handling) -> tuple[_
     return (_Touch(((name, support),), handling.support_gap, f"{name} stands on {support}"),)
 
 
-def _perform(service: PlannerService, q: ArrayLike, contacts: Sequence[_Contact], handling: Handling) -> TaskResult:
-    """The first contact whose motions all have a plan, with the longest approach that has one."""
-    start = joint_vector("q", q, service.robot)
-    began = service.checker.counts
-    tried: list[str] = []
-    for number, contact, line in _lines(service.robot, contacts, tried):
-        segments = _motions(start, contact, line, handling, tried)
-        if segments:
-            length = _travel(service.robot, line.waypoints)[-1]
-            return TaskResult(
-                segments,
-                contact.made[1],
-                line.waypoints[-1],
-                choosing=_spent(service, began, contacts) - sum((s.result.counts for s in segments), CheckCounts()),
-                notes=(f"way {number + 1} of {len(contacts)}, {length * 100:.0f} cm of straight line", *tried),
-            )
-    failure = Failure(
-        Stage.ENDPOINTS, Reason.PLANNING_FAILED, f"none of {len(contacts)} ways has a plan: {'; '.join(tried[:6])}"
-    )
-    return TaskResult((), service, start, failure, _spent(service, began, contacts), tuple(tried))
+class _Task:
+    """One pick or place under way: what it has tried and spent."""
 
+    def __init__(self, service: PlannerService, q: ArrayLike, handling: Handling) -> None:
+        self._service = service
+        self._start = joint_vector("q", q, service.robot)
+        self._handling = handling
+        self._template = handling.request or PlanRequest(self._start, self._start)
+        self._spent = CheckCounts()
+        self._tried: list[str] = []
+        self._preempted: Failure | None = None
 
-def _spent(service: PlannerService, began: CheckCounts, contacts: Sequence[_Contact]) -> CheckCounts:
-    """What the task has counted so far, in its own services and in the given one."""
-    made = {id(s): s for contact in contacts if "made" in vars(contact) for s in contact.made if s is not service}
-    return sum((s.checker.counts for s in made.values()), service.checker.counts - began)
+    def result(self, contacts: Sequence[_Contact]) -> TaskResult:
+        """The first contact whose motions all have a plan, with the longest approach that has one."""
+        start = self._start_trouble()
+        if start is not None:
+            return TaskResult((), self._service, self._start, start, self._spent, tuple(self._tried))
+        for number, contact, line in self._lines(contacts):
+            segments = self._motions(contact, line)
+            if segments:
+                length = _travel(self._service.robot, line.waypoints)[-1]
+                notes = (f"way {number} of {len(contacts)}, {length * 100:.0f} cm of straight line", *self._tried)
+                choosing = self._spent - sum((segment.result.counts for segment in segments), CheckCounts())
+                return TaskResult(segments, contact.made[1], line.waypoints[-1], choosing=choosing, notes=notes)
+            if self._preempted is not None:
+                return TaskResult((), self._service, self._start, self._preempted, self._spent, tuple(self._tried))
+        detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
+        failure = Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail)
+        return TaskResult((), self._service, self._start, failure, self._spent, tuple(self._tried))
 
+    def _start_trouble(self) -> Failure | None:
+        """Why no motion can begin here: found out before any grasp is looked at."""
+        stay = replace(self._template, start=self._start, goal=self._start)
+        result = self._service.plan(stay, cancel=self._handling.cancel)
+        self._spent += result.counts
+        return result.failure
 
-def _lines(robot: Robot, contacts: Sequence[_Contact], tried: list[str]) -> Iterator[tuple[int, _Contact, ToolLine]]:
-    """The straight lines out of every contact, in the order of preference; one that has none is noted in ``tried``."""
-    for lengths in (USUAL_APPROACHES, SHORT_APPROACHES):
-        for number, contact in enumerate(contacts):
-            solutions = inverse_kinematics(robot, contact.tool)
-            if len(solutions) == 0 and lengths is USUAL_APPROACHES:
-                tried.append(f"way {number + 1} is out of reach")
-            for solution in solutions:
-                for length in lengths:
-                    back = contact.tool @ Pose((-length, 0.0, 0.0))
-                    line = straight_tool_line(robot, solution, back, points=LINE_POINTS)
-                    if line.stopped is None:
-                        yield number, contact, line
-                    else:
-                        tried.append(f"way {number + 1} with {length * 100:.0f} cm: {line.stopped}")
+    def _lines(self, contacts: Sequence[_Contact]) -> Iterator[tuple[int, _Contact, ToolLine]]:
+        """The straight lines out of every contact, numbered from 1, in the order of preference."""
+        for lengths in (USUAL_APPROACHES, SHORT_APPROACHES):
+            for number, contact in enumerate(contacts, start=1):
+                for q in self._fitting(number, contact, first=lengths is USUAL_APPROACHES):
+                    for length in lengths:
+                        back = contact.tool @ Pose((-length, 0.0, 0.0))
+                        line = straight_tool_line(self._service.robot, q, back, points=LINE_POINTS)
+                        if line.stopped is None:
+                            yield number, contact, line
+                        else:
+                            self._tried.append(f"way {number} with {length * 100:.0f} cm: {line.stopped}")
 
+    def _fitting(self, number: int, contact: _Contact, *, first: bool) -> list[FloatArray]:
+        """Configurations at a contact that make sense there; why there are none is noted the ``first`` time."""
+        solutions = inverse_kinematics(self._service.robot, contact.tool)
+        refused = ["out of reach"] if len(solutions) == 0 else []
+        fitting = []
+        for q in solutions:
+            checker = contact.made[0].checker
+            before = checker.counts
+            objection = contact.objection(checker, q)
+            self._spent += checker.counts - before
+            if objection:
+                refused.append(objection)
+            else:
+                fitting.append(q)
+        if first:
+            self._tried += [f"way {number}: {reason}" for reason in refused]
+        return fitting
 
-def _motions(
-    start: FloatArray, contact: _Contact, line: ToolLine, handling: Handling, tried: list[str]
-) -> tuple[Segment, ...]:
-    """The three motions, the cheapest to refuse first; none, and a note in ``tried``, if one of them has no plan."""
-    before, after = contact.made
-    template = handling.request or PlanRequest(start, start)
-    inward, outward = line.waypoints[::-1], line.waypoints
-    away = _travel(before.robot, outward)
-    questions: tuple[tuple[int, Callable[[], PlanResult]], ...] = (
-        (
-            1,
-            lambda: before.follow(
-                inward, contacts=_stretches(contact.touches_in, away, inward=True), timing=handling.line_timing
-            ),
-        ),
-        (
-            2,
-            lambda: after.follow(
-                outward, contacts=_stretches(contact.touches_out, away, inward=False), timing=handling.line_timing
-            ),
-        ),
-        (0, lambda: before.plan(replace(template, start=start, goal=inward[0]))),
-    )
-    results: dict[int, PlanResult] = {}
-    for place_in_order, ask in questions:
-        results[place_in_order] = result = ask()
-        if result.failure is not None:
-            tried.append(f"{contact.names[place_in_order]}: {result.failure.detail}")
+    def _motions(self, contact: _Contact, line: ToolLine) -> tuple[Segment, ...]:
+        """The three motions, the cheapest to refuse first; none if one of them has no plan."""
+        before, after = contact.made
+        inward, outward = line.waypoints[::-1], line.waypoints
+        away = _travel(before.robot, outward)
+        into = self._followed(before, inward, _stretches(contact.touches_in, away, inward=True))
+        if not self._has_plan(contact.names[1], into):
             return ()
-    widths = (before.robot.gripper_width, before.robot.gripper_width, after.robot.gripper_width)
-    return tuple(Segment(contact.names[k], results[k], widths[k]) for k in range(3))
+        out = self._followed(after, outward, _stretches(contact.touches_out, away, inward=False))
+        if not self._has_plan(contact.names[2], out):
+            return ()
+        request = replace(self._template, start=self._start, goal=inward[0])
+        to = before.plan(request, cancel=self._handling.cancel)
+        if not self._has_plan(contact.names[0], to):
+            return ()
+        widths = (before.robot.gripper_width, before.robot.gripper_width, after.robot.gripper_width)
+        return tuple(Segment(*parts) for parts in zip(contact.names, (to, into, out), widths, strict=True))
+
+    def _followed(
+        self, service: PlannerService, waypoints: FloatArray, contacts: tuple[AllowedStretch, ...]
+    ) -> PlanResult:
+        return service.follow(
+            waypoints,
+            contacts=contacts,
+            timing=self._handling.line_timing,
+            scales=(self._template.velocity_scale, self._template.acceleration_scale),
+            cancel=self._handling.cancel,
+        )
+
+    def _has_plan(self, name: str, result: PlanResult) -> bool:
+        """Whether it has; its cost is recorded either way, and a cancelled one ends the task."""
+        self._spent += result.counts
+        if result.failure is not None:
+            self._tried.append(f"{name}: {result.failure.detail}")
+            self._preempted = result.failure if result.failure.reason is Reason.PREEMPTED else None
+        return result.ok
 
 
 def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ import pytest
 
 from planner_service import (
     Box,
+    CancelToken,
     CheckCounts,
     Handling,
     InvalidRequest,
@@ -61,7 +63,8 @@ def test_a_clear_table_pick_and_place_never_searches_and_judges_each_piece_once(
         path, _ = segment.result.unwrap()
         assert segment.result.stage(Stage.SEARCH).counts == CheckCounts()
         assert segment.result.counts.edges == len(path.waypoints) - 1
-    assert taken.choosing + put.choosing == CheckCounts()
+    assert (taken.choosing + put.choosing).edges == 0
+    assert (taken.choosing + put.choosing).states <= 8  # where it starts, and whether the contact makes sense
 
 
 def test_a_pick_approaches_straight_takes_the_object_along_and_closes_on_it(cell: PlannerService) -> None:
@@ -188,3 +191,62 @@ def test_a_straight_tool_move_out_of_reach_says_how_far_it_came_and_why(cell: Pl
     assert failure is not None
     assert failure.reason is Reason.LINE_BLOCKED
     assert "the straight tool line ends after" in failure.detail
+
+
+def grasp_at(x: float, y: float, z: float) -> Pose:
+    return Pose((x, y, z), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+
+
+@pytest.mark.parametrize(
+    ("grasp", "message"),
+    [
+        (grasp_at(0.28, -0.10, 0.03), r"the fingertips are 178 mm away from block"),
+        (grasp_at(0.28, 0.107, 0.021), r"closing would push block 7 mm aside"),
+    ],
+)
+def test_a_grasp_that_does_not_hold_the_object_is_refused(cell: PlannerService, grasp: Pose, message: str) -> None:
+    task = pick(cell, cell.robot.home, "block", [grasp], Handling(support="table"))
+    assert task.failure is not None
+    assert re.search(message, task.failure.detail)
+
+
+def test_a_grasp_whose_fingers_would_stand_inside_the_object_is_refused(cell: PlannerService) -> None:
+    tight = Handling(support="table", open_width=0.0452)  # no room for a grasp 2 mm beside the middle
+    task = pick(cell, cell.robot.home, "block", [grasp_at(0.28, 0.102, 0.021)], tight)
+    assert task.failure is not None
+    assert re.search(r"finger_(left|right) would stand [12].\d mm inside block", task.failure.detail)
+
+
+@pytest.mark.parametrize(
+    ("height", "message"),
+    [(-0.004, r"block would stand 4.0 mm inside table"), (0.02, r"block would not come within 5 mm of table")],
+)
+def test_an_object_is_set_down_on_its_support_not_into_it_or_above_it(
+    cell: PlannerService, height: float, message: str
+) -> None:
+    taken = picked(cell)
+    put = place(taken.service, taken.q, "block", yaws(0.28, -0.10, HALF - 0.001 + height), Handling(support="table"))
+    assert put.failure is not None
+    assert re.search(message, put.failure.detail)
+
+
+def test_the_scales_of_the_request_slow_the_straight_lines_down_too(cell: PlannerService) -> None:
+    slow = PlanRequest(cell.robot.home, cell.robot.home, velocity_scale=0.25, acceleration_scale=0.25)
+    full, quarter = picked(cell), picked(cell, request=slow)
+    for a, b in zip(full.segments, quarter.segments, strict=True):
+        assert b.result.unwrap()[1].duration > 1.9 * a.result.unwrap()[1].duration
+
+
+def test_a_pick_from_a_start_in_collision_says_so_at_once(cell: PlannerService) -> None:
+    task = pick(cell, [0.0, 1.8, 0.5, 0.0, 0.0, 0.0], "block", [grasp_at(0.28, 0.10, 0.021)])
+    assert task.failure is not None
+    assert task.failure.reason is Reason.START_IN_COLLISION
+    assert task.counts.edges == 0
+
+
+def test_a_cancelled_pick_ends_as_preempted(cell: PlannerService) -> None:
+    token = CancelToken()
+    token.cancel()
+    task = picked(cell, cancel=token)
+    assert task.failure is not None
+    assert task.failure.reason is Reason.PREEMPTED

@@ -21,13 +21,15 @@ class Part:
     """One convex piece: ``owner`` is the link, carried object or obstacle it belongs to.
 
     ``body`` numbers the robot body it rides on, or is -1 for an obstacle; ``T`` is its pose in
-    that body, or in the world.
+    that body, or in the world. What is ``carried`` must not be inside the link that carries it
+    either, though no motion changes that.
     """
 
     owner: str
     body: int
     shape: Shape
     T: FloatArray
+    carried: bool = False
 
     @property
     def moves(self) -> bool:
@@ -58,7 +60,7 @@ class Parts:
         tool = Pose.from_matrix(robot.tool_placement)
         self.carried = tuple((robot.tool_body, a.shape, tool @ a.pose) for a in scene.attached)
         riding += [
-            Part(a.name, body, shape, read_only(pose.matrix))
+            Part(a.name, body, shape, read_only(pose.matrix), carried=True)
             for a, (body, shape, pose) in zip(scene.attached, self.carried, strict=True)
         ]
         riding.sort(key=lambda part: -part.body)
@@ -97,7 +99,7 @@ class Parts:
         if a.owner == b.owner or frozenset((a.owner, b.owner)) in self._allowed:
             return True
         if a.body >= 0 and b.body >= 0:
-            return a.body == b.body
+            return a.body == b.body and not (a.carried or b.carried)
         moving = a if b.body < 0 else b
         return not moving.moves
 
