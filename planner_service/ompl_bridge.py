@@ -11,6 +11,7 @@ and no exception unwinds through OMPL's own code.
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -48,6 +49,15 @@ tree for ever over known edges once its bound on the length excludes the rest; a
 _turn = threading.Lock()
 
 _SEEDS = 2**32 - 1
+
+
+def _renew_turn() -> None:
+    """In the child of a fork nobody will give back the lock that another thread of the parent held."""
+    global _turn
+    _turn = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_renew_turn)
 
 
 class _GoingInCircles(Exception):
@@ -314,7 +324,8 @@ def grow(
 @contextmanager
 def _seeded(seed: int, poll: Callable[[], None]) -> Iterator[None]:
     """The process's turn at OMPL, freshly seeded and silent; a caller who waits for it can still be stopped."""
-    while not _turn.acquire(timeout=0.01):
+    turn = _turn
+    while not turn.acquire(timeout=0.01):
         poll()
     level = ou.getLogLevel()
     try:
@@ -323,7 +334,7 @@ def _seeded(seed: int, poll: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         ou.setLogLevel(level)
-        _turn.release()
+        turn.release()
 
 
 def _path(

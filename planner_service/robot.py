@@ -50,8 +50,8 @@ class JointLimits:
             object.__setattr__(self, item.name, array)
         if len({len(getattr(self, item.name)) for item in fields(self)}) != 1:
             raise InvalidRequest("limits", [len(getattr(self, item.name)) for item in fields(self)], "equal lengths")
-        if np.any(self.lower > self.upper):
-            raise InvalidRequest("lower", self.lower, f"at most upper = {self.upper}")
+        if np.any(self.lower >= self.upper):
+            raise InvalidRequest("lower", self.lower, f"below upper = {self.upper}; lock a joint that does not move")
         for name in ("velocity", "acceleration", "jerk"):
             if np.any(getattr(self, name) <= 0.0):
                 raise InvalidRequest(name, getattr(self, name), "positive numbers")
@@ -249,9 +249,15 @@ class Robot:
         Args:
             extra: More shapes that ride along: body index, shape, T_body_shape.
         """
+        return read_only(np.maximum(self._own_reach, self._reach_of(extra))) if extra else self._own_reach
+
+    @cached_property
+    def _own_reach(self) -> FloatArray:
+        return self._reach_of([(item.body, item.shape, item.pose) for item in self.shapes])
+
+    def _reach_of(self, shapes: Sequence[tuple[int, Shape, Pose]]) -> FloatArray:
         travel = np.maximum(np.abs(self.limits.lower), np.abs(self.limits.upper)).tolist()
-        own = [(item.body, item.shape, item.pose) for item in self.shapes]
-        return read_only(reach_bounds(self.bodies, travel, [*own, *extra]))
+        return read_only(reach_bounds(self.bodies, travel, shapes))
 
     def with_gripper(self, width: float) -> Robot:
         """This robot with the finger pads ``width`` metres apart.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -53,9 +54,18 @@ class PlannerService:
     ) -> None:
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
-        self.checker = CollisionChecker(self.robot, self.scene, edge_step=edge_step, allowed=allowed)
+        self._edge_step, self._allowed = edge_step, tuple(allowed)
+        self._planning = self._new_checker()
         self._turns = Turns()
         self._process = os.getpid()
+
+    @cached_property
+    def checker(self) -> CollisionChecker:
+        """The same judge for questions of your own; plans count in another, so that neither disturbs the other."""
+        return self._new_checker()
+
+    def _new_checker(self) -> CollisionChecker:
+        return CollisionChecker(self.robot, self.scene, edge_step=self._edge_step, allowed=self._allowed)
 
     def with_scene(self, scene: Scene | str | Path) -> PlannerService:
         """A service for the same robot and settings in another scene."""
@@ -66,8 +76,8 @@ class PlannerService:
         return PlannerService(
             self.robot if gripper is None else self.robot.with_gripper(gripper),
             self.scene if scene is None else scene,
-            edge_step=self.checker.edge_step,
-            allowed=self.checker.allowed,
+            edge_step=self._edge_step,
+            allowed=self._allowed,
         )
 
     def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None) -> PlanResult:
@@ -81,7 +91,7 @@ class PlannerService:
                 carried across a fork. That no plan exists is a result, not an error.
         """
         self._require_own_process()
-        return Run(self.checker, request, cancel).result(self._turns)
+        return Run(self._planning, request, cancel).result(self._turns)
 
     def follow(
         self,
@@ -89,6 +99,7 @@ class PlannerService:
         *,
         contacts: Sequence[AllowedStretch] = (),
         timing: Timing | None = None,
+        scales: tuple[float, float] = (1.0, 1.0),
         cancel: CancelToken | None = None,
     ) -> PlanResult:
         """A given polyline checked as it is, each piece once, and timed; nothing is searched.
@@ -97,13 +108,14 @@ class PlannerService:
             waypoints: Shape (N, n).
             contacts: Stretches on which named pairs may touch, where contact is meant.
             timing: The law s(t) along it; ``Trapezoidal()`` if not given.
+            scales: Parts in (0, 1] of the velocity and acceleration limits that may be used.
 
         Raises:
             InvalidRequest: waypoints are not finite rows of n joint values within the limits.
         """
         self._require_own_process()
-        request = FollowRequest(waypoints, tuple(contacts), Trapezoidal() if timing is None else timing)
-        return follow(self.checker, request, self._turns, cancel)
+        request = FollowRequest(waypoints, tuple(contacts), timing or Trapezoidal(), scales)
+        return follow(self._planning, request, self._turns, cancel)
 
     def build_roadmap(self, planner: PRM | PRMstar, *, seed: int = 0, padding: float = 0.001) -> Roadmap:
         """A roadmap of the free space, for many queries in the same scene; pass it as ``PlanRequest.planner``.
@@ -115,7 +127,7 @@ class PlannerService:
         """
         self._require_own_process()
         with self._turns.taken():
-            limits, checker = self.robot.limits, self.checker.variant(padding=padding)
+            limits, checker = self.robot.limits, self._planning.variant(padding=padding)
             return planner.grow(SearchSpace(limits.lower, limits.upper, SearchOracle(checker)), seed=seed)
 
     def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
@@ -125,7 +137,7 @@ class PlannerService:
         """
         self._require_own_process()
         with self._turns.taken():
-            return way_out(self.checker, joint_vector("q", q, self.robot), np.random.default_rng(seed))
+            return way_out(self._planning, joint_vector("q", q, self.robot), np.random.default_rng(seed))
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:

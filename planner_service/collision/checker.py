@@ -25,6 +25,9 @@ __all__ = ["CollisionChecker", "Contact", "EdgeHit"]
 MAX_PADDING = 0.1
 """Metres; more padding than this is a unit mistake."""
 
+MAX_VARIANTS = 32
+"""Variants kept, the oldest forgotten first: a plan needs a handful, and building one again changes no answer."""
+
 LIMIT_SLACK = 1e-9
 """Radians or metres by which rounding may carry a configuration over a joint limit."""
 
@@ -67,7 +70,7 @@ class EdgeHit:
 
 
 class CollisionChecker:
-    """Answers whether a robot's configurations and the edges between them are free in a scene.
+    """Answers whether a robot's configurations and the edges between them are free in a scene; from any thread.
 
     FCL's boolean ``collide`` decides every doubtful pair; a pair is not asked only where it is
     proven apart by more than the margin in which FCL could say otherwise. Joint limits are part of
@@ -120,10 +123,14 @@ class CollisionChecker:
         pairs = self.allowed if allowed is None else tuple(sorted({(min(a, b), max(a, b)) for a, b in allowed}))
         if (padding, pairs) == (self.padding, self.allowed):
             return self
+        if not 0.0 <= padding <= MAX_PADDING:
+            raise InvalidRequest("padding", padding, f"metres between 0 and {MAX_PADDING}")
         if (padding, pairs) not in self._variants:
             other = CollisionChecker(self.robot, self.scene, edge_step=self.edge_step, padding=padding, allowed=pairs)
             other.ledger = self.ledger
             other._variants = self._variants
+            while len(self._variants) >= MAX_VARIANTS:
+                del self._variants[next(iter(self._variants))]
             self._variants[padding, pairs] = other
         return self._variants[padding, pairs]
 
@@ -235,9 +242,10 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         q = self._configuration("q", q)
-        self.ledger.charge_states(1)
         _, numbers = self._prefilter.candidates(q[None])
-        hits = np.array(list(self._colliding_pairs(q.tolist(), numbers.tolist())), dtype=np.intp)
+        with self.ledger.lock:
+            self.ledger.charge_states(1)
+            hits = np.array(list(self._colliding_pairs(q.tolist(), numbers.tolist())), dtype=np.intp)
         depth: dict[tuple[str, str], float] = {}
         for pair, overlap in zip(hits.tolist(), self._prefilter.overlaps(q, hits).tolist(), strict=True):
             names = self._parts.names(pair)  # of a pair that only touches the bound may be below 0
@@ -263,6 +271,10 @@ class CollisionChecker:
 
         Returns its row and the owners of the first pair that touches there, None when all are free.
         """
+        with self.ledger.lock:  # FCL objects are moved from question to question
+            return self._first_collision_alone(Q)
+
+    def _first_collision_alone(self, Q: FloatArray) -> tuple[int, tuple[str, str]] | None:
         start, size = 0, _FIRST_CHUNK
         while start < len(Q):
             self.ledger.poll()

@@ -78,12 +78,10 @@ def _least(a: _Limit | None, b: _Limit | None) -> _Limit | None:
 
 
 class Ledger:
-    """Running counts with their limits, shared by a checker and its variants.
-
-    Not thread-safe: the service lets one call at a time use it.
-    """
+    """Running counts with their limits, shared by a checker and its variants, and the lock that guards both."""
 
     def __init__(self) -> None:
+        self.lock = threading.RLock()
         self.states = 0
         self.edges = 0
         self.distances = 0
@@ -147,11 +145,13 @@ class Ledger:
 
     def charge_edge(self) -> None:
         """Record one edge."""
-        self.edges += 1
+        with self.lock:
+            self.edges += 1
 
     def charge_distances(self, bounds: int) -> None:
         """Record clearance bounds."""
-        self.distances += bounds
+        with self.lock:
+            self.distances += bounds
 
     def hit(self, pair: tuple[str, str]) -> None:
         """Record which pair made a state collide."""
