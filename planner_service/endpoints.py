@@ -5,13 +5,13 @@ Cheap and definitive, so it comes first: a goal inside the table is the most com
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner_service.collision import CollisionChecker
-from planner_service.collision.ledger import CheckBudgetSpent
+from planner_service.collision import CollisionChecker, Contact
+from planner_service.collision.ledger import CheckBudgetSpent, TimeBoxSpent
 from planner_service.geometry import FloatArray, Pose, read_only
 from planner_service.kinematics import inverse_kinematics
 from planner_service.outcome import Failure, Reason, Stage
@@ -26,7 +26,14 @@ __all__ = ["Endpoints", "Ends", "GoalState"]
 REMEDY_STATES = 1000
 """States spent at most on looking for a free configuration near an end in collision."""
 
-_PADDING_STEPS = (1.0, 0.5, 0.25, 0.125, 0.0)
+SAME_POSE = 1e-4
+"""Joint difference (rad) up to which a configuration is a named pose: an encoder step, 0.1 mm at the tip. A larger
+box around the folded pose of the WidowX AI is unsound: its meshes touch 0.01 rad beside it."""
+
+NEAR_POSE = 0.1
+"""Joint difference (rad) up to which a user is told of a pose's way out."""
+
+_LESS_PADDING = (0.5, 0.25, 0.125)
 """Parts of the asked padding tried at an end that is closer to something than that."""
 
 
@@ -49,12 +56,18 @@ class GoalState:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Between what to plan: a free start with its padding, and free goals, nearest first."""
+    """Between what to plan: a free start with its padding, and free goals, nearest first.
 
+    ``begin`` is the requested start inside the limits, beyond which ``departure`` leads to ``start``;
+    ``arrived_at`` is the index of a goal that is ``begin`` itself, None if there is no such.
+    """
+
+    begin: FloatArray
     start: FloatArray
     departure: ExemptRetreat | None
     start_padding: float
     goals: tuple[GoalState, ...]
+    arrived_at: int | None = None
 
     @property
     def padding(self) -> float:
@@ -79,21 +92,36 @@ class Endpoints:
         Raises:
             NoPlan: the start, or every goal, is outside the limits, unreachable or in collision.
         """
-        start, departure = self._beyond_retreat(self._clamped(self._start))
-        start_padding = self._padding_at(start, "start")
+        begin = self._clamped(self._start)
+        start, departure = self._beyond_retreat(begin)
+        try:
+            start_padding = self._padding_at(start, "start")
+        except NoPlan as no_plan:
+            raise NoPlan(self._remedied(no_plan.failure, start)) from no_plan
         goals: list[GoalState] = []
         refused: list[Failure] = []
+        refused_at: FloatArray | None = None
+        arrived_at: int | None = None
         for index, given in enumerate(self._goals):
+            name = self._name(index)
             try:
-                for q in self._configurations(self._name(index), given):
-                    goal, arrival = self._beyond_retreat(q)
-                    goals.append(GoalState(goal, index, arrival, self._padding_at(goal, self._name(index))))
+                candidates = self._configurations(name, given)
             except NoPlan as no_plan:
                 refused.append(no_plan.failure)
+                continue
+            for q in candidates:
+                if arrived_at is None and q.tolist() == begin.tolist():
+                    arrived_at = index
+                goal, arrival = self._beyond_retreat(q)
+                try:
+                    goals.append(GoalState(goal, index, arrival, self._padding_at(goal, name)))
+                except NoPlan as no_plan:
+                    refused_at = goal if not refused else refused_at
+                    refused.append(no_plan.failure)
         if not goals:
-            raise NoPlan(refused[0])
+            raise NoPlan(refused[0] if refused_at is None else self._remedied(refused[0], refused_at))
         goals.sort(key=lambda goal: joint_distance(start, goal.q))
-        return Ends(start, departure, start_padding, tuple(goals))
+        return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)
 
     def _name(self, index: int) -> str:
         return "goal" if len(self._goals) == 1 else f"goal[{index}]"
@@ -121,41 +149,38 @@ class Endpoints:
         self._book.notes.append(f"start: {self._in_words(q, joint)}; it was clamped to the limit")
         return read_only(inside)
 
-    def _configurations(self, name: str, given: FloatArray | Pose) -> Iterator[FloatArray]:
+    def _configurations(self, name: str, given: FloatArray | Pose) -> list[FloatArray]:
+        """A joint goal itself, or every inverse kinematics solution of a pose.
+
+        Raises:
+            NoPlan: the goal is outside the limits, or the pose has no solution.
+        """
         if isinstance(given, Pose):
-            yield from self._reaching(name, given)
-            return
+            solutions = inverse_kinematics(self._robot, given)
+            if len(solutions) == 0:
+                x, y, z = given.position
+                detail = f"{name}: no joint values within the limits bring the tool so to ({x:.4f}, {y:.4f}, {z:.4f})"
+                raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
+            return [read_only(q) for q in solutions]
         joint = self._outside(given)
         if joint is not None:
             detail = f"{name}: {self._in_words(given, joint)}"
             raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail))
-        yield given
-
-    def _reaching(self, name: str, pose: Pose) -> Iterator[FloatArray]:
-        """Every free solution of a pose; if all collide, the reason of the first."""
-        solutions = [read_only(q) for q in inverse_kinematics(self._robot, pose)]
-        if not solutions:
-            x, y, z = pose.position
-            detail = f"{name}: no joint values within the limits bring the tool so to ({x:.4f}, {y:.4f}, {z:.4f})"
-            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
-        free = [q for q in solutions if self._checker.state_is_free(q)]
-        if not free:
-            raise NoPlan(self._in_collision(name, solutions[0]))
-        yield from free
+        return [given]
 
     def _beyond_retreat(self, q: FloatArray) -> tuple[FloatArray, ExemptRetreat | None]:
-        """Where planning goes on from q: the free end of the fixed way out, if q is a pose that has one."""
-        tolerance = self._request.start_tolerance
+        """Where planning goes on from q: the free end of the fixed way out, if q is a colliding pose that has one."""
         for retreat in self._robot.retreats:
             rest = self._robot.pose(retreat.pose)
-            if np.abs(q - rest).max() > tolerance:
+            if np.abs(q - rest).max() > SAME_POSE or self._checker.state_is_free(q):
                 continue
             checker = self._checker.variant(allowed=(*self._checker.allowed, *retreat.pairs))
-            if not checker.edge_is_free(rest, retreat.to):
-                continue
-            if q.tolist() != rest.tolist():
-                self._book.notes.append(f"taken for the pose {retreat.pose!r}, from which it is within {tolerance:g}")
-            return retreat.to, retreat
+            if checker.edge_is_free(rest, retreat.to):
+                if q.tolist() != rest.tolist():
+                    self._book.notes.append(
+                        f"taken for the pose {retreat.pose!r}, {np.abs(q - rest).max():.1e} rad away"
+                    )
+                return retreat.to, retreat
         return q, None
 
     def _padding_at(self, q: FloatArray, name: str) -> float:
@@ -165,21 +190,35 @@ class Endpoints:
             NoPlan: q collides as it is.
         """
         widest = self._request.padding
-        ladder = [widest * part for part in _PADDING_STEPS] if widest else [0.0]
-        for padding in ladder:
-            if self._checker.variant(padding=padding).state_is_free(q):
-                return padding
-        raise NoPlan(self._in_collision(name, q))
+        if self._checker.variant(padding=widest).state_is_free(q):
+            return widest
+        if widest == 0.0 or not self._checker.state_is_free(q):
+            raise NoPlan(self._in_collision(name, q))
+        ladder = (widest * part for part in _LESS_PADDING)
+        return next((p for p in ladder if self._checker.variant(padding=p).state_is_free(q)), 0.0)
 
     def _in_collision(self, name: str, q: FloatArray) -> Failure:
-        contacts = self._checker.contacts(q)
+        contacts: tuple[Contact, ...] = ()
+        with suppress(CheckBudgetSpent, TimeBoxSpent):  # that it collides is known all the same
+            contacts = self._checker.contacts(q)
+        what = ", ".join(str(contact) for contact in contacts[:3]) or "no check left to say with what"
+        detail = f"{name} in collision: {what}"
+        for retreat in self._robot.retreats:
+            if np.abs(q - self._robot.pose(retreat.pose)).max() <= NEAR_POSE:
+                detail += f"; the pose {retreat.pose!r} itself has a way out, to within {SAME_POSE:g} of it"
+        reason = Reason.START_IN_COLLISION if name == "start" else Reason.GOAL_IN_COLLISION
+        return Failure(Stage.ENDPOINTS, reason, detail, contacts)
+
+    def _remedied(self, failure: Failure, q: FloatArray) -> Failure:
+        """The same failure with the nearest free configuration found, if the limits leave room to look for one."""
         try:
             with self._checker.limited(states=REMEDY_STATES):
                 free = nearest_free(self._checker, q, np.random.default_rng([self._request.seed, 2]))
-        except CheckBudgetSpent:
+        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+            self._book.deterministic &= isinstance(stopped, CheckBudgetSpent)
             free = None
-        detail = f"{name} in collision: {', '.join(str(contact) for contact in contacts[:3])}"
-        if free is not None:
-            detail += f"; the nearest free configuration found is {joint_distance(q, free):.3f} rad away"
-        reason = Reason.START_IN_COLLISION if name == "start" else Reason.GOAL_IN_COLLISION
-        return Failure(Stage.ENDPOINTS, reason, detail, contacts, free)
+        if free is None:
+            return failure
+        away = joint_distance(q, free)
+        detail = f"{failure.detail}; the nearest free configuration found is {away:.3f} rad away"
+        return replace(failure, detail=detail, nearest_free=free)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
@@ -30,6 +31,9 @@ __all__ = ["Run", "scaled", "timed"]
 
 SEARCH_SHARE = 0.8
 """Part of ``max_checks`` that searching may use; the rest is kept for shortcutting and the last check."""
+
+TELLING_MOTIONS = 20
+"""Motions tried at an end, all in vain, before a user is told that it is boxed in."""
 
 Configuration = tuple[float, ...]
 
@@ -70,10 +74,9 @@ class SearchOracle:
         hit = self._checker.edge_hit(q1, q2, known=known)
         if hit is None:
             self._free_edges.add((a, b) if a <= b else (b, a))
-        if a in self._starts or b in self._starts:
-            self._motions["start"][hit is None] += 1
-        if a in self._goals or b in self._goals:
-            self._motions["goal"][hit is None] += 1
+        for end, configurations in (("start", self._starts), ("goal", self._goals)):
+            if a in configurations or b in configurations:
+                self._motions[end][hit is None] += 1
         return hit
 
     def proved(self, q1: FloatArray, q2: FloatArray) -> bool:
@@ -86,7 +89,7 @@ class SearchOracle:
         return "".join(
             f"; none of the {tried[False]} motions tried at the {end} was free: it is boxed in"
             for end, tried in self._motions.items()
-            if tried[False] and not tried[True]
+            if tried[False] >= TELLING_MOTIONS and not tried[True]
         )
 
 
@@ -96,7 +99,8 @@ class Run:
     def __init__(self, checker: CollisionChecker, request: PlanRequest, cancel: CancelToken | None) -> None:
         self._checker = checker
         self._request = request
-        self._book = StageBook(checker, Limits(request.max_checks, request.time_limit, cancel))
+        self._search_states = max(1, int(request.max_checks * SEARCH_SHARE))
+        self._book = StageBook(checker, Limits(request.max_checks, self._search_states, request.time_limit, cancel))
         self._endpoints = Endpoints(checker, request, self._book)
         self._oracles: list[SearchOracle] = []
 
@@ -113,14 +117,23 @@ class Run:
         with book.during(Stage.ENDPOINTS):
             ends = self._endpoints.find()
         book.padding = ends.padding
+        if ends.arrived_at is not None:
+            return self._nowhere_to_go(ends, ends.arrived_at)
         points = self._straight_line(ends)
         if points is None:
             points = self._searched(ends)
         path, goal_index, exempt = self._certified(points, ends)
+        return book.result(path, self._timed(path), goal_index=goal_index, exempt=exempt)
+
+    def _nowhere_to_go(self, ends: Ends, goal_index: int) -> PlanResult:
+        self._book.notes.append("start and goal are the same configuration: nothing to do")
+        path = JointPath(np.array([ends.begin]))
+        return self._book.result(path, self._timed(path), goal_index=goal_index)
+
+    def _timed(self, path: JointPath) -> Trajectory:
         request = self._request
         limits = scaled(self._checker.robot.limits, request.velocity_scale, request.acceleration_scale)
-        trajectory = timed(path, request.timing, limits, book)
-        return book.result(path, trajectory, goal_index=goal_index, exempt=exempt)
+        return timed(path, request.timing, limits, self._book)
 
     def _oracle(self, padding: float, start: FloatArray, goals: Iterable[FloatArray]) -> SearchOracle:
         self._oracles.append(SearchOracle(self._checker.variant(padding=padding), [start], goals))
@@ -130,9 +143,7 @@ class Run:
         oracle = self._oracle(ends.padding, ends.start, [goal.q for goal in ends.goals])
         with self._book.during(Stage.STRAIGHT_LINE) as entry:
             for goal in ends.goals:
-                if goal.q.tolist() == ends.start.tolist():
-                    self._book.notes.append("start and goal are the same configuration: nothing to do")
-                    entry.length = 0.0
+                if goal.q.tolist() == ends.start.tolist():  # two ends of one retreat
                     return np.array([ends.start])
                 hit = oracle.edge_hit(ends.start, goal.q, known=Known.BOTH)
                 if hit is None:
@@ -198,17 +209,16 @@ class Run:
             return points
 
     def _tries(self, planner: Planner, problem: SearchProblem) -> FloatArray | None:
-        """Search until a try finds a path: each has twice the states of the one before, and a fresh seed.
+        """Search until a try finds a path: each with a fresh seed and an equal share of the states.
 
-        Most searches are short; the rare long one is worth what the others left.
+        A search has a long tail, which a fresh start cuts off; one that would end well is over long before.
         """
-        tries = self._request.retries + 1
-        unit = self._request.max_checks * SEARCH_SHARE / (2**tries - 1)
+        tries = self._request.retries + 1 if planner.restarts else 1
         for attempt in range(tries):
             self._book.attempts = attempt + 1
             seed = fresh_seed(self._request.seed, attempt)
             try:
-                with self._checker.limited(states=max(1, int(unit * 2**attempt))):
+                with self._checker.limited(states=max(1, self._search_states // tries)):
                     found = planner.search(replace(problem, seed=seed))
             except CheckBudgetSpent:
                 if attempt + 1 == tries:
@@ -297,4 +307,4 @@ def fresh_seed(seed: int, attempt: int) -> int:
 
 
 def _length(points: FloatArray) -> float:
-    return sum(joint_distance(a, b) for a, b in pairwise(points.tolist()))
+    return math.fsum(joint_distance(a, b) for a, b in pairwise(points.tolist()))

@@ -40,7 +40,7 @@ class WayOut:
 
 
 def nearest_free(checker: CollisionChecker, q: FloatArray, rng: np.random.Generator) -> FloatArray | None:
-    """The nearest free configuration found around q (n,), None if none was found.
+    """A free configuration near q (n,), None if none was found.
 
     Random directions on growing shells inside the joint limits, then bisection back towards q;
     every state is counted.
@@ -54,7 +54,7 @@ def near(q: FloatArray, limits: JointLimits, rng: np.random.Generator) -> Iterat
     """Configurations around q (n,) inside the limits, in random directions on growing shells."""
     for radius in _SHELLS:
         for direction in rng.standard_normal((_DIRECTIONS, len(q))).tolist():
-            norm = math.sqrt(sum(x * x for x in direction))
+            norm = math.sqrt(math.fsum(x * x for x in direction))
             yield np.clip(q + np.array(direction) * (radius / norm), limits.lower, limits.upper)
 
 

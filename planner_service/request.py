@@ -16,7 +16,7 @@ from planner_service.planners import Planner, RRTConnect
 from planner_service.robot import Robot
 from planner_service.timing import Timing, ToppRa
 
-__all__ = ["Goal", "PlanRequest"]
+__all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale"]
 
 Goal = ArrayLike | Pose | Sequence[ArrayLike | Pose]
 
@@ -67,8 +67,7 @@ class PlanRequest:
         if self.time_limit is not None:
             _number("time_limit", self.time_limit, 0.0, 86_400.0)
         for name in ("velocity_scale", "acceleration_scale"):
-            if _number(name, getattr(self, name), 0.0, 1.0) == 0.0:
-                raise InvalidRequest(name, 0.0, "a part in (0, 1] of the limit")
+            require_scale(name, getattr(self, name))
         if not callable(getattr(self.planner, "search", None)):
             raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
         if not callable(getattr(self.timing, "time_path", None)):
@@ -107,6 +106,12 @@ def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
         if not math.isfinite(value):
             raise InvalidRequest(name, value, f"a finite value for {joint}")
     return array
+
+
+def require_scale(name: str, value: object) -> None:
+    """Refuse what is no part in (0, 1] of a limit."""
+    if _number(name, value, 0.0, 1.0) == 0.0:
+        raise InvalidRequest(name, value, "a part in (0, 1] of the limit")
 
 
 def _whole(name: str, value: object, low: int, high: int) -> None:

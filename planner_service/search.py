@@ -161,6 +161,10 @@ class Planner(Protocol):
     def name(self) -> str:
         """Lower case, as on the command line."""
 
+    @property
+    def restarts(self) -> bool:
+        """Whether a fresh start with another seed is worth more than going on: not for one that keeps improving."""
+
     def search(self, problem: SearchProblem) -> SearchResult:
         """A path, or a result without one. What the oracle and ``poll`` raise comes out unchanged, unless a
         path is in hand (``SearchResult.stopped``)."""

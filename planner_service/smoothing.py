@@ -7,6 +7,7 @@ between vertices come first, and a cut between random points is only tried if it
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -114,7 +115,7 @@ def _cut_at_random(
 def _cut(chain: list[Configuration], u: float, v: float) -> tuple[Edge, list[Configuration]] | None:
     """The cut from u to v (shares of the length), and ``chain`` with it; None if that gains too little."""
     lengths = [joint_distance(a, b) for a, b in pairwise(chain)]
-    total = sum(lengths)
+    total = math.fsum(lengths)
     (i, a, before), (j, b, after) = (_point_at(chain, lengths, share * total) for share in sorted((u, v)))
     if i == j:
         return None

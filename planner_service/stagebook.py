@@ -26,9 +26,10 @@ class NoPlan(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """What one call may spend."""
+    """What one call may spend; of its states, searching may use ``search_states``."""
 
     states: int | None
+    search_states: int | None
     seconds: float | None
     token: CancelToken | None
 
@@ -122,7 +123,10 @@ class StageBook:
         if isinstance(stopped, TimeBoxSpent):
             self.deterministic = False
             return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._limits.seconds:g} s passed")
-        return self._unknown(Reason.CHECK_BUDGET_EXHAUSTED, f"no path within {self._limits.states} checks")
+        return self._unknown(
+            Reason.CHECK_BUDGET_EXHAUSTED,
+            f"no path within the {self._limits.search_states} checks that a search may use",
+        )
 
     def _unknown(self, reason: Reason, what: str) -> Failure:
         """A failure that proves nothing, with what the search kept running into."""

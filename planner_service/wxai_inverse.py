@@ -181,7 +181,7 @@ class WxaiInverse:
             yield cmath.phase(arm) - cmath.phase(joint), elbow
 
     def _about(self, q: Sequence[float], first: int, last: int) -> float:
-        return sum(self.signs[i] * q[i] for i in range(first, last))
+        return math.fsum(self.signs[i] * q[i] for i in range(first, last))
 
     def _spread(self, given: list[float]) -> list[float]:
         return [*given, *(2 * math.pi * k / SPREAD for k in range(SPREAD))]

@@ -85,11 +85,26 @@ def test_a_blocked_line_is_searched_and_every_piece_of_the_path_is_free(discs: P
     assert trajectory(trajectory.duration).tolist() == list(GOAL)
 
 
-def test_the_counts_of_a_result_are_the_sum_of_its_stages_and_what_the_checker_counted(discs: PlannerService) -> None:
-    before = discs.checker.counts
+def test_the_counts_of_a_result_are_the_sum_of_its_stages_and_what_was_judged(discs: PlannerService) -> None:
+    before = discs._planning.counts
     result = discs.plan(asked())
     assert sum((report.counts for report in result.stages), CheckCounts()) == result.counts
-    assert discs.checker.counts - before == result.counts
+    assert discs._planning.counts - before == result.counts
+
+
+def test_questions_of_ones_own_change_nothing_about_a_plan(discs: PlannerService) -> None:
+    alone, stop = fingerprint(discs.plan(asked())), threading.Event()
+
+    def ask() -> None:
+        while not stop.is_set():
+            discs.checker.state_is_free(START)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    beside = fingerprint(discs.plan(asked()))
+    stop.set()
+    asking.join()
+    assert beside == alone
 
 
 def test_shortcutting_makes_the_path_shorter_and_asks_nothing_twice(discs: PlannerService) -> None:
@@ -112,6 +127,27 @@ def test_a_pose_goal_is_reached_by_the_tool(arm: PlannerService) -> None:
     pose = Pose((0.25, -0.20, 0.10), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
     path, _ = arm.plan(asked(arm.robot.home, pose)).unwrap()
     np.testing.assert_allclose(arm.robot.tool_pose(path.waypoints[-1]), pose.matrix, atol=1e-7)
+
+
+def test_asleep_and_asked_to_sleep_nothing_moves(arm: PlannerService) -> None:
+    sleep = arm.robot.pose("sleep")
+    result = arm.plan(asked(sleep, sleep))
+    assert result.unwrap()[0].waypoints.tolist() == [[0.0] * 6]
+    assert arm.plan(asked(sleep, arm.robot.retreats[0].to)).unwrap()[0].length == pytest.approx(math.sqrt(2) * 0.08)
+
+
+def test_a_configuration_beside_sleep_is_not_taken_for_it(arm: PlannerService) -> None:
+    beside = arm.plan(asked([0.0, 0.0, 0.0, 0.0, 0.005, 0.0], arm.robot.home))
+    assert beside.failure is not None
+    assert beside.failure.reason is Reason.START_IN_COLLISION
+    assert "the pose 'sleep' itself has a way out" in beside.failure.detail
+
+
+def test_many_colliding_goals_cost_little_when_one_is_free(discs: PlannerService) -> None:
+    inside = (math.atan2(0.6, 1.1), 0.0)
+    result = discs.plan(asked(goal=[inside] * 50 + [(0.3, 0.0)]))
+    assert result.goal_index == 50
+    assert result.stage(Stage.ENDPOINTS).counts.states <= 1 + 51 * 3
 
 
 def test_start_equal_to_goal_is_a_plan_of_no_motion_that_says_so(discs: PlannerService) -> None:
@@ -142,7 +178,10 @@ def test_a_roadmap_grown_before_answers_with_few_checks(discs: PlannerService) -
 
 
 def test_an_anytime_planner_ends_at_its_soft_cap_with_a_path(discs: PlannerService) -> None:
-    assert discs.plan(asked(planner=RRTstar(checks=3000))).ok
+    result = discs.plan(asked(planner=RRTstar(checks=3000)))
+    assert result.ok
+    assert 3000 <= result.stage(Stage.SEARCH).counts.states < 3500
+    assert result.attempts == 1
 
 
 # -- no plan --------------------------------------------------------------------------------------
@@ -342,6 +381,12 @@ def test_a_given_polyline_that_collides_says_where_and_with_what(discs: PlannerS
     assert failure is not None
     assert failure.reason is Reason.LINE_BLOCKED
     assert "forearm x lesson_disc" in failure.detail
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, -1), (2, 0), (0, 5), (-1, 1)])
+def test_a_stretch_of_contact_must_lie_on_the_line(discs: PlannerService, first: int, last: int) -> None:
+    with pytest.raises(InvalidRequest, match=r"contacts: got 'waypoints .*; expected first and last waypoint in order"):
+        discs.follow([START, (0.1, 0.0)], contacts=[AllowedStretch(first, last, (), "test")])
 
 
 def test_contact_is_allowed_only_on_the_stretch_it_is_meant_for(discs: PlannerService) -> None:
