@@ -1,0 +1,1 @@
+"""Tools that measure; not part of the installed package."""
