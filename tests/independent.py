@@ -169,6 +169,7 @@ class IndependentChecker:
         for table in content.get("obstacle", ()):
             self._add(table["name"], 0, 0, _shape(table), _pose(table))
         frame = self.model.frames[tool]
+        self._carried = {table["name"] for table in content.get("attached", ())}
         for table in content.get("attached", ()):
             self._add(table["name"], frame.parentJoint, tool, _shape(table), frame.placement * _pose(table))
 
@@ -177,13 +178,14 @@ class IndependentChecker:
         self.owners.append(name)
 
     def _pair_up(self, may_touch: set[frozenset[str]]) -> None:
-        """Judge every two shapes that can move against each other: what hangs on one joint cannot."""
+        """Judge every two shapes that can move against each other, and what is carried against all of the robot."""
         self.pairs: list[tuple[str, str]] = []
         shapes = self.geometry.geometryObjects
         for j, second in enumerate(shapes):
             for i, first in enumerate(shapes[:j]):
                 names = (self.owners[i], self.owners[j])
-                if first.parentJoint != second.parentJoint and frozenset(names) not in may_touch:
+                own = first.parentJoint == second.parentJoint and not self._carried & set(names)
+                if names[0] != names[1] and not own and frozenset(names) not in may_touch:
                     self.geometry.addCollisionPair(pin.CollisionPair(i, j))
         for pair in self.geometry.collisionPairs:
             self.pairs.append((self.owners[pair.first], self.owners[pair.second]))

@@ -204,14 +204,19 @@ def test_the_fixed_base_is_not_judged_against_what_stands_around_it() -> None:
     assert CollisionChecker(WXAI, Scene((around,))).state_is_free(WXAI.home)
 
 
-def test_an_object_held_rides_on_the_wrist_and_is_judged_against_what_does_not() -> None:
-    """Fingers and block never move against each other, so a block that overlaps them is nobody's collision."""
+def test_an_object_held_rides_on_the_wrist_and_is_judged_against_the_obstacles() -> None:
     robot = WXAI.with_gripper(0.040)
-    block = Attached("block", Box((0.045, 0.045, 0.045)), Pose((-0.01, 0.0, 0.0)))
+    block = Attached("block", Box((0.045, 0.045, 0.045)), Pose((-0.01, 0.0, 0.0)), ("finger_left", "finger_right"))
     assert CollisionChecker(robot, Scene((), (block,))).state_is_free(robot.home)
     post = Obstacle("post", Cylinder(0.02, 0.1), Pose(tuple(robot.tool_pose(robot.home)[:3, 3].tolist())))
     names = {(c.a, c.b) for c in CollisionChecker(robot, Scene((post,), (block,))).contacts(robot.home)}
     assert ("block", "post") in names
+
+
+def test_an_object_held_must_not_be_inside_the_hand_that_holds_it() -> None:
+    slab = Attached("slab", Box((0.3, 0.02, 0.02)), Pose(), ("finger_left", "finger_right"))
+    contacts = CollisionChecker(WXAI, Scene((), (slab,))).contacts(WXAI.home)
+    assert ("slab", "link_6") in {(c.a, c.b) for c in contacts} | {(c.b, c.a) for c in contacts}
 
 
 def test_an_object_held_may_touch_only_its_touch_links() -> None:

@@ -106,6 +106,8 @@ class Prefilter:
         swept_high = np.concatenate([high.max(axis=0), self._high_world])
         meet = ((swept_low[self._i] <= swept_high[self._j]) & (swept_high[self._i] >= swept_low[self._j])).all(axis=-1)
         pair = np.flatnonzero(meet)
+        if len(R) == 1:
+            return np.zeros_like(pair), pair
         i, j = self._i[pair], self._j[pair]
         own = j < self._parts.riding
         low_j, high_j = np.empty((len(R), len(j), 3)), np.empty((len(R), len(j), 3))
