@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, numbers
 from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage
 from planner_service.path import JointPath
 from planner_service.pipeline import scaled, timed
@@ -57,7 +56,7 @@ class FollowRequest:
 
 def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, cancel: CancelToken | None) -> PlanResult:
     """Check a polyline as it is and time it; ENDPOINTS judges its first waypoint, STRAIGHT_LINE the rest, once."""
-    points = np.array(request.waypoints, dtype=np.float64)
+    points = numbers("waypoints", request.waypoints, f"rows of {checker.robot.n} joint values")
     path = JointPath(points)
     if path.n != checker.robot.n:
         raise InvalidRequest("waypoints", points.shape, f"rows of {checker.robot.n} joint values")

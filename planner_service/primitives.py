@@ -72,7 +72,7 @@ class Handling:
     cancel: CancelToken | None = None
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.support_gap <= 0.05:
+        if not isinstance(self.support_gap, int | float) or not 0.0 <= self.support_gap <= 0.05:
             raise InvalidRequest("support_gap", self.support_gap, "metres in [0, 0.05]")
 
 
@@ -171,8 +171,9 @@ def pick(
     """
     handling = handling or Handling()
     obstacle = service.scene.obstacle(target)
-    if not grasps:
-        raise InvalidRequest("grasps", grasps, "at least one tool pose")
+    _require_poses("grasps", grasps)
+    if handling.support == target:
+        raise InvalidRequest("support", target, "what the object stands on, not the object itself")
     return _Task(service, q, handling).result([_grasping(service, obstacle, grasp, handling) for grasp in grasps])
 
 
@@ -194,9 +195,13 @@ def place(
     held = next((a for a in service.scene.attached if a.name == carried), None)
     if held is None:
         raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])
-    if not poses:
-        raise InvalidRequest("poses", poses, "at least one pose of the object")
+    _require_poses("poses", poses)
     return _Task(service, q, handling).result([_placing(service, held, pose, handling) for pose in poses])
+
+
+def _require_poses(name: str, poses: object) -> None:
+    if not isinstance(poses, list | tuple) or not poses or not all(isinstance(pose, Pose) for pose in poses):
+        raise InvalidRequest(name, poses, "a list of at least one Pose")
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,8 @@ def way_out(checker: CollisionChecker, q: FloatArray, rng: np.random.Generator) 
     a pair that has come apart stays apart.
     """
     pairs = {(c.a, c.b) for c in checker.contacts(q)}
+    if not pairs:
+        return WayOut(JointPath(np.array([q])), ())
     free = nearest_free(checker, q, rng)
     if free is None:
         return None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose, read_only
+from planner_service.geometry import FloatArray, Pose, numbers
 from planner_service.planners import Planner, RRTConnect
 from planner_service.robot import Robot
 from planner_service.timing import Timing, ToppRa
@@ -96,10 +96,7 @@ def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
     Raises:
         InvalidRequest: not n numbers, or one of them is not finite.
     """
-    try:
-        array = read_only(values)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise InvalidRequest(name, values, f"{robot.n} joint values") from None
+    array = numbers(name, values, f"{robot.n} joint values")
     if array.shape != (robot.n,):
         raise InvalidRequest(name, f"shape {array.shape}", f"{robot.n} joint values, shape ({robot.n},)")
     for joint, value in zip(robot.joint_names, array.tolist(), strict=True):
@@ -120,6 +117,7 @@ def _whole(name: str, value: object, low: int, high: int) -> None:
 
 
 def _number(name: str, value: object, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not low <= float(value) <= high:
+    kind = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not kind or not low <= value <= high:  # type: ignore[operator]
         raise InvalidRequest(name, value, f"a number in [{low:g}, {high:g}]")
-    return float(value)
+    return float(value)  # type: ignore[arg-type]

@@ -24,7 +24,7 @@ from planner_service.request import PlanRequest, joint_vector
 from planner_service.roadmap import Roadmap
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene, load_scene
-from planner_service.search import SearchSpace
+from planner_service.search import SearchSpace, require_seed
 from planner_service.timing import Timing, Trapezoidal
 from planner_service.turns import Turns
 
@@ -126,16 +126,20 @@ class PlannerService:
             padding: Metres its milestones and edges keep from everything; best that of the queries to come.
         """
         self._require_own_process()
+        require_seed(seed)
+        if not isinstance(planner, PRM | PRMstar):
+            raise InvalidRequest("planner", planner, "PRM() or PRMstar()")
         with self._turns.taken():
             limits, checker = self.robot.limits, self._planning.variant(padding=padding)
             return planner.grow(SearchSpace(limits.lower, limits.upper, SearchOracle(checker)), seed=seed)
 
     def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
-        """A short motion from a colliding configuration q (n,) to a free one, None if none was found.
+        """A short motion from a colliding configuration q (n,) to a free one, None if none was found; q itself if free.
 
         Nothing is executed and no plan uses it by itself: it is shown, and the caller decides.
         """
         self._require_own_process()
+        require_seed(seed)
         with self._turns.taken():
             return way_out(self._planning, joint_vector("q", q, self.robot), np.random.default_rng(seed))
 

@@ -19,6 +19,7 @@ from planner_service.robot import Robot, load_robot
 from planner_service.scene import Attached, Obstacle, Scene, load_scene
 from tests.independent import IndependentChecker
 
+NANO = 1.1e-9  # clearances and depths are whole nanometres, rounded to the safe side
 ROOT = Path(__file__).parents[1]
 FINGERS = ("finger_left", "finger_right")
 LINK_RADIUS = 0.01
@@ -85,7 +86,7 @@ def test_clearance_among_discs_is_the_distance_in_the_plane() -> None:
     checker, rng = planar(), np.random.default_rng(2)
     for q in rng.uniform(-math.pi, math.pi, (200, 2)):
         if planar_gap(q) > 0.0:
-            assert checker.clearance(q) == pytest.approx(planar_gap(q), abs=1e-12)
+            assert checker.clearance(q) == pytest.approx(planar_gap(q), abs=NANO)
 
 
 def test_verdicts_of_the_independent_checker_are_those_of_plane_geometry() -> None:
@@ -156,7 +157,7 @@ def test_a_ball_above_a_table_is_free_and_its_clearance_is_the_gap(gap: float) -
     checker, q = ball_above_box(gap)
     assert checker.state_is_free(q)
     assert checker.contacts(q) == ()
-    assert checker.clearance(q) == pytest.approx(gap, abs=1e-12)
+    assert checker.clearance(q) == pytest.approx(gap, abs=NANO)
 
 
 @pytest.mark.parametrize("depth", [1e-5, 1e-3, 0.01])
@@ -165,8 +166,8 @@ def test_a_ball_in_a_table_collides_as_deep_as_it_is_lowered(depth: float) -> No
     assert not checker.state_is_free(q)
     (contact,) = checker.contacts(q)
     assert (contact.a, contact.b) == ("ball", "small_table")
-    assert contact.depth == pytest.approx(depth, abs=1e-12)
-    assert checker.clearance(q) == pytest.approx(-depth, abs=1e-12)
+    assert contact.depth == pytest.approx(depth, abs=NANO)
+    assert checker.clearance(q) == pytest.approx(-depth, abs=NANO)
 
 
 def test_padding_is_the_distance_that_must_be_kept() -> None:

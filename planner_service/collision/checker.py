@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -24,6 +25,9 @@ __all__ = ["CollisionChecker", "Contact", "EdgeHit"]
 
 MAX_PADDING = 0.1
 """Metres; more padding than this is a unit mistake."""
+
+NANO = 1e9
+"""Bounds are given in whole nanometres, rounded to the safe side: their last bits depend on the CPU."""
 
 MAX_VARIANTS = 32
 """Variants kept, the oldest forgotten first: a plan needs a handful, and building one again changes no answer."""
@@ -94,13 +98,14 @@ class CollisionChecker:
         padding: float = 0.0,
         allowed: Iterable[tuple[str, str]] = (),
     ) -> None:
-        if not 0.0 <= padding <= MAX_PADDING:
-            raise InvalidRequest("padding", padding, f"metres between 0 and {MAX_PADDING}")
+        _require_padding(padding)
+        if edge_step is not None and not callable(getattr(edge_step, "segments", None)):
+            raise InvalidRequest("edge_step", edge_step, "a rule such as MotionStep(0.010)")
         self.robot = robot
         self.scene = scene
         self.edge_step: EdgeStep = MotionStep() if edge_step is None else edge_step
         self.padding = float(padding)
-        self.allowed = tuple(sorted({(min(a, b), max(a, b)) for a, b in allowed}))
+        self.allowed = _sorted_pairs(allowed)
         self.ledger = Ledger()
         self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
         self._prefilter = Prefilter(robot, self._parts)
@@ -119,12 +124,11 @@ class CollisionChecker:
         self, *, padding: float | None = None, allowed: Iterable[tuple[str, str]] | None = None
     ) -> CollisionChecker:
         """A checker of the same robot and scene with other padding or allowed pairs; both count in one ledger."""
-        padding = self.padding if padding is None else float(padding)
-        pairs = self.allowed if allowed is None else tuple(sorted({(min(a, b), max(a, b)) for a, b in allowed}))
+        padding = self.padding if padding is None else padding
+        pairs = self.allowed if allowed is None else _sorted_pairs(allowed)
         if (padding, pairs) == (self.padding, self.allowed):
             return self
-        if not 0.0 <= padding <= MAX_PADDING:
-            raise InvalidRequest("padding", padding, f"metres between 0 and {MAX_PADDING}")
+        _require_padding(padding)
         if (padding, pairs) not in self._variants:
             other = CollisionChecker(self.robot, self.scene, edge_step=self.edge_step, padding=padding, allowed=pairs)
             other.ledger = self.ledger
@@ -233,7 +237,7 @@ class CollisionChecker:
         """
         gap = self._prefilter.smallest_gap(self._configuration("q", q))
         self.ledger.charge_distances(len(self._pairs))
-        return gap
+        return math.floor(gap * NANO) / NANO if math.isfinite(gap) else gap
 
     def contacts(self, q: ArrayLike) -> tuple[Contact, ...]:
         """The pairs that touch at q (n,), deepest first; empty when q is free. Counts one state.
@@ -249,15 +253,15 @@ class CollisionChecker:
         depth: dict[tuple[str, str], float] = {}
         for pair, overlap in zip(hits.tolist(), self._prefilter.overlaps(q, hits).tolist(), strict=True):
             names = self._parts.names(pair)  # of a pair that only touches the bound may be below 0
-            depth[names] = max(depth.get(names, 0.0), overlap)
+            depth[names] = max(depth.get(names, 0.0), math.ceil(overlap * NANO) / NANO)
         found = [Contact(a, b, value) for (a, b), value in depth.items()]
         return tuple(sorted(found, key=lambda c: (-c.depth, c.a, c.b)))
 
     def _configuration(self, field: str, q: ArrayLike) -> FloatArray:
-        try:
-            array = np.asarray(q, dtype=np.float64)
-        except (TypeError, ValueError):  # words, or rows of unequal length
-            raise InvalidRequest(field, q, f"{self.robot.n} joint values, shape ({self.robot.n},)") from None
+        if type(q) is np.ndarray and q.dtype == np.float64:  # as planners ask: no time for a closer look
+            array = q
+        else:
+            array = numbers(field, q, f"{self.robot.n} joint values")
         if array.shape != (self.robot.n,):
             raise InvalidRequest(field, np.shape(q), f"{self.robot.n} joint values, shape ({self.robot.n},)")
         for k, value in enumerate(array.tolist()):
@@ -317,6 +321,22 @@ class CollisionChecker:
                     self._judge.place(part, R, t)
             if self._judge.collide(i, j):
                 yield number
+
+
+def _require_padding(padding: object) -> None:
+    kind = isinstance(padding, int | float | np.number) and not isinstance(padding, bool)
+    if not kind or not 0.0 <= padding <= MAX_PADDING:  # type: ignore[operator]
+        raise InvalidRequest("padding", padding, f"metres in [0, {MAX_PADDING}]")
+
+
+def _sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """Pairs of names, each once and in order."""
+    pairs = set()
+    for pair in allowed:
+        if not isinstance(pair, tuple | list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+            raise InvalidRequest("allowed", pair, "pairs of link or object names")
+        pairs.add((min(pair), max(pair)))
+    return tuple(sorted(pairs))
 
 
 def _numbers(T: FloatArray) -> tuple[float, ...]:

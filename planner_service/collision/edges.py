@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import enum
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,7 +22,7 @@ from typing import Protocol
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, number
 
 __all__ = ["EdgeStep", "JointStep", "Known", "MotionStep", "bisection_order", "interior"]
 
@@ -49,20 +50,14 @@ class EdgeStep(Protocol):
 
 
 def _positive(field: str, value: float, unit: str) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InvalidRequest(field, value, f"a positive number of {unit}") from None
-    if not (math.isfinite(number) and number > 0.0):
-        raise InvalidRequest(field, value, f"a positive number of {unit}")
-    return number
+    return number(field, value, f"a positive number of {unit}", sys.float_info.min, sys.float_info.max)
 
 
 def _count(extent: float, step: float) -> int:
-    parts = max(1, math.ceil(extent / step - _SLACK))
-    if parts > MAX_SEGMENTS:
+    parts = extent / step - _SLACK
+    if not parts <= MAX_SEGMENTS:
         raise InvalidRequest("edge_step", step, f"a step that splits an edge into at most {MAX_SEGMENTS} parts")
-    return parts
+    return max(1, math.ceil(parts))
 
 
 @dataclass(frozen=True)
