@@ -23,6 +23,7 @@ speed     judging states and edges against pair-by-pair FCL, and import time
 tasks     pick-and-place on a clear table and out of the bin
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them
+readme    the outputs in the README are what is printed; --write puts them there
 """
 
 
@@ -30,8 +31,8 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden"])
-    parser.add_argument("--write", action="store_true", help="store instead of compare (queries, golden)")
+    parser.add_argument("what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden", "readme"])
+    parser.add_argument("--write", action="store_true", help="store instead of compare (queries, golden, readme)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
     return parser.parse_args()
 
@@ -42,6 +43,9 @@ def main() -> int:
     if arguments.what in ("queries", "golden"):
         stored = importlib.import_module("benchmarks.stored")
         return int(stored.main(arguments.what, write=arguments.write, console=console))
+    if arguments.what == "readme":
+        readme = importlib.import_module("benchmarks.readme")
+        return int(readme.main(write=arguments.write, console=console))
     reports: list[Report] = []
     for name in MEASURES if arguments.what == "all" else [arguments.what]:
         report: Report = importlib.import_module(f"benchmarks.{name}").run()

@@ -9,12 +9,13 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from planner_service.bodies import Body, LinkShape
-from planner_service.errors import BrokenInvariant
+from planner_service.errors import BrokenInvariant, InvalidFile
 from planner_service.geometry import Box, Cylinder, FloatArray, Pose, Shape, Sphere, rpy_matrix
 from planner_service.urdf_model import Urdf, UrdfLink
 
@@ -66,11 +67,18 @@ def locked_positions(urdf: Urdf, joints: Sequence[str], given: Mapping[str, floa
     return positions
 
 
-def assemble(urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> Assembly:
-    """Bodies moved by ``joints``, the other movable joints standing at ``locked``."""
+def assemble(path: Path, urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> Assembly:
+    """Bodies moved by ``joints``, the other movable joints standing at ``locked``.
+
+    Raises:
+        InvalidFile: Pinocchio refuses the robot; ``path`` is the file it comes from.
+    """
     import pinocchio as pin  # 0.2 s
 
-    full = pin.buildModelFromXML(urdf.xml())
+    try:
+        full = pin.buildModelFromXML(urdf.xml())
+    except (ValueError, RuntimeError, IndexError, ArithmeticError) as error:
+        raise InvalidFile(path, [f"Pinocchio cannot build this robot: {error}"]) from error
     q = np.zeros(full.nq)
     for name, position in locked.items():
         q[full.joints[full.getJointId(name)].idx_q] = position
@@ -90,7 +98,9 @@ def _bodies(pin: Any, model: Any, joints: Sequence[str]) -> tuple[Body, ...]:
     data, neutral = model.createData(), pin.neutral(model)
     bodies = [Body("base", -1, np.eye(4), np.zeros(3), False, -1)]
     for index in range(1, model.njoints):
-        column = pin.computeJointJacobian(model, data, neutral, index)[:, model.joints[index].idx_v]
+        # of a robot with one joint Pinocchio returns the only column as a vector
+        jacobian = np.asarray(pin.computeJointJacobian(model, data, neutral, index)).reshape(6, -1)
+        column = jacobian[:, model.joints[index].idx_v]
         prismatic = bool(np.abs(column[:3]).max() > 0.5)
         axis = column[:3] if prismatic else column[3:]
         placement = _exact(model.jointPlacements[index].homogeneous)

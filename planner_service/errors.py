@@ -29,7 +29,21 @@ __all__ = [
     "PlannerServiceError",
     "PlanningFailed",
     "UnknownName",
+    "shown",
 ]
+
+
+SHOWN = 300
+"""Characters of a value that an error message shows; callers can hand in a list of a million."""
+
+
+def shown(value: object) -> str:
+    """``repr`` for error messages: shortened in the middle, and never an error of its own."""
+    try:
+        text = repr(value)
+    except Exception:  # Python refuses to print integers of thousands of digits; other objects may raise anything
+        return f"<{type(value).__name__}>"
+    return text if len(text) <= SHOWN else f"{text[: SHOWN // 2]}...{text[-SHOWN // 4 :]}"
 
 
 class PlannerServiceError(Exception):
@@ -40,7 +54,7 @@ class InvalidRequest(PlannerServiceError, ValueError):
     """A value the caller gave cannot be used; the message names it and says what would be right."""
 
     def __init__(self, field: str, value: Any, expected: str, *, message: str | None = None) -> None:
-        super().__init__(message or f"{field}: got {value!r}; expected {expected}")
+        super().__init__(message or f"{field}: got {shown(value)}; expected {expected}")
         self.field = field
         self.value = value
         self.expected = expected
@@ -53,9 +67,10 @@ class UnknownName(InvalidRequest, LookupError):
         self.kind = kind
         self.name = name
         self.available = tuple(sorted(available))
-        near = get_close_matches(name, self.available, n=1)
+        near = get_close_matches(name if isinstance(name, str) else shown(name), self.available, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"available: {', '.join(self.available) or 'none'}"
-        super().__init__(kind, name, f"one of {', '.join(self.available)}", message=f"unknown {kind} {name!r}; {hint}")
+        message = f"unknown {kind} {shown(name)}; {hint}"
+        super().__init__(kind, name, f"one of {', '.join(self.available)}", message=message)
 
 
 class InvalidFile(InvalidRequest):
@@ -65,7 +80,8 @@ class InvalidFile(InvalidRequest):
         self.path = Path(path)
         self.problems = tuple(problems)
         lines = "".join(f"\n  - {problem}" for problem in self.problems)
-        super().__init__("file", str(path), "a valid file", message=f"{path}: {len(self.problems)} problem(s){lines}")
+        name = str(path).encode("utf-8", "backslashreplace").decode()  # half a surrogate pair cannot be printed
+        super().__init__("file", str(path), "a valid file", message=f"{name}: {len(self.problems)} problem(s){lines}")
 
 
 class PlanningFailed(PlannerServiceError):

@@ -2,8 +2,8 @@
 
 Lengths in metres, quaternions as (w, x, y, z). Every shape is centred on its own origin and
 convex; cylinders and capsules lie along local z. All shapes answer the same few questions
-(``support``, ``distance``, ``grown``, ``covering_spheres``), on which the collision checker, its
-bounds and the certificates are built.
+(``support``, ``distance``, ``grown``), on which the collision checker and its bounds are built.
+What callers give as numbers is read here too (``number``, ``numbers``), strictly.
 """
 
 from __future__ import annotations
@@ -18,7 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
 
-__all__ = ["Box", "Capsule", "Cylinder", "FloatArray", "Pose", "Shape", "Sphere", "read_only", "rpy_matrix"]
+__all__ = [
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "FloatArray",
+    "Pose",
+    "Shape",
+    "Sphere",
+    "number",
+    "numbers",
+    "read_only",
+    "rpy_matrix",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -27,10 +39,50 @@ MAX_LENGTH = 1e3
 
 
 def read_only(values: ArrayLike) -> FloatArray:
-    """A private, immutable float64 copy of ``values``."""
+    """A private, immutable float64 copy of ``values``, which are known to be numbers; see ``numbers`` for others."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
+
+
+def number(field: str, value: object, expected: str, lowest: float, highest: float) -> float:
+    """The real number in [``lowest``, ``highest``] that a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``: another number, NaN, or no real number.
+    """
+    plain = value.item() if isinstance(value, np.generic) else value  # numpy's would round the bounds to their type
+    if not isinstance(plain, (int, float)) or isinstance(plain, bool) or not lowest <= plain <= highest:
+        raise InvalidRequest(field, value, expected)
+    return float(plain)
+
+
+def numbers(field: str, values: object, expected: str) -> FloatArray:
+    """A private, immutable float64 copy of the real numbers a caller gave, in the shape they have.
+
+    Their shape, and whether they are finite, is for the caller to check.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``: texts, booleans, complex numbers, other objects,
+            hidden (masked) entries, rows of unequal length, or integers that no float holds.
+    """
+    try:
+        array = None if _disguised(values) else np.asarray(values)
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        array = None
+    if array is None or array.dtype.kind not in "iuf":
+        raise InvalidRequest(field, values, expected)
+    with np.errstate(over="ignore"):  # a longer float that becomes infinite is found where finite ones are asked for
+        return read_only(array)
+
+
+def _disguised(values: object) -> bool:
+    """Whether numpy would take something in ``values`` for a number that is none: a boolean or a hidden entry."""
+    if isinstance(values, np.ndarray):
+        return values.dtype.kind == "b" or bool(np.any(getattr(values, "mask", False)))
+    if isinstance(values, (list, tuple)):
+        return any(map(_disguised, values))
+    return isinstance(values, (bool, np.bool_))
 
 
 def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
@@ -55,12 +107,12 @@ def _float(value: Any) -> float:
 
 def _finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
     try:
-        numbers = tuple(_float(v) for v in values)
+        found = tuple(_float(v) for v in values)
     except (TypeError, ValueError, OverflowError):
         raise InvalidRequest(field, values, f"{size} numbers") from None
-    if len(numbers) != size or not all(math.isfinite(v) for v in numbers):
+    if len(found) != size or not all(math.isfinite(v) for v in found):
         raise InvalidRequest(field, values, f"{size} finite numbers")
-    return numbers
+    return found
 
 
 def _length(field: str, value: Any) -> float:
@@ -104,10 +156,7 @@ class Pose:
             InvalidRequest: not 4 x 4, not finite, or its rotation is not orthonormal within 1e-6
                 or mirrors (determinant -1).
         """
-        try:
-            T = np.asarray(matrix, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise InvalidRequest("matrix", matrix, "a finite 4 x 4 matrix") from None
+        T = numbers("matrix", matrix, "a finite 4 x 4 matrix")
         if T.shape != (4, 4) or not np.all(np.isfinite(T)):
             raise InvalidRequest("matrix", matrix, "a finite 4 x 4 matrix")
         R = T[:3, :3]
@@ -201,28 +250,6 @@ class Shape(Protocol):
     def grown(self, margin: float) -> Shape:
         """A shape of the same kind that holds every point within ``margin`` of this one."""
 
-    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
-        """Spheres whose union holds the solid: centres (k, 3) and radii (k,)."""
-
-    @property
-    def bounding_radius(self) -> float:
-        """Radius of the smallest sphere about the origin that holds the solid."""
-
-
-MAX_COVER = 6
-"""Spheres per elongated shape: more of them hug it better but cost the prefilter more."""
-
-
-def _strip_cover(half: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Equal spheres in a row along the longest half length of a box-like solid, a slab of it each."""
-    axis = max(range(3), key=lambda i: half[i])
-    across = math.sqrt(sum(half[i] ** 2 for i in range(3) if i != axis))
-    count = min(MAX_COVER, max(1, math.ceil(half[axis] / max(across, 1e-9))))
-    slab = half[axis] / count
-    centres = np.zeros((count, 3))
-    centres[:, axis] = [(-count + 1 + 2 * i) * slab for i in range(count)]
-    return centres, np.full(count, math.hypot(across, slab))
-
 
 @dataclass(frozen=True)
 class Box:
@@ -251,13 +278,6 @@ class Box:
         x, y, z = self.size
         return Box((x + 2 * margin, y + 2 * margin, z + 2 * margin))
 
-    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
-        return _strip_cover(self.half)
-
-    @property
-    def bounding_radius(self) -> float:
-        return math.hypot(*self.half)
-
 
 @dataclass(frozen=True)
 class Sphere:
@@ -276,13 +296,6 @@ class Sphere:
 
     def grown(self, margin: float) -> Sphere:
         return Sphere(self.radius + margin)
-
-    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
-        return np.zeros((1, 3)), np.array([self.radius])
-
-    @property
-    def bounding_radius(self) -> float:
-        return self.radius
 
 
 @dataclass(frozen=True)
@@ -310,17 +323,6 @@ class Cylinder:
     def grown(self, margin: float) -> Cylinder:
         return Cylinder(self.radius + margin, self.length + 2 * margin)
 
-    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
-        count = min(MAX_COVER, max(1, math.ceil(self.length / 2 / self.radius)))
-        slab = self.length / 2 / count
-        centres = np.zeros((count, 3))
-        centres[:, 2] = [(-count + 1 + 2 * i) * slab for i in range(count)]
-        return centres, np.full(count, math.hypot(self.radius, slab))
-
-    @property
-    def bounding_radius(self) -> float:
-        return math.hypot(self.radius, self.length / 2)
-
 
 @dataclass(frozen=True)
 class Capsule:
@@ -345,17 +347,6 @@ class Capsule:
 
     def grown(self, margin: float) -> Capsule:
         return Capsule(self.radius + margin, self.length)
-
-    def covering_spheres(self) -> tuple[FloatArray, FloatArray]:
-        count = min(MAX_COVER, max(1, math.ceil((self.length / 2 + self.radius) / self.radius)))
-        slab = self.length / 2 / count
-        centres = np.zeros((count, 3))
-        centres[:, 2] = [(-count + 1 + 2 * i) * slab for i in range(count)]
-        return centres, np.full(count, self.radius + slab)
-
-    @property
-    def bounding_radius(self) -> float:
-        return self.radius + self.length / 2
 
 
 def _unit(direction: FloatArray) -> FloatArray:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import reprlib
-import stat
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.regular_file import read_bytes
 
 __all__ = ["MAX_BYTES", "Node", "read_json"]
 
@@ -30,17 +29,7 @@ def read_json(path: Path) -> Any:
         InvalidFile: not a regular file, unreadable, over ``MAX_BYTES``, not UTF-8, malformed (with the
             line), with NaN or an infinity, or with a key twice in one object.
     """
-    try:
-        if not stat.S_ISREG(os.stat(path).st_mode):  # asked before opening: to open a pipe is to wait for its writer
-            raise InvalidFile(path, ["not a file"])
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise InvalidFile(path, ["no such file"]) from None
-    except OSError as error:
-        raise InvalidFile(path, [f"cannot be read: {error.strerror or error}"]) from None
-    if len(data) > MAX_BYTES:
-        raise InvalidFile(path, [f"too large: more than {MAX_BYTES:,} bytes"])
+    data = read_bytes(path, MAX_BYTES)
     try:
         return json.loads(data.decode("utf-8"), parse_constant=_refuse_constant, object_pairs_hook=_each_once)
     except RecursionError:

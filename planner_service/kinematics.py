@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose, read_only
+from planner_service.geometry import FloatArray, Pose, numbers, read_only
 from planner_service.numeric_inverse import descend
 from planner_service.robot import Robot
 from planner_service.wxai_inverse import WxaiInverse
@@ -188,10 +188,7 @@ def _distance(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def _configuration(robot: Robot, field: str, values: ArrayLike) -> FloatArray:
-    try:
-        q = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidRequest(field, values, f"{robot.n} finite numbers") from None
+    q = numbers(field, values, f"{robot.n} finite numbers")
     if q.shape != (robot.n,) or not np.all(np.isfinite(q)):
         raise InvalidRequest(field, values, f"{robot.n} finite numbers")
     return q
@@ -267,12 +264,11 @@ def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *
 
 
 def _shifted(pose: Pose, shift: Any) -> Pose:
-    try:
-        dx, dy, dz = (float(v) for v in np.asarray(shift, dtype=np.float64))
-    except (TypeError, ValueError):
-        raise InvalidRequest("to", shift, "a Pose, or a shift of 3 finite numbers in metres") from None
-    if not all(map(math.isfinite, (dx, dy, dz))):
-        raise InvalidRequest("to", shift, "a Pose, or a shift of 3 finite numbers in metres")
+    expected = "a Pose, or a shift of 3 finite numbers in metres"
+    found = numbers("to", shift, expected)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise InvalidRequest("to", shift, expected)
+    dx, dy, dz = found.tolist()
     x, y, z = pose.position
     return Pose((x + dx, y + dy, z + dz), pose.quaternion)
 

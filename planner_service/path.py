@@ -7,6 +7,7 @@ Angles in radians (metres for prismatic joints), arc length ``s`` in the L2 norm
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, read_only
+from planner_service.geometry import FloatArray, number, numbers, read_only
 
 __all__ = ["COLLINEAR", "JointPath", "Samples", "Trajectory"]
 
@@ -31,6 +32,9 @@ COLLINEAR = 1e-12
 MAX_SAMPLES = 1_000_000
 """About 17 minutes at 1 kHz; a longer list is a wrong unit of ``dt``."""
 
+MAX_DILATION = 1e9
+"""Up to there the cube of a factor leaves any sensible trajectory its digits; beyond, a unit is wrong."""
+
 ORDERS = range(4)
 
 
@@ -45,26 +49,20 @@ def _distances(points: FloatArray) -> FloatArray:
 
 def _within(name: str, value: ArrayLike, end: float) -> FloatArray:
     """``value`` as an array inside [0, end], forgiving an overshoot of rounding size."""
-    try:
-        x = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidRequest(name, value, "numbers") from None
+    x = numbers(name, value, f"numbers in [0, {end:.9g}]")
     if not np.all((x >= -OVERSHOOT) & (x <= end + OVERSHOOT)):  # also False for NaN
         raise InvalidRequest(name, value, f"numbers in [0, {end:.9g}]")
     return np.clip(x, 0.0, end)
 
 
 def _order(order: int) -> int:
-    if order not in ORDERS:
+    if not isinstance(order, int) or isinstance(order, bool) or order not in ORDERS:
         raise InvalidRequest("order", order, "0, 1, 2 or 3")
     return order
 
 
 def _waypoints(values: Any) -> FloatArray:
-    try:
-        points = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidRequest("waypoints", values, "rows of equally many numbers, shape (N, n)") from None
+    points = numbers("waypoints", values, "rows of equally many numbers, shape (N, n)")
     if points.ndim != 2 or 0 in points.shape:
         raise InvalidRequest("waypoints", points.shape, "shape (N, n) with N >= 1 waypoints of n >= 1 joints")
     if not np.all(np.isfinite(points)):
@@ -219,7 +217,8 @@ class Trajectory:
     _ends: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        h, c = read_only(self.durations), read_only(self.coefficients)
+        h = numbers("durations", self.durations, "seconds of each piece, shape (m,)")
+        c = numbers("coefficients", self.coefficients, "four numbers for each piece, shape (m, 4)")
         if h.ndim != 1 or c.shape != (len(h), 4) or not (np.all(np.isfinite(h)) and np.all(np.isfinite(c))):
             raise InvalidRequest("coefficients", c.shape, f"finite numbers, shape ({h.size}, 4), one row per duration")
         if not np.all(h > 0.0):
@@ -288,8 +287,9 @@ class Trajectory:
         Raises:
             InvalidRequest: dt is not positive, or so small that there would be more than a million samples.
         """
-        if not (isinstance(dt, (int, float)) and 0.0 < dt < math.inf and self.duration / dt < MAX_SAMPLES):
-            expected = f"a positive number of seconds, at least {self.duration / MAX_SAMPLES:.3g}"
+        expected = f"a positive number of seconds, at least {self.duration / MAX_SAMPLES:.3g}"
+        dt = number("dt", dt, expected, sys.float_info.min, sys.float_info.max)
+        if not self.duration / dt < MAX_SAMPLES:
             raise InvalidRequest("dt", dt, expected)
         steps = np.arange(math.ceil(self.duration / dt)) * dt
         t = np.append(steps[steps < self.duration - 1e-9 * dt], self.duration)
@@ -299,12 +299,13 @@ class Trajectory:
         """The same motion ``factor`` times slower: velocities fall by it, accelerations by its square.
 
         Raises:
-            InvalidRequest: factor is not positive and finite.
+            InvalidRequest: factor is not a number from 1e-9 to 1e9.
         """
-        if not 0.0 < factor < math.inf:
-            raise InvalidRequest("factor", factor, "a positive, finite number")
+        expected = f"a number from {1 / MAX_DILATION:g} to {MAX_DILATION:g}"
+        factor = number("factor", factor, expected, 1 / MAX_DILATION, MAX_DILATION)
         powers = np.array([1.0, factor, factor * factor, factor * factor * factor])
-        return Trajectory(self.path, self.durations * factor, self.coefficients / powers, self.dilation * factor)
+        with np.errstate(over="ignore"):  # a trajectory refuses what is not finite
+            return Trajectory(self.path, self.durations * factor, self.coefficients / powers, self.dilation * factor)
 
 
 def _derivative(c: FloatArray, x: FloatArray, order: int) -> FloatArray:

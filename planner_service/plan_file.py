@@ -25,6 +25,7 @@ from planner_service.json_file import Node, read_json
 from planner_service.outcome import Failure, PlanResult
 from planner_service.planners import PLANNERS
 from planner_service.primitives import Segment
+from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
 from planner_service.result_record import (
     counts_record,
@@ -144,7 +145,7 @@ def save_plan(plan: SavedPlan | SavedTask, path: str | os.PathLike[str]) -> None
     Raises:
         InvalidFile: it cannot be written.
     """
-    write_whole(Path(path), json.dumps(plan.document(), indent=1, allow_nan=False) + "\n")
+    write_whole(as_path("path", path), json.dumps(plan.document(), indent=1, allow_nan=False) + "\n")
 
 
 def load_plan(path: str | os.PathLike[str]) -> SavedPlan:
@@ -153,7 +154,7 @@ def load_plan(path: str | os.PathLike[str]) -> SavedPlan:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    root, made_for = _opened(Path(path), PLAN_FORMAT)
+    root, made_for = _opened(as_path("path", path), PLAN_FORMAT)
     request = root.at("request").optional(lambda node: _read_request(node, len(made_for.joint_names)))
     result = read_result(root.at("result"), len(made_for.joint_names))
     _refuse_problems(path, root)
@@ -166,7 +167,7 @@ def load_task(path: str | os.PathLike[str]) -> SavedTask:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    root, made_for = _opened(Path(path), TASK_FORMAT)
+    root, made_for = _opened(as_path("path", path), TASK_FORMAT)
     n = len(made_for.joint_names)
     task = SavedTask(
         made_for,

@@ -7,14 +7,14 @@ all revolve. Equal problems, seeds included, have equal results.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 from planner_service import ompl_bridge
 from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry import number
 from planner_service.roadmap import Roadmap
 from planner_service.search import (
     Oracle,
@@ -55,27 +55,102 @@ __all__ = [
 _DEFAULT_CHECKS = 20_000
 """States after which an anytime planner stops improving: about ten times what a first path costs."""
 
+MIN_RANGE, MAX_RANGE = 1e-6, 1e6
+"""Of edges: shorter ones would fill the memory before they lead anywhere, longer ones mean no bound at all."""
 
-def _positive(planner: Any, field: str) -> None:
-    value = getattr(planner, field)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-        raise InvalidRequest(field, value, "a positive number")
+_WHOLE = {
+    "samples": (2, 100_000),
+    "milestones": (2, 100_000),  # more of either take gigabytes
+    "neighbours": (1, 100_000),
+    "checks": (1, 2**31 - 1),
+    "max_checks": (1, 2**31 - 1),
+}
+"""Least and most of the settings that are whole numbers."""
 
-
-def _share(planner: Any, field: str) -> None:
-    value = getattr(planner, field)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
-        raise InvalidRequest(field, value, "a number from 0 to 1")
-
-
-def _whole(planner: Any, field: str, least: int = 1) -> None:
-    value = getattr(planner, field)
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value < 2**31:
-        raise InvalidRequest(field, value, f"a whole number of at least {least}")
+_SETTERS = {"range": "setRange", "goal_bias": "setGoalBias", "samples": "setSamplesPerBatch"}
+"""How OMPL calls the settings that it gets."""
 
 
 @dataclass(frozen=True)
-class RRTConnect:
+class _Settings:
+    """A planner with the name of OMPL's: refuses what no planner can use, each setting by its name."""
+
+    restarts: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name in _WHOLE:
+                least, most = _WHOLE[item.name]
+                if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                    raise InvalidRequest(item.name, value, f"a whole number of at least {least} and at most {most}")
+            else:
+                low, high = (MIN_RANGE, MAX_RANGE) if item.name == "range" else (0.0, 1.0)
+                value = number(item.name, value, f"a number from {low:g} to {high:g}", low, high)
+                object.__setattr__(self, item.name, value)
+
+
+@dataclass(frozen=True)
+class _Search(_Settings):
+    """A planner that OMPL runs until it has a path, or for so many ``checks``."""
+
+    def search(self, problem: SearchProblem) -> SearchResult:
+        """See ``Planner``."""
+        given = {item.name: getattr(self, item.name) for item in fields(self)}
+        settings = {setter: given[field] for field, setter in _SETTERS.items() if field in given}
+        return ompl_bridge.solve(problem, type(self).__name__, settings, checks=given.get("checks"))
+
+
+@dataclass(frozen=True)
+class _Rewiring(_Search):
+    """A tree that is rewired for ever shorter paths."""
+
+    range: float = 0.5
+    goal_bias: float = 0.05
+    checks: int = _DEFAULT_CHECKS
+
+
+@dataclass(frozen=True)
+class _Batch(_Settings):
+    """A planner of one batch of samples, which is doubled when all goals fail."""
+
+    samples: int = 100
+
+    def search(self, problem: SearchProblem) -> SearchResult:
+        """See ``Planner``."""
+        return ompl_bridge.solve_in_batches(problem, type(self).__name__, self.samples)
+
+
+@dataclass(frozen=True)
+class _Grown(_Settings):
+    """A planner that grows a roadmap."""
+
+    milestones: int = 1000
+    neighbours: int = 10
+    max_checks: int = 2_000_000
+
+    def grow(self, space: Space, *, seed: int = 0) -> Roadmap:
+        """A roadmap of ``space``: milestones that joined to nothing are left out.
+
+        Raises:
+            InvalidRequest: ``seed`` is not a whole number of at least 0. What the oracle and
+                ``poll`` raise comes out unchanged.
+        """
+        require_seed(seed)
+        size = (self.milestones, self.max_checks)
+        points, edges = ompl_bridge.grow(space, type(self).__name__, self._settings(), size=size, seed=seed)
+        return Roadmap(points, edges, neighbours=self.neighbours)
+
+    def search(self, problem: SearchProblem) -> SearchResult:
+        """Grow a roadmap for this one query, and query it; see ``Planner``."""
+        return self.grow(problem, seed=problem.seed).search(problem, trusted=True)
+
+    def _settings(self) -> dict[str, ompl_bridge.Setting]:
+        return {}
+
+
+@dataclass(frozen=True)
+class RRTConnect(_Search):
     """Two trees that grow towards each other: the default, quick to a first path (Kuffner & LaValle, ICRA 2000).
 
     Attributes:
@@ -86,17 +161,11 @@ class RRTConnect:
 
     range: float = 0.7
     name: ClassVar[str] = "rrtconnect"
-
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve(problem, "RRTConnect", {"setRange": self.range})
+    restarts: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
-class RRT:
+class RRT(_Search):
     """One tree from the start (LaValle & Kuffner, IJRR 20(5), 2001).
 
     Attributes:
@@ -107,18 +176,11 @@ class RRT:
     range: float = 0.5
     goal_bias: float = 0.05
     name: ClassVar[str] = "rrt"
-
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-        _share(self, "goal_bias")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve(problem, "RRT", {"setRange": self.range, "setGoalBias": self.goal_bias})
+    restarts: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
-class RRTstar:
+class RRTstar(_Rewiring):
     """One tree that is rewired for ever shorter paths (Karaman & Frazzoli, IJRR 30(7), 2011).
 
     Attributes:
@@ -127,76 +189,31 @@ class RRTstar:
         checks: States after which it ends with its best path; without one it goes on.
     """
 
-    range: float = 0.5
-    goal_bias: float = 0.05
-    checks: int = _DEFAULT_CHECKS
     name: ClassVar[str] = "rrtstar"
 
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-        _share(self, "goal_bias")
-        _whole(self, "checks")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        settings = {"setRange": self.range, "setGoalBias": self.goal_bias}
-        return ompl_bridge.solve(problem, "RRTstar", settings, checks=self.checks)
-
 
 @dataclass(frozen=True)
-class InformedRRTstar:
+class InformedRRTstar(_Rewiring):
     """RRTstar that samples only where a shorter path may run (Gammell, Srinivasa & Barfoot, IROS 2014).
 
-    Attributes:
-        range: Longest edge of the tree before rewiring.
-        goal_bias: Share of the samples that are a goal.
-        checks: States after which it ends with its best path; without one it goes on.
+    Attributes: those of ``RRTstar``.
     """
 
-    range: float = 0.5
-    goal_bias: float = 0.05
-    checks: int = _DEFAULT_CHECKS
     name: ClassVar[str] = "informedrrtstar"
 
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-        _share(self, "goal_bias")
-        _whole(self, "checks")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        settings = {"setRange": self.range, "setGoalBias": self.goal_bias}
-        return ompl_bridge.solve(problem, "InformedRRTstar", settings, checks=self.checks)
-
 
 @dataclass(frozen=True)
-class SORRTstar:
+class SORRTstar(_Rewiring):
     """InformedRRTstar over batches sorted by promise (Gammell, Barfoot & Srinivasa, IEEE T-RO 34(4), 2018).
 
-    Attributes:
-        range: Longest edge of the tree before rewiring.
-        goal_bias: Share of the samples that are a goal.
-        checks: States after which it ends with its best path; without one it goes on.
+    Attributes: those of ``RRTstar``.
     """
 
-    range: float = 0.5
-    goal_bias: float = 0.05
-    checks: int = _DEFAULT_CHECKS
     name: ClassVar[str] = "sorrtstar"
-
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-        _share(self, "goal_bias")
-        _whole(self, "checks")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        settings = {"setRange": self.range, "setGoalBias": self.goal_bias}
-        return ompl_bridge.solve(problem, "SORRTstar", settings, checks=self.checks)
 
 
 @dataclass(frozen=True)
-class BITstar:
+class BITstar(_Search):
     """Batches of samples searched best first, edges judged only on promising paths (Gammell et al., IJRR 39(5), 2020).
 
     Attributes:
@@ -208,17 +225,9 @@ class BITstar:
     checks: int = _DEFAULT_CHECKS
     name: ClassVar[str] = "bitstar"
 
-    def __post_init__(self) -> None:
-        _whole(self, "samples")
-        _whole(self, "checks")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve(problem, "BITstar", {"setSamplesPerBatch": self.samples}, checks=self.checks)
-
 
 @dataclass(frozen=True)
-class AORRTC:
+class AORRTC(_Search):
     """RRTConnect repeated with a shrinking bound on the path's length (Wilson et al., arXiv 2505.10542).
 
     Attributes:
@@ -231,17 +240,9 @@ class AORRTC:
     checks: int = _DEFAULT_CHECKS
     name: ClassVar[str] = "aorrtc"
 
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-        _whole(self, "checks")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve(problem, "AORRTC", {"setRange": self.range}, checks=self.checks)
-
 
 @dataclass(frozen=True)
-class FMT:
+class FMT(_Batch):
     """A tree marching through one batch of samples in order of cost (Janson et al., IJRR 34(7), 2015).
 
     Goals are tried in order; when all fail, the batch is doubled.
@@ -251,41 +252,21 @@ class FMT:
             cost some 30,000 states, 1000 five times as many.
     """
 
-    samples: int = 100
     name: ClassVar[str] = "fmt"
 
-    def __post_init__(self) -> None:
-        _whole(self, "samples", least=2)
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve_in_batches(problem, "FMT", self.samples)
-
 
 @dataclass(frozen=True)
-class BFMT:
+class BFMT(_Batch):
     """FMT from both ends at once (Starek et al., IROS 2015).
 
-    Goals are tried in order; when all fail, the batch is doubled.
-
-    Attributes:
-        samples: Free samples of the first batch. Its edges are long: with six joints 100 samples
-            cost some 30,000 states, 1000 five times as many.
+    Attributes: that of ``FMT``.
     """
 
-    samples: int = 100
     name: ClassVar[str] = "bfmt"
-
-    def __post_init__(self) -> None:
-        _whole(self, "samples", least=2)
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve_in_batches(problem, "BFMT", self.samples)
 
 
 @dataclass(frozen=True)
-class KPIECE1:
+class KPIECE1(_Search):
     """One tree that grows where a grid of its projection is least covered (Sucan & Kavraki, WAFR 2008).
 
     Attributes:
@@ -296,18 +277,11 @@ class KPIECE1:
     range: float = 0.5
     goal_bias: float = 0.05
     name: ClassVar[str] = "kpiece1"
-
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-        _share(self, "goal_bias")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve(problem, "KPIECE1", {"setRange": self.range, "setGoalBias": self.goal_bias})
+    restarts: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
-class BKPIECE1:
+class BKPIECE1(_Search):
     """KPIECE1 from both ends at once.
 
     Attributes:
@@ -316,17 +290,11 @@ class BKPIECE1:
 
     range: float = 0.5
     name: ClassVar[str] = "bkpiece1"
-
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve(problem, "BKPIECE1", {"setRange": self.range})
+    restarts: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
-class LBKPIECE1:
+class LBKPIECE1(_Search):
     """BKPIECE1 that judges an edge only once a path needs it.
 
     Attributes:
@@ -335,17 +303,11 @@ class LBKPIECE1:
 
     range: float = 0.5
     name: ClassVar[str] = "lbkpiece1"
-
-    def __post_init__(self) -> None:
-        _positive(self, "range")
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """See ``Planner``."""
-        return ompl_bridge.solve(problem, "LBKPIECE1", {"setRange": self.range})
+    restarts: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
-class PRM:
+class PRM(_Grown):
     """A roadmap of the whole free space, for many queries (Kavraki et al., IEEE T-RA 12(4), 1996).
 
     Attributes:
@@ -355,36 +317,14 @@ class PRM:
         max_checks: States after which growing ends with fewer milestones.
     """
 
-    milestones: int = 1000
-    neighbours: int = 10
-    max_checks: int = 2_000_000
     name: ClassVar[str] = "prm"
 
-    def __post_init__(self) -> None:
-        _whole(self, "milestones", least=2)
-        _whole(self, "neighbours")
-        _whole(self, "max_checks")
-
-    def grow(self, space: Space, *, seed: int = 0) -> Roadmap:
-        """A roadmap of ``space``: milestones that joined to nothing are left out.
-
-        Raises:
-            InvalidRequest: ``seed`` is not a whole number of at least 0. What the oracle and
-                ``poll`` raise comes out unchanged.
-        """
-        require_seed(seed)
-        settings: dict[str, ompl_bridge.Setting] = {"setMaxNearestNeighbors": self.neighbours}
-        size = (self.milestones, self.max_checks)
-        points, edges = ompl_bridge.grow(space, "PRM", settings, size=size, seed=seed)
-        return Roadmap(points, edges, neighbours=self.neighbours)
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """Grow a roadmap for this one query, and query it; see ``Planner``."""
-        return self.grow(problem, seed=problem.seed).search(problem, trusted=True)
+    def _settings(self) -> dict[str, ompl_bridge.Setting]:
+        return {"setMaxNearestNeighbors": self.neighbours}
 
 
 @dataclass(frozen=True)
-class PRMstar:
+class PRMstar(_Grown):
     """PRM whose number of neighbours grows with the roadmap, for ever shorter paths (Karaman & Frazzoli, 2011).
 
     Attributes:
@@ -393,48 +333,12 @@ class PRMstar:
         max_checks: States after which growing ends with fewer milestones.
     """
 
-    milestones: int = 1000
-    neighbours: int = 10
-    max_checks: int = 2_000_000
     name: ClassVar[str] = "prmstar"
 
-    def __post_init__(self) -> None:
-        _whole(self, "milestones", least=2)
-        _whole(self, "neighbours")
-        _whole(self, "max_checks")
 
-    def grow(self, space: Space, *, seed: int = 0) -> Roadmap:
-        """See ``PRM.grow``."""
-        require_seed(seed)
-        points, edges = ompl_bridge.grow(space, "PRMstar", {}, size=(self.milestones, self.max_checks), seed=seed)
-        return Roadmap(points, edges, neighbours=self.neighbours)
-
-    def search(self, problem: SearchProblem) -> SearchResult:
-        """Grow a roadmap for this one query, and query it; see ``Planner``."""
-        return self.grow(problem, seed=problem.seed).search(problem, trusted=True)
-
-
-PLANNERS: Mapping[str, type[Any]] = MappingProxyType(
-    {
-        planner.name: planner
-        for planner in (
-            RRTConnect,
-            RRT,
-            RRTstar,
-            InformedRRTstar,
-            SORRTstar,
-            BITstar,
-            AORRTC,
-            FMT,
-            BFMT,
-            KPIECE1,
-            BKPIECE1,
-            LBKPIECE1,
-            PRM,
-            PRMstar,
-        )
-    }
-)
+_TREES = (RRTConnect, RRT, RRTstar, InformedRRTstar, SORRTstar, BITstar, AORRTC, FMT, BFMT)
+_OTHERS = (KPIECE1, BKPIECE1, LBKPIECE1, PRM, PRMstar)
+PLANNERS: Mapping[str, type[Any]] = MappingProxyType({planner.name: planner for planner in (*_TREES, *_OTHERS)})
 """Every planner that can be made from its name alone, by that name."""
 
 
@@ -444,8 +348,8 @@ def planner_by_name(name: str) -> Planner:
     Raises:
         UnknownName: there is none; the message offers the nearest.
     """
-    try:
-        planner: Planner = PLANNERS[name.lower()]()
-    except KeyError:
-        raise UnknownName("planner", name, PLANNERS) from None
+    found = PLANNERS.get(name.lower()) if isinstance(name, str) else None
+    if found is None:
+        raise UnknownName("planner", name, PLANNERS)
+    planner: Planner = found()
     return planner

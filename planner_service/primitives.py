@@ -25,6 +25,7 @@ from planner_service.request import PlanRequest, joint_vector
 from planner_service.robot import Gripper, Robot
 from planner_service.scene import Attached, Obstacle
 from planner_service.service import PlannerService
+from planner_service.thinning import thinned
 from planner_service.timing import Timing, Trapezoidal
 
 __all__ = ["Handling", "Segment", "TaskResult", "move_linear", "pick", "place"]
@@ -46,6 +47,7 @@ MEANT_OVERLAP = 0.001
 """Metres by which things that are meant to touch may overlap, as models do."""
 
 LINE_POINTS = 60
+"""Configurations found along a straight tool line, of which those are travelled that keep the tool on it."""
 
 Pair = tuple[str, str]
 
@@ -145,7 +147,7 @@ def move_linear(
     line = straight_tool_line(service.robot, q, goal, points=points)
     if line.stopped is not None:
         return PlanResult(None, None, _line_failure(line), ())
-    return service.follow(line.waypoints, timing=timing, cancel=cancel)
+    return service.follow(thinned(service.robot, line.waypoints), timing=timing, cancel=cancel)
 
 
 def _line_failure(line: ToolLine) -> Failure:
@@ -340,13 +342,13 @@ class _Task:
         start = self._start_trouble()
         if start is not None:
             return TaskResult((), self._service, self._start, start, self._spent, tuple(self._tried))
-        for number, contact, line in self._lines(contacts):
-            segments = self._motions(contact, line)
+        for number, contact, outward in self._lines(contacts):
+            segments = self._motions(contact, outward)
             if segments:
-                length = _travel(self._service.robot, line.waypoints)[-1]
+                length = _travel(self._service.robot, outward)[-1]
                 notes = (f"way {number} of {len(contacts)}, {length * 100:.0f} cm of straight line", *self._tried)
                 choosing = self._spent - sum((segment.result.counts for segment in segments), CheckCounts())
-                return TaskResult(segments, contact.made[1], line.waypoints[-1], choosing=choosing, notes=notes)
+                return TaskResult(segments, contact.made[1], outward[-1], choosing=choosing, notes=notes)
             if self._preempted is not None:
                 return TaskResult((), self._service, self._start, self._preempted, self._spent, tuple(self._tried))
         detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
@@ -360,7 +362,7 @@ class _Task:
         self._spent += result.counts
         return result.failure
 
-    def _lines(self, contacts: Sequence[_Contact]) -> Iterator[tuple[int, _Contact, ToolLine]]:
+    def _lines(self, contacts: Sequence[_Contact]) -> Iterator[tuple[int, _Contact, FloatArray]]:
         """The straight lines out of every contact, numbered from 1, in the order of preference."""
         for lengths in (USUAL_APPROACHES, SHORT_APPROACHES):
             for number, contact in enumerate(contacts, start=1):
@@ -369,9 +371,15 @@ class _Task:
                         back = contact.tool @ Pose((-length, 0.0, 0.0))
                         line = straight_tool_line(self._service.robot, q, back, points=LINE_POINTS)
                         if line.stopped is None:
-                            yield number, contact, line
+                            yield number, contact, self._thinned(line.waypoints)
                         else:
                             self._tried.append(f"way {number} with {length * 100:.0f} cm: {line.stopped}")
+
+    def _thinned(self, waypoints: FloatArray) -> FloatArray:
+        """As few of the waypoints as the line needs, and the last at which object and support may touch."""
+        away = _travel(self._service.robot, waypoints)
+        gap = max(k for k, metres in enumerate(away) if metres <= self._handling.support_gap)
+        return thinned(self._service.robot, waypoints, keep=(gap,))
 
     def _fitting(self, number: int, contact: _Contact, *, first: bool) -> list[FloatArray]:
         """Configurations at a contact that make sense there; why there are none is noted the ``first`` time."""
@@ -391,10 +399,10 @@ class _Task:
             self._tried += [f"way {number}: {reason}" for reason in refused]
         return fitting
 
-    def _motions(self, contact: _Contact, line: ToolLine) -> tuple[Segment, ...]:
+    def _motions(self, contact: _Contact, outward: FloatArray) -> tuple[Segment, ...]:
         """The three motions, the cheapest to refuse first; none if one of them has no plan."""
         before, after = contact.made
-        inward, outward = line.waypoints[::-1], line.waypoints
+        inward = outward[::-1]
         away = _travel(before.robot, outward)
         into = self._followed(before, inward, _stretches(contact.touches_in, away, inward=True))
         if not self._has_plan(contact.names[1], into):

@@ -132,10 +132,7 @@ def _local_hull(shape: Shape) -> list[Ball]:
         angles = [2.0 * math.pi * k / RIM_SIDES for k in range(RIM_SIDES)]
         rim = [(corner * math.cos(angle), corner * math.sin(angle)) for angle in angles]
         return [((x, y, end * shape.length / 2), 0.0) for x, y in rim for end in (-1, 1)]
-    vertices = getattr(shape, "vertices", None)
-    if vertices is None:
-        raise BrokenInvariant(f"no hull is known for {type(shape).__name__}")
-    return [(_point(vertex), 0.0) for vertex in vertices.tolist()]
+    raise BrokenInvariant(f"no hull is known for {type(shape).__name__}")
 
 
 def _point(values: Sequence[float]) -> Point:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision.edges import Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, read_only
+from planner_service.geometry import FloatArray, numbers, read_only
 from planner_service.search import Oracle, SearchProblem, SearchResult, distances, joint_distance
 
 __all__ = ["Roadmap"]
@@ -40,9 +40,10 @@ class Roadmap:
     neighbours: int = 10
     lengths: FloatArray = field(init=False)
     name: ClassVar[str] = "roadmap"
+    restarts: ClassVar[bool] = False
 
     def __init__(self, milestones: ArrayLike, edges: ArrayLike, *, neighbours: int = 10) -> None:
-        points = read_only(milestones)
+        points = numbers("milestones", milestones, "finite joint values, one row per milestone")
         if points.ndim != 2 or not np.isfinite(points).all():
             raise InvalidRequest("milestones", points.shape, "finite joint values, one row per milestone")
         if isinstance(neighbours, bool) or not isinstance(neighbours, int) or neighbours < 1:
@@ -63,8 +64,17 @@ class Roadmap:
 
         Args:
             trusted: The roadmap's edges were judged by this very oracle.
+
+        Raises:
+            InvalidRequest: an end is not n finite numbers.
         """
-        route = _Query(self, read_only(start), read_only(np.atleast_2d(goals)), oracle, trusted).route()
+        n = self.milestones.shape[1]
+        first = numbers("start", start, f"{n} finite numbers")
+        last = np.atleast_2d(numbers("goals", goals, f"rows of {n} finite numbers"))
+        for what, rows in (("start", first[None]), ("goals", last)):
+            if rows.ndim != 2 or rows.shape[1] != n or not len(rows) or not np.isfinite(rows).all():
+                raise InvalidRequest(what, rows, f"{n} finite numbers per configuration")
+        route = _Query(self, first, last, oracle, trusted).route()
         return None if route is None else route[0]
 
     def search(self, problem: SearchProblem, *, trusted: bool = False) -> SearchResult:
@@ -178,7 +188,12 @@ def _traced(parent: dict[int, int], node: int) -> list[int]:
 
 def _pairs(edges: ArrayLike, count: int) -> NDArray[np.intp]:
     """``edges`` sorted, each once with its smaller index first, shape (E, 2), read-only."""
-    rows = np.array(edges, dtype=np.intp).reshape(-1, 2)
+    expected = "rows of two milestones each, shape (E, 2)"
+    given = numbers("edges", edges, expected)
+    if given.size and (given.ndim != 2 or given.shape[1] != 2 or not np.array_equal(given, np.floor(given))):
+        raise InvalidRequest("edges", edges, expected)
+    with np.errstate(invalid="ignore"):  # an infinity becomes an index that is out of range
+        rows = given.astype(np.intp).reshape(-1, 2)
     for a, b in rows.tolist():
         if not (0 <= a < count and 0 <= b < count and a != b):
             raise InvalidRequest("edges", (a, b), f"two different milestones of {count}")

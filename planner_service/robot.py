@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 from planner_service.bodies import Body, BodyPose, BodyTree, LinkShape
 from planner_service.data import data_folder
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry import FloatArray, Pose, Shape, read_only
+from planner_service.geometry import FloatArray, Pose, Shape, numbers, read_only
 from planner_service.reach import reach_bounds
+from planner_service.regular_file import as_path
 
 __all__ = [
     "AllowedContact",
@@ -44,7 +45,7 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            array = read_only(getattr(self, item.name))
+            array = numbers(item.name, getattr(self, item.name), "finite numbers of shape (n,)")
             if array.ndim != 1 or not np.all(np.isfinite(array)):
                 raise InvalidRequest(item.name, array, "finite numbers of shape (n,)")
             object.__setattr__(self, item.name, array)
@@ -171,9 +172,13 @@ class Robot:
         """
         from planner_service.robot_source import robot_from_urdf
 
-        folders = tuple(Path(folder) for folder in package_dirs)
+        folders = tuple(as_path("package_dirs", folder) for folder in package_dirs)
         return robot_from_urdf(
-            Path(path), tool_frame, None if srdf is None else Path(srdf), folders, dict(locked_joints or {})
+            as_path("path", path),
+            tool_frame,
+            None if srdf is None else as_path("srdf", srdf),
+            folders,
+            dict(locked_joints or {}),
         )
 
     @property

@@ -14,7 +14,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, shown
+from planner_service.regular_file import read_bytes
 
 __all__ = ["GripperEntry", "RetreatEntry", "RobotFile", "read_robot_file"]
 
@@ -72,15 +73,12 @@ def read_robot_file(path: Path) -> RobotFile:
     Raises:
         InvalidFile: with every problem found.
     """
+    content = read_bytes(path, MAX_BYTES)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InvalidFile(path, [f"larger than {MAX_BYTES // 1_000_000} MB"])
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidFile(path, [f"cannot be read: {error.strerror}"]) from None
+        data = tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError:
         raise InvalidFile(path, ["not UTF-8 text"]) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # an integer of thousands of digits is a plain ValueError
         raise InvalidFile(path, [f"malformed TOML: {error}"]) from None
     problems: list[str] = []
     result = _robot_file(path, _Table(data, "", problems), problems)
@@ -92,9 +90,7 @@ def read_robot_file(path: Path) -> RobotFile:
 def _robot_file(path: Path, table: _Table, problems: list[str]) -> RobotFile:
     joints = table.names("joints", 1)
     n = len(joints)
-    urdf = (path.resolve().parent / table.text("urdf")).resolve()
-    if not urdf.is_relative_to(path.resolve().parent):
-        problems.append(f"urdf = {table.data.get('urdf')!r} lies outside the robot's folder")
+    urdf = _urdf_path(path.resolve().parent, table)
     result = RobotFile(
         path=path,
         name=table.text("name"),
@@ -114,6 +110,18 @@ def _robot_file(path: Path, table: _Table, problems: list[str]) -> RobotFile:
     table.close()
     _check_poses(result, problems)
     return result
+
+
+def _urdf_path(folder: Path, table: _Table) -> Path:
+    text = table.text("urdf")
+    try:
+        urdf = (folder / text).resolve()
+    except ValueError as error:  # a NUL character
+        table.problems.append(f"urdf = {shown(text)}: {error}")
+        return folder
+    if not urdf.is_relative_to(folder):
+        table.problems.append(f"urdf = {shown(text)} lies outside the robot's folder")
+    return urdf
 
 
 def _poses(table: _Table, n: int) -> dict[str, Numbers]:
@@ -194,7 +202,7 @@ def _check_poses(robot: RobotFile, problems: list[str]) -> None:
                 problems.append(f"{where}: {joint} = {value:g} is outside [{low:g}, {high:g}]")
     for index, retreat in enumerate(robot.retreats):
         if retreat.pose not in robot.poses:
-            problems.append(f"retreat[{index}].pose = {retreat.pose!r}; expected one of {', '.join(robot.poses)}")
+            problems.append(f"retreat[{index}].pose = {shown(retreat.pose)}; expected one of {', '.join(robot.poses)}")
 
 
 class _Table:
@@ -204,7 +212,7 @@ class _Table:
         self.problems = problems
         self.where = where
         if not isinstance(data, dict):
-            problems.append(f"{where} = {data!r}; expected a table")
+            problems.append(f"{where} = {shown(data)}; expected a table")
         self.data: dict[str, Any] = data if isinstance(data, dict) else {}
         self.known: set[str] = set()
 
@@ -223,7 +231,7 @@ class _Table:
             return stand_in
         result = read(self.data[key])
         if result is None:
-            self.problems.append(f"{self.path(key)} = {self.data[key]!r}; expected {expected}")
+            self.problems.append(f"{self.path(key)} = {shown(self.data[key])}; expected {expected}")
             return stand_in
         return result
 

@@ -36,7 +36,7 @@ def robot_from_file(path: Path) -> Robot:
         raise InvalidFile(path, problems)
     fingers = file.gripper.joints if file.gripper else ()
     locked = locked_positions(urdf, file.joints, {**file.locked, **dict.fromkeys(fingers, 0.0)})
-    assembly = assemble(urdf, file.joints, locked)
+    assembly = assemble(file.urdf, urdf, file.joints, locked)
     moving = [link for link in file.base_links if assembly.frames[link][0] != 0]
     if moving:
         raise InvalidFile(path, [f"base_links: {link} moves; expected a link fixed to the base" for link in moving])
@@ -79,8 +79,12 @@ def _disagreements(file: RobotFile, urdf: Urdf) -> list[str]:
     problems += [f"{where}: {link!r} is no link of the URDF" for where, link in named if link not in links]
     seen = [frozenset(pair) for pair, _ in file.allowed]
     problems += [f"allowed_contacts: {' x '.join(sorted(p))} is listed twice" for p in set(seen) if seen.count(p) > 1]
-    problems += _loose_limits(file, movable)
+    problems += _loose_limits(file, movable) + _unjudged(urdf)
     return problems + (_gripper_problems(file.gripper, movable) if file.gripper else [])
+
+
+def _unjudged(urdf: Urdf) -> list[str]:
+    return [] if urdf.shape_count else ["no link of the URDF has a collision shape: nothing could ever collide"]
 
 
 def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: Mapping[str, float]) -> list[str]:
@@ -168,13 +172,19 @@ def robot_from_urdf(
     joints = [joint for name, joint in movable.items() if name not in locked]
     names = tuple(joint.name for joint in joints)
     problems = _unaccounted(joints, names, locked)
+    problems += [
+        f"joint {joint.name!r}: lower and upper are both {joint.lower:g}, it cannot move; lock it (locked_joints)"
+        for joint in joints
+        if joint.lower >= joint.upper
+    ]
+    problems += _unjudged(urdf)
     if not joints:
         problems.append("no joint moves")
     if problems:
         raise InvalidFile(path, problems)
     tool = _last_link(urdf) if tool_frame is None else tool_frame
-    assembly = assemble(urdf, names, locked)
-    if tool not in assembly.frames:
+    assembly = assemble(path, urdf, names, locked)
+    if not isinstance(tool, str) or tool not in assembly.frames:
         raise UnknownName("tool frame", tool, assembly.frames)
     return Robot(
         name=urdf.name,
@@ -193,10 +203,10 @@ def robot_from_urdf(
 
 def _checked_locks(given: Mapping[str, float], movable: Mapping[str, UrdfJoint]) -> dict[str, float]:
     for name, position in given.items():
-        if name not in movable:
+        if not isinstance(name, str) or name not in movable:
             raise UnknownName("joint", name, movable)
         lower, upper = movable[name].lower, movable[name].upper
-        if not isinstance(position, (int, float)) or not lower <= position <= upper:
+        if isinstance(position, bool) or not isinstance(position, (int, float)) or not lower <= position <= upper:
             raise InvalidRequest(f"locked_joints[{name!r}]", position, f"a position in [{lower:g}, {upper:g}]")
     return dict(given)
 

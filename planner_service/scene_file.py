@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-import stat
 import sys
 import uuid
 from collections.abc import Callable, Iterable
@@ -15,6 +14,7 @@ from typing import Any, TypeVar
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.regular_file import read_bytes
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -41,7 +41,7 @@ def read_tables(path: Path) -> dict[str, Any]:
     Raises:
         InvalidFile: not a regular file, unreadable, over ``MAX_BYTES``, not UTF-8, or malformed (with the line).
     """
-    data = _read_bytes(path)
+    data = read_bytes(path, MAX_BYTES)
     try:
         return tomllib.loads(data.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -51,23 +51,6 @@ def read_tables(path: Path) -> dict[str, Any]:
         raise InvalidFile(path, ["malformed TOML: nested too deeply"]) from None
     except ValueError as error:  # TOMLDecodeError says where; an integer of thousands of digits is a plain ValueError
         raise InvalidFile(path, [f"malformed TOML: {error}"]) from None
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        if not stat.S_ISREG(os.stat(path).st_mode):  # asked before opening: to open a pipe is to wait for its writer
-            raise InvalidFile(path, ["not a file"])
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise InvalidFile(path, ["no such file"]) from None
-    except (OSError, ValueError) as error:
-        if isinstance(error, InvalidFile):
-            raise
-        raise InvalidFile(path, [f"cannot be read: {getattr(error, 'strerror', None) or error}"]) from None
-    if len(data) > MAX_BYTES:
-        raise InvalidFile(path, [f"too large: more than {MAX_BYTES:,} bytes"])
-    return data
 
 
 def require_writable(path: str | os.PathLike[str]) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, number
 from planner_service.path import JointPath, Trajectory
 from planner_service.profiles import Phase, s_curve, trapezoid
 
@@ -46,6 +46,9 @@ SHORT_MOVE = 1e-3
 """Below this length (rad) TOPP-RA is badly conditioned (it fails at 1e-6 rad, not at 1e-9): the closed form is used."""
 
 MAX_GRIDPOINTS = 10_000
+
+MIN_JERK, MAX_JERK = 1e-6, 1e6
+"""rad/s^3. No arm is slower, and none feels more: at 1e9 a phase of jerk is so short that rounding is a jump."""
 
 
 class TimingFailed(PlannerServiceError):
@@ -92,7 +95,7 @@ class SCurve:
         jerk: One limit for all joints (rad/s^3); None takes each joint's own from the robot.
 
     Raises:
-        InvalidRequest: jerk is not positive and finite.
+        InvalidRequest: jerk is not a number from 1e-6 to 1e6.
     """
 
     jerk: float | None = None
@@ -100,8 +103,9 @@ class SCurve:
     name = "s-curve"
 
     def __post_init__(self) -> None:
-        if self.jerk is not None and not (_is_number(self.jerk) and 0.0 < self.jerk < math.inf):
-            raise InvalidRequest("jerk", self.jerk, "a positive, finite number of rad/s^3, or None for the robot's own")
+        if self.jerk is not None:
+            expected = f"a number of rad/s^3 from {MIN_JERK:g} to {MAX_JERK:g}, or None for the robot's own"
+            object.__setattr__(self, "jerk", number("jerk", self.jerk, expected, MIN_JERK, MAX_JERK))
 
     def time_path(self, path: JointPath, limits: JointLimits) -> Trajectory:
         if self.jerk is not None:
@@ -133,8 +137,9 @@ class ToppRa:
     name = "toppra"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.gridpoints, int) or not 2 <= self.gridpoints <= MAX_GRIDPOINTS:
-            raise InvalidRequest("gridpoints", self.gridpoints, f"an integer in [2, {MAX_GRIDPOINTS}]")
+        count = self.gridpoints
+        if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= MAX_GRIDPOINTS:
+            raise InvalidRequest("gridpoints", count, f"an integer in [2, {MAX_GRIDPOINTS}]")
 
     def time_path(self, path: JointPath, limits: JointLimits) -> Trajectory:
         _require_usable(path, limits, jerk=False)
@@ -176,7 +181,8 @@ class _Stretch:
         share = np.abs(self.direction)
         moving = share > 0.0
         rows = (limits.velocity, limits.acceleration, limits.jerk)
-        v, a, j = (float((row[moving] / share[moving]).min()) for row in rows)
+        with np.errstate(over="ignore"):  # a law may not use that limit
+            v, a, j = (float((row[moving] / share[moving]).min()) for row in rows)
         return v, a, j
 
 
@@ -191,18 +197,15 @@ def _timed(path: JointPath, law: Callable[[_Stretch], Sequence[Phase]]) -> Traje
     durations: list[float] = []
     coefficients: list[tuple[float, float, float, float]] = []
     try:
-        for stretch in _stretches(path):
-            for phase in law(stretch):
-                durations.append(phase.duration)
-                start = stretch.start + phase.position
-                coefficients.append((start, phase.speed, phase.acceleration / 2.0, phase.jerk / 6.0))
-        return Trajectory(path, np.array(durations), np.array(coefficients).reshape(-1, 4))
+        with np.errstate(over="raise"):
+            for stretch in _stretches(path):
+                for phase in law(stretch):
+                    durations.append(phase.duration)
+                    start = stretch.start + phase.position
+                    coefficients.append((start, phase.speed, phase.acceleration / 2.0, phase.jerk / 6.0))
+            return Trajectory(path, np.array(durations), np.array(coefficients).reshape(-1, 4))
     except (ArithmeticError, InvalidRequest) as error:  # overflow, or a law of which rounding left nothing
         raise TimingFailed(f"limits too extreme to compute with ({error})") from error
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _require_usable(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
@@ -238,6 +241,7 @@ class LimitPeaks:
     jerk: Peak
 
 
+@np.errstate(over="ignore")  # what is too large for a float is too large for a limit
 def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     """The largest velocity, acceleration and jerk of any joint relative to its limit.
 

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import Box, Cylinder, Shape, Sphere
 from planner_service.mesh_path import mesh_path_problem
+from planner_service.regular_file import read_bytes
 from planner_service.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
 
 __all__ = ["read_urdf", "read_xml"]
@@ -45,12 +46,19 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> Urdf:
     Raises:
         InvalidFile: with every problem found.
     """
-    reader = _Reader((path.resolve().parent, *(folder.resolve() for folder in package_dirs)))
     root = read_xml(path, "robot")
+    reader = _Reader((path.resolve().parent, *map(_resolved, package_dirs)))
     urdf = reader.robot(root)
     if reader.problems:
         raise InvalidFile(path, reader.problems)
     return urdf
+
+
+def _resolved(folder: Path) -> Path:
+    try:
+        return folder.resolve()
+    except ValueError as error:  # a NUL character or half a surrogate pair in the path
+        raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
 
 
 def read_xml(path: Path, root_tag: str) -> ElementTree.Element:
@@ -59,12 +67,9 @@ def read_xml(path: Path, root_tag: str) -> ElementTree.Element:
     Raises:
         InvalidFile: unreadable, too large, too deep, not UTF-8, not well-formed, or another root.
     """
+    content = read_bytes(path, MAX_BYTES)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InvalidFile(path, [f"larger than {MAX_BYTES // 1_000_000} MB"])
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InvalidFile(path, [f"cannot be read: {error.strerror}"]) from None
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InvalidFile(path, ["not UTF-8 text"]) from None
     for mark in ("<!DOCTYPE", "<!ENTITY"):
@@ -235,6 +240,8 @@ class _Reader:
         if velocity <= 0.0:
             self.problems.append(f"{where}: velocity {velocity:g}; expected more than 0")
         effort = self.number(element, "effort", f"{where} limit", 0.0) if "effort" in element.attrib else 0.0
+        if effort < 0.0:
+            self.problems.append(f"{where}: effort {effort:g}; expected at least 0")
         if kind == "continuous":
             return (-span, span, velocity, effort)
         lower = self.number(element, "lower", f"{where} limit", 0.0)

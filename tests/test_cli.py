@@ -349,7 +349,7 @@ def test_a_task_in_its_file_goes_on_where_it_stopped(picked: tuple[Result, Path]
 def test_pick_and_place_without_a_way_ends_with_1_and_what_was_tried() -> None:
     found = run("pick-place", "--onto", "demo_post")
     assert found.exit_code == 1
-    assert "none of 4 ways has a plan: way 1 is out of reach" in found.stderr
+    assert "none of 4 ways has a plan: way 1: out of reach" in found.stderr
     assert [s["name"] for s in document("pick-place", "--onto", "demo_post", code=1)["segments"]] == [
         "home -> pregrasp",
         "descend",

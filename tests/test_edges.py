@@ -260,7 +260,7 @@ def test_a_path_of_one_waypoint_is_one_state() -> None:
 
 
 @pytest.mark.parametrize("kind", [MotionStep, JointStep])
-@pytest.mark.parametrize("value", [0.0, -0.01, math.nan, math.inf, "wide", None])
+@pytest.mark.parametrize("value", [0.0, -0.01, math.nan, math.inf, "wide", None, 10**400, True, "0.01"])
 def test_a_step_that_is_none_is_refused(kind: Any, value: Any) -> None:
     with pytest.raises(InvalidRequest, match="expected a positive number of"):
         kind(value)
@@ -306,3 +306,9 @@ def test_the_lesson_s_edge_is_stopped_at_its_middle() -> None:
     assert (hit.a, hit.b) == ("forearm", "lesson_disc")
     assert hit.fraction == pytest.approx(0.5, abs=0.01)
     assert checker.counts == CheckCounts(states=3, edges=1)
+
+
+@pytest.mark.parametrize("step", [MotionStep(1e-307), JointStep(1e-307)])
+def test_a_step_whose_parts_no_float_counts_is_refused(step: Any) -> None:
+    with pytest.raises(InvalidRequest, match="at most 1000000 parts"):
+        step.segments([100.0], [100.0])

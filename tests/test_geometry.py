@@ -10,8 +10,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner_service.errors import InvalidRequest
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere, read_only, rpy_matrix
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName, shown
+from planner_service.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    FloatArray,
+    Pose,
+    Shape,
+    Sphere,
+    number,
+    numbers,
+    read_only,
+    rpy_matrix,
+)
 
 laws = settings(max_examples=40, deadline=None, derandomize=True)
 
@@ -128,24 +140,6 @@ def test_a_grown_shape_holds_everything_within_the_margin(shape: Shape, seed: in
 @given(shapes)
 def test_a_shape_grown_by_nothing_is_itself(shape: Shape) -> None:
     assert shape.grown(0.0) == shape
-
-
-@laws
-@given(shapes, seeds)
-def test_covering_spheres_hold_the_whole_shape(shape: Shape, seed: int) -> None:
-    centres, radii = shape.covering_spheres()
-    points = np.vstack([points_inside(shape, seed), shape.support(directions(seed))])
-    offsets = points[:, None, :] - centres[None, :, :]
-    assert (np.sqrt(dot(offsets, offsets)) - radii).min(axis=1).max() <= ROUNDING
-
-
-@laws
-@given(shapes, seeds)
-def test_the_bounding_sphere_holds_the_shape_and_touches_it(shape: Shape, seed: int) -> None:
-    inside = points_inside(shape, seed)
-    assert np.sqrt(dot(inside, inside)).max() <= shape.bounding_radius + ROUNDING
-    corners = shape.support(np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 1.0]]))
-    assert np.sqrt(dot(corners, corners)).max() == pytest.approx(shape.bounding_radius, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -288,3 +282,74 @@ def test_a_read_only_array_is_a_private_copy() -> None:
     assert kept[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         kept[0] = 2.0
+
+
+NOT_NUMBERS = {
+    "text": "1",
+    "texts": ["1", "2"],
+    "boolean": True,
+    "boolean among numbers": [1.0, True],
+    "boolean array": np.array([True]),
+    "rows of booleans": [[1.0], [np.True_]],
+    "complex": [1j],
+    "objects": np.array([1.0], dtype=object),
+    "hidden entry": np.ma.masked_greater(np.array([1.0, 2.0]), 1.5),  # type: ignore[no-untyped-call]
+    "hidden entry in a list": [1.0, np.ma.masked],
+    "ragged": [[1.0], [1.0, 2.0]],
+    "huge integer": [10**400],
+    "huge integer among floats": [0.5, 10**400],
+    "integer too long to print": [10**5000],
+    "nothing": None,
+    "nothing in a list": [None],
+    "mapping": {0: 1.0},
+    "iterator": iter([1.0]),
+    "date": np.array(["2020-01-01"], dtype="datetime64[D]"),
+}
+
+
+@pytest.mark.parametrize("values", NOT_NUMBERS.values(), ids=NOT_NUMBERS)
+def test_what_is_no_array_of_real_numbers_is_refused(values: object) -> None:
+    with pytest.raises(InvalidRequest, match=r"(?s)^q: got .*; expected six numbers$"):
+        numbers("q", values, "six numbers")
+
+
+@pytest.mark.parametrize("values", [[1, 2], (1.0, 2.0), np.arange(1, 3, dtype=np.int8), range(1, 3)])
+def test_numbers_become_a_private_constant_copy(values: Any) -> None:
+    read = numbers("q", values, "two numbers")
+    assert type(read) is np.ndarray
+    assert read.dtype == np.float64
+    assert read.tolist() == [1.0, 2.0]
+    assert not read.flags.writeable
+    assert not np.shares_memory(read, np.asarray(values))
+
+
+@pytest.mark.parametrize("value", [True, "1", None, 10**400, math.nan, math.inf, -0.1, 2.5, [1.0], 1j])
+def test_what_is_no_number_of_an_interval_is_refused(value: object) -> None:
+    with pytest.raises(InvalidRequest, match=r"^u: got .*; expected a number from 0 to 2$"):
+        number("u", value, "a number from 0 to 2", 0.0, 2.0)
+
+
+@pytest.mark.parametrize("value", [1, 1.0, np.float32(1), np.int8(1)])
+def test_a_number_becomes_a_float(value: object) -> None:
+    assert type(number("u", value, "a number", 0.0, 1.7e308)) is float
+
+
+@pytest.mark.parametrize("matrix", [[[10**400] * 4] * 4, np.eye(4).astype(str), np.eye(4, dtype=bool), None])
+def test_a_matrix_of_anything_but_real_numbers_is_refused(matrix: Any) -> None:
+    with pytest.raises(InvalidRequest, match="matrix: got"):
+        Pose.from_matrix(matrix)
+
+
+@pytest.mark.parametrize("name", [None, 3, 10**5000, ["wxai"], b"wxai"], ids=shown)
+def test_a_name_that_is_no_text_is_an_unknown_name(name: Any) -> None:
+    assert "unknown robot" in str(UnknownName("robot", name, ["wxai"]))
+
+
+def test_a_long_value_is_shortened_in_the_message_only() -> None:
+    error = InvalidRequest("q", [0.0] * 10_000, "six numbers")
+    assert len(str(error)) < 400
+    assert len(error.value) == 10_000
+
+
+def test_a_path_that_cannot_be_printed_can_be_reported() -> None:
+    assert "\\ud800.toml" in str(InvalidFile("\ud800.toml", ["no such file"])).encode("utf-8").decode()

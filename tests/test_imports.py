@@ -20,7 +20,7 @@ FRONT = "__init__"
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
     "errors": ({"errors"}, set()),
-    "shapes": ({"geometry", "data", "json_file"}, {"errors"}),
+    "shapes": ({"geometry", "data", "json_file", "regular_file"}, {"errors"}),
     "robot": (
         {"robot", "robot_file", "robot_source", "assembly", "bodies", "reach", "urdf", "urdf_model", "mesh_path"},
         {"errors", "shapes"},
@@ -28,7 +28,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     "scene": ({"scene", "scene_file"}, {"errors", "shapes"}),
     "path": ({"path"}, {"errors", "shapes"}),
     "collision": ({"collision"}, {"errors", "shapes", "robot", "scene", "path"}),
-    "kinematics": ({"kinematics", "numeric_inverse", "wxai_inverse"}, {"errors", "shapes", "robot"}),
+    "kinematics": ({"kinematics", "numeric_inverse", "thinning", "wxai_inverse"}, {"errors", "shapes", "robot"}),
     "timing": ({"timing", "profiles"}, {"errors", "shapes", "robot", "path"}),
     "certify": ({"certify"}, {"errors", "shapes", "robot", "scene", "path", "collision"}),
     "search": (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,9 @@ from planner_service.kinematics import (
     straight_tool_line,
 )
 from planner_service.numeric_inverse import descend
+from planner_service.path import JointPath
 from planner_service.robot import Body, JointLimits, Robot, load_robot
+from planner_service.thinning import thinned
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 TOP_DOWN_CEILING = 0.1747
@@ -442,3 +445,40 @@ def test_a_tool_line_does_not_share_its_waypoints_with_the_caller() -> None:
     waypoints[0, 0] = 1.0
     assert line.waypoints[0, 0] == 0.0
     assert not line.waypoints.flags.writeable
+
+
+@pytest.mark.parametrize("value", [[10**400] * 6, ["0"] * 6, [True] * 6, [np.ma.masked] * 6, None, [0.0] * 5])
+def test_joint_values_that_are_no_real_numbers_are_refused(wxai: Robot, value: Any) -> None:
+    pose = Pose.from_matrix(wxai.tool_pose(wxai.home))
+    with pytest.raises(InvalidRequest, match=r"seeds\[0\]: got"):
+        inverse_kinematics(wxai, pose, seeds=[value])
+    with pytest.raises(InvalidRequest, match="q_start: got"):
+        straight_tool_line(wxai, value, pose)
+
+
+@pytest.mark.parametrize(
+    "shift", [[10**400, 0, 0], ["0", "0", "1"], [True, 0, 0], [[0.0, 0.0, 0.1]], None, [math.nan, 0, 0]]
+)
+def test_a_shift_that_is_no_three_real_numbers_is_refused(wxai: Robot, shift: Any) -> None:
+    with pytest.raises(InvalidRequest, match="to: got"):
+        straight_tool_line(wxai, wxai.home, shift)
+
+
+def test_a_thinned_line_keeps_its_tolerance_its_ends_and_what_it_must_with_few_waypoints() -> None:
+    robot = load_robot("wxai")
+    rng = np.random.default_rng(4)
+    counts = []
+    for _ in range(20):
+        x, y = 0.2 + 0.15 * rng.random(), 0.3 * rng.random() - 0.15
+        q = inverse_kinematics(robot, Pose((x, y, 0.02), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)))[0]
+        line = straight_tool_line(robot, q, (0.0, 0.0, 0.09)).waypoints
+        kept = thinned(robot, line, keep=(3,))
+        counts.append(len(kept))
+        assert (kept[0].tolist(), kept[-1].tolist()) == (line[0].tolist(), line[-1].tolist())
+        assert line[3].tolist() in kept.tolist()
+        path = JointPath(kept)
+        tips = np.array([robot.tool_pose(p)[:3] for p in path(np.linspace(0.0, path.length, 400))])
+        assert np.hypot(tips[:, 0, 3] - x, tips[:, 1, 3] - y).max() < 1e-3
+        lean = np.arccos(np.clip(-tips[:, 2, 0], -1.0, 1.0))
+        assert lean.max() < 5e-3
+    assert max(counts) < 15

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -260,7 +261,7 @@ def test_samples_do_not_repeat_an_end_that_falls_on_the_grid() -> None:
         assert np.all(np.diff(samples.t) > 0.09)
 
 
-@pytest.mark.parametrize("dt", [0.0, -1.0, math.nan, math.inf, 1e-9, "x"])
+@pytest.mark.parametrize("dt", [0.0, -1.0, math.nan, math.inf, 1e-9, "x", 10**400, True, None])
 def test_an_impossible_sampling_step_is_refused(dt: float) -> None:
     trajectory = triangle(straight())
     with pytest.raises(InvalidRequest, match="dt: got"):
@@ -278,7 +279,7 @@ def test_dilation_slows_the_same_motion_down() -> None:
     assert np.array_equal(slow(2 * t, 2), trajectory(t, 2) / 4)
 
 
-@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf, 1e-320, 1e300, 10**400, "2", None])
 def test_an_impossible_dilation_is_refused(factor: float) -> None:
     trajectory = triangle(straight())
     with pytest.raises(InvalidRequest, match="factor: got"):
@@ -316,3 +317,46 @@ def test_a_corner_passed_at_speed_is_refused() -> None:
 def test_pieces_of_a_straight_line_are_passed_at_speed() -> None:
     trajectory = triangle(JointPath(np.array([[0.0, 0.0], [0.3, 0.4], [0.6, 0.8]])))
     assert np.allclose(trajectory(1.0, 1), [0.6, 0.8], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "waypoints", [[[0], [10**400]], [["0"], ["1"]], [[False], [True]], [[1j]], None, [[0.0], None]]
+)
+def test_waypoints_that_are_no_real_numbers_are_refused(waypoints: Any) -> None:
+    with pytest.raises(InvalidRequest, match="waypoints: got"):
+        JointPath(waypoints)
+
+
+@pytest.mark.parametrize("value", [10**400, [10**400, 0.5], "0.5", True, None, [[0.1], [0.1, 0.2]]])
+def test_a_time_or_a_length_that_is_no_real_number_is_refused(value: Any) -> None:
+    trajectory = triangle(straight())
+    with pytest.raises(InvalidRequest, match="t: got"):
+        trajectory(value)
+    with pytest.raises(InvalidRequest, match="s: got"):
+        trajectory.path(value)
+
+
+@pytest.mark.parametrize("order", [True, 1.0, "1", None, 10**400, [1]])
+def test_an_order_that_is_no_whole_number_is_refused(order: Any) -> None:
+    path = straight()
+    with pytest.raises(InvalidRequest, match="order: got"):
+        path(0.5, order)
+
+
+def test_a_law_of_huge_integers_is_refused() -> None:
+    path = straight()
+    with pytest.raises(InvalidRequest, match="durations: got"):
+        Trajectory(path, [10**400], [[0.0] * 4])  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match="coefficients: got"):
+        Trajectory(path, [1.0], [[0, 0, 0, 10**400]])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e9])
+def test_dilations_that_add_up_to_the_absurd_are_refused(factor: float) -> None:
+    def often(trajectory: Trajectory) -> None:
+        for _ in range(45):
+            trajectory = trajectory.dilated(factor)
+
+    trajectory = triangle(straight())
+    with pytest.raises(InvalidRequest, match="got"):
+        often(trajectory)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CheckCounts, Contact
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import Pose
 from planner_service.json_file import MAX_BYTES
 from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
@@ -213,7 +213,7 @@ def damaged(there: Path, change: Callable[[Document], object], *, result: PlanRe
         (lambda d: d["request"]["start"].append(1.0), "request.start: got [0.1, 0.333"),
         (lambda d: d["request"]["planner"].update(name="rrtconect"), "did you mean 'rrtconnect'?"),
         (lambda d: d["request"]["planner"]["settings"].update(reach=1), "no other keys than range"),
-        (lambda d: d["request"]["planner"]["settings"].update(range=-1), "range: got -1; expected a positive number"),
+        (lambda d: d["request"]["planner"]["settings"].update(range=-1), "range: got -1; expected a number from 1e-06"),
         (lambda d: d["request"]["planner"].update(settings=[]), "request.planner.settings: got []"),
         (lambda d: d["result"].update(attempts=1.5), "result.attempts: got 1.5"),
         (lambda d: d["result"].update(deterministic=1), "result.deterministic: got 1; expected true or false"),
@@ -315,3 +315,17 @@ def test_default_planner_settings_are_written_out(there: Path) -> None:
     save_plan(SavedPlan(MADE_FOR, request(), planned()), there)
     planner = json.loads(there.read_text())["request"]["planner"]
     assert planner == {"name": "rrtconnect", "settings": {"range": RRTConnect().range}}
+
+
+@pytest.mark.parametrize("load", [load_plan, load_task])
+@pytest.mark.parametrize("path", ["a\0b.json", "\ud800.json", "/dev/zero", "/dev/null"])
+def test_a_path_to_no_file_is_refused(load: Callable[[Any], Any], path: str) -> None:
+    with pytest.raises(InvalidFile, match=r"not a file|cannot be read"):
+        load(path)
+
+
+@pytest.mark.parametrize("load", [load_plan, load_task])
+@pytest.mark.parametrize("path", [None, 3, b"plan.json", ["plan.json"]])
+def test_what_is_no_path_is_refused(load: Callable[[Any], Any], path: Any) -> None:
+    with pytest.raises(InvalidRequest, match="path: got"):
+        load(path)

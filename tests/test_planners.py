@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 import weakref
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -48,6 +48,7 @@ QUICK: dict[str, Any] = {
     "prm": PRM(milestones=200, neighbours=6),
     "prmstar": PRMstar(milestones=150),
 }
+RANGED = tuple(planner for planner in PLANNERS.values() if "range" in {item.name for item in fields(planner)})
 ANYTIME = ("rrtstar", "informedrrtstar", "sorrtstar", "bitstar", "aorrtc")
 
 
@@ -295,6 +296,16 @@ def test_an_unknown_planner_is_refused_with_the_nearest() -> None:
         (PRM, "milestones", -1),
         (PRM, "neighbours", 0),
         (PRMstar, "max_checks", 0),
+        *((planner, "range", value) for planner in RANGED for value in (10**400, 1e308, 1e-320, True, None)),
+        (RRT, "goal_bias", 10**400),
+        (InformedRRTstar, "checks", 10**400),
+        (SORRTstar, "goal_bias", True),
+        (AORRTC, "checks", 2**31),
+        (BITstar, "samples", 2**31 - 1),
+        (FMT, "samples", 100_001),
+        (BFMT, "samples", 10**400),
+        (PRM, "milestones", 100_001),
+        (PRMstar, "milestones", 10**400),
     ],
 )
 def test_a_setting_out_of_range_is_refused_by_name(planner: Any, setting: str, value: Any) -> None:
@@ -352,3 +363,16 @@ def test_interrupted_searches_do_not_crash_the_process_even_while_their_exceptio
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) > 100
+
+
+@pytest.mark.parametrize("name", [None, 3, ["rrt"]])
+def test_a_planner_name_that_is_no_text_is_unknown(name: Any) -> None:
+    with pytest.raises(UnknownName, match="unknown planner"):
+        planner_by_name(name)
+
+
+def test_planners_of_equal_settings_are_equal_only_if_they_are_the_same() -> None:
+    plain, informed = PLANNERS["rrtstar"], PLANNERS["informedrrtstar"]
+    assert plain() == plain()
+    assert plain() != informed()
+    assert not issubclass(informed, plain)

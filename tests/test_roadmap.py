@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import math
 from itertools import pairwise, permutations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -141,3 +143,26 @@ def test_a_roadmap_that_makes_no_sense_is_refused(
 def test_a_roadmap_of_another_arm_is_refused() -> None:
     with pytest.raises(InvalidRequest, match="a roadmap of 6 joints"):
         SQUARE.search(across(DiscWorld(), n=6))
+
+
+@pytest.mark.parametrize("milestones", [[[10**400, 0.0]], [["0", "1"]], [[True, False]], [[0.0], [0.0, 1.0]], None])
+def test_milestones_that_are_no_real_numbers_are_refused(milestones: Any) -> None:
+    with pytest.raises(InvalidRequest, match="milestones: got"):
+        Roadmap(milestones, [])
+
+
+@pytest.mark.parametrize(
+    "edges", [[[0, 10**400]], [["0", "1"]], [[0, 0.5]], [0, 1], [[0, 1, 1]], None, [[0, math.inf]]]
+)
+def test_edges_that_are_no_pairs_of_indices_are_refused(edges: Any) -> None:
+    with pytest.raises(InvalidRequest, match="edges: got"):
+        Roadmap([[0.0], [1.0]], edges)
+
+
+@pytest.mark.parametrize("end", [[10**400, 0.0], ["0", "1"], [0.0], [math.nan, 0.0], None])
+def test_a_query_from_or_to_nowhere_is_refused(end: Any) -> None:
+    roadmap, world = Roadmap([[0.0, 0.0], [1.0, 1.0]], [[0, 1]]), DiscWorld()
+    with pytest.raises(InvalidRequest, match="start: got"):
+        roadmap.query(end, [0.0, 0.0], world)
+    with pytest.raises(InvalidRequest, match="goals: got"):
+        roadmap.query([0.0, 0.0], end, world)

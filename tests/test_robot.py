@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import pickle
 import subprocess
 import sys
@@ -395,7 +396,7 @@ def test_a_path_loads_what_the_name_does(wxai: Robot) -> None:
 
 
 def test_a_missing_robot_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFile, match=r"robot.toml: 1 problem\(s\)\n  - cannot be read"):
+    with pytest.raises(InvalidFile, match=r"robot.toml: 1 problem\(s\)\n  - no such file"):
         load_robot(tmp_path / "robot.toml")
 
 
@@ -458,7 +459,7 @@ def test_limits_that_make_no_sense_are_refused() -> None:
     one = np.ones(1)
     with pytest.raises(InvalidRequest, match=r"velocity: got .* expected positive numbers"):
         JointLimits(-one, one, 0 * one, one, one)
-    with pytest.raises(InvalidRequest, match=r"lower: got .* expected at most upper"):
+    with pytest.raises(InvalidRequest, match=r"lower: got .* expected below upper"):
         JointLimits(2 * one, one, one, one, one)
     with pytest.raises(InvalidRequest, match=r"jerk: got .* expected finite numbers"):
         JointLimits(-one, one, one, one, one * math.inf)
@@ -483,3 +484,98 @@ def test_a_shape_that_a_reader_drops_is_a_bug_and_not_free_space(
     (tmp_path / "mixed.urdf").write_text(MIXED)
     with pytest.raises(BrokenInvariant, match="link stand: yourdfpy reads 0 shapes, the file has 1"):
         Robot.from_urdf(tmp_path / "mixed.urdf", locked_joints={"branch": 0.0})
+
+
+SINGLE = """<robot name="single">
+  <link name="base"/>
+  <link name="bar"><collision><geometry><box size="0.4 0.1 0.1"/></geometry></collision></link>
+  <joint name="only" type="{kind}">
+    <parent link="base"/><child link="bar"/><origin xyz="0.1 0 0.3" rpy="0.2 -0.4 0.5"/><axis xyz="1 2 -2"/>
+    <limit lower="-1" upper="1.5" velocity="2" effort="{effort}"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+def test_a_robot_of_one_joint_moves_as_pinocchio_says(tmp_path: Path, kind: str) -> None:
+    text = SINGLE.format(kind=kind, effort=1)
+    (tmp_path / "single.urdf").write_text(text)
+    robot = Robot.from_urdf(tmp_path / "single.urdf")
+    reference = Reference(text, robot, {})
+    assert robot.joint_names == ("only",)
+    assert robot.bodies[1].prismatic == (kind == "prismatic")
+    for q in random_q(robot, 5):
+        reference.place(q)
+        frame = reference.model.getFrameId("bar", reference.pin.FrameType.BODY)
+        assert np.abs(robot.tool_pose(q) - reference.data.oMf[frame].homogeneous).max() < 1e-12
+
+
+@pytest.mark.parametrize("effort", ["-3.14", "nan", "inf", "-inf"])
+def test_an_effort_that_makes_no_sense_is_a_problem_of_the_file(tmp_path: Path, effort: str) -> None:
+    (tmp_path / "single.urdf").write_text(SINGLE.format(kind="revolute", effort=effort))
+    with pytest.raises(InvalidFile, match=r"joint 'only'.*effort"):
+        Robot.from_urdf(tmp_path / "single.urdf")
+
+
+def test_what_pinocchio_refuses_is_a_problem_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pinocchio as pin
+
+    def refuse(text: str) -> None:
+        raise ValueError("no such tree")
+
+    monkeypatch.setattr(pin, "buildModelFromXML", refuse)
+    (tmp_path / "single.urdf").write_text(SINGLE.format(kind="revolute", effort=1))
+    with pytest.raises(InvalidFile, match=r"single.urdf.*\n.*Pinocchio cannot build this robot: no such tree"):
+        Robot.from_urdf(tmp_path / "single.urdf")
+
+
+def test_a_robot_without_collision_shapes_is_refused(tmp_path: Path) -> None:
+    text = SINGLE.format(kind="revolute", effort=1)
+    start, end = text.index("<collision>"), text.index("</collision>") + len("</collision>")
+    (tmp_path / "single.urdf").write_text(text[:start] + text[end:])
+    with pytest.raises(InvalidFile, match="no link of the URDF has a collision shape: nothing could ever collide"):
+        Robot.from_urdf(tmp_path / "single.urdf")
+
+
+def test_a_joint_without_a_range_has_to_be_locked(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.urdf"
+    path.write_text(MIXED.replace('lower="-0.1" upper="0.3"', 'lower="0.1" upper="0.1"'))
+    with pytest.raises(InvalidFile, match=r"joint 'slide': lower and upper are both 0.1, it cannot move; lock it"):
+        Robot.from_urdf(path, locked_joints={"branch": 0.4})
+    assert "slide" not in Robot.from_urdf(path, locked_joints={"branch": 0.4, "slide": 0.1}).joint_names
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "a\0.urdf", "\ud800.urdf"])
+def test_a_path_to_no_urdf_or_srdf_is_refused(wxai: Robot, path: str) -> None:
+    good = data_folder("robots") / "wxai" / "wxai.urdf"
+    fingers = dict.fromkeys(wxai.gripper.joints, 0.0) if wxai.gripper else {}
+    with pytest.raises(InvalidFile, match=r"not a file|cannot be read"):
+        Robot.from_urdf(path)
+    with pytest.raises(InvalidFile, match=r"not a file|cannot be read"):
+        Robot.from_urdf(good, srdf=path, locked_joints=fingers)
+
+
+def test_a_pipe_is_no_urdf(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "arm.urdf")
+    with pytest.raises(InvalidFile, match="not a file"):
+        Robot.from_urdf(tmp_path / "arm.urdf")
+
+
+def test_a_mesh_folder_with_an_impossible_name_is_refused() -> None:
+    path = data_folder("robots") / "wxai" / "wxai.urdf"
+    with pytest.raises(InvalidRequest, match="package_dirs: got"):
+        Robot.from_urdf(path, package_dirs=["a\0b"])
+
+
+@pytest.mark.parametrize("path", [None, 3, b"arm.urdf"])
+def test_what_is_no_path_of_a_urdf_is_refused(path: Any) -> None:
+    with pytest.raises(InvalidRequest, match="path: got"):
+        Robot.from_urdf(path)
+
+
+@pytest.mark.parametrize("values", [[10**400], ["1"], [True], None])
+def test_limits_that_are_no_real_numbers_are_refused(values: Any) -> None:
+    one = np.ones(1)
+    with pytest.raises(InvalidRequest, match="velocity: got"):
+        JointLimits(-one, one, values, one, one)

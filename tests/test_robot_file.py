@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from planner_service.data import data_folder
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, UnknownName
 from planner_service.robot import Robot, load_robot
 
 
@@ -119,7 +121,7 @@ BAD = {
         'urdf = "../wxai.urdf"',
         "urdf = '../wxai.urdf' lies outside the robot's folder",
     ),
-    "urdf missing": ('urdf = "wxai.urdf"', 'urdf = "wxia.urdf"', "wxia.urdf: 1 problem.*\n.*cannot be read"),
+    "urdf missing": ('urdf = "wxai.urdf"', 'urdf = "wxia.urdf"', "wxia.urdf: 1 problem.*\n.*no such file"),
     "gripper too wide": (
         "upper = 0.080",
         "upper = 0.090",
@@ -205,3 +207,42 @@ SWAPPED_NUMBERS = (
         "1.5707963267948966, 3.141592653589793, 1.5707963267948966]",
     ),
 )
+
+
+@pytest.mark.parametrize("path", ["/dev/zero/robot.toml", "a\0/robot.toml", "\ud800/robot.toml"])
+def test_a_path_to_no_file_is_refused(path: str) -> None:
+    with pytest.raises(InvalidFile, match="cannot be read"):
+        load_robot(path)
+
+
+def test_a_pipe_is_no_robot(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "robot.toml")
+    with pytest.raises(InvalidFile, match="not a file"):
+        load_robot(tmp_path / "robot.toml")
+
+
+def test_a_device_is_no_robot(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").symlink_to("/dev/zero")
+    with pytest.raises(InvalidFile, match="not a file"):
+        load_robot(tmp_path / "robot.toml")
+
+
+@pytest.mark.parametrize("name", [None, 3, "wxia"])
+def test_a_name_of_no_robot_is_unknown(name: Any) -> None:
+    with pytest.raises(UnknownName, match="unknown robot"):
+        load_robot(name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("settle_time = ", f"settle_time = {'9' * 5000} # ", "malformed TOML|settle_time = <int>"),
+        ("settle_time = ", f"settle_time = 0x{'f' * 5000} # ", "settle_time = <int>; expected a finite number"),
+        (HOME, f"home = [0x{'f' * 5000}]", r"poses.home = <list>; expected 6 finite numbers"),
+        ('urdf = "wxai.urdf"', 'urdf = "wxai\\u0000.urdf"', "urdf = .*null"),
+    ],
+    ids=["long integer", "long hexadecimal", "in a list", "NUL in a path"],
+)
+def test_values_that_cannot_be_printed_are_still_named(tmp_path: Path, old: str, new: str, problem: str) -> None:
+    with pytest.raises(InvalidFile, match=problem):
+        load_changed(tmp_path, (old, new))

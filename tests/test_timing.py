@@ -461,13 +461,39 @@ def test_limits_too_small_for_toppra_are_a_typed_failure() -> None:
         law.time_path(path, absurd)
 
 
-@pytest.mark.parametrize("jerk", [0.0, -1.0, math.nan, math.inf, "50"])
+@pytest.mark.parametrize("jerk", [0.0, -1.0, math.nan, math.inf, "50", True, 10**400, 1e308, 1e-320])
 def test_an_impossible_jerk_is_refused(jerk: float) -> None:
     with pytest.raises(InvalidRequest, match="jerk: got"):
         SCurve(jerk)
 
 
-@pytest.mark.parametrize("gridpoints", [1, 0, -5, 10_001, 2.5, "50"])
+@pytest.mark.parametrize("gridpoints", [1, 0, -5, 10_001, 2.5, "50", True, 10**400])
 def test_an_impossible_grid_is_refused(gridpoints: int) -> None:
     with pytest.raises(InvalidRequest, match="gridpoints: got"):
         ToppRa(gridpoints)
+
+
+@law_cases
+@pytest.mark.parametrize(("velocity", "acceleration"), [(1e308, 1e308), (1e308, 1.0), (1.0, 1e308)])
+def test_limits_too_large_to_compute_with_are_a_typed_failure_or_none(
+    law: Timing, velocity: float, acceleration: float
+) -> None:
+    path, absurd = JointPath(np.array([[0.0, 0.0], [1.0, 2.0]])), limits(2, velocity, acceleration)
+    try:
+        found = peaks(law.time_path(path, absurd), absurd)
+    except TimingFailed:
+        return
+    assert max(found.velocity.ratio, found.acceleration.ratio) <= HELD
+
+
+@pytest.mark.parametrize("law", [Trapezoidal(), ToppRa()])
+def test_a_law_without_jerk_does_not_mind_how_large_its_limit_is(law: Timing) -> None:
+    path = JointPath(np.array([[0.0, 0.0], [1.0, 2.0]]))
+    assert law.time_path(path, limits(2, jerk=1e308)).duration == law.time_path(path, limits(2)).duration
+
+
+@pytest.mark.parametrize("jerk", [1e-6, 1e6])
+def test_the_extreme_jerks_that_are_allowed_give_a_motion(jerk: float) -> None:
+    path, lim = JointPath(np.array([[0.0, 0.0], [1.0, 2.0], [1.5, 0.0]])), limits(2)
+    found = peaks(SCurve(jerk).time_path(path, lim), replace(lim, jerk=np.full(2, jerk)))
+    assert max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD

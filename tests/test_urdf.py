@@ -224,7 +224,7 @@ def test_utf16_cannot_smuggle_a_document_type_in(tmp_path: Path) -> None:
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFile, match="cannot be read: No such file"):
+    with pytest.raises(InvalidFile, match="no such file"):
         read_urdf(tmp_path / "none.urdf")
 
 
@@ -232,5 +232,5 @@ def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "huge.urdf"
     with path.open("wb") as file:
         file.truncate(10_000_001)
-    with pytest.raises(InvalidFile, match="larger than 10 MB"):
+    with pytest.raises(InvalidFile, match="too large: more than 10,000,000 bytes"):
         read_xml(path, "robot")

@@ -299,19 +299,19 @@ class CollisionChecker:
         doubtful: dict[int, list[int]] = {}
         for row, pair in zip(rows.tolist(), pairs.tolist(), strict=True):
             doubtful.setdefault(row, []).append(pair)
-        for row, numbers in doubtful.items():
-            for pair in self._colliding_pairs(Q[row].tolist(), numbers):
+        for row, asked in doubtful.items():
+            for pair in self._colliding_pairs(Q[row].tolist(), asked):
                 return row, pair
         return None
 
-    def _colliding_pairs(self, q: Sequence[float], numbers: Iterable[int]) -> Iterator[int]:
-        """The pairs among ``numbers`` that FCL finds touching at q, as it is asked.
+    def _colliding_pairs(self, q: Sequence[float], asked: Iterable[int]) -> Iterator[int]:
+        """The pairs among ``asked`` that FCL finds touching at q, as it is asked.
 
         The poses FCL gets come from one scalar forward kinematics, whatever placed the prefilter.
         """
         placed: set[int] = set()
         poses = None
-        for number in numbers:
+        for number in asked:
             i, j = self._pairs[number]
             for part in (i, j):
                 if part < self._parts.riding and part not in placed:

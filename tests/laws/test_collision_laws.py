@@ -32,7 +32,9 @@ CONTACT = 2e-6
 """Metres: closer to contact than this the answer of FCL, and of Coal, is undefined (both miss touching shapes)."""
 
 BLOCK = Attached("block", Box((0.045, 0.045, 0.045)), Pose((0.01, 0.0, 0.0)), FINGERS)
-ROD = Attached("rod", Capsule(0.01, 0.16), Pose.from_rpy((0.005, 0.0, 0.02), (0.0, math.pi / 2, 0.0)), (*FINGERS, "link_6"))
+ROD = Attached(
+    "rod", Capsule(0.01, 0.16), Pose.from_rpy((0.005, 0.0, 0.02), (0.0, math.pi / 2, 0.0)), (*FINGERS, "link_6")
+)
 ROUND = (
     Obstacle("ball", Sphere(0.07), Pose((0.25, 0.15, 0.2))),
     Obstacle("bar", Capsule(0.03, 0.3), Pose.from_rpy((0.3, -0.1, 0.25), (0.7, 0.4, 0.1))),

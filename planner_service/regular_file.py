@@ -1,0 +1,48 @@
+"""Files as bytes: only regular ones, only up to a size, and every reason why not as an ``InvalidFile``."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from planner_service.errors import InvalidFile, InvalidRequest
+
+__all__ = ["as_path", "read_bytes"]
+
+
+def as_path(field: str, value: object) -> Path:
+    """The path a caller gave.
+
+    Raises:
+        InvalidRequest: it is neither a text nor a path of text.
+    """
+    text = os.fspath(value) if isinstance(value, (str, os.PathLike)) else None
+    if not isinstance(text, str):
+        raise InvalidRequest(field, value, "the path of a file")
+    return Path(text)
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """The content of the file at ``path``, at most ``most`` bytes of it.
+
+    Raises:
+        InvalidFile: not a regular file (a pipe would block, a device never end), unreadable, or larger.
+    """
+    try:
+        regular = stat.S_ISREG(os.stat(path).st_mode)  # asked before opening: to open a pipe is to wait for its writer
+        data = b""
+        if regular:
+            with open(path, "rb") as file:
+                data = file.read(most + 1)
+    except FileNotFoundError:
+        raise InvalidFile(path, ["no such file"]) from None
+    except OSError as error:
+        raise InvalidFile(path, [f"cannot be read: {error.strerror or error}"]) from None
+    except ValueError as error:  # a NUL character or half a surrogate pair in the path
+        raise InvalidFile(path, [f"cannot be read: {error}"]) from None
+    if not regular:
+        raise InvalidFile(path, ["not a file"])
+    if len(data) > most:
+        raise InvalidFile(path, [f"too large: more than {most:,} bytes"])
+    return data

@@ -1,0 +1,275 @@
+"""What the benchmarks measure on, measure against and write down."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Sequence
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmarks import __main__ as command
+from benchmarks import queries, speed, stored, tasks, toy
+from benchmarks.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
+from benchmarks.pairwise import PairwiseFcl
+from benchmarks.queries import SCENES, Region
+from benchmarks.report import Promise, Report, p50, p95, show, write_json
+from benchmarks.states import STEPS, run_lesson
+from planner_service import CollisionChecker, JointStep, MotionStep, load_robot, load_scene
+from planner_service.geometry import FloatArray
+from planner_service.pipeline import SearchOracle
+from planner_service.search import SearchProblem, joint_distance
+
+
+def checker_of(scene: str) -> CollisionChecker:
+    return CollisionChecker(load_robot(queries.ROBOT), load_scene(scene))
+
+
+# --- queries
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_stored_queries_are_what_their_seed_gives(scene: str) -> None:
+    assert queries.text_of(queries.draw(scene)) == queries.stored_text(scene)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_scene_has_twenty_queries_whose_ends_are_free_and_whose_straight_line_is_mostly_blocked(scene: str) -> None:
+    checker, here = checker_of(scene), queries.load(scene)
+    assert len(here) == queries.PER_SCENE == 20
+    assert all(checker.state_is_free(q) for query in here for q in (query.start, query.goal))
+    assert [checker.edge_is_free(query.start, query.goal) for query in here] == [query.straight for query in here]
+    assert sum(not query.straight for query in here) >= 18
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_query_leads_from_one_region_of_a_pair_to_the_other(scene: str) -> None:
+    robot = load_robot(queries.ROBOT)
+
+    def inside(region: Region, q: FloatArray) -> bool:
+        tip = robot.tool_pose(q)[:3, 3].tolist()
+        ranges = (region.x, region.y, region.z)
+        return all(low - 1e-5 <= v <= high + 1e-5 for v, (low, high) in zip(tip, ranges, strict=True))
+
+    for query in queries.load(scene):
+        ends = (query.start, query.goal)
+        sides = [pair for regions in SCENES[scene] for pair in (regions, regions[::-1])]
+        assert any(inside(a, ends[0]) and inside(b, ends[1]) for a, b in sides), query.name
+
+
+def test_other_seeds_give_other_queries_and_more_queries_begin_with_the_same() -> None:
+    five = queries.draw("post", 5)
+    assert [q.start.tolist() for q in queries.draw("post", 3)] == [q.start.tolist() for q in five[:3]]
+    assert queries.draw("post", 1, seed=1)[0].start.tolist() != five[0].start.tolist()
+
+
+# --- the lesson
+
+
+def test_the_toy_counts_what_the_lesson_counts() -> None:
+    run = Toy.run(7)
+    assert (run.checks, run.growth, run.shortcut) == (18_793, 1_136, 17_657)
+    assert (len(run.raw), len(run.short)) == (49, 3)
+    assert length_of(run.raw) == pytest.approx(7.1951, abs=5e-5)
+    assert length_of(run.short) == pytest.approx(6.5525, abs=5e-5)
+
+
+def test_the_toy_reproduces_the_exercise() -> None:
+    rows = [toy.exercise(Toy.run(seed)) for seed in range(50)]
+    table = {key: (p50(row[key] for row in rows), p95(row[key] for row in rows)) for key in rows[0]}
+    assert {key: tuple(map(round, table[key])) for key in table if "checks" in key} == {
+        "growth checks": (925, 1278),
+        "shortcut checks": (16_830, 19_944),
+        "total checks": (17_644, 20_821),  # 17,644.5, rounded to even
+    }
+    lengths = {"raw length": (7.591, 8.498), "shortcut length": (6.490, 6.832)}
+    seconds = {"raw seconds": (15.71, 17.71), "shortcut seconds": (4.171, 4.890)}
+    for key, published in {**lengths, **seconds}.items():
+        assert table[key] == pytest.approx(published, abs=5e-3 if "raw s" in key else 5e-4)
+
+
+def test_the_straight_line_of_the_toy_is_blocked_at_its_155th_of_317_checks() -> None:
+    line = samples(Toy.START, Toy.GOAL)
+    disc = Toy()
+    assert joint_distance(Toy.START.tolist(), Toy.GOAL.tolist()) == pytest.approx(6.3032, abs=5e-5)
+    assert len(line) == 317
+    assert not disc.edge_is_free(Toy.START, Toy.GOAL)
+    assert disc.checks == 155
+
+
+def test_samples_include_both_ends_and_are_at_most_a_fiftieth_apart() -> None:
+    a, b = np.array([0.0, 1.0, -1.0]), np.array([0.3, 0.9, -0.5])
+    line = samples(a, b)
+    assert (line[0].tolist(), line[-1].tolist()) == (a.tolist(), b.tolist())
+    assert max(joint_distance(p, q) for p, q in pairwise(line)) <= 0.02 + 1e-12
+    assert len(samples(a, a)) == 2
+
+
+class Discs:
+    """Judges configurations of two joints against a disc, one by one, and counts them."""
+
+    def __init__(self) -> None:
+        self.toy = Toy()
+
+    @property
+    def states(self) -> int:
+        return self.toy.checks
+
+    def state_is_free(self, q: FloatArray) -> bool:
+        return not self.toy.collides(q.tolist())
+
+    def edge_is_free(self, q1: FloatArray, q2: FloatArray, **_: object) -> bool:
+        raise AssertionError("the lesson asks about states only")
+
+
+def test_the_lesson_grows_a_path_of_short_free_edges_from_start_to_goal() -> None:
+    oracle, box = Discs(), np.full(2, math.pi)
+    problem = SearchProblem(Toy.START, Toy.GOAL[None], -box, box, oracle, seed=7)
+    path = Lesson().search(problem).waypoints
+    assert path is not None
+    assert (path[0].tolist(), path[-1].tolist()) == (Toy.START.tolist(), Toy.GOAL.tolist())
+    assert max(joint_distance(a, b) for a, b in pairwise(path)) <= STEP + 1e-12
+    assert all(Toy().edge_is_free(a, b) for a, b in pairwise(path))
+    assert oracle.states == 1_136  # as the toy of the same seed: the same draws and the same checks
+    assert len(path) == 49
+
+
+def test_the_lesson_says_so_when_it_gives_up() -> None:
+    class Walled(Discs):
+        def state_is_free(self, q: FloatArray) -> bool:
+            return super().state_is_free(q) and abs(float(q[0])) > 0.2
+
+    box = np.full(2, math.pi)
+    result = Lesson().search(SearchProblem(Toy.START, Toy.GOAL[None], -box, box, Walled()))
+    assert result.waypoints is None
+    assert "2000 rounds" in result.note
+
+
+def test_shortcutting_from_memory_counts_as_walking_every_edge_again() -> None:
+    query = queries.load("bin")[0]
+    checker, walker = checker_of("bin"), checker_of("bin")
+    limits = checker.robot.limits
+    problem = SearchProblem(query.start, query.goal[None], limits.lower, limits.upper, SearchOracle(checker))
+    grown = Lesson().search(problem).waypoints
+    assert grown is not None
+    before = checker.counts.states
+    remembered = VertexShortcut(checker).shorten(grown, 0)
+    rng = np.random.default_rng([0, 1])
+    walked = cut_vertices(list(grown), rng, lambda a, b: all(walker.state_is_free(q) for q in samples(a, b)))
+    assert checker.counts.states - before == walker.counts.states
+    assert remembered.tolist() == np.array(walked).tolist()
+
+
+def test_a_run_of_the_lesson_counts_everything_and_ends_where_it_should() -> None:
+    query, checker = queries.load("shelf")[0], checker_of("shelf")
+    run = run_lesson(checker, query)
+    assert run.states == run.growth + run.shortcut == checker.counts.states
+    assert run.path is not None
+    assert (run.path[0].tolist(), run.path[-1].tolist()) == (query.start.tolist(), query.goal.tolist())
+
+
+# --- speed
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_checker_judges_every_pair_that_there_is(scene: str) -> None:
+    baseline = PairwiseFcl(load_robot(queries.ROBOT), load_scene(scene))
+    assert baseline.pair_count == len(baseline.self_pairs) + len(baseline.scene_pairs)
+    assert checker_of(scene).pair_count == baseline.pair_count > 0
+    assert len(baseline.self_pairs) == 171
+    assert len(baseline.scene_pairs) == 26 * len(load_scene(scene).obstacles)
+
+
+def test_pair_by_pair_and_the_checker_give_the_same_verdicts() -> None:
+    checker, baseline = checker_of("bin"), PairwiseFcl(load_robot(queries.ROBOT), load_scene("bin"))
+    limits = checker.robot.limits
+    Q = limits.lower + (limits.upper - limits.lower) * np.random.default_rng(5).random((200, 6))
+    verdicts = [checker.state_is_free(q) for q in Q]
+    assert verdicts == [baseline.state_is_free(q) for q in Q.tolist()]
+    assert 20 < sum(verdicts) < 180
+
+
+def test_an_asked_edge_lists_the_states_that_are_judged_in_their_order() -> None:
+    checker = CollisionChecker(load_robot(queries.ROBOT), load_scene("post"), edge_step=MotionStep(0.010))
+    baseline = PairwiseFcl(checker.robot, checker.scene)
+    edges = speed.asked_edges(checker, "post")
+    assert {edge.free for edge in edges} == {True, False}
+    for edge in edges[:40]:
+        before, states = checker.counts.states, edge.states(checker)
+        assert checker.edge_is_free(edge.q1, edge.q2, known=edge.known) == edge.free
+        hit = baseline.first_collision(states)
+        assert checker.counts.states - before == (len(states) if hit is None else hit + 1)
+
+
+# --- reports and the command
+
+
+def test_percentiles_are_interpolated() -> None:
+    values = [1.0, 2.0, 3.0, 4.0]
+    assert p50(values) == 2.5
+    assert p95(values) == pytest.approx(3.85)
+
+
+def promising(*kept: bool) -> Report:
+    return Report("some", ({"row": 1},), (), tuple(Promise(f"promise {k}", "1", k_) for k, k_ in enumerate(kept)))
+
+
+def test_one_broken_promise_is_shown_and_breaks_the_whole() -> None:
+    out = StringIO()
+    assert show([promising(True), promising(True)], Console(file=out))
+    assert not show([promising(True), promising(True, False)], Console(file=out))
+    assert "BROKEN" in out.getvalue()
+
+
+def test_rows_and_promises_are_written_for_machines(tmp_path: Path) -> None:
+    write_json([promising(True)], tmp_path / "out.json")
+    content = json.loads((tmp_path / "out.json").read_text("utf-8"))
+    promise = {"text": "promise 0", "measured": "1", "kept": True}
+    assert content == {"some": {"rows": [{"row": 1}], "promises": [promise]}}
+
+
+def called(monkeypatch: pytest.MonkeyPatch, arguments: Sequence[str]) -> int:
+    monkeypatch.setattr(sys, "argv", ["benchmarks", *arguments])
+    return command.main()
+
+
+def test_the_command_measures_prints_and_writes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(monkeypatch, ["toy", "--json", str(tmp_path / "toy.json")]) == 0
+    assert "18,793" in capsys.readouterr().out
+    assert len(json.loads((tmp_path / "toy.json").read_text("utf-8"))["toy"]["rows"]) == 50
+
+
+def test_a_clear_table_pick_and_place_keeps_its_promises() -> None:
+    assert [promise for promise in tasks.run().promises if not promise.kept] == []
+
+
+def test_changed_queries_are_told_and_stored_only_when_asked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(queries, "FOLDER", tmp_path)
+    monkeypatch.setattr(queries, "SCENES", {"post": SCENES["post"]})
+    assert called(monkeypatch, ["queries"]) == 1
+    assert "python -m benchmarks queries --write" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+    assert called(monkeypatch, ["queries", "--write"]) == 0
+    assert called(monkeypatch, ["queries"]) == 0
+    assert [query.name for query in queries.load("post")][-1] == "post-19"
+
+
+def test_the_golden_file_reads_back_as_what_was_written() -> None:
+    row = {"outcome": "planned", "stages": {"search": [1, 2, 3]}, "waypoints": 2, "path": "ab"}
+    content = {"step": {"p50_p95": {"bin": {"search": [1.0, 1.0]}}, "queries": {"bin-00": row}}}
+    assert json.loads(stored.text_of(content)) == content
+
+
+def test_steps_are_named_after_what_they_are() -> None:
+    assert list(STEPS) == ["JointStep(0.02)", "MotionStep(0.010)"]
+    assert list(STEPS.values()) == [JointStep(0.02), MotionStep(0.010)]
