@@ -165,7 +165,7 @@ def test_what_looking_for_a_grasp_cost_is_counted(cell: PlannerService) -> None:
         ),
         (lambda c: picked(c, support_gap="x"), InvalidRequest, "support_gap: got 'x'"),
         (lambda c: picked(c, open_width=0.01), InvalidRequest, "open_width: got 0.01; expected at least the object's"),
-        (lambda c: pick(c, c.robot.home, "block", ["x"]),  # type: ignore[list-item] InvalidRequest, "grasps: got .*; expected a list"),
+        (lambda c: pick(c, c.robot.home, "block", list("x")), InvalidRequest, "grasps: got .*; expected a list"),  # type: ignore[arg-type]
         (lambda c: picked(c, support_gap=-1.0), InvalidRequest, "support_gap: got -1.0"),
         (lambda c: place(c, c.robot.home, "block", [Pose()]), UnknownName, "unknown carried object 'block'"),
         (lambda c: picked(c, open_width=0.2), InvalidRequest, r"width: got 0.2; expected a gap .* in \[0, 0.08\]"),
