@@ -25,7 +25,8 @@ _FEW = 10
 """Up to this many configurations scalar kinematics are faster than arrays."""
 
 _ASKED_AT_ONCE = 30
-"""Up to this many pairs FCL is faster than a look at their separating axes."""
+"""Up to this many pairs FCL is faster than a look at their separating axes; for a single configuration it always is:
+one with many boxes overlapping collides, and FCL finds out at the first pairs."""
 
 _LIKELY_SMALLEST = 8
 """Pairs with the smallest rough bounds, refined first."""
@@ -55,7 +56,7 @@ class Prefilter:
         """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
         R, t = self._place(Q)
         row, pair = self._overlapping(R, t)
-        if len(row) > _ASKED_AT_ONCE:
+        if len(row) > _ASKED_AT_ONCE and len(Q) > 1:
             a, b = self._placed(R, t, row, pair)
             doubtful = rough_gaps(a, b) <= MARGIN
             row, pair = row[doubtful], pair[doubtful]
