@@ -49,12 +49,13 @@ from planner_service.planners import (
     RRTstar,
     SORRTstar,
 )
-from planner_service.primitives import Handling, Segment, TaskResult, move_linear, pick, place
+from planner_service.primitives import move_linear, pick, place
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap
 from planner_service.robot import JointLimits, Robot, load_robot, robot_names
 from planner_service.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
 from planner_service.service import PlannerService
+from planner_service.task import Handling, Segment, TaskResult
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
 
 __all__ = [

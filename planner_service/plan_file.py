@@ -24,7 +24,6 @@ from planner_service.geometry import Pose
 from planner_service.json_file import Node, read_json
 from planner_service.outcome import Failure, PlanResult
 from planner_service.planners import PLANNERS
-from planner_service.primitives import Segment
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
 from planner_service.result_record import (
@@ -38,6 +37,7 @@ from planner_service.result_record import (
 )
 from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
+from planner_service.task import Segment
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
 
 __all__ = [

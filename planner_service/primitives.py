@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from numpy.typing import ArrayLike
@@ -25,10 +25,11 @@ from planner_service.request import PlanRequest, joint_vector
 from planner_service.robot import Gripper, Robot
 from planner_service.scene import Attached, Obstacle
 from planner_service.service import PlannerService
+from planner_service.task import Handling, Segment, TaskResult
 from planner_service.thinning import thinned
-from planner_service.timing import Timing, Trapezoidal
+from planner_service.timing import Timing
 
-__all__ = ["Handling", "Segment", "TaskResult", "move_linear", "pick", "place"]
+__all__ = ["move_linear", "pick", "place"]
 
 USUAL_APPROACHES = (0.10, 0.09, 0.08)
 SHORT_APPROACHES = (0.06, 0.04, 0.02)
@@ -50,77 +51,6 @@ LINE_POINTS = 60
 """Configurations found along a straight tool line, of which those are travelled that keep the tool on it."""
 
 Pair = tuple[str, str]
-
-
-@dataclass(frozen=True)
-class Handling:
-    """How an object is taken or set down.
-
-    Attributes:
-        support: What the object stands on before a pick, or on after a place: an obstacle's name.
-        support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
-        open_width: The gripper's opening around the object; 12 mm of room for each finger if None.
-        request: Planner, timing, seed, scales and limits are taken from here; its start and goal are not.
-        line_timing: The law along the straight tool lines. Between two stops on a straight piece the
-            trapezoid is the optimum that TOPP-RA approaches, in closed form.
-        cancel: Ends the task before its next check when cancelled from another thread.
-    """
-
-    support: str | None = None
-    support_gap: float = 0.005
-    open_width: float | None = None
-    request: PlanRequest | None = None
-    line_timing: Timing = field(default_factory=Trapezoidal)
-    cancel: CancelToken | None = None
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.support_gap, int | float) or not 0.0 <= self.support_gap <= 0.05:
-            raise InvalidRequest("support_gap", self.support_gap, "metres in [0, 0.05]")
-
-
-@dataclass(frozen=True, eq=False)
-class Segment:
-    """One motion of a task, by name; ``width`` is the gripper's opening in metres during it."""
-
-    name: str
-    result: PlanResult
-    width: float
-
-
-@dataclass(frozen=True, eq=False)
-class TaskResult:
-    """What a pick or a place came to.
-
-    Attributes:
-        segments: The motions, in order.
-        service: Plans what follows: the robot with its gripper as it now stands, the scene as it now is.
-        q: Where the robot ends, shape (n,).
-        failure: None if every segment has a plan.
-        choosing: What looking for a workable grasp or placement cost, beyond the segments.
-        notes: What was chosen, and what was tried and left.
-    """
-
-    segments: tuple[Segment, ...]
-    service: PlannerService
-    q: FloatArray
-    failure: Failure | None = None
-    choosing: CheckCounts = field(default_factory=CheckCounts)
-    notes: tuple[str, ...] = ()
-
-    @property
-    def ok(self) -> bool:
-        """Whether every segment has a plan."""
-        return self.failure is None
-
-    @property
-    def counts(self) -> CheckCounts:
-        """What the whole task asked of the collision checker."""
-        return sum((segment.result.counts for segment in self.segments), self.choosing)
-
-    @property
-    def duration(self) -> float:
-        """Seconds of motion, the gripper's own not included."""
-        return sum(s.result.trajectory.duration for s in self.segments if s.result.trajectory is not None)
 
 
 def move_linear(

@@ -40,7 +40,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "certify", "search"},
     ),
     "primitives": (
-        {"primitives", "grasps"},
+        {"primitives", "grasps", "task"},
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"},
     ),
 }

@@ -19,11 +19,11 @@ from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason,
 from planner_service.path import JointPath
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.planners import PLANNERS, RRT, RRTConnect
-from planner_service.primitives import Segment
 from planner_service.request import PlanRequest
 from planner_service.scene_file import require_writable
 from planner_service.search import SearchProblem, SearchResult
 from planner_service.service import PlannerService
+from planner_service.task import Segment
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
 
 Document = dict[str, Any]

@@ -12,10 +12,11 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose
 from planner_service.grasps import top_grasps
 from planner_service.plan_file import MadeFor, SavedTask
-from planner_service.primitives import Handling, Segment, pick, place
+from planner_service.primitives import pick, place
 from planner_service.request import PlanRequest
 from planner_service.scene import Obstacle, Scene
 from planner_service.service import PlannerService
+from planner_service.task import Handling, Segment
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
 

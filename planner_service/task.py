@@ -1,0 +1,87 @@
+"""What picking and placing take and give: how to handle an object, and the motions that came of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from planner_service.collision import CancelToken, CheckCounts
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray
+from planner_service.outcome import Failure, PlanResult
+from planner_service.request import PlanRequest
+from planner_service.service import PlannerService
+from planner_service.timing import Timing, Trapezoidal
+
+__all__ = ["Handling", "Segment", "TaskResult"]
+
+
+@dataclass(frozen=True)
+class Handling:
+    """How an object is taken or set down.
+
+    Attributes:
+        support: What the object stands on before a pick, or on after a place: an obstacle's name.
+        support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
+        open_width: The gripper's opening around the object; 12 mm of room for each finger if None.
+        request: Planner, timing, seed, scales and limits are taken from here; its start and goal are not.
+        line_timing: The law along the straight tool lines. Between two stops on a straight piece the
+            trapezoid is the optimum that TOPP-RA approaches, in closed form.
+        cancel: Ends the task before its next check when cancelled from another thread.
+    """
+
+    support: str | None = None
+    support_gap: float = 0.005
+    open_width: float | None = None
+    request: PlanRequest | None = None
+    line_timing: Timing = field(default_factory=Trapezoidal)
+    cancel: CancelToken | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.support_gap, int | float) or not 0.0 <= self.support_gap <= 0.05:
+            raise InvalidRequest("support_gap", self.support_gap, "metres in [0, 0.05]")
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One motion of a task, by name; ``width`` is the gripper's opening in metres during it."""
+
+    name: str
+    result: PlanResult
+    width: float
+
+
+@dataclass(frozen=True, eq=False)
+class TaskResult:
+    """What a pick or a place came to.
+
+    Attributes:
+        segments: The motions, in order.
+        service: Plans what follows: the robot with its gripper as it now stands, the scene as it now is.
+        q: Where the robot ends, shape (n,).
+        failure: None if every segment has a plan.
+        choosing: What looking for a workable grasp or placement cost, beyond the segments.
+        notes: What was chosen, and what was tried and left.
+    """
+
+    segments: tuple[Segment, ...]
+    service: PlannerService
+    q: FloatArray
+    failure: Failure | None = None
+    choosing: CheckCounts = field(default_factory=CheckCounts)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether every segment has a plan."""
+        return self.failure is None
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What the whole task asked of the collision checker."""
+        return sum((segment.result.counts for segment in self.segments), self.choosing)
+
+    @property
+    def duration(self) -> float:
+        """Seconds of motion, the gripper's own not included."""
+        return math.fsum(s.result.trajectory.duration for s in self.segments if s.result.trajectory is not None)
