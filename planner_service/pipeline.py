@@ -213,20 +213,23 @@ class Run:
 
         A search has a long tail, which a fresh start cuts off; one that would end well is over long before.
         """
-        tries = self._request.retries + 1 if planner.restarts else 1
-        for attempt in range(tries):
-            self._book.attempts = attempt + 1
-            seed = fresh_seed(self._request.seed, attempt)
-            try:
-                with self._checker.limited(states=max(1, self._search_states // tries)):
-                    found = planner.search(replace(problem, seed=seed))
-            except CheckBudgetSpent:
-                if attempt + 1 == tries:
-                    raise
-                continue
-            if found.waypoints is not None:
-                self._book.deterministic &= not isinstance(found.stopped, TimeBoxSpent | Cancelled)
-                return found.waypoints
+        tries = 1 if planner.patience is None else self._request.retries + 1
+        share = max(1, self._search_states // tries, planner.patience or 0)
+        ledger = self._checker.ledger
+        with self._checker.limited(states=self._search_states):
+            for attempt in range(tries):
+                self._book.attempts = attempt + 1
+                seed = fresh_seed(self._request.seed, attempt)
+                try:
+                    with self._checker.limited(states=share):
+                        found = planner.search(replace(problem, seed=seed))
+                except CheckBudgetSpent:
+                    if attempt + 1 == tries or ledger.room() == 0:
+                        raise
+                    continue
+                if found.waypoints is not None:
+                    self._book.deterministic &= not isinstance(found.stopped, TimeBoxSpent | Cancelled)
+                    return found.waypoints
         return None
 
     def _grown(self, planner: Planner, oracle: SearchOracle) -> Planner:

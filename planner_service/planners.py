@@ -75,7 +75,7 @@ _SETTERS = {"range": "setRange", "goal_bias": "setGoalBias", "samples": "setSamp
 class _Settings:
     """A planner with the name of OMPL's: refuses what no planner can use, each setting by its name."""
 
-    restarts: ClassVar[bool] = False
+    patience: ClassVar[int | None] = None
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -108,6 +108,11 @@ class _Rewiring(_Search):
     range: float = 0.5
     goal_bias: float = 0.05
     checks: int = _DEFAULT_CHECKS
+
+    @property
+    def patience(self) -> int | None:  # type: ignore[override]
+        """As long as it would improve a path."""
+        return self.checks
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,7 @@ class RRTConnect(_Search):
 
     range: float = 0.7
     name: ClassVar[str] = "rrtconnect"
-    restarts: ClassVar[bool] = True
+    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
@@ -176,7 +181,7 @@ class RRT(_Search):
     range: float = 0.5
     goal_bias: float = 0.05
     name: ClassVar[str] = "rrt"
-    restarts: ClassVar[bool] = True
+    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
@@ -277,7 +282,7 @@ class KPIECE1(_Search):
     range: float = 0.5
     goal_bias: float = 0.05
     name: ClassVar[str] = "kpiece1"
-    restarts: ClassVar[bool] = True
+    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
@@ -290,7 +295,7 @@ class BKPIECE1(_Search):
 
     range: float = 0.5
     name: ClassVar[str] = "bkpiece1"
-    restarts: ClassVar[bool] = True
+    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
@@ -303,7 +308,7 @@ class LBKPIECE1(_Search):
 
     range: float = 0.5
     name: ClassVar[str] = "lbkpiece1"
-    restarts: ClassVar[bool] = True
+    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class Roadmap:
     neighbours: int = 10
     lengths: FloatArray = field(init=False)
     name: ClassVar[str] = "roadmap"
-    restarts: ClassVar[bool] = False
+    patience: ClassVar[int | None] = None
 
     def __init__(self, milestones: ArrayLike, edges: ArrayLike, *, neighbours: int = 10) -> None:
         points = numbers("milestones", milestones, "finite joint values, one row per milestone")

@@ -162,8 +162,8 @@ class Planner(Protocol):
         """Lower case, as on the command line."""
 
     @property
-    def restarts(self) -> bool:
-        """Whether a fresh start with another seed is worth more than going on: not for one that keeps improving."""
+    def patience(self) -> int | None:
+        """States to give a try at least before a fresh start with another seed is worth more; None: all there are."""
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """A path, or a result without one. What the oracle and ``poll`` raise comes out unchanged, unless a
