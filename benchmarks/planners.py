@@ -21,13 +21,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
     **{name: {"checks": 4000} for name in ("rrtstar", "informedrrtstar", "sorrtstar", "bitstar", "aorrtc")},
     "prm": {"milestones": 200, "neighbours": 8},
     "prmstar": {"milestones": 100, "neighbours": 8},
-    "fmt": {"samples": 300},
-    "bfmt": {"samples": 300},
 }
 """Smaller than the defaults, for the benchmark's own time; states per planner stay comparable across scenes."""
-
-BUDGETS: dict[str, dict[str, Any]] = {name: {"max_checks": 400_000, "retries": 0} for name in ("fmt", "bfmt")}
-"""A batch of samples is of no use before it is complete: one long try, beyond the default budget."""
 
 
 def _planner(name: str) -> Planner:
@@ -39,7 +34,7 @@ def _pass(names: Sequence[str]) -> dict[tuple[str, str, int], PlanResult]:
     """Every planner, in the order of ``names``, on every query, with fresh services."""
     services = {scene: PlannerService(queries.ROBOT, scene) for scene in PLANNED_SCENES}
     return {
-        (name, scene, query.number): plan(services[scene], query, planner=_planner(name), **BUDGETS.get(name, {}))
+        (name, scene, query.number): plan(services[scene], query, planner=_planner(name))
         for name in names
         for scene in PLANNED_SCENES
         for query in queries.load(scene)[:PER_SCENE]

@@ -93,6 +93,10 @@ class ExemptInterval:
     pairs: tuple[tuple[str, str], ...]
     reason: str
 
+    def __str__(self) -> str:
+        pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
+        return f"not judged from s = {self.s_start:.3f} to {self.s_end:.3f}: {pairs} ({self.reason})"
+
 
 @dataclass(frozen=True, eq=False)
 class PlanResult:

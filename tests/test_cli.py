@@ -438,3 +438,8 @@ def test_our_own_errors_keep_their_traceback(
     error = capsys.readouterr().err
     assert error.startswith("Traceback")
     assert "BrokenInvariant: a promise" in error
+
+
+def test_what_was_not_judged_is_said() -> None:
+    printed = run("plan", "--scene", "table", "--start", "sleep", "--goal", "ready").stdout
+    assert "note: not judged from s = 0.000 to 0.113: link_2 x link_5, link_2 x link_4" in " ".join(printed.split())

@@ -376,3 +376,21 @@ def test_planners_of_equal_settings_are_equal_only_if_they_are_the_same() -> Non
     assert plain() == plain()
     assert plain() != informed()
     assert not issubclass(informed, plain)
+
+
+def test_a_child_forked_during_a_search_can_search() -> None:
+    """The lock that another thread of the parent held is nobody's in the child."""
+    program = (
+        "import os\n"
+        "from planner_service import ompl_bridge\n"
+        "from planner_service.planners import RRTConnect\n"
+        "from tests.discs import DiscWorld, across\n"
+        "ompl_bridge._turn.acquire()\n"
+        "child = os.fork()\n"
+        "if child == 0:\n"
+        "    found = RRTConnect().search(across(DiscWorld())).waypoints is not None\n"
+        "    os._exit(0 if found else 1)\n"
+        "print(os.waitpid(child, 0)[1])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "0"

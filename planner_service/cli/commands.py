@@ -112,7 +112,7 @@ def plan(
             save_plan(saved, out)
     words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     text = "" if as_json else render(table(words, plan_rows(result), console().width, _unit(service.robot)))
-    _finish(saved, text, result.failure, result.notes, as_json=as_json)
+    _finish(saved, text, result.failure, (*result.notes, *map(str, result.exempt)), as_json=as_json)
 
 
 @app.command("pick-place", short_help="Plan a whole pick-and-place.")
