@@ -107,7 +107,7 @@ class Run:
     def result(self, turns: Turns) -> PlanResult:
         """Run the stages when the turn has come."""
         try:
-            with self._book.within_limits(turns):
+            with self._book.within_limits(turns, padding=self._request.padding):
                 return self._stages()
         except NoPlan as no_plan:
             return self._book.result(failure=no_plan.failure)

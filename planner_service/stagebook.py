@@ -73,8 +73,12 @@ class StageBook:
             )
 
     @contextmanager
-    def within_limits(self, turns: Turns) -> Iterator[None]:
+    def within_limits(self, turns: Turns, *, padding: float = 0.0) -> Iterator[None]:
         """Take a turn, and hold the call to its limits from then on.
+
+        Args:
+            padding: The checker's variant that keeps it is built before the clock starts: among thousands
+                of obstacles that takes longer than a plan.
 
         Raises:
             NoPlan: a limit was reached.
@@ -82,6 +86,7 @@ class StageBook:
         limits = self._limits
         try:
             with turns.taken(limits.token):
+                self._checker.variant(padding=padding)
                 self._hits = self._checker.ledger.hits.copy()
                 deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
                 with self._checker.limited(states=limits.states, deadline=deadline, token=limits.token):
