@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
-from planner_service.path import JointPath, Trajectory
+from planner_service.path import JointPath
+from planner_service.trajectory import Trajectory
 
 ELBOW = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])
 joint_values = st.floats(-3.2, 3.2, allow_subnormal=False)
@@ -148,6 +150,139 @@ def test_points_along_a_straight_line_are_not_corners() -> None:
 def test_a_turn_of_a_billionth_is_a_corner() -> None:
     path = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1e-9]]))
     assert path.corners == (1,)
+
+
+def test_rounding_of_points_on_a_line_makes_no_corner() -> None:
+    rng = np.random.default_rng(7)
+    for gap in (1e-11, 1e-9, 1e-6, 1e-3):
+        a, b = rng.uniform(-3, 3, (2, 6))
+        unit = (b - a) / math.dist(a, b)
+        middle = (a + b) / 2
+        assert JointPath(np.array([a, middle, middle + gap * unit, b])).corners == ()
+
+
+def blended(rng: np.random.Generator, share: float = 0.4) -> JointPath:
+    points = rng.uniform(-2, 2, (5, 3))
+    points[:, 0] = np.cumsum(rng.uniform(0.5, 1.0, 5))  # no corner turns back
+    path = JointPath(points)
+    lengths = np.diff(path.knots)
+    widths = share * np.minimum(lengths[1:], lengths[:-1])
+    return path.with_blends([0.0, *widths, 0.0])
+
+
+def test_blends_keep_the_ends_the_length_and_the_straight_rest_of_a_polyline() -> None:
+    path = blended(np.random.default_rng(2))
+    sharp = path.with_blends(None)
+    assert path.corners == ()
+    assert sharp.corners == (1, 2, 3)
+    assert path.length == sharp.length
+    assert path.blended.tolist() == [False, True, False, True, False, True, False]
+    ends = path.breaks.tolist()
+    straight = np.concatenate([np.linspace(ends[k], ends[k + 1], 9) for k in (0, 2, 4, 6)])
+    np.testing.assert_allclose(path(straight), sharp(straight), rtol=0, atol=1e-15)
+    assert np.array_equal(path([0.0, path.length]), sharp.waypoints[[0, -1]])
+
+
+def test_blends_are_continuous_up_to_the_second_derivative() -> None:
+    path = blended(np.random.default_rng(3))
+    inner = path.breaks[1:-1]
+    pieces = path.pieces_at(inner)
+    for order in (0, 1, 2):
+        before = path.on_pieces(pieces - 1, inner, order)
+        np.testing.assert_allclose(path.on_pieces(pieces, inner, order), before, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_each_derivative_of_a_blend_is_the_slope_of_the_one_before(order: int) -> None:
+    path = blended(np.random.default_rng(4))
+    s = np.linspace(path.breaks[1] + 1e-3, path.breaks[2] - 1e-3, 50)
+    h = 1e-5
+    slope = (path(s + h, order - 1) - path(s - h, order - 1)) / (2 * h)
+    np.testing.assert_allclose(path(s, order), slope, rtol=0, atol=1e-4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.01, 0.5))
+def test_a_blend_stays_in_the_triangle_of_its_corner_and_is_no_longer(seed: int, share: float) -> None:
+    path = blended(np.random.default_rng(seed), share)
+    for k in (1, 2, 3):
+        d, corner = path.blends[k], path.waypoints[k]
+        s = np.linspace(path.knots[k] - d, path.knots[k] + d, 60)
+        u, v = path(s[0] - 1e-9, 1), path(s[-1] + 1e-9, 1)
+        back, on = np.linalg.lstsq(np.stack([-u, v], axis=1), (path(s) - corner).T, rcond=None)[0]
+        assert back.min() > -1e-6 * d
+        assert on.min() > -1e-6 * d
+        assert (back + on).max() < d * (1 + 1e-6)
+        assert np.linalg.norm(path(s, 1), axis=1).max() <= 1 + 1e-12
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.01, 0.5))
+def test_travel_is_what_each_joint_has_moved(seed: int, share: float) -> None:
+    path = blended(np.random.default_rng(seed), share)
+    s = np.concatenate([np.linspace(a, b, 500) for a, b in itertools.pairwise(path.breaks.tolist())])
+    moved = np.concatenate([np.zeros((1, 3)), np.cumsum(np.abs(np.diff(path(s), axis=0)), axis=0)])
+    travel = path.travel(s)
+    assert np.all(np.diff(travel, axis=0) >= -1e-15)
+    np.testing.assert_allclose(travel, moved, rtol=0, atol=2e-5)  # a joint may turn between two samples
+    assert np.all(travel >= moved - 1e-12)
+
+
+def test_a_blend_that_reaches_the_end_ends_there_bit_for_bit() -> None:
+    points = np.random.default_rng(5).uniform(-2, 2, (3, 4))
+    lengths = np.diff(JointPath(points).knots)
+    path = JointPath(points, np.array([0.0, min(lengths), 0.0]))
+    assert np.array_equal(path(path.length), points[-1])
+    assert np.array_equal(path(0.0), points[0])
+
+
+def test_a_blend_where_there_is_no_corner_is_none() -> None:
+    path = JointPath(np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]), np.array([0.0, 0.2, 0.0]))
+    assert path.blends.tolist() == [0.0, 0.0, 0.0]
+    assert not path.blended.any()
+
+
+@pytest.mark.parametrize(
+    ("blends", "message"),
+    [
+        ([0.0, 0.1], "3 finite numbers"),
+        ([0.1, 0.1, 0.0], "first and the last"),
+        ([0.0, -0.1, 0.0], "0 or at least"),
+        ([0.0, 1e-12, 0.0], "0 or at least"),
+        ([0.0, math.nan, 0.0], "finite"),
+        ([0.0, 5.5, 0.0], "no more together than the piece"),
+        ("wide", "finite numbers"),
+    ],
+)
+def test_impossible_blends_are_refused(blends: Any, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        JointPath(ELBOW, blends)
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.05])
+def test_a_corner_that_turns_back_cannot_be_blended(aside: float) -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, aside]])
+    with pytest.raises(InvalidRequest, match=r"blends\[1\]: .*turns back"):
+        JointPath(points, np.array([0.0, 0.1, 0.0]))
+
+
+def test_coinciding_waypoints_leave_no_place_for_blends() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    with pytest.raises(InvalidRequest, match="do not coincide"):
+        JointPath(points, np.array([0.0, 0.1, 0.0, 0.0]))
+
+
+def test_a_blended_path_reversed_is_the_same_curve() -> None:
+    path = blended(np.random.default_rng(6))
+    s = np.linspace(0.0, path.length, 101)
+    np.testing.assert_allclose(path.reversed()(path.length - s), path(s), rtol=0, atol=1e-12)
+
+
+def test_joined_paths_keep_their_blends_and_meet_in_a_stop() -> None:
+    path = blended(np.random.default_rng(8))
+    both = path + path.reversed()
+    assert both.blends.tolist() == [*path.blends, *path.blends[:-1][::-1]]
+    assert both.corners == (4,)
 
 
 def test_reversed_runs_the_same_points_backwards() -> None:

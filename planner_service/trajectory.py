@@ -1,0 +1,211 @@
+"""A trajectory is a path with a time law s(t): q(t) = path(s(t)).
+
+Because it only ever evaluates its path, it cannot leave what was certified. Time in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass, field
+from itertools import accumulate
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray, number, numbers, read_only
+from planner_service.path import OVERSHOOT, JointPath, require_order, within
+
+__all__ = ["Samples", "Trajectory"]
+
+MAX_SAMPLES = 1_000_000
+"""About 17 minutes at 1 kHz; a longer list is a wrong unit of ``dt``."""
+
+MAX_DILATION = 1e9
+"""Up to there the cube of a factor leaves any sensible trajectory its digits; beyond, a unit is wrong."""
+
+
+class Samples(NamedTuple):
+    """A trajectory at m instants: ``t`` (m,), ``q``, ``qd`` and ``qdd`` (m, n)."""
+
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """A path with a time law, ``trajectory(t)`` for t in [0, ``duration``]; at rest at both ends and at corners.
+
+    Args:
+        path: The curve; every configuration of the trajectory is one of its own.
+        durations: Seconds of each of the m pieces of s(t), shape (m,). They are kept rather than the knots, because a
+            difference of knots has lost the digits that a short piece needs.
+        coefficients: s(t) of each piece as c0 + c1 x + c2 x^2 + c3 x^3, x the time since its start, shape (m, 4).
+        dilation: By how much time was stretched to hold the limits; 1.0 when nothing had to be.
+
+    Raises:
+        InvalidRequest: s(t) does not run from 0 to ``path.length``, jumps, turns back, does not rest at an end,
+            passes a corner of the path at speed, or has a piece that lies partly on a blend.
+    """
+
+    path: JointPath
+    durations: FloatArray
+    coefficients: FloatArray
+    dilation: float = 1.0
+    knots: FloatArray = field(init=False)
+    geometry: NDArray[np.intp] = field(init=False)
+    _ends: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        h = numbers("durations", self.durations, "seconds of each piece, shape (m,)")
+        c = numbers("coefficients", self.coefficients, "four numbers for each piece, shape (m, 4)")
+        if h.ndim != 1 or c.shape != (len(h), 4) or not (np.all(np.isfinite(h)) and np.all(np.isfinite(c))):
+            raise InvalidRequest("coefficients", c.shape, f"finite numbers, shape ({h.size}, 4), one row per duration")
+        if not np.all(h > 0.0):
+            raise InvalidRequest("durations", float(h.min()), "positive numbers")
+        ends = read_only([*c[1:, 0], self.path.length][: len(h)])
+        _check_law(self.path, h, c, ends)
+        object.__setattr__(self, "durations", h)
+        object.__setattr__(self, "coefficients", c)
+        object.__setattr__(self, "knots", read_only(list(accumulate(h.tolist(), initial=0.0))))
+        object.__setattr__(self, "geometry", _geometry(self.path, c, ends))
+        object.__setattr__(self, "_ends", ends)
+
+    def __repr__(self) -> str:
+        return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end; 0 for a path of one point."""
+        return float(self.knots[-1])
+
+    def s(self, t: ArrayLike, order: int = 0) -> FloatArray:
+        """Arc length at time t (order 0) or its derivatives (1, 2, 3), the shape of t; right-sided except at the end.
+
+        Raises:
+            InvalidRequest: t outside [0, duration] by more than 1e-9, or another order.
+        """
+        return self._evaluate(t, order)[1]
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> FloatArray:
+        """Positions (order 0), velocities (1), accelerations (2), jerks (3) at t, shape (..., n) for t of shape (...).
+
+        By the chain rule: q' s', then q' s'' + q'' s'^2, then q' s''' + 3 q'' s' s'' + q''' s'^3. Where two pieces of
+        time meet it is that of the later one, at the end that of the last.
+
+        Raises:
+            InvalidRequest: t outside [0, duration] by more than 1e-9, or another order.
+        """
+        piece, value = self._evaluate(t, order)
+        if order == 0:
+            return self.path(value)
+        if not len(self.durations):
+            return np.zeros((*value.shape, self.path.n))
+        geometry, at = self.geometry[piece].reshape(-1), self.s(t).reshape(-1)
+        q1, q2, q3 = (self.path.on_pieces(geometry, at, k) if k <= order else np.zeros(0) for k in (1, 2, 3))
+        v, a = self.s(t, 1).reshape(-1, 1), self.s(t, 2).reshape(-1, 1)
+        out = q1 * value.reshape(-1, 1)
+        if order == 2:
+            out += q2 * v * v
+        elif order == 3:
+            out += 3.0 * q2 * v * a + q3 * v * v * v
+        return out.reshape(*value.shape, self.path.n)
+
+    def _evaluate(self, t: ArrayLike, order: int) -> tuple[NDArray[np.intp], FloatArray]:
+        times = within("t", t, self.duration)
+        require_order(order)
+        if not len(self.durations):
+            return np.zeros(times.shape, dtype=np.intp), np.zeros(times.shape)
+        piece = np.asarray(np.minimum(np.searchsorted(self.knots, times, side="right"), len(self.durations)) - 1)
+        x = np.clip(times - self.knots[piece], 0.0, self.durations[piece])
+        x = np.where(times == self.duration, self.durations[-1], x)
+        value = _derivative(self.coefficients[piece], x, order)
+        if order == 0:
+            value = np.clip(value, self.coefficients[piece, 0], self._ends[piece])
+            value = np.where(times == self.duration, self.path.length, value)
+        elif order == 1:
+            value = np.where(times == self.duration, 0.0, np.maximum(value, 0.0))
+        return piece, value
+
+    def sample(self, dt: float) -> Samples:
+        """Time, position, velocity and acceleration every ``dt`` seconds from 0, and at the exact end.
+
+        Raises:
+            InvalidRequest: dt is not positive, or so small that there would be more than a million samples.
+        """
+        expected = f"a positive number of seconds, at least {self.duration / MAX_SAMPLES:.3g}"
+        dt = number("dt", dt, expected, sys.float_info.min, sys.float_info.max)
+        if not self.duration / dt < MAX_SAMPLES:
+            raise InvalidRequest("dt", dt, expected)
+        steps = np.arange(math.ceil(self.duration / dt)) * dt
+        t = np.append(steps[steps < self.duration - 1e-9 * dt], self.duration)
+        return Samples(t, self(t), self(t, 1), self(t, 2))
+
+    def dilated(self, factor: float) -> Trajectory:
+        """The same motion ``factor`` times slower: velocities fall by it, accelerations by its square.
+
+        Raises:
+            InvalidRequest: factor is not a number from 1e-9 to 1e9.
+        """
+        expected = f"a number from {1 / MAX_DILATION:g} to {MAX_DILATION:g}"
+        factor = number("factor", factor, expected, 1 / MAX_DILATION, MAX_DILATION)
+        powers = np.array([1.0, factor, factor * factor, factor * factor * factor])
+        with np.errstate(over="ignore"):  # a trajectory refuses what is not finite
+            return Trajectory(self.path, self.durations * factor, self.coefficients / powers, self.dilation * factor)
+
+
+def _derivative(c: FloatArray, x: FloatArray, order: int) -> FloatArray:
+    """Value or derivative of cubics with coefficients (..., 4) at x (...)."""
+    c0, c1, c2, c3 = c[..., 0], c[..., 1], c[..., 2], c[..., 3]
+    if order == 0:
+        return np.asarray(c0 + x * (c1 + x * (c2 + x * c3)))
+    if order == 1:
+        return np.asarray(c1 + x * (2.0 * c2 + 3.0 * c3 * x))
+    if order == 2:
+        return np.asarray(2.0 * c2 + 6.0 * c3 * x)
+    return np.asarray(6.0 * c3 * np.ones_like(x))
+
+
+def _geometry(path: JointPath, c: FloatArray, ends: FloatArray) -> NDArray[np.intp]:
+    """The piece of the path on which each piece of time runs."""
+    # its middle, and below its end, so that one too short for its start to differ from its end finds its own line
+    middle = np.minimum(c[:, 0] + (ends - c[:, 0]) / 2.0, np.nextafter(ends, 0.0))
+    piece = path.pieces_at(middle)
+    if np.any(path.blended):
+        gap = OVERSHOOT * max(1.0, path.length)
+        after = path.pieces_at(np.minimum(c[:, 0] + gap, middle))
+        before = path.pieces_at(np.maximum(ends - gap, middle))
+        torn = (after != before) & (path.blended[after] | path.blended[before] | path.blended[piece])
+        if np.any(torn):
+            k = int(torn.argmax())
+            raise InvalidRequest(f"coefficients[{k}]", [float(c[k, 0]), float(ends[k])], "s inside or outside a blend")
+    return piece
+
+
+def _check_law(path: JointPath, h: FloatArray, c: FloatArray, ends: FloatArray) -> None:
+    """Raise unless s(t) runs from 0 to the path's length without a jump, turn or passed corner."""
+    if len(h) == 0 or path.length == 0.0:
+        if len(h) or path.length > 0.0:
+            raise InvalidRequest("durations", len(h), "pieces for a path with a length, none for a single point")
+        return
+    gap = OVERSHOOT * max(1.0, path.length)
+    if c[0, 0] != 0.0 or np.any(np.abs(_derivative(c, h, 0) - ends) > gap):
+        raise InvalidRequest("coefficients", float(c[0, 0]), f"s(t) from 0 to {path.length:.9g} without a jump")
+    speeds, arrivals = c[:, 1], _derivative(c, h, 1)
+    slack = OVERSHOOT * max(speeds.max(), arrivals.max())
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        turning = np.where(c[:, 3] != 0.0, -c[:, 2] / (3.0 * c[:, 3]), 0.0)
+    slowest = np.minimum(np.minimum(speeds, arrivals), _derivative(c, np.clip(turning, 0.0, h), 1))
+    if np.any(slowest < -slack) or np.any(ends < c[:, 0]):
+        raise InvalidRequest("coefficients", float(slowest.min()), "s(t) that never turns back")
+    if np.any(np.abs(arrivals[:-1] - speeds[1:]) > slack) or max(speeds[0], arrivals[-1]) > slack:
+        raise InvalidRequest("coefficients", float(speeds[0]), "a speed ds/dt without jumps, 0 at both ends")
+    stops = c[speeds <= slack, 0]
+    passed = path.knots[list(path.corners)]
+    passed = passed[~np.isin(passed, stops)]
+    if len(passed):
+        raise InvalidRequest("coefficients", float(passed[0]), f"a stop at the path's corner at s = {passed[0]:.9g}")
