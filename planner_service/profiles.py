@@ -1,11 +1,13 @@
-"""Rest-to-rest motions along a line in closed form: trapezoid or triangle, and the S-curve of seven phases."""
+"""Motions along a line in closed form: trapezoids, S-curves of seven phases, and both between any two speeds."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
-__all__ = ["Phase", "s_curve", "trapezoid"]
+__all__ = ["Bounds", "Part", "Phase", "chained", "s_curve", "trapezoid"]
 
 
 class Phase(NamedTuple):
@@ -80,3 +82,117 @@ def _s_curve_times(distance: float, speed: float, acceleration: float, jerk: flo
         return t_j, t_a, 0.0
     t_j = math.pow(distance / (2.0 * jerk), 1.0 / 3.0)
     return t_j, 2.0 * t_j, 0.0
+
+
+class Bounds(NamedTuple):
+    """Largest speed, acceleration and jerk along a line; a jerk of ``math.inf`` is none."""
+
+    speed: float
+    acceleration: float
+    jerk: float
+
+
+class Part(NamedTuple):
+    """Part of a curve between two stops: straight, or a blend, of which the speed bound alone counts."""
+
+    start: float
+    length: float
+    bounds: Bounds
+    blended: bool
+
+
+def chained(parts: Sequence[Part]) -> list[Phase]:
+    """The motion from rest to rest along parts of a curve, each blend at one speed; positions are the curve's own.
+
+    Straight parts speed up as far as their length and bounds allow, cruise, and slow down, with no acceleration where
+    they end if jerk is bounded. The speed on each blend is the largest that its own bound, its neighbours' and a
+    pass forwards and one backwards over what straight parts can reach leave. A single straight part is a trapezoid or
+    an S-curve.
+
+    Raises:
+        ZeroDivisionError: a blend begins or ends at a stop, where no constant speed will do.
+    """
+    if len(parts) == 1 and not parts[0].blended:
+        start, length, (speed, acceleration, jerk), _ = parts[0]
+        rest = trapezoid(length, speed, acceleration) if jerk == math.inf else s_curve(length, *parts[0].bounds)
+        return [phase._replace(position=start + phase.position) for phase in rest]
+    speeds = [0.0, *_meeting(parts), 0.0]
+    for k, part in enumerate(parts):
+        speeds[k + 1] = min(speeds[k + 1], _leaving(part, speeds[k]))
+    for k, part in reversed(list(enumerate(parts))):
+        speeds[k] = min(speeds[k], _leaving(part, speeds[k + 1]))
+    phases: list[Phase] = []
+    for part, (entry, leave) in zip(parts, pairwise(speeds), strict=True):
+        if part.blended:
+            phases.append(Phase(part.length / entry, part.start, entry, 0.0, 0.0))
+        else:
+            moves = _between(part.length, entry, leave, part.bounds)
+            phases.extend(phase._replace(position=part.start + phase.position) for phase in moves)
+    return phases
+
+
+def _meeting(parts: Sequence[Part]) -> list[float]:
+    """The largest speed at which each part may meet the next, as their own bounds have it."""
+    return [min(before.bounds.speed, after.bounds.speed) for before, after in pairwise(parts)]
+
+
+def _leaving(part: Part, speed: float) -> float:
+    """The largest speed at the other end of a part, whichever way it is passed, with ``speed`` at one."""
+    return speed if part.blended else _fastest(part.length, speed, part.bounds, lambda v: _way(speed, v, part.bounds))
+
+
+def _between(distance: float, v0: float, v1: float, bounds: Bounds) -> list[Phase]:
+    """Speed up from v0, cruise if there is room, slow down to v1."""
+    low = max(v0, v1)
+    peak = _fastest(distance, low, bounds, lambda v: _way(v0, v, bounds) + _way(v, v1, bounds))
+    up, down = _way(v0, peak, bounds), _way(peak, v1, bounds)
+    cruise = max(0.0, distance - up - down)
+    phases = [
+        *_ramp(0.0, v0, peak, bounds),
+        Phase(cruise / peak, up, peak, 0.0, 0.0),
+        *_ramp(distance - down, peak, v1, bounds),
+    ]
+    return [phase for phase in phases if phase.duration > 0.0]
+
+
+def _fastest(distance: float, low: float, bounds: Bounds, way: Callable[[float], float]) -> float:
+    """The largest speed from ``low`` to the bound whose ``way``, growing with it, is no longer than ``distance``."""
+    high = max(low, bounds.speed)
+    if way(high) <= distance:
+        return high
+    middle = low + (high - low) / 2.0
+    while low < middle < high:  # some 55 times, until no number is left in between
+        low, high = (middle, high) if way(middle) <= distance else (low, middle)
+        middle = low + (high - low) / 2.0
+    return low
+
+
+def _way(v0: float, v1: float, bounds: Bounds) -> float:
+    """Distance of a ramp between two speeds: its mean speed is the mean of both."""
+    jerking, flat = _ramp_times(abs(v1 - v0), bounds)
+    return (v0 + v1) / 2.0 * (2.0 * jerking + flat)
+
+
+def _ramp_times(change: float, bounds: Bounds) -> tuple[float, float]:
+    """Seconds for which jerk lasts, twice, and constant acceleration in between (Biagiotti & Melchiorri, par. 3.4)."""
+    _, a, j = bounds
+    if change / a < a / j:  # the change is over before the acceleration is reached
+        return math.sqrt(change / j), 0.0
+    return a / j, change / a - a / j
+
+
+def _ramp(start: float, v0: float, v1: float, bounds: Bounds) -> list[Phase]:
+    """From speed v0 to v1, without acceleration at both ends if jerk is bounded."""
+    sign = math.copysign(1.0, v1 - v0)
+    t_j, flat = _ramp_times(abs(v1 - v0), bounds)
+    if t_j == 0.0:
+        return [Phase(flat, start, v0, sign * bounds.acceleration, 0.0)]
+    j = sign * bounds.jerk
+    a, change = j * t_j, j * t_j * t_j / 2.0
+    x1 = (v0 + change / 3.0) * t_j
+    x2 = x1 + (v0 + change + a * flat / 2.0) * flat
+    return [
+        Phase(t_j, start, v0, 0.0, j),
+        Phase(flat, start + x1, v0 + change, a, 0.0),
+        Phase(t_j, start + x2, v1 - change, a, -j),
+    ]

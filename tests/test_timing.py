@@ -17,9 +17,11 @@ from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
-from planner_service.path import JointPath, Trajectory
+from planner_service.path import JointPath
+from planner_service.peaks import peaks
 from planner_service.robot import JointLimits
-from planner_service.timing import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, peaks, within_limits
+from planner_service.timing import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, within_limits
+from planner_service.trajectory import Trajectory
 
 LAWS: tuple[Timing, ...] = (Trapezoidal(), SCurve(), ToppRa())
 HELD = 1.0 + 1e-9
@@ -242,6 +244,27 @@ def test_a_waypoint_on_top_of_another_costs_nothing(law: Timing, gap: float) -> 
     path = JointPath(np.array([[0.0, 0.0], [0.6, 0.0], [0.6, gap], [1.2, 0.0]]))
     straight = law.time_path(line(1.2, 0.0), limits(2)).duration
     assert law.time_path(path, limits(2)).duration == pytest.approx(straight, rel=1e-9)
+
+
+@law_cases
+@pytest.mark.parametrize("gap", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("share", [0.0, 0.37, 1.0])
+def test_a_waypoint_next_to_another_on_a_straight_line_costs_nothing(law: Timing, gap: float, share: float) -> None:
+    # along a skew direction, so that the short piece's direction is made of rounding
+    start, way = np.array([2.9, -1.3, 0.7]), 1.2 * np.array([0.48, -0.6, 0.64])
+    at = np.array([0.0, share * (1.2 - gap), share * (1.2 - gap) + gap, 1.2]) / 1.2
+    straight = law.time_path(JointPath(np.array([start, start + way])), limits(3)).duration
+    trajectory = law.time_path(JointPath(start + at[:, None] * way), limits(3))
+    assert trajectory.duration == pytest.approx(straight, rel=5e-3)
+
+
+@law_cases
+def test_a_straight_line_of_tiny_pieces_is_one_move(law: Timing) -> None:
+    # each piece leans by the rounding of its ends, some 1e-8
+    start, way = np.array([2.9, -1.3, 0.7]), 1e-5 * np.array([0.48, -0.6, 0.64])
+    pieces = JointPath(start + np.linspace(0.0, 1.0, 101)[:, None] * way)
+    straight = law.time_path(JointPath(np.array([start, start + way])), limits(3)).duration
+    assert law.time_path(pieces, limits(3)).duration == pytest.approx(straight, rel=1e-5)
 
 
 @law_cases
