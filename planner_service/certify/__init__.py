@@ -1,0 +1,5 @@
+"""The proof that a whole curve is free, between samples too; it shares no code with the search."""
+
+from planner_service.certify.certifier import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
+
+__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]

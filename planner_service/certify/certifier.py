@@ -1,0 +1,206 @@
+"""The proof that a whole curve is free, between samples too; it shares no code with the search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.certify.motion import Motion
+from planner_service.certify.pairs import ProofPairs
+from planner_service.certify.tree import ProofTree, Span
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import number, numbers
+from planner_service.path import JointPath
+from planner_service.robot import Robot
+from planner_service.scene import Scene
+
+__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]
+
+MARGIN = 2e-6
+"""Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
+
+MAX_PADDING = 0.1
+"""Metres; more is a wrong unit."""
+
+LIMIT_SLACK = 1e-9
+"""Rounding by which a waypoint may lie outside a joint limit, rad or m."""
+
+NANO = 1e9
+"""Bounds are told in whole nanometres, rounded to the safe side."""
+
+
+@dataclass(frozen=True)
+class ExemptInterval:
+    """A stretch of the path, in path length s, on which named pairs were not judged, and why."""
+
+    s_start: float
+    s_end: float
+    pairs: tuple[tuple[str, str], ...]
+    reason: str
+
+    def __str__(self) -> str:
+        pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
+        return f"not judged from s = {self.s_start:.3f} to {self.s_end:.3f}: {pairs} ({self.reason})"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The stretch of the path, in path length s, on which ``a`` and ``b`` could not be proven apart, and why."""
+
+    s_start: float
+    s_end: float
+    a: str
+    b: str
+    detail: str
+
+    def __str__(self) -> str:
+        where = f"from s = {self.s_start:.6g} to {self.s_end:.6g}"
+        return f"{self.a} x {self.b} is not proven apart {where}: {self.detail}"
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What was proven of a curve.
+
+    Attributes:
+        clearance: Metres that every judged pair keeps on the whole curve, a lower bound in whole nanometres; infinite
+            when no pair is judged, and -inf for a refused curve.
+        distances: (configuration, pair) bounds asked.
+        padding: Every judged pair was proven farther apart than this and ``MARGIN``.
+        exempt: Stretches on which named pairs were not judged.
+        refusal: None when the whole curve is proven.
+    """
+
+    clearance: float
+    distances: int
+    padding: float
+    exempt: tuple[ExemptInterval, ...] = ()
+    refusal: Refusal | None = None
+
+    @property
+    def certified(self) -> bool:
+        """Whether the whole curve is proven."""
+        return self.refusal is None
+
+
+class Certifier:
+    """Proofs for one robot in one scene; build it once, use it for many curves.
+
+    The pairs to prove apart are those that ``CollisionChecker`` judges, listed independently of it.
+
+    Args:
+        allowed: Pairs of links or objects that may touch, beside those that the robot and held objects allow.
+
+    Attributes:
+        listed: The pairs.
+        motion: Poses and motion bounds of these.
+
+    Raises:
+        UnknownName: a pair or a touch link names nothing that is there.
+        InvalidRequest: an object is called like a link.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = ()) -> None:
+        self.robot = robot
+        self.listed = ProofPairs(robot, scene, allowed)
+        self.motion = Motion(robot, self.listed)
+
+    def certify(
+        self,
+        path: JointPath,
+        *,
+        padding: float = 0.0,
+        exempt: Sequence[ExemptInterval] = (),
+        charge: Callable[[int], None] | None = None,
+    ) -> Certificate:
+        """The proof that every judged pair is farther apart than ``padding`` on the whole of ``path``, or its refusal.
+
+        Args:
+            path: Straight or blended; it is judged as the curve it is.
+            exempt: Stretches on which pairs are not judged; at the ends of a stretch they are, unless it ends with the
+                path or another one follows there.
+            charge: Called with the number of bounds before each batch of them; what it raises comes out unchanged.
+
+        Raises:
+            InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],
+                or an exempt stretch that is not on the path.
+            UnknownName: an exempt pair names nothing that is there.
+        """
+        padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        exempt = tuple(exempt)
+        self._check_path(path)
+        self._check_exempt(path.length, exempt)
+        tree = ProofTree(self.motion, path, padding + MARGIN, charge or (lambda bounds: None))
+        obstruction = tree.run(*self.roots(path.length, exempt))
+        if obstruction is None:
+            return Certificate(_floored(tree.proven), tree.asked, padding, exempt)
+        (start, end), names = obstruction.span, self.listed.names(obstruction.pair)
+        refusal = Refusal(start, end, *names, obstruction.detail)
+        return Certificate(-math.inf, tree.asked, padding, exempt, refusal)
+
+    def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
+        """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span."""
+        spans: dict[Span, int] = {(0.0, length): 0}
+        cuts: dict[frozenset[str], list[Span]] = {}
+        for interval in exempt:
+            for names in interval.pairs:
+                cuts.setdefault(frozenset(names), []).append((interval.s_start, interval.s_end))
+        rows = []
+        for pair in range(len(self.listed.pairs)):
+            cut = cuts.get(frozenset(self.listed.names(pair)), ()) if cuts else ()
+            rows += [(pair, spans.setdefault(span, len(spans))) for span in _left_over(length, cut)]
+        return list(spans), np.array(rows, dtype=np.intp).reshape(-1, 2)
+
+    def _check_path(self, path: JointPath) -> None:
+        if path.n != self.robot.n:
+            raise InvalidRequest("path", path.n, f"a path of {self.robot.n} joints")
+        lower, upper = self.robot.limits.lower, self.robot.limits.upper
+        outside = (path.waypoints < lower - LIMIT_SLACK) | (path.waypoints > upper + LIMIT_SLACK)
+        if np.any(outside):  # a blend stays in the triangle of its corner
+            row, joint = np.argwhere(outside)[0].tolist()
+            expected = f"{self.robot.joint_names[joint]} in [{lower[joint]:.6g}, {upper[joint]:.6g}]"
+            raise InvalidRequest(f"waypoints[{row}][{joint}]", float(path.waypoints[row, joint]), expected)
+
+    def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:
+        for interval in exempt:
+            found = (interval.s_start, interval.s_end)
+            if not 0.0 <= interval.s_start <= interval.s_end <= length:
+                raise InvalidRequest("exempt", found, f"0 <= s_start <= s_end <= {length:.9g}")
+            for name in (name for pair in interval.pairs for name in pair):
+                self.listed.check_name("link or object", name)
+
+
+def certify(
+    robot: Robot,
+    scene: Scene,
+    path: JointPath | ArrayLike,
+    *,
+    allowed: Iterable[tuple[str, str]] = (),
+    padding: float = 0.0,
+    exempt: Sequence[ExemptInterval] = (),
+) -> Certificate:
+    """The proof of a path from anywhere, or its refusal: a ``JointPath``, or waypoints (N, n); see ``Certifier``."""
+    curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
+    return Certifier(robot, scene, allowed=allowed).certify(curve, padding=padding, exempt=exempt)
+
+
+def _floored(gap: float) -> float:
+    return math.floor(gap * NANO) / NANO if math.isfinite(gap) else gap
+
+
+def _left_over(length: float, cut: Iterable[Span]) -> list[Span]:
+    """What closed intervals leave of [0, length], with its ends."""
+    if not length > 0.0:
+        return [] if list(cut) else [(0.0, length)]
+    out, start = [], 0.0
+    for low, high in sorted(span for span in cut if span[1] > span[0]):
+        if low > start:
+            out.append((start, low))
+        start = max(start, high)
+    if start < length:
+        out.append((start, length))
+    return out

@@ -1,0 +1,214 @@
+"""Where the pieces of a proof are, and how far any of their points can move: forward kinematics for the proof alone.
+
+All arithmetic is elementwise, in one fixed order, sines and cosines are libm's: counts and verdicts have equal bits on
+every processor. Poses are the first three rows of homogeneous matrices, (3, 4, ...).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.certify.pairs import ProofPairs
+from planner_service.certify.separation import Facing, Solids
+from planner_service.geometry import FloatArray
+from planner_service.robot import Body, Robot
+
+__all__ = ["Motion"]
+
+IntArray = NDArray[np.intp]
+
+ROUNDING = 1e-9
+"""Relative, and far above what a few dozen operations round."""
+
+
+class Motion:
+    """Poses, gaps and motion bounds of the listed pairs of one robot.
+
+    Between two nodes of a path joint k travels ``t_k``, its total variation. Against the parent of an ancestor j a
+    point of a body moves by at most ``sum r_k t_k`` over the joints k from j outwards to the body, r_k its largest
+    distance from axis k on the way: an arc is no longer than radius times angle, and joints inside j move both alike.
+    r_k changes only by the joints outside k: if m bounds the motion by these, then at x between nodes a and b
+    ``r_k(x) <= min(r_k(a) + m(a, x), r_k(b) + m(x, b)) <= (r_k(a) + r_k(b) + m(a, b)) / 2``. So the sum is built from
+    the outermost joint inwards. Two bodies move against each other by no more than each moves against the last body
+    that carries both, together.
+
+    Attributes:
+        first, second: The pieces of each pair, (p,); obstacles are numbered after the pieces that ride.
+        riding: How many pieces ride.
+        depth: How many joints move the piece that most joints move.
+    """
+
+    def __init__(self, robot: Robot, listed: ProofPairs) -> None:
+        bodies, riding = robot.bodies, listed.riding
+        self.first, self.second = listed.pairs.T.copy()
+        self.riding = len(riding)
+        self._rides = self.second < self.riding
+        self._fixed = _table([piece.frame for piece in listed.standing])
+        self._solids = Solids.of([piece.shape for piece in riding])
+        every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
+        self._pair_solids = (every.take(self.first), every.take(self.second))
+        self._local = _table([piece.frame for piece in riding])[:, :, None]
+        self._body = np.array([piece.body for piece in riding], dtype=np.intp)
+        self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
+        self._moved = np.array([body.q_index >= 0 for body in bodies])
+        self._parents = [body.parent for body in bodies]
+        self._joints = [np.stack(tables, axis=2)[:, :, None] for tables in zip(*map(_joint, bodies), strict=True)]
+        self._axes = np.array([body.axis.tolist() for body in bodies]).T[:, None, :]
+        chains = [_chain(self._parents, piece.body) for piece in riding]
+        self.depth = max(map(len, chains), default=0)
+        padded = [chain + [0] * (self.depth - len(chain)) for chain in chains]  # with the base, which no joint moves
+        self._chains = np.array(padded, dtype=np.intp).reshape(len(riding), self.depth).T
+        self._slides = np.array([body.prismatic for body in bodies])[self._chains]
+        self._radius = self._solids.radius()
+        self._far = self._farthest(robot, chains)
+        steps = [_steps(chains, pair) for pair in listed.pairs.tolist()]
+        self._steps = np.array(steps, dtype=np.intp).reshape(-1, 2).T
+
+    def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
+        """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
+        ends = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper)).tolist()
+        out = np.zeros(self._chains.shape)
+        for column, chain in enumerate(chains):
+            total = _length(self._local[:, 3, 0, column]) + float(self._radius[column])
+            for row, body in enumerate(robot.bodies[index] for index in chain):
+                out[row, column] = total * (1.0 + ROUNDING)
+                total += _length(body.placement[:3, 3]) + (ends[body.q_index] if body.prismatic else 0.0)
+        return out
+
+    def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Configurations q (m, n) as nodes of a proof.
+
+        Returns:
+            World poses of all pieces, (3, 4, m * riding + obstacles), and upper bounds of how far points of each riding
+            piece are from the axes that move it, its own body's first, then inwards, (m, depth, riding).
+        """
+        bodies = self._body_poses(q)
+        poses = _composed(bodies[..., self._body], self._local)
+        return np.concatenate([poses.reshape(3, 4, -1), self._fixed], axis=2), self._radii(bodies, poses)
+
+    def _body_poses(self, q: FloatArray) -> FloatArray:
+        """World poses (3, 4, m, bodies)."""
+        angles = q[:, self._columns]
+        flat = angles.ravel().tolist()
+        cos = np.fromiter(map(math.cos, flat), np.float64, len(flat)).reshape(angles.shape)
+        sin = np.fromiter(map(math.sin, flat), np.float64, len(flat)).reshape(angles.shape)
+        still, with_cos, with_sin, with_q = self._joints
+        out = still + with_cos * cos + with_sin * sin + with_q * angles
+        for index, parent in enumerate(self._parents[1:], start=1):
+            out[..., index] = _composed(out[..., parent], out[..., index])
+        return out
+
+    def _radii(self, bodies: FloatArray, poses: FloatArray) -> FloatArray:
+        """Bounds of the distances from the axes, (m, depth, pieces).
+
+        Let c lead from the axis to the centre of a piece, square to the axis, and w from there to one of its points.
+        The part of ``c + w`` across the axis has a square of at most ``|c|^2 + 2 c . w + |w|^2``, and ``c . w`` is at
+        most |c| times the support value of the piece along c.
+        """
+        R, axis = bodies[:, :3], self._axes
+        axes = R[:, 0] * axis[0] + R[:, 1] * axis[1] + R[:, 2] * axis[2]
+        z = axes[:, :, self._chains]
+        x = poses[:, 3, :, None] - bodies[:, 3][:, :, self._chains]
+        c = x - (x[0] * z[0] + x[1] * z[1] + x[2] * z[2]) * z
+        S = poses[:, :3, :, None]
+        u, v, w = c[0] * S[0] + c[1] * S[1] + c[2] * S[2]
+        across = u * u + v * v
+        square = across + w * w
+        half, disc, ball = self._solids.half, self._solids.disc, self._solids.ball
+        support = np.abs(u) * half[0] + np.abs(v) * half[1] + np.abs(w) * half[2]
+        support = support + disc * np.sqrt(across) + ball * np.sqrt(square)
+        found = np.sqrt(square + 2.0 * support + self._radius * self._radius)
+        return np.asarray(np.minimum(found, self._far))
+
+    def motions(self, radii_a: FloatArray, radii_b: FloatArray, travel: FloatArray) -> FloatArray:
+        """How far points of the riding pieces move between nodes a and b, at most, (depth + 1, m, pieces).
+
+        Entry k is the motion against the parent of the k-th joint of the piece's chain, its own joint being the first.
+
+        Args:
+            radii_a, radii_b: Of the nodes at both ends of m stretches, (m, depth, pieces).
+            travel: What the joints of q travel in between, (m, n).
+        """
+        per_body = np.where(self._moved, travel[:, self._columns], 0.0)
+        half = 0.5 * (radii_a + radii_b)
+        out = np.zeros((self.depth + 1, len(travel), self.riding))
+        for k, chain in enumerate(self._chains):
+            radius = np.minimum(half[:, k] + 0.5 * out[k], self._far[k])
+            out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
+        return out
+
+    def pair_motions(self, motions: FloatArray, pair: IntArray, stretch: IntArray) -> FloatArray:
+        """How far the pieces of pairs move against each other on stretches, at most: picked from ``motions``."""
+        own, other = self._steps[:, pair]
+        partner = np.where(self._rides[pair], self.second[pair], 0)  # an obstacle has no steps: entry 0 is no motion
+        return np.asarray(motions[own, stretch, self.first[pair]] + motions[other, stretch, partner])
+
+    def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
+        """Pairs as they stand at nodes, numbered as in ``poses``."""
+        start = node * self.riding
+        obstacles = poses.shape[2] - self._fixed.shape[2] - self.riding
+        other = self.second[pair] + np.where(self._rides[pair], start, obstacles)
+        a, b = self._pair_solids
+        return Facing.of(a.take(pair), b.take(pair), poses[:, :, start + self.first[pair]], poses[:, :, other])
+
+
+def _table(frames: Sequence[Sequence[Sequence[float]]]) -> FloatArray:
+    """Frames one after the other, (3, 4, k)."""
+    return np.ascontiguousarray(np.array(frames, dtype=np.float64).reshape(-1, 3, 4).transpose(1, 2, 0))
+
+
+def _joint(body: Body) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """T_parent_body as the sum of four 3 x 4 tables: constant, times cos q, times sin q, times q (Rodrigues)."""
+    still, with_cos, with_sin, with_q = (np.zeros((3, 4)) for _ in range(4))
+    P = body.placement[:3, :3]
+    x, y, z = body.axis.tolist()
+    unit = np.eye(3)
+    along = np.array([[a * b for b in (x, y, z)] for a in (x, y, z)])
+    still[:, 3] = body.placement[:3, 3]
+    if body.q_index < 0:
+        still[:, :3] = P
+    elif body.prismatic:
+        still[:, :3] = P
+        with_q[:, 3] = P[:, 0] * x + P[:, 1] * y + P[:, 2] * z
+    else:
+        still[:, :3] = _product(P, along)
+        with_cos[:, :3] = _product(P, unit - along)
+        with_sin[:, :3] = _product(P, np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]))
+    return still, with_cos, with_sin, with_q
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """3 x 3 times 3 x n, with additions in a fixed order."""
+    return np.asarray(a[:, 0, None] * b[0] + a[:, 1, None] * b[1] + a[:, 2, None] * b[2])
+
+
+def _composed(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Poses b, given in a, in what a is given in; (3, 4, ...) each, broadcast."""
+    out: FloatArray = a[:, 0, None] * b[0] + a[:, 1, None] * b[1] + a[:, 2, None] * b[2]
+    out[:, 3] += a[:, 3]
+    return out
+
+
+def _chain(parents: Sequence[int], body: int) -> list[int]:
+    """Moving bodies from ``body`` inwards."""
+    out = []
+    while body > 0:
+        out.append(body)
+        body = parents[body]
+    return out
+
+
+def _steps(chains: Sequence[Sequence[int]], pair: Sequence[int]) -> tuple[int, int]:
+    """How many of the outermost joints of each piece of a pair do not move the other one too."""
+    first = chains[pair[0]]
+    second = chains[pair[1]] if pair[1] < len(chains) else ()
+    return sum(k not in second for k in first), sum(k not in first for k in second)
+
+
+def _length(vector: FloatArray) -> float:
+    x, y, z = vector.tolist()
+    return math.sqrt(x * x + y * y + z * z)

@@ -1,0 +1,391 @@
+"""Laws of the certificate: against a second checker sampling densely, and its bounds against what they bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner_service.certify import Certifier, certify
+from planner_service.certify.motion import Motion
+from planner_service.certify.pairs import ProofPairs
+from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
+from planner_service.certify.tree import LAST_ROUNDS
+from planner_service.collision import CollisionChecker, JointStep
+from planner_service.collision.parts import Parts
+from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.path import JointPath
+from planner_service.robot import Robot, load_robot
+from planner_service.scene import Attached, Obstacle, Scene, load_scene
+from tests.independent import IndependentChecker, tables_of
+from tests.test_certify import SLIDER, TWINS, built
+from tests.test_edges import points_of
+
+ROOT = Path(__file__).parents[2]
+WXAI = load_robot("wxai")
+PLANAR = load_robot("planar2")
+STEP = 0.0002
+"""Metres that any point moves between two samples of the second checker."""
+COAL = 5e-6
+"""Metres to which Coal's distance is right where it is positive."""
+NEEDLE = Attached("needle", Capsule(0.002, 0.3), Pose.from_rpy((0.15, 0.0, 0.0), (0.0, math.pi / 2, 0.0)), ("link_6",))
+FINGERS = ("finger_left", "finger_right")
+
+sizes = st.floats(0.002, 0.3)
+shapes = st.one_of(
+    st.builds(lambda x, y, z: Box((x, y, z)), sizes, sizes, sizes),
+    st.builds(Sphere, sizes),
+    st.builds(Cylinder, sizes, sizes),
+    st.builds(Capsule, sizes, sizes),
+)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def turned(rng: np.random.Generator) -> Pose:
+    """A random orientation, one in four upright."""
+    q = rng.normal(size=4) * (1.0 if rng.random() < 0.75 else [1.0, 0.0, 0.0, 0.0])
+    w, x, y, z = (q / np.sqrt((q * q).sum())).tolist()
+    return Pose((0.0, 0.0, 0.0), (w, x, y, z))
+
+
+def coal_shape(shape: Shape) -> Any:
+    if isinstance(shape, Box):
+        return coal.Box(*shape.size)
+    if isinstance(shape, Sphere):
+        return coal.Sphere(shape.radius)
+    assert isinstance(shape, (Cylinder, Capsule))
+    return (coal.Cylinder if isinstance(shape, Cylinder) else coal.Capsule)(shape.radius, shape.length)
+
+
+def coal_distance(a: Shape, b: Shape, poses: tuple[Pose, Pose]) -> float:
+    placed = [coal.Transform3s(pose.rotation, np.array(pose.position)) for pose in poses]
+    result = coal.DistanceResult()
+    return float(coal.distance(coal_shape(a), placed[0], coal_shape(b), placed[1], coal.DistanceRequest(), result))
+
+
+@given(shapes, seeds)
+def test_a_support_value_is_that_of_the_farthest_point(shape: Shape, seed: int) -> None:
+    n = np.random.default_rng(seed).normal(size=(8, 3))
+    n /= np.sqrt((n * n).sum(axis=1))[:, None]
+    n[:3] = np.eye(3)
+    expected = (n * shape.support(n)).sum(axis=1)
+    one = Solids.of([shape] * 8)
+    assert np.abs(one.extent(n.T) - expected).max() < 1e-14
+    assert one.radius()[0] == pytest.approx(np.sqrt((points_of(shape) ** 2).sum(axis=1)).max(), rel=1e-12)
+
+
+def gapped(a: Shape, b: Shape, rng: np.random.Generator, gap: float) -> tuple[tuple[Pose, Pose], float]:
+    """Poses at which a and b are about ``gap`` apart, and Coal's distance there."""
+    pose_a, pose_b, way = turned(rng), turned(rng), rng.normal(size=3)
+    way /= math.sqrt(float((way * way).sum()))
+    low, high = 0.0, 2.0
+    for _ in range(40):
+        middle = (low + high) / 2
+        x, y, z = (way * middle).tolist()
+        if coal_distance(a, b, (Pose((x, y, z), pose_a.quaternion), pose_b)) < gap:
+            low = middle
+        else:
+            high = middle
+    x, y, z = (way * high).tolist()
+    poses = (Pose((x, y, z), pose_a.quaternion), pose_b)
+    return poses, coal_distance(a, b, poses)
+
+
+def test_a_bound_is_no_more_than_the_distance_and_close_to_it() -> None:
+    rng = np.random.default_rng(8)
+    kinds = (Box((0.002, 0.1, 0.2)), Box((0.1, 0.07, 0.05)), Sphere(0.04), Cylinder(0.05, 0.03), Capsule(0.03, 0.2))
+    missing = []
+    for _ in range(300):
+        a, b = (kinds[k] for k in rng.integers(len(kinds), size=2))
+        gap = float(10.0 ** rng.uniform(-4.5, -0.5))
+        poses, distance = gapped(a, b, rng, gap)
+        frames = [pose.matrix[:3, :, None] for pose in poses]
+        facing = Facing.of(Solids.of([a]), Solids.of([b]), frames[0], frames[1])
+        rough, n = rough_gaps(facing, np.zeros((0, 3, 1)))
+        tight, best = refined_gaps(facing, rough, n, LAST_ROUNDS)
+        assert rough[0] <= tight[0] <= distance + COAL
+        assert facing.along(best)[0] == pytest.approx(tight[0], abs=1e-12)
+        missing.append(distance - tight[0])
+    assert np.median(missing) < 1e-6
+    assert np.quantile(missing, 0.98) < COAL
+
+
+def motion_of(robot: Robot) -> Motion:
+    return Motion(robot, ProofPairs(robot, Scene(), ()))
+
+
+CRANE = """<robot name="crane">
+  <link name="base"/><link name="turret"/>
+  <link name="trolley"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <joint name="turn" type="revolute">
+    <parent link="base"/><child link="turret"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/>
+  </joint>
+  <joint name="run" type="prismatic">
+    <parent link="turret"/><child link="trolley"/><origin xyz="0.1 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="2" velocity="1" effort="1"/>
+  </joint>
+</robot>"""
+"""A trolley that runs out along an arm that turns: how far it is from the axis is the sliding joint's to say."""
+
+
+@pytest.fixture(scope="module", params=["wxai", "planar2", "slider", "twins", "crane"])
+def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    """Arms that turn, slide and branch."""
+    urdf = {"slider": SLIDER, "twins": TWINS, "crane": CRANE}.get(request.param)
+    return load_robot(request.param) if urdf is None else built(tmp_path_factory.mktemp("urdf"), urdf)
+
+
+def anywhere(robot: Robot, rng: np.random.Generator, count: int) -> FloatArray:
+    return rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+
+
+def test_the_pieces_stand_where_the_robot_says(robot: Robot) -> None:
+    motion = motion_of(robot)
+    q = anywhere(robot, np.random.default_rng(3), 20)
+    found = motion.nodes(q)[0].reshape(3, 4, 20, -1)
+    R, t = robot.body_poses_batch(q)
+    for k, piece in enumerate(robot.shapes):
+        pose = piece.pose.matrix
+        expected = R[:, piece.body] @ pose[:3, :3], (R[:, piece.body] @ pose[:3, 3]) + t[:, piece.body]
+        assert np.abs(found[:, :3, :, k].transpose(2, 0, 1) - expected[0]).max() < 1e-13
+        assert np.abs(found[:, 3, :, k].T - expected[1]).max() < 1e-13
+
+
+def curve(robot: Robot, rng: np.random.Generator) -> JointPath:
+    """Four random waypoints, near or far, with blended corners in half of the cases."""
+    points = anywhere(robot, rng, 1) + np.zeros((4, robot.n))
+    points[1:] = points[0] + (anywhere(robot, rng, 3) - points[0]) * rng.choice([0.02, 0.2, 1.0])
+    path = JointPath(points)
+    return rounded(path) if rng.random() < 0.5 else path
+
+
+def rounded(path: JointPath) -> JointPath:
+    """With blends as long as fit, except where it turns back."""
+    d = 0.45 * float(np.diff(path.knots).min())
+    inner = range(1, len(path.waypoints) - 1)
+    return path.with_blends([0.0, *(0.0 if path.turns_back(k) else d for k in inner), 0.0])
+
+
+HELD = (
+    Attached("rod", Capsule(0.02, 0.3), Pose.from_rpy((0.1, 0.05, 0.0), (0.3, 1.0, 0.0))),
+    Attached("ball", Sphere(0.05), Pose((0.0, 0.1, 0.1))),
+    Attached("can", Cylinder(0.04, 0.1), Pose.from_rpy((0.0, -0.1, 0.1), (0.5, 0.2, 0.1))),
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=seeds)
+def test_no_way_of_a_point_is_longer_than_its_bound(robot: Robot, seed: int) -> None:
+    """The bound is for the length of the way, seen from every body further in, and not only for how far it leads."""
+    rng = np.random.default_rng(seed)
+    listed = ProofPairs(robot, Scene((), HELD), ())
+    motion, path = Motion(robot, listed), curve(robot, rng)
+    ends = np.sort(rng.uniform(0.0, path.length, 2)) if rng.random() < 0.7 else np.array([0.0, path.length])
+    _, radii = motion.nodes(path(ends))
+    travel = path.travel(ends)
+    bounds = motion.motions(radii[:1], radii[1:], travel[1:] - travel[:1])[:, 0]
+    R, t = robot.body_poses_batch(path(np.linspace(ends[0], ends[1], 200)))
+    for k, piece in enumerate(listed.riding):
+        frame = np.array(piece.frame)
+        points = points_of(piece.shape) @ frame[:, :3].T + frame[:, 3]
+        world = np.einsum("mij,pj->mpi", R[:, piece.body], points) + t[:, piece.body, None]
+        body, step = piece.body, 0
+        while body > 0:
+            body, step = robot.bodies[body].parent, step + 1
+            seen = np.einsum("mji,mpj->mpi", R[:, body], world - t[:, body, None])
+            way = np.sqrt((np.diff(seen, axis=0) ** 2).sum(axis=-1)).sum(axis=0)
+            assert way.max() <= bounds[step, k] + 1e-12
+
+
+def test_a_bound_knows_that_the_arm_unfolds_on_the_way() -> None:
+    """The shoulder turns while the arm is stretched out; at both ends the forearm is folded back."""
+    motion = motion_of(PLANAR)
+    path = JointPath(np.array([[0.0, -3.0], [0.0, 0.0], [1.0, 0.0], [1.0, 3.0]]))
+    _, radii = motion.nodes(path([0.0, path.length]))
+    assert radii[:, 1, 1].max() < 1.01
+    bound = motion.motions(radii[:1], radii[1:], path.travel([path.length]))[2, 0, 1]
+    assert bound >= 3 * 0.5 + 1 * 1.5 + 3 * 0.5
+
+
+def test_motion_bounds_are_not_far_from_the_motion() -> None:
+    """A small turn of the outstretched arm moves its tip by radius times angle; so says the bound, within 1 %."""
+    motion = motion_of(PLANAR)
+    _, radii = motion.nodes(np.array([[0.0, 0.0], [0.01, 0.0]]))
+    bounds = motion.motions(radii[:1], radii[1:], np.array([[0.01, 0.0]]))
+    assert 0.015 <= bounds[2, 0, 1] <= 0.01515
+    assert bounds[1, 0, 1] == 0.0
+
+
+BLOCK = Attached("block", Box((0.045, 0.045, 0.045)), Pose((0.01, 0.0, 0.0)), FINGERS)
+
+
+@pytest.mark.parametrize(
+    ("name", "held", "allowed"),
+    [
+        ("bin", (), ()),
+        ("shelf", (BLOCK,), ()),
+        ("narrow", (BLOCK,), (("wall_left", "block"), ("link_5", "link_2"))),
+        ("clutter", (NEEDLE,), ()),
+    ],
+)
+def test_the_proof_judges_the_pairs_that_the_checkers_judge(
+    name: str, held: tuple[Attached, ...], allowed: tuple[tuple[str, str], ...]
+) -> None:
+    scene = Scene(load_scene(name).obstacles, held)
+    listed = ProofPairs(WXAI, scene, allowed)
+    checker = CollisionChecker(WXAI, scene, allowed=allowed)
+    second = IndependentChecker(ROOT / "robots" / "wxai", tables_of(scene), allowed=allowed)
+    ours = sorted(sorted(listed.names(k)) for k in range(len(listed.pairs)))
+    assert ours == sorted(sorted(checker._parts.names(k)) for k in range(checker.pair_count))
+    assert ours == sorted(sorted(pair) for pair in second.pairs)
+
+
+def samples(path: JointPath, reach: FloatArray, step: float) -> FloatArray:
+    """Configurations so dense that no point moves more than ``step`` between two."""
+    count = 2 + math.ceil(float((reach * path.travel(path.length)).sum()) / step)
+    return path(np.linspace(0.0, path.length, count))
+
+
+def walks(robot: Robot, second: IndependentChecker, rng: np.random.Generator, count: int) -> Iterator[JointPath]:
+    """Short paths of three pieces from free states, that may or may not hit something; half with blended corners."""
+    made = 0
+    while made < count:
+        q = anywhere(robot, rng, 1)[0]
+        if not second.free(q):
+            continue
+        points = q + np.cumsum(np.concatenate([np.zeros((1, robot.n)), rng.normal(size=(3, robot.n)) * 0.3]), axis=0)
+        points = np.clip(points, robot.limits.lower, robot.limits.upper)
+        path, made = JointPath(points), made + 1
+        yield rounded(path) if made % 2 else path
+
+
+@pytest.mark.parametrize("name", ["bin", "shelf", "clutter"])
+def test_a_certified_curve_touches_nothing_and_a_free_one_is_certified(name: str) -> None:
+    scene = load_scene(name)
+    second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / f"{name}.toml")
+    certifier, rng = Certifier(WXAI, scene), np.random.default_rng(7)
+    certified = 0
+    for path in walks(WXAI, second, rng, 20):
+        found = certifier.certify(path)
+        coarse = samples(path, second.reach, 0.005)
+        smallest = min(min(second.gaps(q).values()) for q in coarse)
+        if found.certified:
+            certified += 1
+            assert all(second.free(q) for q in samples(path, second.reach, STEP))
+            assert found.clearance <= smallest + COAL
+            assert found.clearance >= 0.5 * smallest - 0.005
+        else:  # some sample is within half a step of the place
+            assert smallest <= 0.005
+    assert 4 <= certified <= 16
+
+
+def crossing(path: JointPath, s: float, along: float) -> Obstacle:
+    """A sheet of 2 mm, met edge-on by the needle ``along`` metres from its middle at s."""
+    tool = Pose.from_matrix(WXAI.tool_pose(path(s))) @ NEEDLE.pose
+    point = tool @ Pose((0.0, 0.0, along))
+    after = Pose.from_matrix(WXAI.tool_pose(path(s + 1e-4))) @ NEEDLE.pose @ Pose((0.0, 0.0, along))
+    way = np.array(after.position) - np.array(point.position)
+    needle = tool.rotation[:, 2]
+    way -= needle * float((way * needle).sum())
+    way /= math.sqrt(float((way * way).sum()))
+    R = np.stack([way, needle, np.cross(way, needle)], axis=1)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, point.position
+    return Obstacle("sheet", Box((0.002, 0.02, 0.02)), Pose.from_matrix(T))
+
+
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
+def test_a_sheet_between_the_samples_is_refused(step: float) -> None:
+    """The needle passes the sheet half way between two samples of a search that steps so far."""
+    rng, missed = np.random.default_rng(int(step * 100)), 0
+    for _ in range(25):
+        q = rng.uniform([-1.5, 0.6, 0.6, -0.5, -0.5, -1.0], [1.5, 1.6, 1.6, 0.5, 0.5, 1.0])
+        way = rng.normal(size=6) * [3.0, 1.0, 1.0, 0.5, 1.0, 0.3]
+        way *= 10 * step / math.sqrt(float((way * way).sum()))
+        path = JointPath(np.clip([q, q + way], WXAI.limits.lower, WXAI.limits.upper))
+        parts = math.ceil(path.length / step - 1e-9)
+        sheet = crossing(path, (rng.integers(parts) + 0.5) / parts * path.length, float(rng.uniform(0.0, 0.13)))
+        scene = Scene((sheet,), (NEEDLE,))
+        checker = CollisionChecker(WXAI, scene, edge_step=JointStep(step))
+        second = IndependentChecker(ROOT / "robots" / "wxai", tables_of(scene))
+        touch = second.path_touch(path.waypoints, STEP)
+        found = certify(WXAI, scene, path)
+        if touch is not None:
+            assert found.refusal is not None
+            if checker.path_is_free(path):
+                missed += 1
+                assert {found.refusal.a, found.refusal.b} == {"needle", "sheet"}
+    assert missed >= 3
+
+
+def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Parts.__init__
+
+    def smaller(parts: Parts, *arguments: Any, **options: Any) -> None:
+        whole(parts, *arguments, **options)
+        tips = [part.owner in FINGERS for part in parts.parts]
+        parts.shapes = tuple(Sphere(0.001) if tip else s for s, tip in zip(parts.shapes, tips, strict=True))
+
+    monkeypatch.setattr(Parts, "__init__", smaller)
+
+
+def displaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, many = Robot.body_poses, Robot.body_poses_batch
+
+    def lifted(robot: Robot, q: Any) -> Any:
+        poses = one(robot, q)
+        poses[6] = (*poses[6][:11], poses[6][11] + 0.03)
+        return poses
+
+    def all_lifted(robot: Robot, Q: Any) -> Any:
+        R, t = many(robot, Q)
+        t = t.copy()
+        t[:, 6, 2] += 0.03
+        return R, t
+
+    monkeypatch.setattr(Robot, "body_poses", lifted)
+    monkeypatch.setattr(Robot, "body_poses_batch", all_lifted)
+
+
+def unpaired(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Parts._pairs
+
+    def fewer(parts: Parts) -> Any:
+        pairs = whole(parts)
+        return pairs[[parts.parts[i].owner not in (*FINGERS, "link_6") for i in pairs[:, 0].tolist()]]
+
+    monkeypatch.setattr(Parts, "_pairs", fewer)
+
+
+def blind(monkeypatch: pytest.MonkeyPatch) -> None:
+    from planner_service.collision import prefilter
+
+    monkeypatch.setattr(prefilter, "MARGIN", -0.05)
+
+
+@pytest.mark.parametrize("fault", [shrunk, displaced, unpaired, blind])
+def test_a_fault_of_the_search_does_not_reach_the_proof(fault: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, rng = load_scene("bin"), np.random.default_rng(12)
+    second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / "bin.toml")
+    sound = CollisionChecker(WXAI, scene)
+    edges: list[FloatArray] = []
+    while len(edges) < 60:
+        q = anywhere(WXAI, rng, 1)[0]
+        q = WXAI.home + (q - WXAI.home) * 0.5
+        edge = np.clip([q, q + rng.normal(size=6) * 0.15], WXAI.limits.lower, WXAI.limits.upper)
+        if not sound.edge_is_free(*edge) and not second.path_is_free(edge, 0.002):
+            edges.append(edge)
+    fault(monkeypatch)
+    faulty = CollisionChecker(WXAI, scene)
+    fooled = [edge for edge in edges if faulty.edge_is_free(*edge)]
+    assert len(fooled) >= 3
+    certifier = Certifier(WXAI, scene)
+    assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
