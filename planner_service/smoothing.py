@@ -1,14 +1,15 @@
-"""Shortening a polyline, asking as little as possible.
+"""Shortening a polyline and blending its corners, asking as little as possible.
 
 Nine tenths of the checks of a naive shortcutter repeat an edge it has asked about before, and most
 of the rest are cuts that gain next to nothing. So: every verdict is remembered, the longest cuts
 between vertices come first, and a cut between random points is only tried if it gains enough.
+A corner is blended as widely as is free, a piece too short for a blend is cut out if that is free.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -17,9 +18,10 @@ from numpy.typing import ArrayLike
 from planner_service.collision.edges import Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, read_only
+from planner_service.path import JointPath
 from planner_service.search import Oracle, joint_distance
 
-__all__ = ["shortcut"]
+__all__ = ["LEAST_BLEND", "blended", "shortcut", "without_short_pieces"]
 
 Configuration = tuple[float, ...]
 Edge = tuple[Configuration, Configuration]
@@ -27,6 +29,15 @@ Edge = tuple[Configuration, Configuration]
 MIN_GAIN = 0.02
 """Share of the path's length that a random cut must gain to be worth asking about: measured on a six-axis arm,
 1 % costs a fifth more states for one part in a hundred of length, and leaves more corners."""
+
+BLEND_SHARE = 0.499
+"""Part of a piece that the blend at either of its ends may take: all but a run-up, which the closed-form laws need."""
+
+LEAST_BLEND = 0.01
+"""Radians. A narrower blend saves no time: a jerk-limited law is as quick when it stops."""
+
+SHORT_PIECE = 0.1
+"""Radians. At both ends of a shorter piece there is no room for a blend that saves time."""
 
 
 def shortcut(
@@ -60,6 +71,55 @@ def shortcut(
     verdicts = _Verdicts(oracle, chain)
     chain = _skip_vertices(chain, verdicts)
     return read_only(_cut_at_random(chain, verdicts, rng, tries, misses))
+
+
+def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
+    """The polyline (N, n) without those corners of pieces under 0.1 rad that a free edge can leave out, (M, n).
+
+    The ends stay, and what is left out makes it no longer. One edge is asked about for each corner tried.
+    """
+    chain = list(read_only(waypoints))
+    k = 1
+    while k < len(chain) - 1:
+        before, here, after = chain[k - 1 : k + 2]
+        short = min(joint_distance(before, here), joint_distance(here, after)) < SHORT_PIECE
+        if short and oracle.edge_is_free(before, after, known=Known.BOTH):
+            del chain[k]
+            k = max(1, k - 1)
+        else:
+            k += 1
+    return read_only(chain)
+
+
+def blended(
+    path: JointPath, is_free: Callable[[JointPath, int], bool], size: float, keep: Collection[int] = ()
+) -> JointPath:
+    """The path with each corner blended as widely as is free, halving from ``size`` to 0.01 rad; else it stays a stop.
+
+    A blend takes less than half of each piece it joins. Corners that all but turn back are left.
+
+    Args:
+        is_free: Whether the blend at that waypoint of that path is free.
+        size: Arc length (rad) that a blend may replace before and after its corner.
+        keep: Waypoints whose corners are not touched.
+    """
+    lengths = (path.knots[1:] - path.knots[:-1]).tolist()
+    widths = path.blends.copy()
+    for k in path.corners:
+        if k in keep or path.turns_back(k):
+            continue
+        width = min(size, BLEND_SHARE * min(lengths[k - 1], lengths[k]))
+        while width >= LEAST_BLEND and not is_free(path.with_blends(_only(width, k, len(widths))), k):
+            width /= 2.0
+        widths[k] = width if width >= LEAST_BLEND else 0.0
+    return path.with_blends(widths)
+
+
+def _only(width: float, k: int, count: int) -> FloatArray:
+    """Blend widths for ``count`` waypoints, all 0 but the k-th."""
+    widths = np.zeros(count)
+    widths[k] = width
+    return widths
 
 
 class _Verdicts:

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service.collision import CollisionChecker, MotionStep
+from planner_service.collision import CheckCounts, CollisionChecker, MotionStep
 from planner_service.collision import fcl as fcl_module
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.path import JointPath
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Attached, Obstacle, Scene, load_scene
 from tests.independent import IndependentChecker
@@ -388,3 +389,61 @@ def test_an_independent_reading_of_the_files_finds_the_same_robot() -> None:
         second = IndependentChecker(ROOT / "robots" / robot.name, {})
         assert (second.reach >= robot.reach() - 1e-9).all()  # the coarser bound of the two
         assert (second.reach <= 2.0 * robot.reach()).all()
+
+
+ELBOW = JointPath(np.array([[-2.0, 1.2], [-1.0, 1.2], [-1.0, 2.2]]), np.array([0.0, 0.4, 0.0]))
+"""Of the planar arm: the blend leaves out the corner and bends the elbow sooner."""
+
+
+def test_a_blend_is_judged_at_samples_that_leave_no_motion_unseen() -> None:
+    checker = CollisionChecker(PLANAR, Scene(), edge_step=MotionStep(0.01))
+    assert checker.blend_is_free(ELBOW, 1)
+    s = np.linspace(0.6, 1.4, checker.counts.states + 2)
+    moved = np.abs(np.diff(ELBOW(s), axis=0)) * PLANAR.reach()
+    assert moved.sum(axis=1).max() <= 0.01
+    assert checker.counts.edges == 0
+
+
+def test_a_blend_is_judged_where_it_runs_and_not_where_the_corner_was() -> None:
+    inside = ELBOW(1.0)
+    tip = PLANAR.tool_pose(inside)[:3, 3]
+    corner = PLANAR.tool_pose(ELBOW.waypoints[1])[:3, 3]
+    for at, free in ((tip, False), (corner, True)):
+        x, y, z = at.tolist()
+        scene = Scene((Obstacle("pin", Sphere(0.005), Pose((x, y, z))),))
+        assert CollisionChecker(PLANAR, scene).blend_is_free(ELBOW, 1) == free
+
+
+def test_a_path_with_blends_is_judged_where_it_runs() -> None:
+    middle, corner = (PLANAR.tool_pose(q)[:3, 3].tolist() for q in (ELBOW(1.0), ELBOW.waypoints[1]))
+    pins = [Obstacle("pin", Sphere(0.005), Pose((x, y, z))) for x, y, z in (middle, corner)]
+    on_blend, on_corner = (CollisionChecker(PLANAR, Scene((pin,))) for pin in pins)
+    assert not on_blend.path_is_free(ELBOW)
+    assert on_corner.path_is_free(ELBOW)
+    assert not on_corner.path_is_free(ELBOW.with_blends(None))
+
+
+def test_no_state_of_a_path_is_judged_twice() -> None:
+    checker = CollisionChecker(PLANAR, Scene())
+    assert checker.path_is_free(ELBOW)
+    a, b, c, d = ELBOW(ELBOW.breaks)
+    straight = checker.segments(a, b) + checker.segments(c, d)
+    before = checker.counts
+    assert checker.blend_is_free(ELBOW, 1)
+    assert before == CheckCounts(
+        2 + straight + (checker.counts - before).states, 2
+    )  # 2: the start, and where the blend ends
+
+
+@pytest.mark.parametrize("k", [0, 2, 3, -2])
+def test_a_waypoint_without_a_blend_cannot_be_judged_as_one(k: int) -> None:
+    checker = planar()
+    with pytest.raises(InvalidRequest, match="index of a waypoint with a blend"):
+        checker.blend_is_free(ELBOW, k)
+
+
+def test_a_blend_outside_the_joint_limits_is_refused() -> None:
+    checker = planar()
+    path = JointPath(np.array([[-4.0, 0.0], [-3.5, 0.0], [-3.5, 1.0]]), np.array([0.0, 0.4, 0.0]))
+    with pytest.raises(InvalidRequest, match="shoulder in"):
+        checker.blend_is_free(path, 1)

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
+from planner_service.path import JointPath
 from planner_service.planners import RRTConnect
-from planner_service.smoothing import shortcut
+from planner_service.smoothing import blended, shortcut, without_short_pieces
 from tests.discs import WALL, DiscWorld, Stop, across, length
 
 NOTHING: tuple[tuple[float, float, float], ...] = ()
@@ -128,3 +129,76 @@ def test_a_limit_comes_out_unchanged() -> None:
 def test_waypoints_that_are_no_path_are_refused(waypoints: FloatArray) -> None:
     with pytest.raises(InvalidRequest, match="waypoints"):
         shortcut(waypoints, DiscWorld(NOTHING), np.random.default_rng(0))
+
+
+ZIGZAG = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [3.0, 0.5]])
+
+
+def test_a_free_corner_is_blended_as_widely_as_asked_and_its_pieces_allow() -> None:
+    assert blended(JointPath(ZIGZAG), lambda path, k: True, 0.2).blends.tolist() == [0.0, 0.2, 0.2, 0.0]
+    assert blended(JointPath(ZIGZAG), lambda path, k: True, 9.0).blends.tolist() == [0.0, 0.2495, 0.2495, 0.0]
+
+
+def test_a_blend_that_is_not_free_is_halved_until_it_is() -> None:
+    asked: list[tuple[int, float]] = []
+
+    def narrow_ones(path: JointPath, k: int) -> bool:
+        asked.append((k, float(path.blends[k])))
+        return bool(path.blends[k] < 0.06)
+
+    assert blended(JointPath(ZIGZAG), narrow_ones, 0.2).blends.tolist() == [0.0, 0.05, 0.05, 0.0]
+    assert asked == [(1, 0.2), (1, 0.1), (1, 0.05), (2, 0.2), (2, 0.1), (2, 0.05)]
+
+
+def test_a_corner_without_a_free_blend_stays_a_stop() -> None:
+    asked: list[int] = []
+
+    def never(path: JointPath, k: int) -> bool:
+        asked.append(k)
+        return False
+
+    path = blended(JointPath(ZIGZAG), never, 0.2)
+    assert path.corners == (1, 2)
+    assert asked == [1] * 5 + [2] * 5  # 0.2 to 0.0125
+
+
+def test_corners_that_are_to_be_kept_or_turn_back_are_not_asked_about() -> None:
+    def must_not(path: JointPath, k: int) -> bool:
+        raise AssertionError(k)
+
+    there_and_back = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
+    assert blended(JointPath(there_and_back), must_not, 0.2).corners == (1,)
+    assert blended(JointPath(ZIGZAG), must_not, 0.2, keep=(1, 2)).corners == (1, 2)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6))
+def test_blended_paths_around_discs_are_free_and_keep_their_ends(seed: int) -> None:
+    world = DiscWorld(step=0.02)
+    short = shortcut(found(world, seed=seed), world, np.random.default_rng(seed))
+
+    def is_free(path: JointPath, k: int) -> bool:
+        reach = path.blends[k]
+        return all(world.state_is_free(q) for q in path(path.knots[k] + np.linspace(-reach, reach, 60)))
+
+    path = blended(JointPath(short), is_free, 0.4)
+    assert all(world.state_is_free(q) for q in path(np.linspace(0.0, path.length, 800)))
+    assert path([0.0, path.length]).tolist() == [short[0].tolist(), short[-1].tolist()]
+
+
+def test_corners_of_short_pieces_are_left_out_where_a_free_edge_can() -> None:
+    world = DiscWorld(NOTHING)
+    points = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.05], [2.0, 1.0], [3.0, 0.0]]
+    assert without_short_pieces(points, world).tolist() == [points[0], points[2], points[3], points[4]]
+    assert len(world.edges) == 1
+
+
+def test_corners_of_short_pieces_stay_where_no_edge_is_free() -> None:
+    world = DiscWorld(((0.9, 0.06, 0.05), (1.5, 0.46, 0.05)))
+    points = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.05], [2.0, 1.0]]
+    assert without_short_pieces(points, world).tolist() == points
+
+
+def test_both_ends_of_a_short_path_stay() -> None:
+    points = [[0.0, 0.0], [0.05, 0.0]]
+    assert without_short_pieces(points, DiscWorld(NOTHING)).tolist() == points

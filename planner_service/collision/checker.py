@@ -118,25 +118,35 @@ class CollisionChecker:
         self._reach: list[float] = robot.reach(self._parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
-        self._variants: dict[tuple[float, tuple[tuple[str, str], ...]], CollisionChecker] = {}
+        self._variants: dict[tuple[float, tuple[tuple[str, str], ...], float | None], CollisionChecker] = {}
+        self._motion_step: float | None = None
 
     def variant(
-        self, *, padding: float | None = None, allowed: Iterable[tuple[str, str]] | None = None
+        self,
+        *,
+        padding: float | None = None,
+        allowed: Iterable[tuple[str, str]] | None = None,
+        motion_step: float | None = None,
     ) -> CollisionChecker:
-        """A checker of the same robot and scene with other padding or allowed pairs; both count in one ledger."""
+        """A checker of the same robot and scene with other padding or allowed pairs; both count in one ledger.
+
+        Args:
+            motion_step: Metres of a ``MotionStep`` instead of the edge step there is.
+        """
         padding = self.padding if padding is None else padding
         pairs = self.allowed if allowed is None else _sorted_pairs(allowed)
-        if (padding, pairs) == (self.padding, self.allowed):
+        key = (padding, pairs, self._motion_step if motion_step is None else motion_step)
+        if key == (self.padding, self.allowed, self._motion_step):
             return self
         _require_padding(padding)
-        if (padding, pairs) not in self._variants:
-            other = CollisionChecker(self.robot, self.scene, edge_step=self.edge_step, padding=padding, allowed=pairs)
-            other.ledger = self.ledger
-            other._variants = self._variants
+        if key not in self._variants:
+            step = self.edge_step if motion_step is None else MotionStep(motion_step)
+            other = CollisionChecker(self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs)
+            other.ledger, other._variants, other._motion_step = self.ledger, self._variants, key[2]
             while len(self._variants) >= MAX_VARIANTS:
                 del self._variants[next(iter(self._variants))]
-            self._variants[padding, pairs] = other
-        return self._variants[padding, pairs]
+            self._variants[key] = other
+        return self._variants[key]
 
     @property
     def counts(self) -> CheckCounts:
@@ -207,21 +217,49 @@ class CollisionChecker:
         return self.edge_step.segments([y - x for x, y in zip(a, b, strict=True)], self._reach)
 
     def path_is_free(self, path: JointPath, *, known: Known = Known.NEITHER) -> bool:
-        """Whether every piece of a polyline is free, one edge each; inner waypoints are judged once.
+        """Whether every piece of a path is free: straight ones as edges, blends at samples; points between them once.
 
         Args:
             known: Ends of the path that are known to be free.
         """
-        points = path.waypoints
+        points = path(path.breaks)
         if len(points) == 1:
             return bool(known) or self.state_is_free(points[0])
-        for k in range(len(points) - 1):
+        blends = iter(np.flatnonzero(path.blends > 0.0).tolist())
+        for k, blended in enumerate(path.blended.tolist()):
             ends = Known.START if k or Known.START in known else Known.NEITHER
             if k == len(points) - 2:
                 ends |= known & Known.END
-            if not self.edge_is_free(points[k], points[k + 1], known=ends):
+            if blended:
+                unknown = [q for q, end in ((points[k], Known.START), (points[k + 1], Known.END)) if end not in ends]
+                free = all(map(self.state_is_free, unknown)) and self.blend_is_free(path, next(blends))
+            else:
+                free = self.edge_is_free(points[k], points[k + 1], known=ends)
+            if not free:
                 return False
         return True
+
+    def blend_is_free(self, path: JointPath, k: int) -> bool:
+        """Whether the blend at waypoint k of a path is free between its ends, which are not judged; counts its states.
+
+        Its samples are spaced as on an edge over which each joint moves as fast as anywhere on the blend, and judged
+        in bisection order.
+
+        Raises:
+            InvalidRequest: there is no blend at waypoint k, or its end lies outside the joint limits.
+        """
+        inside = 0 < k < len(path.waypoints) - 1
+        if not inside or not path.blends[k] > 0.0:
+            raise InvalidRequest("k", k, "the index of a waypoint with a blend")
+        start, length = float(path.knots[k] - path.blends[k]), float(2.0 * path.blends[k])
+        for q in path([start, start + length]):
+            self._configuration("path", q)
+        fastest = np.abs(path([start, start + length], 1)).max(axis=0)
+        segments = self.edge_step.segments((fastest * length).tolist(), self._reach)
+        if segments == 1:
+            return True
+        s = start + length * bisection_order(segments)[:, 0]
+        return self._first_collision(path(np.minimum(s, path.length))) is None
 
     def clearance(self, q: ArrayLike) -> float:
         """A proven lower bound in metres of the smallest gap at q (n,); negative when something overlaps.
