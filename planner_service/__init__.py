@@ -9,6 +9,7 @@
     print(result.counts, result.trajectory.duration)
 """
 
+from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import (
     CancelToken,
     CheckCounts,
@@ -31,8 +32,9 @@ from planner_service.follow import AllowedStretch
 from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.grasps import top_grasps
 from planner_service.kinematics import inverse_kinematics, straight_tool_line
-from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
-from planner_service.path import JointPath, Trajectory
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.pace import Pace
+from planner_service.path import JointPath
 from planner_service.planners import (
     AORRTC,
     BFMT,
@@ -57,6 +59,7 @@ from planner_service.scene import Attached, Obstacle, Scene, load_scene, save_sc
 from planner_service.service import PlannerService
 from planner_service.task import Handling, Segment, TaskResult
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
+from planner_service.trajectory import Trajectory
 
 __all__ = [
     "AORRTC",
@@ -74,6 +77,8 @@ __all__ = [
     "BrokenInvariant",
     "CancelToken",
     "Capsule",
+    "Certificate",
+    "Certifier",
     "CheckCounts",
     "CollisionChecker",
     "Contact",
@@ -89,9 +94,11 @@ __all__ = [
     "JointStep",
     "Known",
     "MissingDependency",
+    "MotionReport",
     "MotionStep",
     "Obstacle",
     "PRMstar",
+    "Pace",
     "PlanRequest",
     "PlanResult",
     "PlannerService",
@@ -101,6 +108,7 @@ __all__ = [
     "RRTConnect",
     "RRTstar",
     "Reason",
+    "Refusal",
     "Roadmap",
     "Robot",
     "SCurve",

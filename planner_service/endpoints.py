@@ -123,6 +123,15 @@ class Endpoints:
         goals.sort(key=lambda goal: joint_distance(start, goal.q))
         return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)
 
+    def padded(self, ends: Ends, padding: float) -> Ends:
+        """The same ends with what they keep of another padding."""
+
+        def kept(q: FloatArray, before: float) -> float:
+            return padding if self._checker.variant(padding=padding).state_is_free(q) else min(before, padding)
+
+        goals = tuple(replace(goal, padding=kept(goal.q, goal.padding)) for goal in ends.goals)
+        return replace(ends, start_padding=kept(ends.start, ends.start_padding), goals=goals)
+
     def _name(self, index: int) -> str:
         return "goal" if len(self._goals) == 1 else f"goal[{index}]"
 

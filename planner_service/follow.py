@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.certify import Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, numbers
-from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage
+from planner_service.outcome import Failure, PlanResult, Reason, Stage
+from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
-from planner_service.pipeline import scaled, timed
-from planner_service.request import require_scale
 from planner_service.search import joint_distance
 from planner_service.stagebook import Limits, NoPlan, StageBook
-from planner_service.timing import Timing
 from planner_service.turns import Turns
 
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
@@ -36,26 +36,20 @@ class AllowedStretch:
 
 @dataclass(frozen=True, eq=False)
 class FollowRequest:
-    """The polyline to follow, shape (N, n), where contact is meant on it, and how fast.
-
-    ``scales`` are the parts in (0, 1] of the velocity and acceleration limits that may be used.
-
-    Raises:
-        InvalidRequest: a scale is not in (0, 1].
-    """
+    """The polyline to follow, shape (N, n), where contact is meant on it, and how fast."""
 
     waypoints: ArrayLike
     contacts: tuple[AllowedStretch, ...]
-    timing: Timing
-    scales: tuple[float, float] = (1.0, 1.0)
-
-    def __post_init__(self) -> None:
-        for name, scale in zip(("velocity_scale", "acceleration_scale"), self.scales, strict=True):
-            require_scale(name, scale)
+    pace: Pace
 
 
-def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, cancel: CancelToken | None) -> PlanResult:
-    """Check a polyline as it is and time it; ENDPOINTS judges its first waypoint, STRAIGHT_LINE the rest, once."""
+def follow(
+    checker: CollisionChecker, certifier: Certifier, request: FollowRequest, caller: tuple[Turns, CancelToken | None]
+) -> PlanResult:
+    """Check a polyline as it is, prove it and time it; ENDPOINTS judges its first waypoint, STRAIGHT_LINE the rest.
+
+    The samples come first: they find most collisions sooner, and say where.
+    """
     points = numbers("waypoints", request.waypoints, f"rows of {checker.robot.n} joint values")
     path = JointPath(points)
     if path.n != checker.robot.n:
@@ -65,6 +59,7 @@ def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, canc
             found = f"waypoints {contact.first} to {contact.last}"
             raise InvalidRequest("contacts", found, f"first and last waypoint in order, from 0 to {len(points) - 1}")
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
+    turns, cancel = caller
     book = StageBook(checker, Limits(None, None, None, cancel))
     try:
         with book.within_limits(turns):
@@ -73,8 +68,11 @@ def follow(checker: CollisionChecker, request: FollowRequest, turns: Turns, canc
             with book.during(Stage.STRAIGHT_LINE) as entry:
                 _judge_pieces(checker, points, request.contacts)
                 entry.note, entry.length = f"{len(points)} points", path.length
-            trajectory = timed(path, request.timing, scaled(checker.robot.limits, *request.scales), book)
-            return book.result(path, trajectory, exempt=_intervals(points, request.contacts))
+            certificate = book.certificate(certifier, path, _intervals(path, points, request.contacts))
+            if certificate.refusal is not None:
+                detail = f"not proven free: {certificate.refusal}"
+                raise NoPlan(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail))
+            return book.result(path, timed(path, request.pace, checker.robot, book), certificate=certificate)
     except NoPlan as no_plan:
         return book.result(failure=no_plan.failure)
 
@@ -106,8 +104,10 @@ def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: tuple
         before = pairs
 
 
-def _intervals(points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> tuple[ExemptInterval, ...]:
+def _intervals(path: JointPath, points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> tuple[ExemptInterval, ...]:
+    """The stretches in s. Waypoints that the path has merged lie where the one before them does."""
     s = [0.0]
     for a, b in pairwise(points.tolist()):
         s.append(s[-1] + joint_distance(a, b))
-    return tuple(ExemptInterval(s[c.first], s[c.last], c.pairs, c.reason) for c in contacts)
+    ends = [float(path.knots[np.abs(path.knots - at).argmin()]) for at in s]
+    return tuple(ExemptInterval(ends[c.first], ends[c.last], c.pairs, c.reason) for c in contacts)

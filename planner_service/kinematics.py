@@ -29,6 +29,7 @@ __all__ = [
     "line_deviation",
     "rotation_distance",
     "straight_tool_line",
+    "tool_speeds",
 ]
 
 STARTS = 24
@@ -195,6 +196,35 @@ def _configuration(robot: Robot, field: str, values: ArrayLike) -> FloatArray:
 
 
 # --- straight tool lines
+
+
+def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
+    """Speed in m/s of the tool frame's origin at configurations Q (m, n) moving at Qd (m, n), shape (m,)."""
+    R, t = robot.body_poses_batch(Q)
+    x, y, z = robot.tool_placement[:3, 3].tolist()
+    at = t[:, robot.tool_body] + _turned(R[:, robot.tool_body], (x, y, z))
+    velocity = np.zeros_like(at)
+    index = robot.tool_body
+    while index > 0:
+        body = robot.bodies[index]
+        u, v, w = body.axis.tolist()
+        axis, rate = _turned(R[:, index], (u, v, w)), Qd[:, body.q_index, None]
+        velocity += rate * (axis if body.prismatic else _cross(axis, at - t[:, index]))
+        index = body.parent
+    return np.asarray(np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2 + velocity[:, 2] ** 2))
+
+
+def _turned(R: FloatArray, vector: tuple[float, float, float]) -> FloatArray:
+    """One vector turned by many rotations, (m, 3, 3) in, (m, 3) out."""
+    x, y, z = vector
+    return np.asarray(R[:, :, 0] * x + R[:, :, 1] * y + R[:, :, 2] * z)
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Row by row, in plain arithmetic: durations depend on it."""
+    x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    return np.stack([x, y, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], axis=1)
 
 
 def line_deviation(robot: Robot, q1: ArrayLike, q2: ArrayLike, pose_a: Pose, pose_b: Pose) -> tuple[float, float]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, PlanningFailed
 from planner_service.geometry import FloatArray
-from planner_service.path import JointPath, Trajectory
+from planner_service.path import JointPath
+from planner_service.peaks import LimitPeaks
+from planner_service.trajectory import Trajectory
 
-__all__ = ["ExemptInterval", "Failure", "PlanResult", "Reason", "Stage", "StageReport"]
+__all__ = ["Failure", "MotionReport", "PlanResult", "Reason", "Stage", "StageReport"]
 
 
 class Stage(enum.Enum):
@@ -21,6 +24,7 @@ class Stage(enum.Enum):
     ROADMAP = "roadmap"
     SEARCH = "search"
     SHORTCUT = "shortcut"
+    POLISH = "polish"
     CERTIFY = "certify"
     TIMING = "timing"
 
@@ -85,17 +89,23 @@ class StageReport:
 
 
 @dataclass(frozen=True)
-class ExemptInterval:
-    """A stretch of the path, in path length s, on which named pairs were not judged, and why."""
+class MotionReport:
+    """How a trajectory moves, measured on it.
 
-    s_start: float
-    s_end: float
-    pairs: tuple[tuple[str, str], ...]
-    reason: str
+    Attributes:
+        peaks: How close velocity, acceleration and jerk come to the limits that were to be held; the
+            ratio of a jerk is infinite where acceleration jumps.
+        tool_speed: Largest speed of the tool frame's origin, in m/s.
+        duration: Seconds.
+        stop_duration: Seconds the same polyline would take with a stop at each of its corners.
+        settle_time: Seconds the robot rings after its stop: a gripper should wait so long.
+    """
 
-    def __str__(self) -> str:
-        pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
-        return f"not judged from s = {self.s_start:.3f} to {self.s_end:.3f}: {pairs} ({self.reason})"
+    peaks: LimitPeaks
+    tool_speed: float
+    duration: float
+    stop_duration: float
+    settle_time: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +113,7 @@ class PlanResult:
     """A plan, or the reason why there is none.
 
     Attributes:
-        path: The geometry q(s), None without a plan.
+        path: The geometry q(s), its corners blended, None without a plan.
         trajectory: The same geometry in time, None without a plan.
         failure: None with a plan.
         stages: What each stage cost, in order; a retried stage appears once, with all its tries.
@@ -111,7 +121,8 @@ class PlanResult:
         attempts: Searches started; 0 when a straight line was free.
         padding: Distance in metres that the search kept from everything.
         deterministic: False when the clock or the caller had a say in the result.
-        exempt: Stretches on which named pairs were not judged.
+        certificate: The proof that the whole path is free, between samples too; None without a plan.
+        motion: Peaks over limits, tool speed and durations; None without a plan.
         notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
     """
 
@@ -123,13 +134,19 @@ class PlanResult:
     attempts: int = 0
     padding: float = 0.0
     deterministic: bool = True
-    exempt: tuple[ExemptInterval, ...] = ()
+    certificate: Certificate | None = None
+    motion: MotionReport | None = None
     notes: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
         """Whether there is a plan."""
         return self.failure is None
+
+    @property
+    def exempt(self) -> tuple[ExemptInterval, ...]:
+        """Stretches on which named pairs were not judged."""
+        return () if self.certificate is None else self.certificate.exempt
 
     @property
     def counts(self) -> CheckCounts:

@@ -3,106 +3,67 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CancelToken, CollisionChecker, Known
-from planner_service.collision.checker import EdgeHit
 from planner_service.collision.ledger import Cancelled, CheckBudgetSpent, TimeBoxSpent
 from planner_service.endpoints import Endpoints, Ends
 from planner_service.geometry import FloatArray
-from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage
-from planner_service.path import JointPath, Trajectory
+from planner_service.oracle import SearchOracle
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
+from planner_service.pace import Pace, timed
+from planner_service.path import JointPath
 from planner_service.planners import PRM, PRMstar
 from planner_service.remedies import near
 from planner_service.request import PlanRequest
-from planner_service.robot import JointLimits
+from planner_service.robot import ExemptRetreat
 from planner_service.search import Planner, SearchProblem, SearchSpace, joint_distance
-from planner_service.smoothing import shortcut
-from planner_service.stagebook import Limits, NoPlan, StageBook
-from planner_service.timing import Timing, TimingFailed
+from planner_service.smoothing import LEAST_BLEND, blended, shortcut, without_short_pieces
+from planner_service.stagebook import Entry, Limits, NoPlan, StageBook
+from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
-__all__ = ["Run", "scaled", "timed"]
+__all__ = ["Run", "fresh_seed"]
 
 SEARCH_SHARE = 0.8
-"""Part of ``max_checks`` that searching may use; the rest is kept for shortcutting and the last check."""
+"""Part of ``max_checks`` that one search may use; the rest is kept for shortcutting and blending."""
 
-TELLING_MOTIONS = 20
-"""Motions tried at an end, all in vain, before a user is told that it is boxed in."""
+ROOMIER, LEAST = 0.003, 0.0005
+"""Metres of padding with which another path is searched when one cannot be certified, one after the other if less was
+asked. Edges are then sampled as closely: between two samples nothing comes nearer than half the padding."""
 
-Configuration = tuple[float, ...]
 
+@dataclass(frozen=True, eq=False)
+class _Route:
+    """A polyline from start to goal; corners at ``kept`` waypoints, where fixed ways out end, stay as they are."""
 
-class SearchOracle:
-    """The checker as a planner sees it: padded, and remembering which edges it found free.
-
-    It also notes how motions at the ends of the problem fared, to tell a user which end is boxed in.
-    """
-
-    def __init__(
-        self, checker: CollisionChecker, starts: Iterable[FloatArray] = (), goals: Iterable[FloatArray] = ()
-    ) -> None:
-        self._checker = checker
-        self._free_edges: set[tuple[Configuration, Configuration]] = set()
-        self._starts: set[Configuration] = {tuple(start.tolist()) for start in starts}
-        self._goals: set[Configuration] = {tuple(goal.tolist()) for goal in goals}
-        self._motions = {"start": Counter[bool](), "goal": Counter[bool]()}
-
-    @property
-    def states(self) -> int:
-        """States counted so far."""
-        return self._checker.counts.states
-
-    def state_is_free(self, q: FloatArray) -> bool:
-        """Whether q (n,) is free with the padding of the search."""
-        return self._checker.state_is_free(q)
-
-    def edge_is_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
-        """Whether the edge is free with the padding of the search."""
-        return self.edge_hit(q1, q2, known=known) is None
-
-    def edge_hit(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> EdgeHit | None:
-        """Where the edge collides with the padding of the search, None when it is free; a free edge is judged once."""
-        if self.proved(q1, q2):
-            return None
-        a, b = tuple(q1.tolist()), tuple(q2.tolist())
-        hit = self._checker.edge_hit(q1, q2, known=known)
-        if hit is None:
-            self._free_edges.add((a, b) if a <= b else (b, a))
-        for end, configurations in (("start", self._starts), ("goal", self._goals)):
-            if a in configurations or b in configurations:
-                self._motions[end][hit is None] += 1
-        return hit
-
-    def proved(self, q1: FloatArray, q2: FloatArray) -> bool:
-        """Whether this very edge was found free before, in either direction."""
-        a, b = tuple(q1.tolist()), tuple(q2.tolist())
-        return ((a, b) if a <= b else (b, a)) in self._free_edges
-
-    def boxed_in(self) -> str:
-        """Which end no motion could leave, as the end of a sentence; empty when both could be left."""
-        return "".join(
-            f"; none of the {tried[False]} motions tried at the {end} was free: it is boxed in"
-            for end, tried in self._motions.items()
-            if tried[False] >= TELLING_MOTIONS and not tried[True]
-        )
+    path: JointPath
+    goal_index: int
+    kept: tuple[int, ...]
+    exempt: tuple[ExemptInterval, ...]
 
 
 class Run:
     """One call of ``plan``."""
 
-    def __init__(self, checker: CollisionChecker, request: PlanRequest, cancel: CancelToken | None) -> None:
+    def __init__(
+        self, checker: CollisionChecker, certifier: Certifier, request: PlanRequest, cancel: CancelToken | None
+    ) -> None:
         self._checker = checker
+        self._certifier = certifier
         self._request = request
         self._search_states = max(1, int(request.max_checks * SEARCH_SHARE))
         self._book = StageBook(checker, Limits(request.max_checks, self._search_states, request.time_limit, cancel))
         self._endpoints = Endpoints(checker, request, self._book)
-        self._oracles: list[SearchOracle] = []
+        self._padding = request.padding
+        self._motion_step: float | None = None
+        self._rounds = 0
 
     def result(self, turns: Turns) -> PlanResult:
         """Run the stages when the turn has come."""
@@ -122,22 +83,48 @@ class Run:
         points = self._straight_line(ends)
         if points is None:
             points = self._searched(ends)
-        path, goal_index, exempt = self._certified(points, ends)
-        return book.result(path, self._timed(path), goal_index=goal_index, exempt=exempt)
+        refusal: Refusal | None = None
+        for certain in (None, ROOMIER, LEAST):
+            if certain is not None and refusal is not None:
+                points = self._searched_again(ends, max(certain, self._request.padding), refusal)
+            if points is None:
+                continue
+            route = self._route(points, ends)
+            path, certificate = self._certified(self._polished(route), route.exempt)
+            refusal = certificate.refusal
+            if refusal is None:
+                return self._closed(path, certificate, route.goal_index)
+        raise NoPlan(_not_certified(refusal))
+
+    def _closed(self, path: JointPath, certificate: Certificate, goal_index: int) -> PlanResult:
+        """The proven path in time; with stops instead of blends in the rare case that this is faster."""
+        trajectory, motion = self._timed(path)
+        if motion.duration > motion.stop_duration:
+            sharp, proof = self._certified(path.with_blends(None), certificate.exempt)
+            if proof.refusal is None:
+                path, certificate = sharp, proof
+                trajectory, motion = self._timed(sharp)
+        return self._book.result(path, (trajectory, motion), goal_index=goal_index, certificate=certificate)
 
     def _nowhere_to_go(self, ends: Ends, goal_index: int) -> PlanResult:
         self._book.notes.append("start and goal are the same configuration: nothing to do")
         path = JointPath(np.array([ends.begin]))
-        return self._book.result(path, self._timed(path), goal_index=goal_index)
+        exempt = [] if ends.departure is None else [_exempt(0.0, 0.0, ends.departure)]
+        certificate = self._book.certificate(self._certifier, path, exempt)
+        if certificate.refusal is not None:
+            raise NoPlan(_not_certified(certificate.refusal))
+        return self._book.result(path, self._timed(path), goal_index=goal_index, certificate=certificate)
 
-    def _timed(self, path: JointPath) -> Trajectory:
+    def _timed(self, path: JointPath) -> tuple[Trajectory, MotionReport]:
         request = self._request
-        limits = scaled(self._checker.robot.limits, request.velocity_scale, request.acceleration_scale)
-        return timed(path, request.timing, limits, self._book)
+        scales = request.velocity_scale, request.acceleration_scale
+        return timed(path, Pace(request.timing, *scales, request.max_tool_speed), self._checker.robot, self._book)
 
     def _oracle(self, padding: float, start: FloatArray, goals: Iterable[FloatArray]) -> SearchOracle:
-        self._oracles.append(SearchOracle(self._checker.variant(padding=padding), [start], goals))
-        return self._oracles[-1]
+        return SearchOracle(self._judge(padding), [start], goals)
+
+    def _judge(self, padding: float) -> CollisionChecker:
+        return self._checker.variant(padding=padding, motion_step=self._motion_step)
 
     def _straight_line(self, ends: Ends) -> FloatArray | None:
         oracle = self._oracle(ends.padding, ends.start, [goal.q for goal in ends.goals])
@@ -154,28 +141,42 @@ class Run:
 
     def _searched(self, ends: Ends) -> FloatArray:
         """A path searched with the full padding; an end that is closer to something is left on a short line first."""
-        book, request = self._book, self._request
+        book, padding = self._book, self._padding
         with book.during(Stage.SEARCH):
-            leads = None if ends.padding == request.padding else self._leads(ends)
+            leads = None if ends.padding == padding else self._leads(ends)
         start, goals = leads or (ends.start, tuple(goal.q for goal in ends.goals))
         if leads is not None:
-            book.notes.append(
-                f"an end is closer than {request.padding * 1000:g} mm to something: only near it less is kept"
-            )
-            book.padding = request.padding
+            book.notes.append(f"an end is closer than {padding * 1000:g} mm to something: only near it less is kept")
+            book.padding = padding
         oracle = self._oracle(book.padding, start, goals)
-        found = self._shortcut(self._search(start, goals, oracle), oracle)
+        found = self._shortened(self._search(start, goals, oracle), oracle)
         goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == found[-1].tolist())
         points = [ends.start, *found, goal]
         return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
 
+    def _searched_again(self, ends: Ends, padding: float, refusal: Refusal) -> FloatArray | None:
+        """Another path, whose edges are sampled so closely that their padding proves them; None if none is found."""
+        self._book.notes.append(f"searched again with {padding * 1000:g} mm of padding: {refusal}")
+        self._padding = self._motion_step = padding
+        self._rounds += 1
+        with self._book.during(Stage.ENDPOINTS):
+            ends = self._endpoints.padded(ends, padding)
+        try:
+            return self._searched(ends)
+        except CheckBudgetSpent:
+            return None
+        except NoPlan as no_plan:
+            if no_plan.failure.reason is not Reason.PLANNING_FAILED:
+                raise
+            return None
+
     def _leads(self, ends: Ends) -> tuple[FloatArray, tuple[FloatArray, ...]] | None:
         """Configurations near the ends that keep the full padding, a free line away; None if an end has none."""
-        roomy = self._checker.variant(padding=self._request.padding)
+        roomy = self._judge(self._padding)
         rng = np.random.default_rng([self._request.seed, 3])
         found: list[FloatArray] = []
         for q, padding in [(ends.start, ends.start_padding), *((goal.q, goal.padding) for goal in ends.goals)]:
-            if padding == self._request.padding:
+            if padding == self._padding:
                 found.append(q)
                 continue
             tight = self._oracle(padding, q, ())
@@ -219,7 +220,7 @@ class Run:
         with self._checker.limited(states=self._search_states):
             for attempt in range(tries):
                 self._book.attempts = attempt + 1
-                seed = fresh_seed(self._request.seed, attempt)
+                seed = fresh_seed(self._request.seed, attempt + tries * self._rounds)
                 try:
                     with self._checker.limited(states=share):
                         found = planner.search(replace(problem, seed=seed))
@@ -243,63 +244,82 @@ class Run:
             entry.note = f"{planner.name}: {len(roadmap.milestones)} milestones, {len(roadmap.edges)} edges"
             return roadmap
 
-    def _shortcut(self, points: FloatArray, oracle: SearchOracle) -> FloatArray:
-        with self._book.during(Stage.SHORTCUT) as entry:
-            try:
-                points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
-            except (CheckBudgetSpent, TimeBoxSpent) as stopped:  # a path is in hand: a limit only ends its shortening
-                self._book.deterministic &= isinstance(stopped, CheckBudgetSpent)
-                entry.note = f"not shortened: {stopped}"
+    def _shortened(self, points: FloatArray, oracle: SearchOracle) -> FloatArray:
+        """The path cut short, and without the corners that leave no room for a blend."""
+        with self._book.during(Stage.SHORTCUT) as entry, self._optional(entry, "shortened"):
             entry.length = _length(points)
-            return points
+            points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
+            entry.length = _length(points)
+        if self._request.blend > 0.0 and len(points) > 2:
+            with self._book.during(Stage.POLISH) as entry, self._optional(entry, "tidied"):
+                points = without_short_pieces(points, oracle)
+        return points
 
-    def _certified(self, points: FloatArray, ends: Ends) -> tuple[JointPath, int, tuple[ExemptInterval, ...]]:
-        """The whole path, each of its pieces judged, in this call, as exactly this piece."""
-        with self._book.during(Stage.CERTIFY) as entry:
-            for q1, q2 in pairwise(points):
-                proved = any(oracle.proved(q1, q2) for oracle in self._oracles)
-                if not proved and not self._checker.edge_is_free(q1, q2):
-                    raise NoPlan(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, "a piece of the final path collides"))
-            goal = next(goal for goal in ends.goals if goal.q.tolist() == points[-1].tolist())
-            robot, pieces, exempt = self._checker.robot, [points], []
-            if ends.departure is not None:
-                pieces.insert(0, robot.pose(ends.departure.pose)[None])
-            if goal.arrival is not None:
-                pieces.append(robot.pose(goal.arrival.pose)[None])
-            path = JointPath(np.concatenate(pieces))
-            if ends.departure is not None:
-                s = joint_distance(robot.pose(ends.departure.pose), ends.departure.to)
-                exempt.append(ExemptInterval(0.0, s, ends.departure.pairs, ends.departure.reason))
-            if goal.arrival is not None:
-                s = path.length - joint_distance(robot.pose(goal.arrival.pose), goal.arrival.to)
-                exempt.append(ExemptInterval(s, path.length, goal.arrival.pairs, goal.arrival.reason))
-            entry.length = path.length
-            return path, goal.index, tuple(exempt)
-
-
-def timed(path: JointPath, timing: Timing, limits: JointLimits, book: StageBook) -> Trajectory:
-    """The path in time, as the TIMING stage.
-
-    Raises:
-        NoPlan: the timing law found no solution.
-    """
-    with book.during(Stage.TIMING) as entry:
+    @contextmanager
+    def _optional(self, entry: Entry, what: str) -> Iterator[None]:
+        """A path is in hand: a limit only ends its improvement."""
         try:
-            trajectory = timing.time_path(path, limits)
-        except TimingFailed as failed:
-            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
-        entry.note, entry.length = f"{timing.name}, {trajectory.duration:.2f} s", path.length
-        return trajectory
+            yield
+        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+            self._book.deterministic &= isinstance(stopped, CheckBudgetSpent)
+            entry.note = f"not {what}: {stopped}"
+
+    def _route(self, points: FloatArray, ends: Ends) -> _Route:
+        """The whole way, with the fixed ways out of a pose and into one."""
+        goal = next(goal for goal in ends.goals if goal.q.tolist() == points[-1].tolist())
+        robot, pieces, kept = self._checker.robot, [points], []
+        exempt: list[ExemptInterval] = []
+        if ends.departure is not None:
+            pieces.insert(0, robot.pose(ends.departure.pose)[None])
+            kept.append(1)
+        if goal.arrival is not None:
+            pieces.append(robot.pose(goal.arrival.pose)[None])
+        path = JointPath(np.concatenate(pieces))
+        if ends.departure is not None:
+            exempt.append(_exempt(0.0, float(path.knots[1]), ends.departure))
+        if goal.arrival is not None:
+            kept.append(len(path.waypoints) - 2)
+            exempt.append(_exempt(float(path.knots[-2]), path.length, goal.arrival))
+        return _Route(path, goal.index, tuple(kept), tuple(exempt))
+
+    def _polished(self, route: _Route) -> JointPath:
+        """The route with its corners blended as widely as is free with the padding of the search."""
+        path, size = route.path, self._request.blend
+        if size == 0.0 or not set(path.corners) - set(route.kept):
+            return path
+        with self._book.during(Stage.POLISH) as entry, self._optional(entry, "blended"):
+            entry.length = path.length
+            path = blended(path, self._judge(self._book.padding).blend_is_free, size, route.kept)
+            corners, stops = len(route.path.corners), len(path.corners)
+            entry.note = f"{corners - stops} of {corners} corners blended"
+        return path
+
+    def _certified(self, path: JointPath, exempt: tuple[ExemptInterval, ...]) -> tuple[JointPath, Certificate]:
+        """The path and what is proven of it; blends that cannot be proven are halved, and in the end stops."""
+        while True:
+            certificate = self._book.certificate(self._certifier, path, exempt)
+            narrower = None if certificate.refusal is None else self._narrower(path, certificate.refusal)
+            if narrower is None:
+                return path, certificate
+            path = narrower
+
+    @staticmethod
+    def _narrower(path: JointPath, refusal: Refusal) -> JointPath | None:
+        """The path with the blends halved that lie where it was refused; None if there is none."""
+        before, after = path.knots - path.blends, path.knots + path.blends
+        meant = (path.blends > 0.0) & (before <= refusal.s_end) & (after >= refusal.s_start)
+        if not np.any(meant):
+            return None
+        widths = np.where(meant, path.blends / 2.0, path.blends)
+        return path.with_blends(np.where(widths < LEAST_BLEND, 0.0, widths))
 
 
-def scaled(limits: JointLimits, velocity: float, acceleration: float) -> JointLimits:
-    """Limits of which only parts in (0, 1] may be used; jerk shrinks with acceleration."""
-    return replace(
-        limits,
-        velocity=limits.velocity * velocity,
-        acceleration=limits.acceleration * acceleration,
-        jerk=limits.jerk * acceleration,
-    )
+def _exempt(s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:
+    return ExemptInterval(s_start, s_end, retreat.pairs, retreat.reason)
+
+
+def _not_certified(refusal: Refusal | None) -> Failure:
+    return Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {refusal}")
 
 
 def fresh_seed(seed: int, attempt: int) -> int:

@@ -1,6 +1,7 @@
 """Plans and tasks in JSON files: written whole, read back bit for bit.
 
-A plan is ``q(t) = path(s(t))``: ``waypoints`` is the polyline, and row i of ``coefficients`` holds
+A plan is ``q(t) = path(s(t))``: ``waypoints`` is the polyline, ``blends`` what of it before and after
+each waypoint is rounded (``planner_service.blend`` has the formula), and row i of ``coefficients`` holds
 c0 to c3 of ``s = c0 + c1 x + c2 x^2 + c3 x^3``, x the time since that piece began, for
 ``durations[i]`` seconds; s is the L2 length along the polyline. Floats are written with the fewest
 digits that read back as the same bits. There is no NaN and no infinity in a file.
@@ -54,13 +55,15 @@ __all__ = [
 
 PLAN_FORMAT = "planner-service/plan"
 TASK_FORMAT = "planner-service/task"
-VERSION = 1
+VERSION = 2
 
 TIMINGS: Mapping[str, type[Any]] = MappingProxyType({law.name: law for law in (ToppRa, Trapezoidal, SCurve)})
 """Every timing law that can be made from its name alone, by that name."""
 
 _WHOLE = ("seed", "max_checks", "retries")
-_REAL = ("padding", "velocity_scale", "acceleration_scale", "start_tolerance")
+_REAL = ("padding", "velocity_scale", "acceleration_scale", "blend", "start_tolerance")
+_MAYBE = ("time_limit", "max_tool_speed")
+"""Numbers or None."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +235,7 @@ def _request(request: PlanRequest) -> dict[str, Any] | None:
         "timing": timing,
         **{name: int(getattr(request, name)) for name in _WHOLE},
         **{name: float(getattr(request, name)) for name in _REAL},
-        "time_limit": None if request.time_limit is None else float(request.time_limit),
+        **{name: None if (value := getattr(request, name)) is None else float(value) for name in _MAYBE},
     }
 
 
@@ -263,7 +266,7 @@ def _read_request(node: Node, n: int) -> PlanRequest | None:
         node.at("goals").wrong("at least one goal")
     limits: dict[str, Any] = {name: node.at(name).whole() for name in _WHOLE}
     limits |= {name: node.at(name).number() for name in _REAL}
-    limits["time_limit"] = node.at("time_limit").optional(Node.number)
+    limits |= {name: node.at(name).optional(Node.number) for name in _MAYBE}
     start = node.at("start").numbers(n)
     planner = _read_settings(node.at("planner"), "planner", PLANNERS)
     timing = _read_settings(node.at("timing"), "timing law", TIMINGS)

@@ -21,13 +21,13 @@ from planner_service.geometry import FloatArray, Pose
 from planner_service.grasps import offset_from, width_across
 from planner_service.kinematics import ToolLine, inverse_kinematics, straight_tool_line
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
+from planner_service.pace import Pace
 from planner_service.request import PlanRequest, joint_vector
 from planner_service.robot import Gripper, Robot
 from planner_service.scene import Attached, Obstacle
 from planner_service.service import PlannerService
 from planner_service.task import Handling, Segment, TaskResult
 from planner_service.thinning import thinned
-from planner_service.timing import Timing
 
 __all__ = ["move_linear", "pick", "place"]
 
@@ -59,7 +59,7 @@ def move_linear(
     goal: Pose | Sequence[float],
     *,
     points: int = LINE_POINTS,
-    timing: Timing | None = None,
+    pace: Pace | None = None,
     cancel: CancelToken | None = None,
 ) -> PlanResult:
     """A straight motion of the tool, checked once and timed.
@@ -77,7 +77,7 @@ def move_linear(
     line = straight_tool_line(service.robot, q, goal, points=points)
     if line.stopped is not None:
         return PlanResult(None, None, _line_failure(line), ())
-    return service.follow(thinned(service.robot, line.waypoints), timing=timing, cancel=cancel)
+    return service.follow(thinned(service.robot, line.waypoints), pace=pace, cancel=cancel)
 
 
 def _line_failure(line: ToolLine) -> Failure:
@@ -353,8 +353,12 @@ class _Task:
         return service.follow(
             waypoints,
             contacts=contacts,
-            timing=self._handling.line_timing,
-            scales=(self._template.velocity_scale, self._template.acceleration_scale),
+            pace=Pace(
+                self._handling.line_timing,
+                self._template.velocity_scale,
+                self._template.acceleration_scale,
+                self._template.max_tool_speed,
+            ),
             cancel=self._handling.cancel,
         )
 

@@ -16,7 +16,10 @@ from planner_service.planners import Planner, RRTConnect
 from planner_service.robot import Robot
 from planner_service.timing import Timing, ToppRa
 
-__all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale"]
+__all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale", "require_tool_speed"]
+
+MIN_TOOL_SPEED = 1e-3
+"""Metres per second. A slower limit is a unit mistake."""
 
 Goal = ArrayLike | Pose | Sequence[ArrayLike | Pose]
 
@@ -38,6 +41,9 @@ class PlanRequest:
         retries: Further searches with fresh seeds when one gives up.
         padding: Metres that the search keeps from everything; near an end that is closer it keeps less.
         velocity_scale, acceleration_scale: Parts in (0, 1] of the robot's limits that may be used.
+        max_tool_speed: Metres per second that the tool frame's origin may move at most; None for no limit.
+        blend: Radians of path that the blend of a corner may replace before and after it; 0 keeps every
+            corner a stop.
         start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
             then clamped, and the result says so.
 
@@ -56,6 +62,8 @@ class PlanRequest:
     padding: float = 0.001
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
+    max_tool_speed: float | None = None
+    blend: float = 0.5
     start_tolerance: float = 0.01
 
     def __post_init__(self) -> None:
@@ -64,6 +72,8 @@ class PlanRequest:
         _whole("retries", self.retries, 0, 1000)
         _number("padding", self.padding, 0.0, 0.1)
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
+        _number("blend", self.blend, 0.0, 3.0)
+        require_tool_speed(self.max_tool_speed)
         if self.time_limit is not None:
             _number("time_limit", self.time_limit, 0.0, 86_400.0)
         for name in ("velocity_scale", "acceleration_scale"):
@@ -109,6 +119,12 @@ def require_scale(name: str, value: object) -> None:
     """Refuse what is no part in (0, 1] of a limit."""
     if _number(name, value, 0.0, 1.0) == 0.0:
         raise InvalidRequest(name, value, "a part in (0, 1] of the limit")
+
+
+def require_tool_speed(value: object) -> None:
+    """Refuse what is neither None nor a speed in m/s."""
+    if value is not None:
+        _number("max_tool_speed", value, MIN_TOOL_SPEED, 100.0)
 
 
 def _whole(name: str, value: object, low: int, high: int) -> None:

@@ -6,17 +6,22 @@ Reading notes problems at the place where they are; what comes back is then a st
 from __future__ import annotations
 
 import enum
+import math
 from typing import Any, TypeVar
 
 import numpy as np
 
+from planner_service.certify import Certificate, ExemptInterval, Refusal
 from planner_service.collision import CheckCounts, Contact
 from planner_service.geometry import read_only
 from planner_service.json_file import Node
-from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
-from planner_service.path import JointPath, Trajectory
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.path import JointPath
+from planner_service.peaks import LimitPeaks, Peak
+from planner_service.trajectory import Trajectory
 
 __all__ = [
+    "certificate_record",
     "counts_record",
     "failure_record",
     "read_counts",
@@ -57,8 +62,11 @@ def result_record(result: PlanResult) -> dict[str, Any]:
         "notes": list(result.notes),
         "counts": counts_record(result.counts),
         "stages": [_stage(report) for report in result.stages],
-        "exempt": [_exempt(interval) for interval in result.exempt],
-        "path": None if path is None else {"length": path.length, "waypoints": path.waypoints.tolist()},
+        "certificate": None if result.certificate is None else certificate_record(result.certificate),
+        "motion": None if result.motion is None else _motion(result.motion),
+        "path": None
+        if path is None
+        else {"length": path.length, "waypoints": path.waypoints.tolist(), "blends": path.blends.tolist()},
         "trajectory": None
         if trajectory is None
         else {
@@ -75,8 +83,10 @@ def read_result(node: Node, n: int) -> PlanResult:
     failure = node.at("failure").optional(lambda at: read_failure(at, n))
     path = node.at("path").optional(lambda at: _read_path(at, n))
     trajectory = node.at("trajectory").optional(lambda at: None if path is None else _read_trajectory(at, path))
-    if node.sound and (failure is None) != (path is not None and trajectory is not None):
-        node.problem("expected either a failure or a path and a trajectory")
+    certificate = node.at("certificate").optional(_read_certificate)
+    motion = node.at("motion").optional(_read_motion)
+    if node.sound and (failure is None) == any(part is None for part in (path, trajectory, certificate, motion)):
+        node.problem("expected either a failure, or a path, a trajectory, a certificate and a motion")
     return PlanResult(
         path,
         trajectory,
@@ -86,14 +96,16 @@ def read_result(node: Node, n: int) -> PlanResult:
         attempts=node.at("attempts").whole(),
         padding=node.at("padding").number(),
         deterministic=node.at("deterministic").flag(),
-        exempt=tuple(_read_exempt(item) for item in node.at("exempt").items()),
+        certificate=certificate,
+        motion=motion,
         notes=read_texts(node.at("notes")),
     )
 
 
 def _read_path(node: Node, n: int) -> JointPath | None:
     waypoints = np.array(node.at("waypoints").rows(n), dtype=np.float64)
-    path = node.attempt(lambda: JointPath(waypoints))
+    blends = np.array([item.number() for item in node.at("blends").items()], dtype=np.float64)
+    path = node.attempt(lambda: JointPath(waypoints, blends))
     if path is not None and len(path.waypoints) != len(waypoints):
         node.problem(f"{len(waypoints) - len(path.waypoints)} waypoints are where the one before them is")
     return path if node.sound else None
@@ -144,6 +156,79 @@ def _read_exempt(node: Node) -> ExemptInterval:
         pairs.append((names[0], names[1]))
     ends = node.at("s_start").number(), node.at("s_end").number()
     return ExemptInterval(*ends, tuple(pairs), node.at("reason").text())
+
+
+def certificate_record(certificate: Certificate) -> dict[str, Any]:
+    """What was proven of a curve; its clearance is null where nothing can touch or nothing was proven."""
+    refusal = certificate.refusal
+    return {
+        "certified": certificate.certified,
+        "clearance": _finite(certificate.clearance),
+        "distances": certificate.distances,
+        "padding": certificate.padding,
+        "exempt": [_exempt(interval) for interval in certificate.exempt],
+        "refusal": None
+        if refusal is None
+        else {
+            "s_start": refusal.s_start,
+            "s_end": refusal.s_end,
+            "a": refusal.a,
+            "b": refusal.b,
+            "detail": refusal.detail,
+        },
+    }
+
+
+def _read_certificate(node: Node) -> Certificate:
+    refusal = node.at("refusal").optional(
+        lambda at: Refusal(
+            at.at("s_start").number(),
+            at.at("s_end").number(),
+            at.at("a").text(),
+            at.at("b").text(),
+            at.at("detail").text(),
+        )
+    )
+    clearance = node.at("clearance").optional(Node.number)
+    if node.at("certified").flag() != (refusal is None):
+        node.problem("certified: expected true without a refusal, false with one")
+    return Certificate(
+        (math.inf if refusal is None else -math.inf) if clearance is None else clearance,
+        node.at("distances").whole(),
+        node.at("padding").number(),
+        tuple(_read_exempt(item) for item in node.at("exempt").items()),
+        refusal,
+    )
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no infinity."""
+    return value if math.isfinite(value) else None
+
+
+def _motion(motion: MotionReport) -> dict[str, Any]:
+    peaks = {
+        kind: {"ratio": _finite(peak.ratio), "joint": peak.joint, "time": peak.time}
+        for kind, peak in vars(motion.peaks).items()
+    }
+    told = ("tool_speed", "duration", "stop_duration", "settle_time")
+    return {"peaks": peaks, **{name: getattr(motion, name) for name in told}}
+
+
+def _read_motion(node: Node) -> MotionReport:
+    peaks = node.at("peaks")
+    return MotionReport(
+        LimitPeaks(*(_read_peak(peaks.at(kind)) for kind in ("velocity", "acceleration", "jerk"))),
+        node.at("tool_speed").number(),
+        node.at("duration").number(),
+        node.at("stop_duration").number(),
+        node.at("settle_time").number(),
+    )
+
+
+def _read_peak(node: Node) -> Peak:
+    ratio = node.at("ratio").optional(Node.number)
+    return Peak(math.inf if ratio is None else ratio, node.at("joint").whole(), node.at("time").number())
 
 
 def failure_record(failure: Failure | None) -> dict[str, Any] | None:

@@ -1,6 +1,6 @@
 """One verb: plan. Robot and scene in, a timed path and its costs out.
 
-request -> ENDPOINTS -> STRAIGHT_LINE -> SEARCH -> SHORTCUT -> CERTIFY -> TIMING
+request -> ENDPOINTS -> STRAIGHT_LINE -> SEARCH -> SHORTCUT -> POLISH -> CERTIFY -> TIMING
 """
 
 from __future__ import annotations
@@ -13,11 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
+from planner_service.geometry import numbers
+from planner_service.oracle import SearchOracle
 from planner_service.outcome import PlanResult
-from planner_service.pipeline import Run, SearchOracle
+from planner_service.pace import Pace
+from planner_service.path import JointPath
+from planner_service.pipeline import Run
 from planner_service.planners import PRM, PRMstar
 from planner_service.remedies import WayOut, way_out
 from planner_service.request import PlanRequest, joint_vector
@@ -25,7 +30,7 @@ from planner_service.roadmap import Roadmap
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene, load_scene
 from planner_service.search import SearchSpace, require_seed
-from planner_service.timing import Timing, Trapezoidal
+from planner_service.timing import Trapezoidal
 from planner_service.turns import Turns
 
 __all__ = ["PlannerService"]
@@ -91,15 +96,37 @@ class PlannerService:
                 carried across a fork. That no plan exists is a result, not an error.
         """
         self._require_own_process()
-        return Run(self._planning, request, cancel).result(self._turns)
+        return Run(self._planning, self._certifier, request, cancel).result(self._turns)
+
+    @cached_property
+    def _certifier(self) -> Certifier:
+        return Certifier(self.robot, self.scene, allowed=self._allowed)
+
+    def certify(
+        self, path: JointPath | ArrayLike, *, padding: float = 0.0, exempt: Sequence[ExemptInterval] = ()
+    ) -> Certificate:
+        """The proof that a path from anywhere is free between its samples too, or where it cannot be proven.
+
+        Its bounds are counted in the certificate alone.
+
+        Args:
+            path: A ``JointPath``, or waypoints (N, n) of a polyline.
+            padding: Metres that every pair is to keep.
+            exempt: Stretches on which named pairs are not judged.
+
+        Raises:
+            InvalidRequest: the path is not one of this robot within its limits, or another value is out of range.
+        """
+        self._require_own_process()
+        curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints, shape (N, n)"))
+        return self._certifier.certify(curve, padding=padding, exempt=exempt)
 
     def follow(
         self,
         waypoints: ArrayLike,
         *,
         contacts: Sequence[AllowedStretch] = (),
-        timing: Timing | None = None,
-        scales: tuple[float, float] = (1.0, 1.0),
+        pace: Pace | None = None,
         cancel: CancelToken | None = None,
     ) -> PlanResult:
         """A given polyline checked as it is, each piece once, and timed; nothing is searched.
@@ -107,15 +134,14 @@ class PlannerService:
         Args:
             waypoints: Shape (N, n).
             contacts: Stretches on which named pairs may touch, where contact is meant.
-            timing: The law s(t) along it; ``Trapezoidal()`` if not given.
-            scales: Parts in (0, 1] of the velocity and acceleration limits that may be used.
+            pace: The law s(t) along it, and how much of the limits it may use; ``Pace(Trapezoidal())`` if not given.
 
         Raises:
             InvalidRequest: waypoints are not finite rows of n joint values within the limits.
         """
         self._require_own_process()
-        request = FollowRequest(waypoints, tuple(contacts), timing or Trapezoidal(), scales)
-        return follow(self._planning, request, self._turns, cancel)
+        request = FollowRequest(waypoints, tuple(contacts), pace or Pace(Trapezoidal()))
+        return follow(self._planning, self._certifier, request, (self._turns, cancel))
 
     def build_roadmap(self, planner: PRM | PRMstar, *, seed: int = 0, padding: float = 0.001) -> Roadmap:
         """A roadmap of the free space, for many queries in the same scene; pass it as ``PlanRequest.planner``.

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
-from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
-from planner_service.path import JointPath, Trajectory
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.path import JointPath
+from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
-__all__ = ["Limits", "NoPlan", "StageBook", "blocked_in_words"]
+__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words"]
 
 
 class NoPlan(Exception):
@@ -94,16 +97,30 @@ class StageBook:
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
+    def certificate(self, certifier: Certifier, path: JointPath, exempt: Sequence[ExemptInterval]) -> Certificate:
+        """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
+        ledger = self._checker.ledger
+
+        def charge(bounds: int) -> None:
+            ledger.poll()
+            ledger.charge_distances(bounds)
+
+        with self.during(Stage.CERTIFY) as entry:
+            found = certifier.certify(path, exempt=exempt, charge=charge)
+            entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
+            return found
+
     def result(
         self,
         path: JointPath | None = None,
-        trajectory: Trajectory | None = None,
+        timed: tuple[Trajectory, MotionReport] | None = None,
         *,
         failure: Failure | None = None,
         goal_index: int | None = None,
-        exempt: tuple[ExemptInterval, ...] = (),
+        certificate: Certificate | None = None,
     ) -> PlanResult:
         """The books, closed."""
+        trajectory, motion = timed or (None, None)
         return PlanResult(
             path=path,
             trajectory=trajectory,
@@ -113,7 +130,8 @@ class StageBook:
             attempts=self.attempts,
             padding=self.padding,
             deterministic=self.deterministic,
-            exempt=exempt,
+            certificate=certificate,
+            motion=motion,
             notes=tuple(self.notes),
         )
 
@@ -141,6 +159,13 @@ class StageBook:
         blocked = tuple((a, b, count / total) for (a, b), count in worst)
         detail = f"{what}; whether a path exists is unknown{blocked_in_words(blocked)}{self.end_trouble}"
         return Failure(self._stage, reason, detail, blocked_by=blocked)
+
+
+def in_words(clearance: float) -> str:
+    """A proven clearance in metres, in words; rounded down."""
+    if clearance == math.inf:
+        return "nothing to touch"
+    return f"{math.floor(clearance * 1e5) / 100:.2f} mm clear" if clearance < 0.1 else f"{clearance:.3f} m clear"
 
 
 def blocked_in_words(blocked: tuple[tuple[str, str, float], ...]) -> str:

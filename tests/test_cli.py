@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import shutil
@@ -65,10 +66,19 @@ def picked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
 
 def test_a_plan_is_printed_stage_by_stage_and_adds_up(blocked: Result) -> None:
     assert blocked.exit_code == 0
-    head, *rows = blocked.stdout.splitlines()
+    head, *rows = blocked.stdout[: blocked.stdout.index("motion:")].splitlines()
     assert " ".join(head.split()) == "planned: planar2 in discs, lesson_start -> lesson_goal states edges distances ms"
     names = [row[:19].strip() for row in rows]
-    assert names == ["endpoints", "straight line", "search", "shortcut", "certify", "timing", "total"]
+    assert names == [
+        "endpoints",
+        "straight line",
+        "search",
+        "shortcut",
+        "polish",
+        "certify",
+        "timing",
+        "total",
+    ]
     *parts, total = [[int(word.replace(",", "")) for word in row.split()[-4:-1]] for row in rows]
     assert [sum(column) for column in zip(*parts, strict=True)] == total
     assert "blocked at" in rows[1]
@@ -81,7 +91,17 @@ def test_the_numbers_of_a_plan_are_those_of_the_library(blocked: Result) -> None
     assert found["request"]["start"] == start.tolist()
     assert found["request"]["goals"] == [{"joints": goal.tolist()}]
     counts = found["result"]["counts"]
-    assert blocked.stdout.split()[-4:-1] == [f"{counts[name]:,}" for name in ("states", "edges", "distances")]
+    (total,) = [line for line in blocked.stdout.splitlines() if line.startswith("  total")]
+    assert total.split()[-4:-1] == [f"{counts[name]:,}" for name in ("states", "edges", "distances")]
+
+
+def test_the_proof_and_the_motion_are_told_in_words(blocked: Result) -> None:
+    result = document(*BLOCKED)["result"]
+    words = " ".join(blocked.stdout.split())
+    proof, motion = result["certificate"], result["motion"]
+    assert f"proof: {math.floor(proof['clearance'] * 1e5) / 100:.2f} mm clear, between samples too" in words
+    assert f"({proof['distances']:,} bounds)" in words
+    assert f"motion: {motion['duration']:.2f} s ({motion['stop_duration']:.2f} s with a stop at each corner)" in words
 
 
 def test_the_same_command_gives_the_same_plan() -> None:
@@ -312,7 +332,7 @@ def test_scenes_are_listed_and_shown() -> None:
 def test_pick_and_place_is_printed_motion_by_motion_and_adds_up(picked: tuple[Result, Path]) -> None:
     result, _ = picked
     assert result.exit_code == 0, result.output
-    head, *rows = [line for line in result.stdout.splitlines() if not line.startswith("note")]
+    head, *rows = [line for line in result.stdout.splitlines() if not line.startswith(("note", "proof"))]
     assert " ".join(head.split()) == "planned: pick blue_block from bin, place on tray states edges distances ms"
     rows = [row for row in rows if row[:19].strip()]
     names = [row[2:19].strip() for row in rows if row[:4].strip() and row[2] != " "]
@@ -330,7 +350,8 @@ def test_pick_and_place_searches_only_where_a_straight_line_is_blocked(picked: t
 def test_a_motion_that_searched_is_followed_by_its_stages(picked: tuple[Result, Path]) -> None:
     lines = [line[:19].rstrip() for line in picked[0].stdout.splitlines()]
     at = lines.index("  transfer")
-    assert lines[at + 1 : at + 5] == ["    search", "    shortcut", "    timing", "  lower"]
+    stages = ["    search", "    shortcut", "    polish", "    certify", "    timing"]
+    assert lines[at + 1 : at + 7] == [*stages, "  lower"]
 
 
 def test_what_the_object_stands_on_may_touch_it_where_it_is_lifted_and_lowered(picked: tuple[Result, Path]) -> None:

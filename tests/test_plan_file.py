@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from planner_service.certify import Certificate, ExemptInterval, Refusal
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import Pose
 from planner_service.json_file import MAX_BYTES
-from planner_service.outcome import ExemptInterval, Failure, PlanResult, Reason, Stage, StageReport
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.path import JointPath
+from planner_service.peaks import peaks
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.planners import PLANNERS, RRT, RRTConnect
 from planner_service.request import PlanRequest
@@ -33,15 +36,20 @@ MADE_FOR = MadeFor("planar2", "ab" * 32, ("joint_1", "joint_2"), "discs", "cd" *
 
 
 def planned(timing: Any = None) -> PlanResult:
-    """A result with a corner, and with numbers that have no short decimal form."""
-    path = JointPath(np.array([[0.1, 1 / 3], [0.7, -0.2], [2**0.5, 1e-9]]))
+    """A result with a stop and a blend, and with numbers that have no short decimal form."""
+    path = JointPath(
+        np.array([[0.1, 1 / 3], [0.7, -0.2], [2**0.5, 1e-9], [1.3, 0.3]]), np.array([0.0, 1 / 3, 0.0, 0.0])
+    )
     trajectory = (timing or ToppRa()).time_path(path, LIMITS)
     stages = (
         StageReport(Stage.ENDPOINTS, CheckCounts(2, 0, 0), 0.1 + 0.2),
         StageReport(Stage.SEARCH, CheckCounts(40, 3, 0), 1e-4, path.length, "rrtconnect, try 2"),
     )
     exempt = (ExemptInterval(0.0, 1 / 7, (("link_1", "link_2"),), "they touch when folded"),)
-    return PlanResult(path, trajectory, None, stages, 1, 2, 0.001, False, exempt, ("start: clamped",))
+    certificate = Certificate(1 / 300, 1234, 0.0, exempt)
+    measured = peaks(trajectory, LIMITS)
+    motion = MotionReport(measured, 1 / 3, trajectory.duration, trajectory.duration * 4 / 3, 0.3)
+    return PlanResult(path, trajectory, None, stages, 1, 2, 0.001, False, certificate, motion, ("start: clamped",))
 
 
 def failed() -> PlanResult:
@@ -79,6 +87,7 @@ def test_path_and_trajectory_come_back_bit_for_bit(law: Any, there: Path) -> Non
     for mine, read in (
         (path.waypoints, path_read.waypoints),
         (path.knots, path_read.knots),
+        (path.blends, path_read.blends),
         (trajectory.durations, trajectory_read.durations),
         (trajectory.coefficients, trajectory_read.coefficients),
         (trajectory.sample(0.01).q, trajectory_read.sample(0.01).q),
@@ -90,8 +99,23 @@ def test_path_and_trajectory_come_back_bit_for_bit(law: Any, there: Path) -> Non
 def test_what_a_plan_cost_and_what_was_noted_come_back(there: Path) -> None:
     before = planned()
     after = reloaded(SavedPlan(MADE_FOR, request(), before), there).result
-    for name in ("stages", "goal_index", "attempts", "padding", "deterministic", "exempt", "notes", "failure"):
+    for name in ("stages", "goal_index", "attempts", "padding", "deterministic", "certificate", "motion", "notes"):
         assert getattr(after, name) == getattr(before, name), name
+    assert after.failure is None
+
+
+@pytest.mark.parametrize(
+    "certificate",
+    [
+        Certificate(math.inf, 0, 0.0),
+        Certificate(-math.inf, 7, 0.002, (), Refusal(0.1, 1 / 3, "link_1", "post", "at s = 0.2 nothing is proven")),
+    ],
+)
+def test_proofs_come_back_whole_where_nothing_can_touch_and_where_nothing_is_proven(
+    certificate: Certificate, there: Path
+) -> None:
+    plan = SavedPlan(MADE_FOR, request(), replace(planned(), certificate=certificate))
+    assert reloaded(plan, there).result.certificate == certificate
 
 
 def test_a_failure_comes_back_whole(there: Path) -> None:
@@ -179,7 +203,7 @@ def test_a_task_comes_back_motion_by_motion(there: Path) -> None:
 def test_a_file_has_no_nan_and_its_seconds_and_counts_are_numbers(there: Path) -> None:
     save_plan(SavedPlan(MADE_FOR, request(seed=np.int64(3), padding=np.float64(0.002)), planned()), there)
     document = json.loads(there.read_text(), parse_constant=lambda name: pytest.fail(name))
-    assert (document["format"], document["version"]) == ("planner-service/plan", 1)
+    assert (document["format"], document["version"]) == ("planner-service/plan", 2)
     assert document["request"]["seed"] == 3
     assert document["result"]["counts"] == {"states": 42, "edges": 3, "distances": 0}
 
@@ -201,7 +225,7 @@ def damaged(there: Path, change: Callable[[Document], object], *, result: PlanRe
     [
         (lambda d: d.pop("format"), "format: missing"),
         (lambda d: d.update(format="other"), "format: got 'other'; expected 'planner-service/plan'"),
-        (lambda d: d.update(version=2), "version: got 2; this package reads version 1"),
+        (lambda d: d.update(version=1), "version: got 1; this package reads version 2"),
         (lambda d: d["robot"].update(joint_names="ab"), "robot.joint_names: got 'ab'; expected a list"),
         (lambda d: d["scene"].pop("hash"), "scene.hash: missing"),
         (lambda d: d.update(request=7), "request: got 7; expected an object"),
@@ -223,12 +247,22 @@ def damaged(there: Path, change: Callable[[Document], object], *, result: PlanRe
         ),
         (lambda d: d["result"]["path"]["waypoints"][1].pop(), "result.path.waypoints[1]: got [0.7]; expected 2 finite"),
         (lambda d: d["result"]["path"].update(waypoints=[]), "result.path: waypoints: got"),
-        (lambda d: d["result"]["path"]["waypoints"].insert(0, [0.1, 1 / 3]), "1 waypoints are where the one before"),
+        (
+            lambda d: d["result"]["path"]["waypoints"].insert(0, [0.1, 1 / 3]),
+            "blends: got [0.0, 0.3333333333333333, 0.0, 0.0]; expected 5",
+        ),
         (lambda d: d["result"]["trajectory"]["durations"].pop(), "result.trajectory: coefficients"),
         (lambda d: d["result"]["trajectory"].update(coefficients=[]), "result.trajectory: coefficients: got (0, 4)"),
         (lambda d: d["result"]["trajectory"]["durations"].__setitem__(0, 10**400), "durations[0]: got 1000000000"),
-        (lambda d: d["result"].update(trajectory=None), "expected either a failure or a path and a trajectory"),
-        (lambda d: d["result"]["exempt"][0].update(pairs=[["link_1"]]), "result.exempt[0].pairs[0]: got ['link_1']"),
+        (lambda d: d["result"].update(trajectory=None), "expected either a failure, or a path, a trajectory"),
+        (
+            lambda d: d["result"]["certificate"]["exempt"][0].update(pairs=[["link_1"]]),
+            "result.certificate.exempt[0].pairs[0]: got ['link_1']",
+        ),
+        (lambda d: d["result"]["certificate"].update(certified=False), "certificate: certified: expected true"),
+        (lambda d: d["result"].update(certificate=None), "a path, a trajectory, a certificate and a motion"),
+        (lambda d: d["result"]["path"].update(blends=[0.0, 9.0, 0.0, 0.0]), "no more together than the piece"),
+        (lambda d: d["result"]["motion"]["peaks"]["jerk"].update(joint="elbow"), "peaks.jerk.joint: got 'elbow'"),
     ],
 )
 def test_a_damaged_file_names_the_place_and_what_would_be_right(

@@ -60,7 +60,7 @@ def asked(start: object = START, goal: object = GOAL, **settings: object) -> Pla
 
 def fingerprint(result: PlanResult) -> str:
     path, _ = result.unwrap()
-    text = "".join(value.hex() for value in path.waypoints.ravel().tolist())
+    text = "".join(value.hex() for value in [*path.waypoints.ravel().tolist(), *path.blends.tolist()])
     counts = [(report.stage.value, report.counts) for report in result.stages]
     return hashlib.sha256(f"{text} {counts}".encode()).hexdigest()
 
@@ -107,13 +107,12 @@ def test_questions_of_ones_own_change_nothing_about_a_plan(discs: PlannerService
     assert beside == alone
 
 
-def test_shortcutting_makes_the_path_shorter_and_asks_nothing_twice(discs: PlannerService) -> None:
+def test_shortcutting_makes_the_path_shorter(discs: PlannerService) -> None:
     result = discs.plan(asked(seed=3))
     search, short = result.stage(Stage.SEARCH).length, result.stage(Stage.SHORTCUT).length
     assert search is not None
     assert short is not None
     assert short < search
-    assert result.stage(Stage.CERTIFY).counts == CheckCounts()  # each piece was judged already, as this very piece
 
 
 def test_any_of_several_goals_will_do_and_the_result_says_which(discs: PlannerService) -> None:
@@ -376,7 +375,7 @@ def test_a_given_polyline_is_judged_once_piece_by_piece(discs: PlannerService) -
     points = [(0.0, 0.0), (0.1, -0.1), (0.1, -0.2)]
     result = discs.follow(points)
     samples = sum(discs.checker.segments(a, b) for a, b in pairwise(points))
-    assert result.counts == CheckCounts(states=1 + samples, edges=2)
+    assert result.counts - result.stage(Stage.CERTIFY).counts == CheckCounts(states=1 + samples, edges=2)
     assert result.unwrap()[0].waypoints.tolist() == [list(q) for q in points]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
@@ -14,18 +15,30 @@ import typer
 from planner_service.cli import listings
 from planner_service.cli.arguments import configuration, goals, timing_by_name
 from planner_service.cli.pick_place import plan_pick_place
-from planner_service.cli.tables import console, emit, plan_rows, render, table, task_rows
+from planner_service.cli.tables import (
+    UNATTENDED_WIDTH,
+    console,
+    emit,
+    motion_words,
+    plan_rows,
+    proof_words,
+    render,
+    table,
+    task_rows,
+)
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.outcome import Failure
 from planner_service.path import JointPath
-from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, save_plan
+from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, save_plan
 from planner_service.planners import PLANNERS, planner_by_name
 from planner_service.request import PlanRequest
+from planner_service.result_record import certificate_record
 from planner_service.robot import Robot, load_robot, robot_names
 from planner_service.scene import load_scene, scene_names
 from planner_service.scene_file import require_writable
 from planner_service.service import PlannerService
+from planner_service.stagebook import in_words
 
 __all__ = ["app"]
 
@@ -34,7 +47,7 @@ NO_PLAN, BAD_INPUT = 1, 2
 MESSAGE_LINES = 20
 """A file can have thousands of problems."""
 
-MAX_NOTES = 8
+MAX_LINES = 10
 """A task that finds no grasp has a note for each that it tried."""
 
 app = typer.Typer(
@@ -54,6 +67,10 @@ Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
 MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
 TimeLimit = Annotated[float, typer.Option(help="Wall seconds of a plan, a safety net; inf for none.")]
 Padding = Annotated[float, typer.Option(help="Metres that the search keeps from everything.")]
+ToolSpeed = Annotated[float | None, typer.Option(help="Metres per second that the tool may move at most.")]
+Blend = Annotated[
+    float, typer.Option(help="Radians of path that a blended corner may replace on each side; 0 for stops.")
+]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
@@ -89,6 +106,8 @@ def plan(
     max_checks: MaxChecks = _DEFAULT.max_checks,
     time_limit: TimeLimit = 1.0,
     padding: Padding = _DEFAULT.padding,
+    blend: Blend = _DEFAULT.blend,
+    max_tool_speed: ToolSpeed = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -104,6 +123,8 @@ def plan(
             max_checks=max_checks,
             time_limit=None if time_limit == math.inf else time_limit,
             padding=padding,
+            blend=blend,
+            max_tool_speed=max_tool_speed,
         )
         _load_libraries(request, service.robot)
         result = service.plan(request)
@@ -112,7 +133,9 @@ def plan(
             save_plan(saved, out)
     words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     text = "" if as_json else render(table(words, plan_rows(result), console().width, _unit(service.robot)))
-    _finish(saved, text, result.failure, (*result.notes, *map(str, result.exempt)), as_json=as_json)
+    told = [] if result.motion is None else [motion_words(result.motion), proof_words([result])]
+    notes = [f"note: {note}" for note in (*result.notes, *map(str, result.exempt))]
+    _finish(saved, text, result.failure, (*told, *notes), as_json=as_json)
 
 
 @app.command("pick-place", short_help="Plan a whole pick-and-place.")
@@ -135,7 +158,9 @@ def pick_place(
             save_plan(task, out)
     words = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
     text = "" if as_json else render(table(words, task_rows(task), console().width, _unit(service.robot)))
-    _finish(task, text, task.failure, task.notes, as_json=as_json)
+    proof = proof_words([segment.result for segment in task.segments])
+    lines = [*filter(None, [proof]), *(f"note: {note}" for note in task.notes)]
+    _finish(task, text, task.failure, tuple(lines), as_json=as_json)
 
 
 @app.command(short_help="Is a configuration free?")
@@ -164,6 +189,34 @@ def check(
             lines.append(f"  {room}")
         emit(render(*lines))
     raise typer.Exit(NO_PLAN if contacts else 0)
+
+
+@app.command("certify", short_help="Prove that a saved plan is free.")
+def certify_(
+    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan written with --out.")],
+    scene: Annotated[str | None, typer.Option(help="Another scene than the plan was made for.")] = None,
+    robot: Annotated[str | None, typer.Option(help="Another robot than the plan was made for.")] = None,
+    padding: Annotated[float, typer.Option(help="Metres that every pair is to keep.")] = 0.0,
+    as_json: AsJson = False,
+) -> None:
+    """Prove that the whole path of a plan is free, between samples too, or tell where and of what it is not proven.
+
+    Stretches on which the plan says that pairs were not judged are left out here, too.
+    """
+    with _bad_input_exits():
+        saved = load_plan(plan_file)
+        if saved.result.path is None:
+            raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
+        service = PlannerService(load_robot(robot or saved.made_for.robot), load_scene(scene or saved.made_for.scene))
+        found = service.certify(saved.result.path, padding=padding, exempt=saved.result.exempt)
+    if as_json:
+        emit(_json({"robot": service.robot.name, "scene": service.scene.name, **certificate_record(found)}))
+    else:
+        verdict = "certified" if found.certified else "refused"
+        what = in_words(found.clearance) if found.certified else str(found.refusal)
+        lines = [f"{verdict}: {plan_file} with {service.robot.name} in {service.scene.name}: {what}"]
+        emit(render(*lines, *(f"note: {interval}" for interval in found.exempt)))
+    raise typer.Exit(0 if found.certified else NO_PLAN)
 
 
 @app.command(short_help="List the robots, or show one.")
@@ -222,13 +275,14 @@ def _unit(robot: Robot) -> str:
 
 
 def _finish(
-    saved: SavedPlan | SavedTask, text: str, failure: Failure | None, notes: tuple[str, ...], *, as_json: bool
+    saved: SavedPlan | SavedTask, text: str, failure: Failure | None, lines: tuple[str, ...], *, as_json: bool
 ) -> None:
     """Print, and leave with the code that says whether there is a plan."""
     emit(_json(saved.document()) if as_json else text)
-    if not as_json and notes:
-        more = [f"note: and {len(notes) - MAX_NOTES} more, all in --json"] if len(notes) > MAX_NOTES else []
-        emit(render(*(f"note: {note}" for note in notes[:MAX_NOTES]), *more))
+    if not as_json and lines:
+        more = [f"note: and {len(lines) - MAX_LINES} more, all in --json"] if len(lines) > MAX_LINES else []
+        width = min(console().width, UNATTENDED_WIDTH)
+        emit(render(*(textwrap.fill(line, width, subsequent_indent="  ") for line in (*lines[:MAX_LINES], *more))))
     if failure is not None:
         typer.echo(f"no plan: {failure}", err=True)
         raise typer.Exit(NO_PLAN)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import textwrap
@@ -12,10 +13,22 @@ from rich.console import Console, RenderableType
 from rich.text import Text
 
 from planner_service.collision import CheckCounts
-from planner_service.outcome import PlanResult, Stage, StageReport
+from planner_service.outcome import MotionReport, PlanResult, Stage, StageReport
 from planner_service.plan_file import SavedTask
+from planner_service.stagebook import in_words
 
-__all__ = ["Row", "console", "emit", "plan_rows", "render", "table", "task_rows"]
+__all__ = [
+    "UNATTENDED_WIDTH",
+    "Row",
+    "console",
+    "emit",
+    "motion_words",
+    "plan_rows",
+    "proof_words",
+    "render",
+    "table",
+    "task_rows",
+]
 
 UNATTENDED_WIDTH = 100
 """Columns of output that goes to no terminal."""
@@ -28,7 +41,7 @@ _NUMBERS = ("states", "edges", "distances", "ms")
 _NUMBER_WIDTHS = (7, 7, 11, 8)
 _LENGTH_WIDTH, _DURATION_WIDTH = 10, 9
 
-_SHOWN_APART = (Stage.ROADMAP, Stage.SEARCH, Stage.SHORTCUT, Stage.CERTIFY, Stage.TIMING)
+_SHOWN_APART = (Stage.ROADMAP, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH, Stage.CERTIFY, Stage.TIMING)
 _TIMING_WORDS = {"toppra": "TOPP-RA", "trapezoidal": "trapezoid", "s-curve": "S-curve"}
 
 
@@ -64,7 +77,7 @@ def _segment_rows(name: str, result: PlanResult) -> list[Row]:
     """One row for a motion that is a straight line; for one that searched also a row for each stage from there on."""
     if result.ok and not result.attempts:
         return [_merged(name, _line_words(result), result.stages, result)]
-    later = [report for report in result.stages if report.stage in _SHOWN_APART and _did_something(report)]
+    later = [report for report in result.stages if report.stage in _SHOWN_APART]
     rest = [report for report in result.stages if report not in later]
     return [_merged(name, _line_words(result), rest, None), *(_stage_row(result, report, 2) for report in later)]
 
@@ -75,11 +88,6 @@ def _line_words(result: PlanResult) -> str:
         return ""
     join = " " if report.note.startswith("blocked") else ", "
     return join.join(filter(None, ("straight line", report.note)))
-
-
-def _did_something(report: StageReport) -> bool:
-    """A last check that found every piece proved before is no line worth."""
-    return report.stage is not Stage.CERTIFY or report.counts != CheckCounts()
 
 
 def _merged(name: str, note: str, reports: Sequence[StageReport], result: PlanResult | None) -> Row:
@@ -98,6 +106,31 @@ def _stage_row(result: PlanResult, report: StageReport, depth: int) -> Row:
     if report.stage is Stage.CERTIFY:
         length = None
     return Row(report.stage.value, note, report.counts, report.seconds, length, duration, depth)
+
+
+def proof_words(results: Sequence[PlanResult]) -> str:
+    """What is proven of motions that have plans, in a sentence; empty if there are none."""
+    proofs = [result.certificate for result in results if result.certificate is not None]
+    if not proofs:
+        return ""
+    bounds = sum(proof.distances for proof in proofs)
+    return f"proof: {in_words(min(proof.clearance for proof in proofs))}, between samples too ({bounds:,} bounds)"
+
+
+def motion_words(motion: MotionReport) -> str:
+    """How a motion moves, in a sentence."""
+    kinds = (
+        ("velocity", motion.peaks.velocity),
+        ("acceleration", motion.peaks.acceleration),
+        ("jerk", motion.peaks.jerk),
+    )
+    peaks = ", ".join(f"{name} {peak.ratio:.0%}" for name, peak in kinds if math.isfinite(peak.ratio))
+    stops = (
+        f" ({motion.stop_duration:.2f} s with a stop at each corner)" if motion.stop_duration > motion.duration else ""
+    )
+    return (
+        f"motion: {motion.duration:.2f} s{stops}; used of the limits: {peaks}; tool up to {motion.tool_speed:.2f} m/s"
+    )
 
 
 def _total(counts: CheckCounts, seconds: float, results: Sequence[PlanResult], *, ok: bool) -> Row:

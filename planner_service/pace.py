@@ -1,0 +1,125 @@
+"""A certified path in time: at most as fast as asked, and measured.
+
+The tool's speed is no polynomial in time, so its peak is found by sampling, ever denser around the highest samples.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planner_service.geometry import FloatArray
+from planner_service.kinematics import tool_speeds
+from planner_service.outcome import Failure, MotionReport, Reason, Stage
+from planner_service.path import JointPath
+from planner_service.peaks import peaks
+from planner_service.request import require_scale, require_tool_speed
+from planner_service.robot import JointLimits, Robot
+from planner_service.stagebook import NoPlan, StageBook
+from planner_service.stretch import SpeedLimit
+from planner_service.timing import Timing, TimingFailed, stop_duration
+from planner_service.trajectory import Trajectory
+
+__all__ = ["Pace", "peak_tool_speed", "timed"]
+
+_SAMPLES = 400
+_CLOSER_LOOKS = 4
+_HIGHEST = 4
+_SPLITS = 16
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast to travel.
+
+    Attributes:
+        timing: The law s(t).
+        velocity_scale, acceleration_scale: Parts in (0, 1] of the robot's limits; jerk shrinks with acceleration.
+        max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
+
+    Raises:
+        InvalidRequest: a scale is not in (0, 1], or the speed is no number from 0.001 to 100.
+    """
+
+    timing: Timing
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    max_tool_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        require_scale("velocity_scale", self.velocity_scale)
+        require_scale("acceleration_scale", self.acceleration_scale)
+        require_tool_speed(self.max_tool_speed)
+
+    def limits(self, robot: Robot) -> JointLimits:
+        """The robot's limits as far as they may be used."""
+        limits = robot.limits
+        return replace(
+            limits,
+            velocity=limits.velocity * self.velocity_scale,
+            acceleration=limits.acceleration * self.acceleration_scale,
+            jerk=limits.jerk * self.acceleration_scale,
+        )
+
+
+def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[Trajectory, MotionReport]:
+    """The path in time, and how it then moves, as the TIMING stage.
+
+    Raises:
+        NoPlan: the timing law found no solution.
+    """
+    limits = pace.limits(robot)
+    with book.during(Stage.TIMING) as entry:
+        try:
+            trajectory = pace.timing.time_path(path, limits, speed_limit=_speed_limit(path, pace, robot))
+            tool_speed = peak_tool_speed(robot, trajectory)
+            if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
+                trajectory = trajectory.dilated(tool_speed / pace.max_tool_speed)
+                tool_speed = pace.max_tool_speed
+            stops = _stop_duration(trajectory, pace, robot)
+        except TimingFailed as failed:
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
+        entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
+        settle = robot.settle_time if path.length > 0.0 else 0.0
+        return trajectory, MotionReport(peaks(trajectory, limits), tool_speed, trajectory.duration, stops, settle)
+
+
+def _speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
+    """The largest ds/dt at which the tool is no faster than it may be."""
+    speed = pace.max_tool_speed
+    if speed is None:
+        return None
+
+    def limit(s: FloatArray) -> FloatArray:
+        with np.errstate(divide="ignore"):
+            return np.asarray(speed / tool_speeds(robot, path(s), path(s, 1)))
+
+    return limit
+
+
+def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot) -> float:
+    """Seconds that the path would take with a stop at each of its corners."""
+    path, limits = trajectory.path, pace.limits(robot)
+    if not np.any(path.blended):
+        return trajectory.duration
+    if pace.max_tool_speed is None:
+        return stop_duration(path, pace.timing, limits)
+    sharp = path.with_blends(None)
+    return pace.timing.time_path(sharp, limits, speed_limit=_speed_limit(sharp, pace, robot)).duration
+
+
+def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
+    """The largest speed in m/s of the tool frame's origin, to about nine digits."""
+    if not len(trajectory.durations):
+        return 0.0
+    t = np.union1d(trajectory.knots, np.linspace(0.0, trajectory.duration, _SAMPLES))
+    best = 0.0
+    for _ in range(_CLOSER_LOOKS + 1):
+        speeds = tool_speeds(robot, trajectory(t), trajectory(t, 1))
+        best = max(best, float(speeds.max()))
+        near = np.argsort(-speeds, kind="stable")[:_HIGHEST]
+        before, after = t[np.maximum(near - 1, 0)], t[np.minimum(near + 1, len(t) - 1)]
+        t = np.unique(before[:, None] + (after - before)[:, None] * (np.arange(_SPLITS + 1) / _SPLITS))
+    return best if math.isfinite(best) else math.inf
