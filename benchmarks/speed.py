@@ -19,7 +19,7 @@ from benchmarks.report import Promise, Report, p50, table
 from planner_service import CollisionChecker, Known, MotionStep, RRTConnect
 from planner_service.collision.edges import interior
 from planner_service.geometry import FloatArray
-from planner_service.pipeline import SearchOracle
+from planner_service.oracle import SearchOracle
 from planner_service.robot import load_robot
 from planner_service.scene import load_scene
 from planner_service.search import SearchProblem

@@ -40,9 +40,12 @@ Row = dict[str, Any]
 
 
 def fingerprint(result: PlanResult) -> Row:
-    """Counts by stage as [states, edges, distances], and a hash of every bit of the path."""
+    """Counts by stage as [states, edges, distances], and a hash of every bit of the path's waypoints and blends."""
     points = None if result.path is None else result.path.waypoints.tolist()
-    bits = None if points is None else hashlib.sha256(" ".join(v.hex() for q in points for v in q).encode()).hexdigest()
+    bits = None
+    if result.path is not None:
+        values = [*result.path.waypoints.ravel().tolist(), *result.path.blends.tolist()]
+        bits = hashlib.sha256(" ".join(value.hex() for value in values).encode()).hexdigest()
     return {
         "outcome": "planned" if result.failure is None else result.failure.reason.value,
         "stages": {r.stage.value: [r.counts.states, r.counts.edges, r.counts.distances] for r in result.stages},

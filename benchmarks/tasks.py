@@ -15,7 +15,7 @@ from planner_service.task import Segment
 
 __all__ = ["clear_table", "run"]
 
-SHOWN = (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT, Stage.CERTIFY)
+SHOWN = (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH)
 
 
 def clear_table() -> Scene:
