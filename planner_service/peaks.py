@@ -156,26 +156,29 @@ def _blend_peaks(
 
 
 def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """ds/dt, and the same times f(x(s)), on each row's piece of time.
+    """ds/dt, and the same times f(y(s)), on each row's piece of time.
 
     Polynomials of time as its share of the piece, a row of coefficients each. With u and v the tangents before and
     after the corner, u ds/dt + (v - u) f ds/dt is the velocity.
     """
     path, h = trajectory.path, trajectory.durations[rows, None]
     corners = np.flatnonzero(path.blends > 0.0)[np.cumsum(path.blended)[trajectory.geometry[rows]] - 1]
-    width = 2.0 * path.blends[corners]
+    width = path.blends[corners, None]
     c = trajectory.coefficients[rows]
-    x0 = ((c[:, 0] - (path.knots[corners] - path.blends[corners])) / width)[:, None]
+    y0 = (c[:, :1] - path.knots[corners, None]) / width
     way = np.concatenate([np.zeros_like(h), c[:, 1:2] * h, c[:, 2:3] * h * h, c[:, 3:4] * h * h * h], axis=1)
     speed = _slope(way) / h
-    x = way / width[:, None]  # since the piece began; f = 3 x^2 - 2 x^3 is expanded there
-    square = _product(x, x)
-    share = np.zeros((len(h), 10))
-    share[:, :1] = x0 * x0 * (3.0 - 2.0 * x0)
-    share[:, :4] += 6.0 * x0 * (1.0 - x0) * x
-    share[:, :7] += (3.0 - 6.0 * x0) * square
-    share -= 2.0 * _product(square, x)
+    y = way / width  # since the piece began; f = 1/2 + (5 y - y^5) / 8 is expanded there
+    square = _product(y, y)
+    share = -_product(_product(square, square), y) / 8.0
+    share[:, :13] -= 0.625 * y0 * _product(square, square)
+    share[:, :10] -= 1.25 * y0 * y0 * _product(square, y)
+    share[:, :7] -= 1.25 * y0 * y0 * y0 * square
+    share[:, :4] += 0.625 * (1.0 - y0 * y0 * y0 * y0) * y
+    share[:, :1] += 0.5 + y0 * (5.0 - y0 * y0 * y0 * y0) / 8.0
     turning = _product(share, speed)
+    degree = int(np.flatnonzero(np.any(turning != 0.0, axis=0)).max(initial=2))  # lower where s(t) has no jerk
+    turning = turning[:, : degree + 1]
     return np.pad(speed, ((0, 0), (0, turning.shape[1] - speed.shape[1]))), turning
 
 
@@ -195,11 +198,12 @@ def _slope(a: FloatArray) -> FloatArray:
 def _bernstein(a: FloatArray) -> FloatArray:
     """Bernstein coefficients over [0, 1] of polynomials, row by row: their range holds the polynomial's."""
     n = a.shape[1] - 1
-    out = np.zeros_like(a)
+    columns = np.ascontiguousarray(a.T)
+    out = np.zeros_like(columns)
     for j in range(n + 1):
         for i in range(j + 1):
-            out[:, j] += (math.comb(j, i) / math.comb(n, i)) * a[:, i]
-    return out
+            out[j] += (math.comb(j, i) / math.comb(n, i)) * columns[i]
+    return np.ascontiguousarray(out.T)
 
 
 def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: FloatArray) -> Peak:

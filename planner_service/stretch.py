@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.blend import STEEPEST, STEEPEST_SLOPE
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.path import JointPath
@@ -116,13 +117,15 @@ class Stretch:
         return Bounds(v, a, _least(limits.jerk, share) if jerk else math.inf)
 
     def _blend_bounds(self, piece: int, length: float, jerk: bool) -> Bounds:
-        """With f = 3 x^2 - 2 x^3, slope at most 3/2 and its slope at most 6; dq/ds is largest at an end."""
+        """With the largest slopes that a blend has; dq/ds is largest at an end."""
         before, after = self._tangents(piece)
         share, turn = np.maximum(np.abs(before), np.abs(after)), np.abs(after - before)
         slowest = _least(self.limits.velocity, share)
-        slowest = min(slowest, math.sqrt(_least(self.limits.acceleration, turn * 1.5 / length)))
+        slowest = min(slowest, math.sqrt(_least(self.limits.acceleration, turn * 2.0 * STEEPEST / length)))
         if jerk:
-            slowest = min(slowest, math.pow(_least(self.limits.jerk, turn * 6.0 / (length * length)), 1.0 / 3.0))
+            slowest = min(
+                slowest, math.pow(_least(self.limits.jerk, turn * 4.0 * STEEPEST_SLOPE / (length * length)), 1.0 / 3.0)
+            )
         return Bounds(slowest, _least(self.limits.acceleration, share), math.inf)
 
 

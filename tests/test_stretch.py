@@ -171,16 +171,16 @@ def test_blends_are_timed_as_well_in_other_units(law: Timing, scale: float) -> N
 
 
 def test_a_trapezoid_passes_a_blend_at_the_speed_that_acceleration_allows() -> None:
-    # both joints turn by 1: 1.5 v^2 / (2 d) = a
+    # both joints turn by 1: 5/8 v^2 / d = a
     trajectory = Trapezoidal().time_path(right_angle(0.2), limits(2, 10.0, 3.0))
-    assert trajectory.s(trajectory.duration / 2, 1) == pytest.approx(math.sqrt(3.0 * 0.4 / 1.5), rel=1e-12)
+    assert trajectory.s(trajectory.duration / 2, 1) == pytest.approx(math.sqrt(3.0 * 0.2 / 0.625), rel=1e-12)
     assert trajectory.s(trajectory.duration / 2, 2) == 0.0
 
 
 def test_an_s_curve_passes_a_blend_at_the_speed_that_jerk_allows() -> None:
-    # 6 v^3 / (2 d)^2 = j
+    # 5/2 v^3 / d^2 = j
     trajectory = SCurve().time_path(right_angle(0.2), limits(2, 10.0, 30.0, 20.0))
-    assert trajectory.s(trajectory.duration / 2, 1) == pytest.approx((20.0 * 0.16 / 6) ** (1 / 3), rel=1e-12)
+    assert trajectory.s(trajectory.duration / 2, 1) == pytest.approx((20.0 * 0.04 / 2.5) ** (1 / 3), rel=1e-12)
 
 
 @pytest.mark.parametrize("law", [Trapezoidal(), SCurve()], ids=lambda law: law.name)
