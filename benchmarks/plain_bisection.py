@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from planner_service.certify import MARGIN, Certifier
+from planner_service.certify.tree import ProofTree
 from planner_service.errors import InvalidRequest
 from planner_service.path import JointPath
-from planner_service.certify.tree import ProofTree
 
 __all__ = ["plain_bisection_bounds"]
 

@@ -165,6 +165,30 @@ class IndependentChecker:
         """Whether q(t) is free at every sample; see ``trajectory_touch``."""
         return self.trajectory_touch(q, duration, motion_step) is None
 
+    def curve_touch(self, q: Callable[[Any], FloatArray], length: float, motion_step: float = 0.001) -> Touch | None:
+        """The first touch along a curve q(s), s in [0, length], (m,) in and (m, n) out.
+
+        Every sample is judged, and no point moves more than ``motion_step`` from one to the next.
+        """
+        return next(
+            (self.touch(sample) for sample in self.along(q, length, motion_step) if not self.free(sample)), None
+        )
+
+    def along(self, q: Callable[[Any], FloatArray], length: float, motion_step: float) -> FloatArray:
+        """Configurations (m, n) of a curve q(s) from s = 0 to length, no point moving more than a step between two.
+
+        A joint that turns back between two samples has moved there and back: eight times as many tell how far.
+        """
+        finest = motion_step / 8.0
+        count = 2 + math.ceil(length * _length(self.reach.tolist()) / finest)  # enough if s is joint arc length
+        samples = q(np.linspace(0.0, length, count))
+        while (moved := (self.reach * np.abs(np.diff(samples, axis=0))).sum(axis=1)).max() > finest:
+            count *= 2
+            samples = q(np.linspace(0.0, length, count))
+        walked = np.concatenate([[0.0], np.cumsum(moved)])
+        _, first = np.unique(np.floor(walked / (motion_step - finest)), return_index=True)
+        return np.asarray(samples[np.append(first, count - 1)])
+
     def _add_bodies(self, content: Table, tool: int) -> None:
         for table in content.get("obstacle", ()):
             self._add(table["name"], 0, 0, _shape(table), _pose(table))

@@ -9,21 +9,25 @@ from collections.abc import Sequence
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from benchmarks import __main__ as command
-from benchmarks import queries, speed, stored, tasks, toy
+from benchmarks import drawn, proven, proven_tables, queries, sheets, speed, stored, tasks, toy
 from benchmarks.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
 from benchmarks.pairwise import PairwiseFcl
 from benchmarks.queries import SCENES, Region
-from benchmarks.report import Promise, Report, p50, p95, show, write_json
+from benchmarks.report import Promise, Report, Row, p50, p95, show, write_json
 from benchmarks.states import STEPS, run_lesson
-from planner_service import CollisionChecker, JointStep, MotionStep, load_robot, load_scene
+from planner_service import CollisionChecker, JointPath, JointStep, MotionStep, SCurve, ToppRa, load_robot, load_scene
+from planner_service.certify import Certificate, Refusal
 from planner_service.geometry import FloatArray
-from planner_service.pipeline import SearchOracle
+from planner_service.oracle import SearchOracle
+from planner_service.peaks import peaks
 from planner_service.search import SearchProblem, joint_distance
 
 
@@ -273,3 +277,169 @@ def test_the_golden_file_reads_back_as_what_was_written() -> None:
 def test_steps_are_named_after_what_they_are() -> None:
     assert list(STEPS) == ["JointStep(0.02)", "MotionStep(0.010)"]
     assert list(STEPS.values()) == [JointStep(0.02), MotionStep(0.010)]
+
+
+# --- the curves themselves
+
+
+def test_drawn_scenes_and_queries_are_the_same_each_time_and_have_something_in_the_way() -> None:
+    scene = drawn.draw_scene(3)
+    assert scene.hash == drawn.draw_scene(3).hash != drawn.draw_scene(4).hash
+    asked, checker = list(drawn.draw_queries(3, scene)), CollisionChecker(load_robot(queries.ROBOT), scene)
+    assert [q.start.tolist() for q in asked] == [q.start.tolist() for q in drawn.draw_queries(3, scene)]
+    assert len(asked) == drawn.PER_SCENE
+    assert all(checker.state_is_free(q) for query in asked for q in (query.start, query.goal))
+    assert not any(checker.edge_is_free(query.start, query.goal) for query in asked)
+
+
+@pytest.fixture(scope="module")
+def shelf() -> proven.World:
+    return proven.World.of("shelf", load_scene("shelf"), queries.load("shelf")[:1])
+
+
+@pytest.fixture(scope="module")
+def judged(shelf: proven.World) -> tuple[Row, JointPath]:
+    row, result = proven.measured(shelf, shelf.queries[0])
+    assert result.path is not None
+    return row, result.path
+
+
+def test_the_independent_checker_walks_a_curve_in_steps_that_bound_the_motion(
+    shelf: proven.World, judged: tuple[Row, JointPath]
+) -> None:
+    path = judged[1]
+    walked = shelf.second.along(path, path.length, 0.002)
+    assert walked[[0, -1]].tolist() == path.waypoints[[0, -1]].tolist()
+    assert (np.abs(np.diff(walked, axis=0)) * shelf.second.reach).sum(axis=1).max() <= 0.002
+    whole = float((path.travel(path.length) * shelf.second.reach).sum())
+    assert whole / 0.002 <= len(walked) <= 1.3 * whole / 0.002 + 2
+
+
+def test_the_independent_checker_finds_a_touch_in_the_middle_of_a_curve(shelf: proven.World) -> None:
+    query = shelf.queries[0]
+    line = JointPath(np.array([query.start, query.goal]))  # blocked, and free at both ends
+    touch = shelf.second.curve_touch(line, line.length, 0.002)
+    assert touch is not None
+    assert shelf.second.touching(touch.q)
+
+
+def test_samples_of_a_path_are_at_most_a_step_apart_and_include_all_breaks(judged: tuple[Row, JointPath]) -> None:
+    path = judged[1]
+    s = sheets.samples(path, 0.05)
+    assert np.diff(s).min() > 0.0
+    assert np.diff(s).max() <= 0.05 + 1e-12
+    assert np.isin(path.breaks, s).all()
+
+
+def test_sampled_peaks_come_close_to_the_exact_ones_from_below(judged: tuple[Row, JointPath]) -> None:
+    limits = load_robot(queries.ROBOT).limits
+    trajectory = SCurve().time_path(judged[1], limits)
+    found = peaks(trajectory, limits)
+    exact = np.array([found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio])
+    sampled = np.array(proven.sampled_peaks(trajectory, limits))
+    assert (sampled <= exact * (1.0 + 1e-12)).all()
+    assert (sampled >= exact * 0.999).all()
+
+
+def test_rates_by_the_chain_rule_are_the_differences_of_a_motion(judged: tuple[Row, JointPath]) -> None:
+    trajectory = ToppRa().time_path(judged[1], load_robot(queries.ROBOT).limits)
+    on_blends = np.flatnonzero(trajectory.path.blended[trajectory.geometry])
+    t = trajectory.knots[on_blends] + 0.4 * trajectory.durations[on_blends]
+    h = 0.01 * trajectory.durations[on_blends].min()
+    for order, rate in enumerate(proven.rates(trajectory, t)):
+        differences = (trajectory(t + h, order) - trajectory(t - h, order)) / (2.0 * h)
+        assert np.abs(rate - differences).max() <= 1e-4 * np.abs(rate).max()
+
+
+def site(world: proven.World, path: JointPath, **changes: Any) -> sheets.Site:
+    parts = {"name": "here", "robot": world.service.robot, "scene": world.scene, "path": path}
+    return sheets.Site(**{**parts, "touches": lambda *_: True, **changes})
+
+
+def test_sheets_that_samples_miss_are_planted_and_each_is_caught(
+    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sheets, "STEPS", (0.1,))
+    (row,) = proven.planted(shelf, shelf.queries[0], judged[1])
+    assert row["missed"] == sheets.MISSES
+    assert row["tried"] > row["touched"] == row["caught"] >= row["missed"]
+
+
+def test_a_certificate_that_overlooks_a_sheet_has_not_caught_it(
+    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sheets, "Certifier", lambda robot, scene: shelf.certifier)
+    found = sheets.plant(site(shelf, judged[1]), 0.1)
+    assert found.touched > found.caught == 0
+
+
+def test_a_refusal_that_names_another_pair_has_not_caught_the_sheet(
+    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused = Certificate(-math.inf, 1, 0.0, refusal=Refusal(0.0, 1.0, "link_4", "board", "too close"))
+    monkeypatch.setattr(sheets, "Certifier", lambda *_: SimpleNamespace(certify=lambda path: refused))
+    found = sheets.plant(site(shelf, judged[1]), 0.1)
+    assert found.touched > found.caught == 0
+
+
+def test_a_sheet_that_nothing_touches_counts_as_tried_only(shelf: proven.World, judged: tuple[Row, JointPath]) -> None:
+    asked: list[object] = []
+    found = sheets.plant(site(shelf, judged[1], touches=lambda *given: asked.append(given)), 0.1)
+    assert asked
+    assert vars(found) == {"tried": sheets.TRIES, "touched": 0, "missed": 0, "caught": 0}
+
+
+def broken_by(row: Row, planting: Row | None = None) -> list[str]:
+    """The promises that are broken when all queries come out like ``row``."""
+    sheet = {"query": "q", "tried": 90, "touched": 40, "missed": 30, "caught": 40} | (planting or {})
+    rows = [{**row, "world": name} for name in proven_tables.NAMES]
+    rows.append({"world": "drawn", "query": "lost", "failure": "CHECK_BUDGET_EXHAUSTED"})
+    planted = [{**sheet, "step": step} for step in sheets.STEPS]
+    assert len(proven_tables.all_tables(rows, planted)) == 7
+    return [promise.text for promise in proven_tables.all_promises(rows, planted) if not promise.kept]
+
+
+def good(row: Row) -> Row:
+    """The row with motion times that keep the promises of shelf and clutter."""
+    shares = (("toppra", 0.7), ("s-curve", 0.8))
+    return row | {law: row[law] | {"duration": share, "stops": 1.0} for law, share in shares}
+
+
+def test_a_measured_query_keeps_every_promise(judged: tuple[Row, JointPath]) -> None:
+    assert broken_by(good(judged[0])) == []
+
+
+def over(law: str, by: str, kind: str) -> Any:
+    return lambda row: row | {law: row[law] | {by: row[law][by] | {kind: 1.0 + 2e-6}}}
+
+
+@pytest.mark.parametrize(
+    ("change", "promise"),
+    [
+        (lambda row: row | {"touch": "link_4 x board"}, "curves in collision"),
+        (lambda row: row | {"off_path": 1e-15}, "the timed curve"),
+        (lambda row: row | {"clearance": row["sampled_gap"] + 6e-6}, "no certificate states more"),
+        (over("toppra", "peaks", "acceleration"), "toppra: 0 violations"),
+        (over("toppra", "sampled", "velocity"), "toppra: 0 violations"),
+        (over("s-curve", "peaks", "jerk"), "s-curve: 0 violations"),
+        (over("s-curve", "sampled", "jerk"), "no sample of a motion"),
+        (lambda row: row | {"toppra": row["toppra"] | {"duration": 0.76}}, "toppra blended"),
+        (lambda row: row | {"s-curve": row["s-curve"] | {"duration": 0.91}}, "s-curve blended"),
+        (lambda row: row | {"distances": row["plain"] * 0.51}, "bounds of plain bisection"),
+    ],
+)
+def test_a_worse_figure_breaks_its_promise(judged: tuple[Row, JointPath], change: Any, promise: str) -> None:
+    assert any(promise in text for text in broken_by(change(good(judged[0]))))
+
+
+@pytest.mark.parametrize("planting", [{"caught": 39}, {"missed": 19}])
+def test_a_sheet_let_pass_or_too_few_missed_break_a_promise(judged: tuple[Row, JointPath], planting: Row) -> None:
+    assert len(broken_by(good(judged[0]), planting)) == len(sheets.STEPS)
+
+
+def test_an_uncertified_stored_query_breaks_a_promise_and_a_drawn_one_does_not(judged: tuple[Row, JointPath]) -> None:
+    rows = [{**good(judged[0]), "world": name} for name in proven_tables.NAMES]
+    planted = [{"query": "q", "tried": 9, "touched": 40, "missed": 30, "caught": 40, "step": s} for s in sheets.STEPS]
+    for world, kept in (("drawn", True), ("bin", False)):
+        lost = {"world": world, "query": "lost", "failure": "NOT_CERTIFIED"}
+        assert all(p.kept for p in proven_tables.all_promises([*rows, lost], planted)) == kept
