@@ -16,6 +16,7 @@ from planner_service.outcome import Failure, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
 from planner_service.search import joint_distance
+from planner_service.smoothing import blended
 from planner_service.stagebook import Limits, NoPlan, StageBook
 from planner_service.turns import Turns
 
@@ -36,17 +37,18 @@ class AllowedStretch:
 
 @dataclass(frozen=True, eq=False)
 class FollowRequest:
-    """The polyline to follow, shape (N, n), where contact is meant on it, and how fast."""
+    """The polyline to follow, shape (N, n), where contact is meant on it, how fast, and how wide corners may blend."""
 
     waypoints: ArrayLike
     contacts: tuple[AllowedStretch, ...]
     pace: Pace
+    blends: ArrayLike | None = None
 
 
 def follow(
     checker: CollisionChecker, certifier: Certifier, request: FollowRequest, caller: tuple[Turns, CancelToken | None]
 ) -> PlanResult:
-    """Check a polyline as it is, prove it and time it; ENDPOINTS judges its first waypoint, STRAIGHT_LINE the rest.
+    """Check a polyline, blend its corners, prove it and time it; its first waypoint is judged in ENDPOINTS.
 
     The samples come first: they find most collisions sooner, and say where.
     """
@@ -68,6 +70,7 @@ def follow(
             with book.during(Stage.STRAIGHT_LINE) as entry:
                 _judge_pieces(checker, points, request.contacts)
                 entry.note, entry.length = f"{len(points)} points", path.length
+            path = _blended(checker, path, request, book)
             certificate = book.certificate(certifier, path, _intervals(path, points, request.contacts))
             if certificate.refusal is not None:
                 detail = f"not proven free: {certificate.refusal}"
@@ -75,6 +78,25 @@ def follow(
             return book.result(path, timed(path, request.pace, checker.robot, book), certificate=certificate)
     except NoPlan as no_plan:
         return book.result(failure=no_plan.failure)
+
+
+def _blended(checker: CollisionChecker, path: JointPath, request: FollowRequest, book: StageBook) -> JointPath:
+    """The path with corners blended as widely as is asked and free; a pair may touch where it may on both sides."""
+    if request.blends is None or not path.corners:
+        return path
+    sizes = numbers("blends", request.blends, f"widths in radians, shape ({len(path.waypoints)},)")
+    if sizes.shape != (len(path.waypoints),) or not np.all((sizes >= 0.0) & np.isfinite(sizes)):
+        raise InvalidRequest("blends", sizes.tolist(), f"finite widths >= 0 in radians, shape ({len(path.waypoints)},)")
+
+    def is_free(trial: JointPath, k: int) -> bool:
+        pairs = _allowed_on(request.contacts, k - 1, k + 1)
+        return checker.variant(allowed=(*checker.allowed, *pairs)).blend_is_free(trial, k)
+
+    with book.during(Stage.POLISH) as entry:
+        smooth = blended(path, is_free, sizes)
+        entry.note = f"{len(path.corners) - len(smooth.corners)} of {len(path.corners)} corners blended"
+        entry.length = path.length
+        return smooth
 
 
 def _allowed_on(contacts: tuple[AllowedStretch, ...], first: int, last: int) -> frozenset[Pair]:

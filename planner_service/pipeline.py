@@ -289,7 +289,9 @@ class Run:
             return path
         with self._book.during(Stage.POLISH) as entry, self._optional(entry, "blended"):
             entry.length = path.length
-            path = blended(path, self._judge(self._book.padding).blend_is_free, size, route.kept)
+            sizes = np.full(len(path.waypoints), size)
+            sizes[list(route.kept)] = 0.0
+            path = blended(path, self._judge(self._book.padding).blend_is_free, sizes)
             corners, stops = len(route.path.corners), len(path.corners)
             entry.note = f"{corners - stops} of {corners} corners blended"
         return path

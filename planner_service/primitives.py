@@ -27,7 +27,7 @@ from planner_service.robot import Gripper, Robot
 from planner_service.scene import Attached, Obstacle
 from planner_service.service import PlannerService
 from planner_service.task import Handling, Segment, TaskResult
-from planner_service.thinning import thinned
+from planner_service.thinning import line_blends, thinned
 
 __all__ = ["move_linear", "pick", "place"]
 
@@ -77,7 +77,8 @@ def move_linear(
     line = straight_tool_line(service.robot, q, goal, points=points)
     if line.stopped is not None:
         return PlanResult(None, None, _line_failure(line), ())
-    return service.follow(thinned(service.robot, line.waypoints), pace=pace, cancel=cancel)
+    waypoints = thinned(service.robot, line.waypoints)
+    return service.follow(waypoints, blends=line_blends(service.robot, waypoints), pace=pace, cancel=cancel)
 
 
 def _line_failure(line: ToolLine) -> Failure:
@@ -353,6 +354,7 @@ class _Task:
         return service.follow(
             waypoints,
             contacts=contacts,
+            blends=line_blends(service.robot, waypoints),
             pace=Pace(
                 self._handling.line_timing,
                 self._template.velocity_scale,

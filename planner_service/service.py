@@ -127,20 +127,23 @@ class PlannerService:
         *,
         contacts: Sequence[AllowedStretch] = (),
         pace: Pace | None = None,
+        blends: ArrayLike | None = None,
         cancel: CancelToken | None = None,
     ) -> PlanResult:
-        """A given polyline checked as it is, each piece once, and timed; nothing is searched.
+        """A given polyline checked as it is, each piece once, proven and timed; nothing is searched.
 
         Args:
             waypoints: Shape (N, n).
             contacts: Stretches on which named pairs may touch, where contact is meant.
             pace: The law s(t) along it, and how much of the limits it may use; ``Pace(Trapezoidal())`` if not given.
+            blends: For each waypoint how wide its corner may be blended at most (rad of path before and
+                after it), shape (N,); every corner is a stop if not given.
 
         Raises:
             InvalidRequest: waypoints are not finite rows of n joint values within the limits.
         """
         self._require_own_process()
-        request = FollowRequest(waypoints, tuple(contacts), pace or Pace(Trapezoidal()))
+        request = FollowRequest(waypoints, tuple(contacts), pace or Pace(Trapezoidal()), blends)
         return follow(self._planning, self._certifier, request, (self._turns, cancel))
 
     def build_roadmap(self, planner: PRM | PRMstar, *, seed: int = 0, padding: float = 0.001) -> Roadmap:

@@ -9,7 +9,7 @@ A corner is blended as widely as is free, a piece too short for a blend is cut o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -91,24 +91,22 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
     return read_only(chain)
 
 
-def blended(
-    path: JointPath, is_free: Callable[[JointPath, int], bool], size: float, keep: Collection[int] = ()
-) -> JointPath:
-    """The path with each corner blended as widely as is free, halving from ``size`` to 0.01 rad; else it stays a stop.
+def blended(path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: FloatArray) -> JointPath:
+    """The path with each corner blended as widely as is free, halving from its size to 0.01 rad; else it stays a stop.
 
     A blend takes less than half of each piece it joins. Corners that all but turn back are left.
 
     Args:
         is_free: Whether the blend at that waypoint of that path is free.
-        size: Arc length (rad) that a blend may replace before and after its corner.
-        keep: Waypoints whose corners are not touched.
+        sizes: For each waypoint the arc length (rad) that its blend may replace before and after the corner, shape
+            (N,); 0 leaves the corner.
     """
     lengths = (path.knots[1:] - path.knots[:-1]).tolist()
     widths = path.blends.copy()
     for k in path.corners:
-        if k in keep or path.turns_back(k):
+        if path.turns_back(k):
             continue
-        width = min(size, BLEND_SHARE * min(lengths[k - 1], lengths[k]))
+        width = min(float(sizes[k]), BLEND_SHARE * min(lengths[k - 1], lengths[k]))
         while width >= LEAST_BLEND and not is_free(path.with_blends(_only(width, k, len(widths))), k):
             width /= 2.0
         widths[k] = width if width >= LEAST_BLEND else 0.0

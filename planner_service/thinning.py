@@ -1,18 +1,27 @@
-"""As few waypoints of a straight tool line as keep the tool on it: every corner of a polyline is a stop."""
+"""As few waypoints of a straight tool line as keep the tool on it, and how widely their corners may be blended."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from planner_service.geometry import FloatArray, Pose
 from planner_service.kinematics import LINE_METRES, LINE_RADIANS, interpolate, rotation_distance
+from planner_service.path import JointPath
 from planner_service.robot import Robot
 
-__all__ = ["thinned"]
+__all__ = ["line_blends", "thinned"]
 
-_SHARE = 0.9
-"""What the sampled deviation may use of the line's tolerance: between samples it can be a little larger."""
+_SHARE = 0.6
+"""What straight pieces may use of the line's tolerance."""
+
+_BLEND_SHARE = 0.3
+"""What blends may use of it. The rest is for deviations that are a little larger between samples than at them."""
+
+_DEEPEST = 5 / 24
+"""A blend of width d passes its corner at ``d (v - u)`` times this, u and v the tangents before and after it."""
 
 _FRACTIONS = tuple(k / 8 for k in range(1, 8))
 
@@ -36,6 +45,19 @@ def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) ->
                 span = max(1, span * 3 // 4)
             kept.append(here + span)
     return waypoints[kept]
+
+
+def line_blends(robot: Robot, waypoints: FloatArray) -> FloatArray:
+    """How widely (rad) each corner of a thinned tool line (N, n) may be blended within the line's tolerance, (N,)."""
+    path, reach = JointPath(waypoints), robot.reach()
+    widths = np.zeros(len(waypoints))
+    if len(path.waypoints) < len(waypoints):
+        return widths
+    for k in path.corners:
+        turn = np.abs(path(path.knots[k], 1) - path(path.knots[k - 1], 1)).tolist()
+        metres = math.fsum(r * t for r, t in zip(reach.tolist(), turn, strict=True))
+        widths[k] = _BLEND_SHARE * min(LINE_METRES / metres, LINE_RADIANS / math.fsum(turn)) / _DEEPEST
+    return widths
 
 
 def _fits(robot: Robot, ends: list[list[float]], first: Pose, last: Pose) -> bool:

@@ -28,7 +28,10 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     "scene": ({"scene", "scene_file"}, {"errors", "shapes"}),
     "path": ({"path", "blend", "trajectory"}, {"errors", "shapes"}),
     "collision": ({"collision"}, {"errors", "shapes", "robot", "scene", "path"}),
-    "kinematics": ({"kinematics", "numeric_inverse", "thinning", "wxai_inverse"}, {"errors", "shapes", "robot"}),
+    "kinematics": (
+        {"kinematics", "numeric_inverse", "thinning", "wxai_inverse"},
+        {"errors", "shapes", "robot", "path"},
+    ),
     "timing": ({"timing", "profiles", "peaks", "stretch"}, {"errors", "shapes", "robot", "path"}),
     "certify": ({"certify"}, {"errors", "shapes", "robot", "scene", "path"}),
     "search": (

@@ -24,7 +24,8 @@ from planner_service.kinematics import (
 from planner_service.numeric_inverse import descend
 from planner_service.path import JointPath
 from planner_service.robot import Body, JointLimits, Robot, load_robot
-from planner_service.thinning import thinned
+from planner_service.smoothing import blended
+from planner_service.thinning import line_blends, thinned
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 TOP_DOWN_CEILING = 0.1747
@@ -464,10 +465,10 @@ def test_a_shift_that_is_no_three_real_numbers_is_refused(wxai: Robot, shift: An
         straight_tool_line(wxai, wxai.home, shift)
 
 
-def test_a_thinned_line_keeps_its_tolerance_its_ends_and_what_it_must_with_few_waypoints() -> None:
+def test_a_thinned_line_keeps_its_tolerance_with_few_waypoints_and_blended_corners() -> None:
     robot = load_robot("wxai")
     rng = np.random.default_rng(4)
-    counts = []
+    counts, blends = [], 0
     for _ in range(20):
         x, y = 0.2 + 0.15 * rng.random(), 0.3 * rng.random() - 0.15
         q = inverse_kinematics(robot, Pose((x, y, 0.02), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)))[0]
@@ -476,9 +477,13 @@ def test_a_thinned_line_keeps_its_tolerance_its_ends_and_what_it_must_with_few_w
         counts.append(len(kept))
         assert (kept[0].tolist(), kept[-1].tolist()) == (line[0].tolist(), line[-1].tolist())
         assert line[3].tolist() in kept.tolist()
-        path = JointPath(kept)
-        tips = np.array([robot.tool_pose(p)[:3] for p in path(np.linspace(0.0, path.length, 400))])
-        assert np.hypot(tips[:, 0, 3] - x, tips[:, 1, 3] - y).max() < 1e-3
-        lean = np.arccos(np.clip(-tips[:, 2, 0], -1.0, 1.0))
-        assert lean.max() < 5e-3
+        sharp = JointPath(kept)
+        smooth = blended(sharp, lambda path, k: True, line_blends(robot, kept))
+        blends += len(sharp.corners) - len(smooth.corners)
+        for path in (sharp, smooth):
+            tips = np.array([robot.tool_pose(p)[:3] for p in path(np.linspace(0.0, path.length, 400))])
+            assert np.hypot(tips[:, 0, 3] - x, tips[:, 1, 3] - y).max() < 1e-3
+            lean = np.arccos(np.clip(-tips[:, 2, 0], -1.0, 1.0))
+            assert lean.max() < 5e-3
     assert max(counts) < 15
+    assert blends > sum(counts) / 2, "most corners are blended"

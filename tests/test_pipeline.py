@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks import queries
 from planner_service import (
+    AllowedStretch,
     CollisionChecker,
     Cylinder,
     InvalidRequest,
@@ -254,6 +255,42 @@ def test_the_pace_of_a_given_polyline_is_held(discs: PlannerService) -> None:
     assert 0.09 < result.motion.tool_speed <= 0.1
     with pytest.raises(InvalidRequest, match="velocity_scale"):
         Pace(SCurve(), velocity_scale=0.0)
+
+
+# -- given polylines -------------------------------------------------------------------------------
+
+
+BEND = [(0.0, 0.0), (-0.5, 0.0), (-0.5, -0.5)]
+
+
+def test_a_given_polyline_is_blended_where_that_is_asked_and_free(discs: PlannerService) -> None:
+    plain, smooth = discs.follow(BEND), discs.follow(BEND, blends=[0.0, 0.2, 0.0])
+    assert plain.unwrap()[0].corners == (1,)
+    assert smooth.unwrap()[0].blends.tolist() == [0.0, 0.2, 0.0]
+    assert smooth.stage(Stage.POLISH).counts.states > 0
+    assert smooth.unwrap()[1].duration < plain.unwrap()[1].duration
+
+
+def test_contact_that_is_meant_on_one_side_of_a_corner_is_not_meant_on_its_blend(discs: PlannerService) -> None:
+    tip = discs.robot.tool_pose(np.array([-0.6, -0.2]))[:3, 3].tolist()
+    pin = Obstacle("pin", Cylinder(0.02, 0.2), Pose((tip[0], tip[1], tip[2])))
+    service = PlannerService("planar2", Scene((pin,)))
+    line = [(-0.2, -0.2), (-0.55, -0.2), (-0.7, -0.05)]
+    contact = AllowedStretch(1, 2, (("forearm", "pin"),), "it is pushed")
+    result = service.follow(line, contacts=[contact], blends=[0.0, 0.1, 0.0])
+    first, second = (service.follow(part).failure for part in (line[:2], line[1:]))
+    assert first is None
+    assert second is not None
+    blend = JointPath(np.array(line), np.array([0.0, 0.1, 0.0]))
+    assert not service.checker.blend_is_free(blend, 1), "or this tests nothing"
+    assert result.unwrap()[0].blends[1] < 0.1
+    assert result.exempt[0].s_start == pytest.approx(0.35)
+
+
+@pytest.mark.parametrize("blends", [[0.0, 0.1], [0.0, -0.1, 0.0], [0.0, math.nan, 0.0], "wide"])
+def test_impossible_blends_of_a_given_polyline_are_refused(discs: PlannerService, blends: Any) -> None:
+    with pytest.raises(InvalidRequest, match="blends"):
+        discs.follow(BEND, blends=blends)
 
 
 # -- bad paths ------------------------------------------------------------------------------------

@@ -135,8 +135,13 @@ ZIGZAG = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [3.0, 0.5]])
 
 
 def test_a_free_corner_is_blended_as_widely_as_asked_and_its_pieces_allow() -> None:
-    assert blended(JointPath(ZIGZAG), lambda path, k: True, 0.2).blends.tolist() == [0.0, 0.2, 0.2, 0.0]
-    assert blended(JointPath(ZIGZAG), lambda path, k: True, 9.0).blends.tolist() == [0.0, 0.2495, 0.2495, 0.0]
+    assert blended(JointPath(ZIGZAG), lambda path, k: True, np.full(4, 0.2)).blends.tolist() == [0.0, 0.2, 0.2, 0.0]
+    assert blended(JointPath(ZIGZAG), lambda path, k: True, np.full(4, 9.0)).blends.tolist() == [
+        0.0,
+        0.2495,
+        0.2495,
+        0.0,
+    ]
 
 
 def test_a_blend_that_is_not_free_is_halved_until_it_is() -> None:
@@ -146,7 +151,7 @@ def test_a_blend_that_is_not_free_is_halved_until_it_is() -> None:
         asked.append((k, float(path.blends[k])))
         return bool(path.blends[k] < 0.06)
 
-    assert blended(JointPath(ZIGZAG), narrow_ones, 0.2).blends.tolist() == [0.0, 0.05, 0.05, 0.0]
+    assert blended(JointPath(ZIGZAG), narrow_ones, np.full(4, 0.2)).blends.tolist() == [0.0, 0.05, 0.05, 0.0]
     assert asked == [(1, 0.2), (1, 0.1), (1, 0.05), (2, 0.2), (2, 0.1), (2, 0.05)]
 
 
@@ -157,7 +162,7 @@ def test_a_corner_without_a_free_blend_stays_a_stop() -> None:
         asked.append(k)
         return False
 
-    path = blended(JointPath(ZIGZAG), never, 0.2)
+    path = blended(JointPath(ZIGZAG), never, np.full(4, 0.2))
     assert path.corners == (1, 2)
     assert asked == [1] * 5 + [2] * 5  # 0.2 to 0.0125
 
@@ -167,8 +172,8 @@ def test_corners_that_are_to_be_kept_or_turn_back_are_not_asked_about() -> None:
         raise AssertionError(k)
 
     there_and_back = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
-    assert blended(JointPath(there_and_back), must_not, 0.2).corners == (1,)
-    assert blended(JointPath(ZIGZAG), must_not, 0.2, keep=(1, 2)).corners == (1, 2)
+    assert blended(JointPath(there_and_back), must_not, np.full(3, 0.2)).corners == (1,)
+    assert blended(JointPath(ZIGZAG), must_not, np.zeros(4)).corners == (1, 2)
 
 
 @settings(max_examples=30, deadline=None, derandomize=True)
@@ -181,7 +186,7 @@ def test_blended_paths_around_discs_are_free_and_keep_their_ends(seed: int) -> N
         reach = path.blends[k]
         return all(world.state_is_free(q) for q in path(path.knots[k] + np.linspace(-reach, reach, 60)))
 
-    path = blended(JointPath(short), is_free, 0.4)
+    path = blended(JointPath(short), is_free, np.full(len(short), 0.4))
     assert all(world.state_is_free(q) for q in path(np.linspace(0.0, path.length, 800)))
     assert path([0.0, path.length]).tolist() == [short[0].tolist(), short[-1].tolist()]
 
