@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify import Certifier, ExemptInterval
+from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, numbers
@@ -17,7 +19,7 @@ from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
 from planner_service.search import joint_distance
 from planner_service.smoothing import blended
-from planner_service.stagebook import Limits, NoPlan, StageBook
+from planner_service.stagebook import Limits, NoPlan, StageBook, not_certified
 from planner_service.turns import Turns
 
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
@@ -34,15 +36,31 @@ class AllowedStretch:
     pairs: tuple[Pair, ...]
     reason: str
 
+    def __post_init__(self) -> None:
+        for name in ("first", "last"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+                raise InvalidRequest(name, value, "the index of a waypoint")
+        object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
+
 
 @dataclass(frozen=True, eq=False)
 class FollowRequest:
     """The polyline to follow, shape (N, n), where contact is meant on it, how fast, and how wide corners may blend."""
 
     waypoints: ArrayLike
-    contacts: tuple[AllowedStretch, ...]
+    contacts: Sequence[AllowedStretch]
     pace: Pace
     blends: ArrayLike | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.contacts, (list, tuple)):
+            raise InvalidRequest("contacts", self.contacts, "a list of AllowedStretch")
+        if not isinstance(self.pace, Pace):
+            raise InvalidRequest("pace", self.pace, "a pace such as Pace(SCurve(), velocity_scale=0.5)")
+        for contact in self.contacts:
+            if not isinstance(contact, AllowedStretch):
+                raise InvalidRequest("contacts", contact, "AllowedStretch(first, last, pairs, reason)")
 
 
 def follow(
@@ -56,6 +74,7 @@ def follow(
     path = JointPath(points)
     if path.n != checker.robot.n:
         raise InvalidRequest("waypoints", points.shape, f"rows of {checker.robot.n} joint values")
+    sizes = _sizes(request, points)
     for contact in request.contacts:
         if not 0 <= contact.first <= contact.last < len(points):
             found = f"waypoints {contact.first} to {contact.last}"
@@ -70,26 +89,38 @@ def follow(
             with book.during(Stage.STRAIGHT_LINE) as entry:
                 _judge_pieces(checker, points, request.contacts)
                 entry.note, entry.length = f"{len(points)} points", path.length
-            path = _blended(checker, path, request, book)
-            certificate = book.certificate(certifier, path, _intervals(path, points, request.contacts))
-            if certificate.refusal is not None:
-                detail = f"not proven free: {certificate.refusal}"
-                raise NoPlan(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail))
+            path = _blended(checker, path, sizes, request.contacts, book)
+            path, certificate = book.certified(certifier, path, _intervals(path, points, request.contacts))
+            if not certificate.certified:
+                raise NoPlan(not_certified(certificate), certificate)
             return book.result(path, timed(path, request.pace, checker.robot, book), certificate=certificate)
     except NoPlan as no_plan:
-        return book.result(failure=no_plan.failure)
+        return book.result(failure=no_plan.failure, certificate=no_plan.certificate)
 
 
-def _blended(checker: CollisionChecker, path: JointPath, request: FollowRequest, book: StageBook) -> JointPath:
-    """The path with corners blended as widely as is asked and free; a pair may touch where it may on both sides."""
-    if request.blends is None or not path.corners:
+def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:
+    """How wide each corner may be blended, (N,)."""
+    if request.blends is None:
+        return np.zeros(len(points))
+    expected = f"{len(points)} finite widths >= 0 in radians, one for each waypoint"
+    sizes = numbers("blends", request.blends, expected)
+    if sizes.shape != (len(points),) or not np.all((sizes >= 0.0) & np.isfinite(sizes)):
+        raise InvalidRequest("blends", sizes.tolist(), expected)
+    return sizes
+
+
+def _blended(
+    checker: CollisionChecker, path: JointPath, sizes: FloatArray, contacts: Sequence[AllowedStretch], book: StageBook
+) -> JointPath:
+    """The path with corners blended as widely as is asked and free; a pair may touch where it may on both sides.
+
+    Where waypoints coincide corners have lost their numbers, and stay stops.
+    """
+    if len(path.waypoints) < len(sizes) or not any(sizes[k] > 0.0 for k in path.corners):
         return path
-    sizes = numbers("blends", request.blends, f"widths in radians, shape ({len(path.waypoints)},)")
-    if sizes.shape != (len(path.waypoints),) or not np.all((sizes >= 0.0) & np.isfinite(sizes)):
-        raise InvalidRequest("blends", sizes.tolist(), f"finite widths >= 0 in radians, shape ({len(path.waypoints)},)")
 
     def is_free(trial: JointPath, k: int) -> bool:
-        pairs = _allowed_on(request.contacts, k - 1, k + 1)
+        pairs = _allowed_on(contacts, k - 1, k + 1)
         return checker.variant(allowed=(*checker.allowed, *pairs)).blend_is_free(trial, k)
 
     with book.during(Stage.POLISH) as entry:
@@ -99,12 +130,12 @@ def _blended(checker: CollisionChecker, path: JointPath, request: FollowRequest,
         return smooth
 
 
-def _allowed_on(contacts: tuple[AllowedStretch, ...], first: int, last: int) -> frozenset[Pair]:
+def _allowed_on(contacts: Sequence[AllowedStretch], first: int, last: int) -> frozenset[Pair]:
     """Pairs that may touch on the whole of waypoints ``first`` to ``last``."""
     return frozenset(p for c in contacts if c.first <= first and last <= c.last for p in c.pairs)
 
 
-def _judge_first(checker: CollisionChecker, points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> None:
+def _judge_first(checker: CollisionChecker, points: FloatArray, contacts: Sequence[AllowedStretch]) -> None:
     lenient = checker.variant(allowed=(*checker.allowed, *_allowed_on(contacts, 0, 0)))
     if not lenient.state_is_free(points[0]):
         found = lenient.contacts(points[0])
@@ -112,7 +143,7 @@ def _judge_first(checker: CollisionChecker, points: FloatArray, contacts: tuple[
         raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, detail, found))
 
 
-def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> None:
+def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: Sequence[AllowedStretch]) -> None:
     """Judge each piece once; a waypoint again only where the next piece allows less than the one before did."""
     before = _allowed_on(contacts, 0, 0)
     for k in range(len(points) - 1):
@@ -126,7 +157,7 @@ def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: tuple
         before = pairs
 
 
-def _intervals(path: JointPath, points: FloatArray, contacts: tuple[AllowedStretch, ...]) -> tuple[ExemptInterval, ...]:
+def _intervals(path: JointPath, points: FloatArray, contacts: Sequence[AllowedStretch]) -> tuple[ExemptInterval, ...]:
     """The stretches in s. Waypoints that the path has merged lie where the one before them does."""
     s = [0.0]
     for a, b in pairwise(points.tolist()):

@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
 from planner_service.geometry import FloatArray
-from planner_service.path import JointPath
 
 __all__ = ["SearchOracle"]
 
@@ -58,10 +57,6 @@ class SearchOracle:
             if a in configurations or b in configurations:
                 self._motions[end][hit is None] += 1
         return hit
-
-    def blend_is_free(self, path: JointPath, k: int) -> bool:
-        """Whether the blend at waypoint k is free with the padding of the search."""
-        return self._checker.blend_is_free(path, k)
 
     def proved(self, q1: FloatArray, q2: FloatArray) -> bool:
         """Whether this very edge was found free before, in either direction."""

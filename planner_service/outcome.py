@@ -97,7 +97,8 @@ class MotionReport:
             ratio of a jerk is infinite where acceleration jumps.
         tool_speed: Largest speed of the tool frame's origin, in m/s.
         duration: Seconds.
-        stop_duration: Seconds the same polyline would take with a stop at each of its corners.
+        stop_duration: Seconds the same polyline would take with a stop at each of its corners, infinite if the
+            timing law finds none.
         settle_time: Seconds the robot rings after its stop: a gripper should wait so long.
     """
 
@@ -121,7 +122,7 @@ class PlanResult:
         attempts: Searches started; 0 when a straight line was free.
         padding: Distance in metres that the search kept from everything.
         deterministic: False when the clock or the caller had a say in the result.
-        certificate: The proof that the whole path is free, between samples too; None without a plan.
+        certificate: The proof that the whole path is free, between samples too; of NOT_CERTIFIED its refusal.
         motion: Peaks over limits, tool speed and durations; None without a plan.
         notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
     """

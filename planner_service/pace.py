@@ -15,18 +15,19 @@ from planner_service.kinematics import tool_speeds
 from planner_service.outcome import Failure, MotionReport, Reason, Stage
 from planner_service.path import JointPath
 from planner_service.peaks import peaks
-from planner_service.request import require_scale, require_tool_speed
+from planner_service.request import PlanRequest, require_scale, require_timing, require_tool_speed
 from planner_service.robot import JointLimits, Robot
 from planner_service.stagebook import NoPlan, StageBook
 from planner_service.stretch import SpeedLimit
-from planner_service.timing import Timing, TimingFailed, stop_duration
+from planner_service.timing import Timing, TimingFailed, held_limits, stop_duration
 from planner_service.trajectory import Trajectory
 
 __all__ = ["Pace", "peak_tool_speed", "timed"]
 
 _SAMPLES = 400
 _CLOSER_LOOKS = 4
-_HIGHEST = 4
+_HIGH = 0.99
+"""Part of the highest sample: lower peaks are not looked at more closely."""
 _SPLITS = 16
 
 
@@ -36,11 +37,12 @@ class Pace:
 
     Attributes:
         timing: The law s(t).
-        velocity_scale, acceleration_scale: Parts in (0, 1] of the robot's limits; jerk shrinks with acceleration.
+        velocity_scale, acceleration_scale: Parts in (0, 1] of the robot's limits. The robot's jerk limit shrinks with
+            acceleration; one that the law has of its own does not.
         max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
 
     Raises:
-        InvalidRequest: a scale is not in (0, 1], or the speed is no number from 0.001 to 100.
+        InvalidRequest: no timing law, a scale that is not in (0, 1], or a speed that is no number from 0.001 to 100.
     """
 
     timing: Timing
@@ -49,19 +51,26 @@ class Pace:
     max_tool_speed: float | None = None
 
     def __post_init__(self) -> None:
+        require_timing(self.timing)
         require_scale("velocity_scale", self.velocity_scale)
         require_scale("acceleration_scale", self.acceleration_scale)
         require_tool_speed(self.max_tool_speed)
 
+    @classmethod
+    def of(cls, request: PlanRequest, timing: Timing | None = None) -> Pace:
+        """That of a request, with another timing law if one is given."""
+        scales = request.velocity_scale, request.acceleration_scale
+        return cls(timing or request.timing, *scales, request.max_tool_speed)
+
     def limits(self, robot: Robot) -> JointLimits:
         """The robot's limits as far as they may be used."""
-        limits = robot.limits
-        return replace(
-            limits,
-            velocity=limits.velocity * self.velocity_scale,
-            acceleration=limits.acceleration * self.acceleration_scale,
-            jerk=limits.jerk * self.acceleration_scale,
+        limits = replace(
+            robot.limits,
+            velocity=robot.limits.velocity * self.velocity_scale,
+            acceleration=robot.limits.acceleration * self.acceleration_scale,
+            jerk=robot.limits.jerk * self.acceleration_scale,
         )
+        return held_limits(self.timing, limits)
 
 
 def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[Trajectory, MotionReport]:
@@ -100,14 +109,22 @@ def _speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None
 
 
 def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot) -> float:
-    """Seconds that the path would take with a stop at each of its corners."""
+    """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
     path, limits = trajectory.path, pace.limits(robot)
     if not np.any(path.blended):
         return trajectory.duration
+    try:
+        return _stopping(path, pace, robot, limits)
+    except TimingFailed:
+        return math.inf
+
+
+def _stopping(path: JointPath, pace: Pace, robot: Robot, limits: JointLimits) -> float:
     if pace.max_tool_speed is None:
         return stop_duration(path, pace.timing, limits)
     sharp = path.with_blends(None)
-    return pace.timing.time_path(sharp, limits, speed_limit=_speed_limit(sharp, pace, robot)).duration
+    stopping = pace.timing.time_path(sharp, limits, speed_limit=_speed_limit(sharp, pace, robot))
+    return stopping.duration * max(1.0, peak_tool_speed(robot, stopping) / pace.max_tool_speed)
 
 
 def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
@@ -119,7 +136,9 @@ def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
     for _ in range(_CLOSER_LOOKS + 1):
         speeds = tool_speeds(robot, trajectory(t), trajectory(t, 1))
         best = max(best, float(speeds.max()))
-        near = np.argsort(-speeds, kind="stable")[:_HIGHEST]
+        rising, falling = speeds[1:] >= speeds[:-1], speeds[:-1] >= speeds[1:]
+        tops = np.concatenate([[True], rising]) & np.concatenate([falling, [True]])
+        near = np.flatnonzero(tops & (speeds > best * _HIGH))
         before, after = t[np.maximum(near - 1, 0)], t[np.minimum(near + 1, len(t) - 1)]
         t = np.unique(before[:, None] + (after - before)[:, None] * (np.arange(_SPLITS + 1) / _SPLITS))
-    return best if math.isfinite(best) else math.inf
+    return best

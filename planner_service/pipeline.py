@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
+from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.ledger import Cancelled, CheckBudgetSpent, TimeBoxSpent
 from planner_service.endpoints import Endpoints, Ends
+from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray
 from planner_service.oracle import SearchOracle
-from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
+from planner_service.outcome import MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
 from planner_service.planners import PRM, PRMstar
@@ -24,8 +25,8 @@ from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.robot import ExemptRetreat
 from planner_service.search import Planner, SearchProblem, SearchSpace, joint_distance
-from planner_service.smoothing import LEAST_BLEND, blended, shortcut, without_short_pieces
-from planner_service.stagebook import Entry, Limits, NoPlan, StageBook
+from planner_service.smoothing import blended, shortcut, without_short_pieces
+from planner_service.stagebook import Entry, Limits, NoPlan, StageBook, not_certified
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
@@ -71,7 +72,7 @@ class Run:
             with self._book.within_limits(turns, padding=self._request.padding):
                 return self._stages()
         except NoPlan as no_plan:
-            return self._book.result(failure=no_plan.failure)
+            return self._book.result(failure=no_plan.failure, certificate=no_plan.certificate)
 
     def _stages(self) -> PlanResult:
         book = self._book
@@ -83,42 +84,47 @@ class Run:
         points = self._straight_line(ends)
         if points is None:
             points = self._searched(ends)
-        refusal: Refusal | None = None
-        for certain in (None, ROOMIER, LEAST):
-            if certain is not None and refusal is not None:
-                points = self._searched_again(ends, max(certain, self._request.padding), refusal)
+        refused: Certificate | None = None
+        roomier = dict.fromkeys(max(padding, self._request.padding) for padding in (ROOMIER, LEAST))
+        for padding in (None, *roomier):
+            if padding is not None and refused is not None:
+                points = self._searched_again(ends, padding, refused)
             if points is None:
                 continue
             route = self._route(points, ends)
-            path, certificate = self._certified(self._polished(route), route.exempt)
-            refusal = certificate.refusal
-            if refusal is None:
+            path, certificate = book.certified(self._certifier, self._polished(route), route.exempt)
+            if certificate.refusal is None:
                 return self._closed(path, certificate, route.goal_index)
-        raise NoPlan(_not_certified(refusal))
+            refused = certificate
+            if certificate.refusal.spent:
+                break
+        if refused is None:
+            raise BrokenInvariant("a path was neither proven nor refused")
+        raise NoPlan(not_certified(refused), refused)
 
     def _closed(self, path: JointPath, certificate: Certificate, goal_index: int) -> PlanResult:
         """The proven path in time; with stops instead of blends in the rare case that this is faster."""
-        trajectory, motion = self._timed(path)
-        if motion.duration > motion.stop_duration:
-            sharp, proof = self._certified(path.with_blends(None), certificate.exempt)
-            if proof.refusal is None:
-                path, certificate = sharp, proof
-                trajectory, motion = self._timed(sharp)
-        return self._book.result(path, (trajectory, motion), goal_index=goal_index, certificate=certificate)
+        moving = self._timed(path)
+        if moving[1].duration > moving[1].stop_duration:
+            with suppress(CheckBudgetSpent, TimeBoxSpent, NoPlan):  # what is in hand is a plan, too
+                sharp, proof = self._book.certified(self._certifier, path.with_blends(None), certificate.exempt)
+                stopping = self._timed(sharp)
+                if proof.certified and stopping[1].duration < moving[1].duration:
+                    path, certificate, moving = sharp, proof, stopping
+                    self._book.notes.append("stops at the corners are faster here than blends: none was kept")
+        return self._book.result(path, moving, goal_index=goal_index, certificate=certificate)
 
     def _nowhere_to_go(self, ends: Ends, goal_index: int) -> PlanResult:
         self._book.notes.append("start and goal are the same configuration: nothing to do")
         path = JointPath(np.array([ends.begin]))
         exempt = [] if ends.departure is None else [_exempt(0.0, 0.0, ends.departure)]
         certificate = self._book.certificate(self._certifier, path, exempt)
-        if certificate.refusal is not None:
-            raise NoPlan(_not_certified(certificate.refusal))
+        if not certificate.certified:
+            raise NoPlan(not_certified(certificate), certificate)
         return self._book.result(path, self._timed(path), goal_index=goal_index, certificate=certificate)
 
     def _timed(self, path: JointPath) -> tuple[Trajectory, MotionReport]:
-        request = self._request
-        scales = request.velocity_scale, request.acceleration_scale
-        return timed(path, Pace(request.timing, *scales, request.max_tool_speed), self._checker.robot, self._book)
+        return timed(path, Pace.of(self._request), self._checker.robot, self._book)
 
     def _oracle(self, padding: float, start: FloatArray, goals: Iterable[FloatArray]) -> SearchOracle:
         return SearchOracle(self._judge(padding), [start], goals)
@@ -147,28 +153,29 @@ class Run:
         start, goals = leads or (ends.start, tuple(goal.q for goal in ends.goals))
         if leads is not None:
             book.notes.append(f"an end is closer than {padding * 1000:g} mm to something: only near it less is kept")
-            book.padding = padding
+        book.padding = ends.padding if leads is None else padding
         oracle = self._oracle(book.padding, start, goals)
         found = self._shortened(self._search(start, goals, oracle), oracle)
         goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == found[-1].tolist())
         points = [ends.start, *found, goal]
         return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
 
-    def _searched_again(self, ends: Ends, padding: float, refusal: Refusal) -> FloatArray | None:
+    def _searched_again(self, ends: Ends, padding: float, refused: Certificate) -> FloatArray | None:
         """Another path, whose edges are sampled so closely that their padding proves them; None if none is found."""
-        self._book.notes.append(f"searched again with {padding * 1000:g} mm of padding: {refusal}")
+        self._book.notes.append(f"searched again with {padding * 1000:g} mm of padding: {refused.refusal}")
         self._padding = self._motion_step = padding
         self._rounds += 1
-        with self._book.during(Stage.ENDPOINTS):
-            ends = self._endpoints.padded(ends, padding)
         try:
+            with self._book.during(Stage.ENDPOINTS):
+                ends = self._endpoints.padded(ends, padding)
             return self._searched(ends)
-        except CheckBudgetSpent:
-            return None
+        except CheckBudgetSpent as spent:
+            self._book.notes.append(f"no other path: {spent}")
         except NoPlan as no_plan:
             if no_plan.failure.reason is not Reason.PLANNING_FAILED:
                 raise
-            return None
+            self._book.notes.append("no other path was found")
+        return None
 
     def _leads(self, ends: Ends) -> tuple[FloatArray, tuple[FloatArray, ...]] | None:
         """Configurations near the ends that keep the full padding, a free line away; None if an end has none."""
@@ -198,12 +205,14 @@ class Run:
             oracle=oracle,
             poll=self._checker.ledger.poll,
         )
+        before = self._book.attempts
         with self._book.during(Stage.SEARCH) as entry:
             try:
                 points = self._tries(planner, problem)
             finally:
                 self._book.end_trouble = oracle.boxed_in()
-                entry.note = planner.name + (f", try {self._book.attempts}" if self._book.attempts > 1 else "")
+                tries = self._book.attempts - before
+                entry.note = planner.name + (f", try {tries}" if tries > 1 else "")
             if points is None:
                 raise NoPlan(self._book.gave_up())
             entry.length = _length(points)
@@ -219,7 +228,7 @@ class Run:
         ledger = self._checker.ledger
         with self._checker.limited(states=self._search_states):
             for attempt in range(tries):
-                self._book.attempts = attempt + 1
+                self._book.attempts += 1
                 seed = fresh_seed(self._request.seed, attempt + tries * self._rounds)
                 try:
                     with self._checker.limited(states=share):
@@ -296,32 +305,9 @@ class Run:
             entry.note = f"{corners - stops} of {corners} corners blended"
         return path
 
-    def _certified(self, path: JointPath, exempt: tuple[ExemptInterval, ...]) -> tuple[JointPath, Certificate]:
-        """The path and what is proven of it; blends that cannot be proven are halved, and in the end stops."""
-        while True:
-            certificate = self._book.certificate(self._certifier, path, exempt)
-            narrower = None if certificate.refusal is None else self._narrower(path, certificate.refusal)
-            if narrower is None:
-                return path, certificate
-            path = narrower
-
-    @staticmethod
-    def _narrower(path: JointPath, refusal: Refusal) -> JointPath | None:
-        """The path with the blends halved that lie where it was refused; None if there is none."""
-        before, after = path.knots - path.blends, path.knots + path.blends
-        meant = (path.blends > 0.0) & (before <= refusal.s_end) & (after >= refusal.s_start)
-        if not np.any(meant):
-            return None
-        widths = np.where(meant, path.blends / 2.0, path.blends)
-        return path.with_blends(np.where(widths < LEAST_BLEND, 0.0, widths))
-
 
 def _exempt(s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:
     return ExemptInterval(s_start, s_end, retreat.pairs, retreat.reason)
-
-
-def _not_certified(refusal: Refusal | None) -> Failure:
-    return Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {refusal}")
 
 
 def fresh_seed(seed: int, attempt: int) -> int:

@@ -355,12 +355,7 @@ class _Task:
             waypoints,
             contacts=contacts,
             blends=line_blends(service.robot, waypoints),
-            pace=Pace(
-                self._handling.line_timing,
-                self._template.velocity_scale,
-                self._template.acceleration_scale,
-                self._template.max_tool_speed,
-            ),
+            pace=Pace.of(self._template, self._handling.line_timing),
             cancel=self._handling.cancel,
         )
 

@@ -16,7 +16,7 @@ from planner_service.planners import Planner, RRTConnect
 from planner_service.robot import Robot
 from planner_service.timing import Timing, ToppRa
 
-__all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale", "require_tool_speed"]
+__all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale", "require_timing", "require_tool_speed"]
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A slower limit is a unit mistake."""
@@ -80,8 +80,7 @@ class PlanRequest:
             require_scale(name, getattr(self, name))
         if not callable(getattr(self.planner, "search", None)):
             raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
-        if not callable(getattr(self.timing, "time_path", None)):
-            raise InvalidRequest("timing", self.timing, "a timing law such as ToppRa()")
+        require_timing(self.timing)
 
     def goals(self, robot: Robot) -> tuple[FloatArray | Pose, ...]:
         """The goals one by one, joint vectors copied and checked for shape and finiteness.
@@ -113,6 +112,12 @@ def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
         if not math.isfinite(value):
             raise InvalidRequest(name, value, f"a finite value for {joint}")
     return array
+
+
+def require_timing(value: object) -> None:
+    """Refuse what is no timing law."""
+    if not callable(getattr(value, "time_path", None)):
+        raise InvalidRequest("timing", value, "a timing law such as ToppRa()")
 
 
 def require_scale(name: str, value: object) -> None:

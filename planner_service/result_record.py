@@ -155,7 +155,9 @@ def _read_exempt(node: Node) -> ExemptInterval:
             continue
         pairs.append((names[0], names[1]))
     ends = node.at("s_start").number(), node.at("s_end").number()
-    return ExemptInterval(*ends, tuple(pairs), node.at("reason").text())
+    reason = node.at("reason").text()
+    interval = node.attempt(lambda: ExemptInterval(*ends, tuple(pairs), reason)) if node.sound else None
+    return interval or ExemptInterval(0.0, 0.0, (), reason)
 
 
 def certificate_record(certificate: Certificate) -> dict[str, Any]:
@@ -167,15 +169,7 @@ def certificate_record(certificate: Certificate) -> dict[str, Any]:
         "distances": certificate.distances,
         "padding": certificate.padding,
         "exempt": [_exempt(interval) for interval in certificate.exempt],
-        "refusal": None
-        if refusal is None
-        else {
-            "s_start": refusal.s_start,
-            "s_end": refusal.s_end,
-            "a": refusal.a,
-            "b": refusal.b,
-            "detail": refusal.detail,
-        },
+        "refusal": None if refusal is None else dict(vars(refusal)),
     }
 
 
@@ -184,9 +178,11 @@ def _read_certificate(node: Node) -> Certificate:
         lambda at: Refusal(
             at.at("s_start").number(),
             at.at("s_end").number(),
+            at.at("s").number(),
             at.at("a").text(),
             at.at("b").text(),
             at.at("detail").text(),
+            at.at("spent").flag(),
         )
     )
     clearance = node.at("clearance").optional(Node.number)
@@ -211,8 +207,9 @@ def _motion(motion: MotionReport) -> dict[str, Any]:
         kind: {"ratio": _finite(peak.ratio), "joint": peak.joint, "time": peak.time}
         for kind, peak in vars(motion.peaks).items()
     }
-    told = ("tool_speed", "duration", "stop_duration", "settle_time")
-    return {"peaks": peaks, **{name: getattr(motion, name) for name in told}}
+    told = ("tool_speed", "duration", "settle_time")
+    stops = {"stop_duration": _finite(motion.stop_duration)}
+    return {"peaks": peaks, **{name: getattr(motion, name) for name in told}, **stops}
 
 
 def _read_motion(node: Node) -> MotionReport:
@@ -221,7 +218,7 @@ def _read_motion(node: Node) -> MotionReport:
         LimitPeaks(*(_read_peak(peaks.at(kind)) for kind in ("velocity", "acceleration", "jerk"))),
         node.at("tool_speed").number(),
         node.at("duration").number(),
-        node.at("stop_duration").number(),
+        math.inf if (stops := node.at("stop_duration").optional(Node.number)) is None else stops,
         node.at("settle_time").number(),
     )
 

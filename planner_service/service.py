@@ -17,7 +17,6 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
-from planner_service.geometry import numbers
 from planner_service.oracle import SearchOracle
 from planner_service.outcome import PlanResult
 from planner_service.pace import Pace
@@ -118,8 +117,7 @@ class PlannerService:
             InvalidRequest: the path is not one of this robot within its limits, or another value is out of range.
         """
         self._require_own_process()
-        curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints, shape (N, n)"))
-        return self._certifier.certify(curve, padding=padding, exempt=exempt)
+        return self._certifier.certify(path, padding=padding, exempt=exempt)
 
     def follow(
         self,
@@ -143,7 +141,8 @@ class PlannerService:
             InvalidRequest: waypoints are not finite rows of n joint values within the limits.
         """
         self._require_own_process()
-        request = FollowRequest(waypoints, tuple(contacts), pace or Pace(Trapezoidal()), blends)
+        pace = Pace(Trapezoidal()) if pace is None else pace
+        request = FollowRequest(waypoints, contacts, pace, blends)
         return follow(self._planning, self._certifier, request, (self._turns, cancel))
 
     def build_roadmap(self, planner: PRM | PRMstar, *, seed: int = 0, padding: float = 0.001) -> Roadmap:

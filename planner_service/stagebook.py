@@ -8,23 +8,27 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval
+import numpy as np
+
+from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
 from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.path import JointPath
+from planner_service.smoothing import LEAST_BLEND
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
-__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words"]
+__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words", "not_certified"]
 
 
 class NoPlan(Exception):
     """Unwinds from a stage to the end of the call, with the reason."""
 
-    def __init__(self, failure: Failure) -> None:
+    def __init__(self, failure: Failure, certificate: Certificate | None = None) -> None:
         super().__init__(str(failure))
         self.failure = failure
+        self.certificate = certificate
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,18 @@ class StageBook:
             entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
             return found
 
+    def certified(
+        self, certifier: Certifier, path: JointPath, exempt: Sequence[ExemptInterval]
+    ) -> tuple[JointPath, Certificate]:
+        """The path and what is proven of it; blends that cannot be proven are halved, and in the end stops."""
+        while True:
+            found = self.certificate(certifier, path, exempt)
+            narrower = None if found.refusal is None or found.refusal.spent else _narrower(path, found.refusal)
+            if narrower is None:
+                return path, found
+            path = narrower
+            self.notes.append(f"blends made narrower: {found.refusal}")
+
     def result(
         self,
         path: JointPath | None = None,
@@ -148,7 +164,9 @@ class StageBook:
             return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._limits.seconds:g} s passed")
         return self._unknown(
             Reason.CHECK_BUDGET_EXHAUSTED,
-            f"no path within the {self._limits.search_states} checks that a search may use",
+            f"no path within the {self._limits.search_states} checks that a search may use"
+            if self._stage is Stage.SEARCH
+            else f"no path within the {self._limits.states} checks that may be made",
         )
 
     def _unknown(self, reason: Reason, what: str) -> Failure:
@@ -159,6 +177,21 @@ class StageBook:
         blocked = tuple((a, b, count / total) for (a, b), count in worst)
         detail = f"{what}; whether a path exists is unknown{blocked_in_words(blocked)}{self.end_trouble}"
         return Failure(self._stage, reason, detail, blocked_by=blocked)
+
+
+def not_certified(certificate: Certificate) -> Failure:
+    """The failure of a path that could not be proven."""
+    return Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {certificate.refusal}")
+
+
+def _narrower(path: JointPath, refusal: Refusal) -> JointPath | None:
+    """The path with the blends halved that lie where it was refused; None if there is none."""
+    before, after = path.knots - path.blends, path.knots + path.blends
+    meant = (path.blends > 0.0) & (before <= refusal.s) & (after >= refusal.s)
+    if not np.any(meant):
+        return None
+    widths = np.where(meant, path.blends / 2.0, path.blends)
+    return path.with_blends(np.where(widths < LEAST_BLEND, 0.0, widths))
 
 
 def in_words(clearance: float) -> str:

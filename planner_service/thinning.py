@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from planner_service.geometry import FloatArray, Pose
+from planner_service.geometry import FloatArray, Pose, Sphere
 from planner_service.kinematics import LINE_METRES, LINE_RADIANS, interpolate, rotation_distance
 from planner_service.path import JointPath
 from planner_service.robot import Robot
@@ -19,6 +19,9 @@ _SHARE = 0.6
 
 _BLEND_SHARE = 0.3
 """What blends may use of it. The rest is for deviations that are a little larger between samples than at them."""
+
+_POINT = 1e-6
+"""Metres: the tool frame's origin as a shape that its reach can be asked of."""
 
 _DEEPEST = 5 / 24
 """A blend of width d passes its corner at ``d (v - u)`` times this, u and v the tangents before and after it."""
@@ -49,14 +52,15 @@ def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) ->
 
 def line_blends(robot: Robot, waypoints: FloatArray) -> FloatArray:
     """How widely (rad) each corner of a thinned tool line (N, n) may be blended within the line's tolerance, (N,)."""
-    path, reach = JointPath(waypoints), robot.reach()
+    path, tool = JointPath(waypoints), Pose.from_matrix(robot.tool_placement)
+    reach = robot.reach([(robot.tool_body, Sphere(_POINT), tool)])
     widths = np.zeros(len(waypoints))
     if len(path.waypoints) < len(waypoints):
         return widths
     for k in path.corners:
         turn = np.abs(path(path.knots[k], 1) - path(path.knots[k - 1], 1)).tolist()
         metres = math.fsum(r * t for r, t in zip(reach.tolist(), turn, strict=True))
-        widths[k] = _BLEND_SHARE * min(LINE_METRES / metres, LINE_RADIANS / math.fsum(turn)) / _DEEPEST
+        widths[k] = _BLEND_SHARE / _DEEPEST / max(metres / LINE_METRES, math.fsum(turn) / LINE_RADIANS)
     return widths
 
 

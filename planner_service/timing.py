@@ -35,6 +35,7 @@ __all__ = [
     "TimingFailed",
     "ToppRa",
     "Trapezoidal",
+    "held_limits",
     "stop_duration",
     "within_limits",
 ]
@@ -124,10 +125,8 @@ class SCurve:
             object.__setattr__(self, "jerk", number("jerk", self.jerk, expected, MIN_JERK, MAX_JERK))
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
-        if self.jerk is not None:
-            limits = replace(limits, jerk=np.full(path.n, float(self.jerk)))
+        limits = held_limits(self, limits)
         require_usable(path, limits, jerk=True)
-
         return within_limits(_timed(path, stretches(path, limits, speed_limit), _s_curves), limits, jerk=True)
 
 
@@ -174,6 +173,13 @@ class ToppRa:
             return quick if steady is None or len(parts) == 1 else min(quick, steady, key=_seconds)
 
         return within_limits(_timed(path, stretches(path, limits, speed_limit), law), limits)
+
+
+def held_limits(timing: Timing, limits: JointLimits) -> JointLimits:
+    """The limits that a law holds, given a robot's: an S-curve may have a jerk limit of its own."""
+    if isinstance(timing, SCurve) and timing.jerk is not None:
+        return replace(limits, jerk=np.full(len(limits.jerk), timing.jerk))
+    return limits
 
 
 def stop_duration(path: JointPath, timing: Timing, limits: JointLimits) -> float:

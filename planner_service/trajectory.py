@@ -68,7 +68,8 @@ class Trajectory:
         if not np.all(h > 0.0):
             raise InvalidRequest("durations", float(h.min()), "positive numbers")
         ends = read_only([*c[1:, 0], self.path.length][: len(h)])
-        _check_law(self.path, h, c, ends)
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers too large are refused, not warned of
+            _check_law(self.path, h, c, ends)
         object.__setattr__(self, "durations", h)
         object.__setattr__(self, "coefficients", c)
         object.__setattr__(self, "knots", read_only(list(accumulate(h.tolist(), initial=0.0))))

@@ -376,7 +376,7 @@ def test_a_certificate_that_overlooks_a_sheet_has_not_caught_it(
 def test_a_refusal_that_names_another_pair_has_not_caught_the_sheet(
     shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    refused = Certificate(-math.inf, 1, 0.0, refusal=Refusal(0.0, 1.0, "link_4", "board", "too close"))
+    refused = Certificate(-math.inf, 1, 0.0, refusal=Refusal(0.0, 1.0, 0.5, "link_4", "board", "too close"))
     monkeypatch.setattr(sheets, "Certifier", lambda *_: SimpleNamespace(certify=lambda path: refused))
     found = sheets.plant(site(shelf, judged[1]), 0.1)
     assert found.touched > found.caught == 0

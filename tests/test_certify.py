@@ -302,7 +302,7 @@ def test_two_arms_of_one_torso_are_judged_against_each_other(tmp_path: Path) -> 
     turned = certify(robot, OPEN, [outwards, aside])
     assert turned.certified
     pairs = len(Certifier(robot, OPEN).listed.pairs)
-    assert turned.distances == 2 * pairs  # the waist moves all alike: the ends are the proof
+    assert turned.distances == 3 * pairs  # the waist moves all alike: their spheres, and both ends, are the proof
 
 
 def test_the_same_call_gives_the_same_certificate() -> None:
@@ -345,9 +345,11 @@ def test_what_charge_raises_comes_out() -> None:
 
 
 def test_a_curve_that_needs_too_many_bounds_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(proof_tree, "MAX_BOUNDS", 20)
+    monkeypatch.setattr(proof_tree, "MAX_BOUNDS", 5)
     refusal = refused(certify(PLANAR, ball_beyond(10 * MICRON), SWEEP))
-    assert refusal.detail == "20 bounds did not suffice"
+    assert refusal.detail.endswith("bounds did not suffice")
+    assert refusal.spent
+    assert refusal.s_start <= refusal.s <= refusal.s_end
 
 
 def test_open_pairs_alone_cost_less_than_all_of_them() -> None:
@@ -367,16 +369,69 @@ def test_open_pairs_alone_cost_less_than_all_of_them() -> None:
         ({"padding": -0.001}, "padding: got -0.001"),
         ({"padding": 0.11}, "padding: got 0.11"),
         ({"padding": math.nan}, "padding: got nan"),
-        ({"exempt": [ExemptInterval(-0.1, 0.1, (), "")]}, "exempt: got"),
-        ({"exempt": [ExemptInterval(0.2, 0.1, (), "")]}, "exempt: got"),
         ({"exempt": [ExemptInterval(0.0, 1.1, (), "")]}, "exempt: got"),
-        ({"exempt": [ExemptInterval(0.0, math.nan, (), "")]}, "exempt: got"),
+        ({"exempt": ExemptInterval(0.0, 0.1, (), "")}, "exempt: got .* expected a list of ExemptInterval"),
+        ({"exempt": [(0.0, 0.1)]}, "exempt: got"),
+        ({"exempt": None}, "exempt: got None"),
+        ({"path": "straight on"}, "path: got 'straight on'"),
     ],
 )
 def test_a_mistake_is_named(arguments: dict[str, Any], told: str) -> None:
     certifier = Certifier(PLANAR, DISCS)
     with pytest.raises(InvalidRequest, match=told):
         certifier.certify(**{"path": JointPath(SWEEP), **arguments})
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ((-0.1, 0.1, ()), "s_start: got -0.1"),
+        ((0.2, 0.1, ()), "s_end: got 0.1; expected a number >= 0.2"),
+        ((0.0, math.nan, ()), "s_end: got nan"),
+        (("a", 0.1, ()), "s_start: got 'a'"),
+        ((0.0, 0.1, (("forearm",),)), r"pairs: got \('forearm',\)"),
+        ((0.0, 0.1, (("forearm", "forearm"),)), "pairs of two different"),
+        ((0.0, 0.1, None), "pairs: got None"),
+    ],
+)
+def test_an_impossible_exempt_stretch_is_refused(values: Any, told: str) -> None:
+    with pytest.raises(InvalidRequest, match=told):
+        ExemptInterval(values[0], values[1], values[2], "")
+
+
+@pytest.mark.parametrize("allowed", ["ab", [("forearm",)], [("forearm", "base", "x")], None, [1], {"forearm": "base"}])
+def test_allowed_pairs_that_are_no_pairs_of_names_are_refused(allowed: Any) -> None:
+    with pytest.raises(InvalidRequest, match="allowed: got"):
+        Certifier(PLANAR, DISCS, allowed=allowed)
+
+
+def test_an_exempt_stretch_may_end_a_rounding_beyond_the_path() -> None:
+    pairs = (("forearm", "lesson_disc"),)
+    length = JointPath(LESSON).length
+    assert certify(PLANAR, DISCS, LESSON, exempt=[ExemptInterval(0.0, length + 1e-12, pairs, "")]).certified
+
+
+def test_thousands_of_far_obstacles_cost_one_bound_for_each_pair() -> None:
+    rng = np.random.default_rng(0)
+    directions = rng.standard_normal((3000, 3))
+    places = 4.0 * directions / np.linalg.norm(directions, axis=1)[:, None]
+    far = tuple(Obstacle(f"far_{k}", Sphere(0.1), Pose((x, y, z))) for k, (x, y, z) in enumerate(places.tolist()))
+    certifier = Certifier(PLANAR, Scene((*far, *DISCS.obstacles)))
+    path = np.array([[0.0, 0.0], [-0.6, 0.3]])
+    near, found = Certifier(PLANAR, DISCS).certify(path), certifier.certify(path)
+    assert found.certified
+    assert found.clearance <= near.clearance
+    assert found.distances == near.distances + 2 * len(far)
+
+
+def test_no_batch_of_bounds_is_so_large_that_a_caller_could_not_stop_it() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-0.4, 0.4, (2500, 3)) + np.array([1.95, 0.0, 0.0])
+    near = tuple(Obstacle(f"near_{k}", Sphere(0.001), Pose((x, y, z))) for k, (x, y, z) in enumerate(places.tolist()))
+    batches: list[int] = []
+    Certifier(PLANAR, Scene(near)).certify(JointPath(SWEEP), charge=batches.append)
+    assert max(batches[1:]) <= proof_tree.BATCH
+    assert len(batches) > 3
 
 
 def test_rounding_over_a_limit_is_no_mistake() -> None:

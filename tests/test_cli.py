@@ -464,3 +464,30 @@ def test_our_own_errors_keep_their_traceback(
 def test_what_was_not_judged_is_said() -> None:
     printed = run("plan", "--scene", "table", "--start", "sleep", "--goal", "ready").stdout
     assert "note: not judged from s = 0.000 to 0.113: link_2 x link_5, link_2 x link_4" in " ".join(printed.split())
+
+
+def saved_plan(there: Path) -> Path:
+    assert run(*BLOCKED, "--out", str(there)).exit_code == 0
+    return there
+
+
+def test_a_saved_plan_is_proven_again(tmp_path: Path) -> None:
+    there = saved_plan(tmp_path / "plan.json")
+    found = run("certify", str(there))
+    assert found.exit_code == 0
+    assert found.stdout.startswith("certified:")
+    assert json.loads(run("certify", str(there), "--json").stdout)["certified"] is True
+    refused = run("certify", str(there), "--padding", "0.09")
+    assert refused.exit_code == 1
+    assert "is not proven apart" in " ".join(refused.stdout.split())
+
+
+def test_a_plan_for_another_world_is_not_proven_by_its_name(tmp_path: Path) -> None:
+    there = saved_plan(tmp_path / "plan.json")
+    document = json.loads(there.read_text())
+    document["scene"]["hash"] = "0" * 64
+    there.write_text(json.dumps(document))
+    assert run("certify", str(there)).exit_code == 2
+    asked = run("certify", str(there), "--scene", "discs")
+    assert asked.exit_code == 0
+    assert "the plan was made for another scene" in " ".join(asked.stdout.split())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from planner_service import (
     InvalidRequest,
     JointPath,
     JointStep,
+    MotionStep,
     Obstacle,
     Pace,
     PlannerService,
@@ -31,8 +33,11 @@ from planner_service import (
     Trapezoidal,
     load_robot,
 )
-from planner_service.pace import peak_tool_speed
+from planner_service.collision.ledger import TimeBoxSpent
+from planner_service.kinematics import tool_speeds
+from planner_service.pace import peak_tool_speed, timed
 from planner_service.search import SearchProblem, SearchResult
+from planner_service.stagebook import StageBook
 from tests.independent import IndependentChecker
 
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
@@ -114,6 +119,35 @@ def test_a_path_that_cannot_be_proven_is_searched_again_and_the_proven_one_leave
     assert any("searched again" in note and "post" in note for note in result.notes)
 
 
+def test_what_is_searched_again_is_sampled_as_closely_as_it_is_padded(monkeypatch: pytest.MonkeyPatch) -> None:
+    service = PlannerService("planar2", Scene((thin_post(0.75),)), edge_step=COARSE)
+    judges: list[tuple[float, int]] = []
+    planner = GivenPaths([START, (1.5, 0.0)])
+    search = planner.search
+
+    def spied(problem: SearchProblem) -> SearchResult:
+        checker = problem.oracle._checker  # type: ignore[attr-defined]
+        judges.append((checker.padding, checker.segments((0.0, 0.0), (0.3, 0.0))))
+        return search(problem)
+
+    monkeypatch.setattr(planner, "search", spied)
+    result = service.plan(asked(goal=(1.5, 0.0), planner=planner, padding=0.001))
+    assert [padding for padding, _ in judges] == [0.003, 0.001]
+    for padding, segments in judges:
+        assert 0.3 * service.robot.reach()[0] / segments <= padding
+    assert result.padding == 0.001
+    assert result.attempts == 2
+    assert result.certificate is not None
+    assert result.certificate.refusal is not None
+
+
+def test_a_finer_step_than_the_padding_is_kept_when_searching_again() -> None:
+    checker = PlannerService("planar2", "empty", edge_step=MotionStep(0.0005)).checker
+    assert checker.variant(padding=0.01, motion_step=0.01).segments(START, (0.3, 0.0)) == checker.segments(
+        START, (0.3, 0.0)
+    )
+
+
 def test_a_path_that_can_never_be_proven_does_not_leave() -> None:
     service = PlannerService("planar2", Scene((thin_post(0.75),)), edge_step=COARSE)
     planner = GivenPaths([START, (1.5, 0.0)])
@@ -183,6 +217,32 @@ def test_blends_that_samples_wrongly_call_free_are_narrowed_until_they_are_prove
     assert all(map(second.free, path(np.linspace(0.0, path.length, 3000))))
 
 
+def test_a_proven_plan_is_kept_when_a_limit_ends_the_look_at_its_stops(
+    discs: PlannerService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = timed
+
+    def slower(*arguments: Any) -> Any:
+        trajectory, motion = measured(*arguments)
+        return trajectory, replace(motion, stop_duration=0.0)
+
+    monkeypatch.setattr("planner_service.pipeline.timed", slower)
+    stopped = discs.plan(asked())
+    assert stopped.unwrap()[0].blended.any(), "stops that are not really faster are not taken"
+    certified = StageBook.certified
+    calls: list[int] = []
+
+    def spent(self: StageBook, *arguments: Any) -> Any:
+        calls.append(1)
+        if len(calls) > 1:
+            raise TimeBoxSpent("the time limit passed")
+        return certified(self, *arguments)
+
+    monkeypatch.setattr(StageBook, "certified", spent)
+    assert discs.plan(asked()).ok
+    assert len(calls) == 2
+
+
 def test_the_corner_where_a_way_out_ends_is_no_blend() -> None:
     service = PlannerService("wxai", "table")
     sleep, to = service.robot.pose("sleep"), service.robot.retreats[0].to
@@ -222,6 +282,22 @@ def test_peak_tool_speed_is_that_of_the_densest_samples() -> None:
     assert max(speeds) * (1 - 1e-12) <= found <= max(speeds) * (1 + 1e-5)
 
 
+@pytest.mark.parametrize("jerk", [5.0, 50.0, 5000.0])
+def test_peaks_are_measured_against_the_jerk_that_the_law_holds(discs: PlannerService, jerk: float) -> None:
+    for scale in (1.0, 0.5):
+        motion = discs.plan(asked(timing=SCurve(jerk=jerk), acceleration_scale=scale)).motion
+        assert motion is not None
+        assert 0.5 < motion.peaks.jerk.ratio <= 1 + 1e-9
+
+
+def test_a_slow_tool_is_as_slow_as_it_must_be_everywhere() -> None:
+    service, query = PlannerService("wxai", "shelf"), queries.load("shelf")[1]
+    result = service.plan(asked(query.start, query.goal, max_tool_speed=0.05))
+    trajectory = result.unwrap()[1]
+    t = np.linspace(0.0, trajectory.duration, 30_001)
+    assert tool_speeds(service.robot, trajectory(t), trajectory(t, 1)).max() <= 0.05 * (1 + 1e-6)
+
+
 def test_a_result_says_how_its_motion_compares(discs: PlannerService) -> None:
     result = discs.plan(asked(timing=SCurve(), velocity_scale=0.5))
     motion, trajectory = result.motion, result.unwrap()[1]
@@ -255,6 +331,8 @@ def test_the_pace_of_a_given_polyline_is_held(discs: PlannerService) -> None:
     assert 0.09 < result.motion.tool_speed <= 0.1
     with pytest.raises(InvalidRequest, match="velocity_scale"):
         Pace(SCurve(), velocity_scale=0.0)
+    with pytest.raises(InvalidRequest, match="timing: got 'toppra'"):
+        Pace("toppra")  # type: ignore[arg-type]
 
 
 # -- given polylines -------------------------------------------------------------------------------
@@ -285,6 +363,32 @@ def test_contact_that_is_meant_on_one_side_of_a_corner_is_not_meant_on_its_blend
     assert not service.checker.blend_is_free(blend, 1), "or this tests nothing"
     assert result.unwrap()[0].blends[1] < 0.1
     assert result.exempt[0].s_start == pytest.approx(0.35)
+
+
+def test_waypoints_that_coincide_leave_corners_as_stops(discs: PlannerService) -> None:
+    again = [BEND[0], BEND[0], *BEND[1:]]
+    path, _ = discs.follow(again, blends=[0.0, 0.0, 0.2, 0.0]).unwrap()
+    assert path.corners == (1,)
+    straight = [BEND[0], BEND[1]]
+    with pytest.raises(InvalidRequest, match="blends"):
+        discs.follow(straight, blends=[0.0, math.nan])
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("contacts", None), ("contacts", [None]), ("contacts", 5), ("pace", 5), ("pace", ToppRa())],
+)
+def test_a_given_polyline_with_something_else_for_contacts_or_pace_is_refused(
+    discs: PlannerService, field: str, value: Any
+) -> None:
+    with pytest.raises(InvalidRequest, match=field):
+        discs.follow(BEND, **{field: value})
+
+
+@pytest.mark.parametrize("values", [(0.5, 1, ()), ("0", 1, ()), (0, 1, None), (0, 1, (("a",),))])
+def test_an_impossible_stretch_of_contact_is_refused(values: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"^(first|pairs): got"):
+        AllowedStretch(values[0], values[1], values[2], "because")
 
 
 @pytest.mark.parametrize("blends", [[0.0, 0.1], [0.0, -0.1, 0.0], [0.0, math.nan, 0.0], "wide"])

@@ -108,7 +108,9 @@ def test_what_a_plan_cost_and_what_was_noted_come_back(there: Path) -> None:
     "certificate",
     [
         Certificate(math.inf, 0, 0.0),
-        Certificate(-math.inf, 7, 0.002, (), Refusal(0.1, 1 / 3, "link_1", "post", "at s = 0.2 nothing is proven")),
+        Certificate(
+            -math.inf, 7, 0.002, (), Refusal(0.1, 1 / 3, 0.2, "link_1", "post", "at s = 0.2 nothing is proven", True)
+        ),
     ],
 )
 def test_proofs_come_back_whole_where_nothing_can_touch_and_where_nothing_is_proven(
@@ -258,6 +260,10 @@ def damaged(there: Path, change: Callable[[Document], object], *, result: PlanRe
         (
             lambda d: d["result"]["certificate"]["exempt"][0].update(pairs=[["link_1"]]),
             "result.certificate.exempt[0].pairs[0]: got ['link_1']",
+        ),
+        (
+            lambda d: d["result"]["certificate"]["exempt"][0].update(s_start=-1.0),
+            "result.certificate.exempt[0]: s_start: got -1.0",
         ),
         (lambda d: d["result"]["certificate"].update(certified=False), "certificate: certified: expected true"),
         (lambda d: d["result"].update(certificate=None), "a path, a trajectory, a certificate and a motion"),

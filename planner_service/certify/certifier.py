@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.certify.motion import Motion
-from planner_service.certify.pairs import ProofPairs
+from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.tree import ProofTree, Span
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import number, numbers
@@ -29,18 +29,30 @@ MAX_PADDING = 0.1
 LIMIT_SLACK = 1e-9
 """Rounding by which a waypoint may lie outside a joint limit, rad or m."""
 
+END_SLACK = 1e-9
+"""Rounding by which an exempt stretch may end beyond the path."""
+
 NANO = 1e9
 """Bounds are told in whole nanometres, rounded to the safe side."""
 
 
 @dataclass(frozen=True)
 class ExemptInterval:
-    """A stretch of the path, in path length s, on which named pairs were not judged, and why."""
+    """A stretch of the path, in path length s, on which named pairs were not judged, and why.
+
+    Raises:
+        InvalidRequest: ``pairs`` are not pairs of two names, or the ends are no numbers in order.
+    """
 
     s_start: float
     s_end: float
     pairs: tuple[tuple[str, str], ...]
     reason: str
+
+    def __post_init__(self) -> None:
+        start = number("s_start", self.s_start, "a number >= 0", 0.0, math.inf)
+        number("s_end", self.s_end, f"a number >= {start:.9g}", start, math.inf)
+        object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
 
     def __str__(self) -> str:
         pairs = ", ".join(f"{a} x {b}" for a, b in self.pairs)
@@ -49,13 +61,23 @@ class ExemptInterval:
 
 @dataclass(frozen=True)
 class Refusal:
-    """The stretch of the path, in path length s, on which ``a`` and ``b`` could not be proven apart, and why."""
+    """Where a proof ended.
+
+    Attributes:
+        s_start, s_end: The stretch of the path, in path length s, on which a pair could not be proven apart.
+        s: Where on it.
+        a, b: The pair.
+        detail: Why, in words.
+        spent: Whether there was no end to it, rather than a place where the two are too close.
+    """
 
     s_start: float
     s_end: float
+    s: float
     a: str
     b: str
     detail: str
+    spent: bool = False
 
     def __str__(self) -> str:
         where = f"from s = {self.s_start:.6g} to {self.s_end:.6g}"
@@ -111,7 +133,7 @@ class Certifier:
 
     def certify(
         self,
-        path: JointPath,
+        path: JointPath | ArrayLike,
         *,
         padding: float = 0.0,
         exempt: Sequence[ExemptInterval] = (),
@@ -120,7 +142,7 @@ class Certifier:
         """The proof that every judged pair is farther apart than ``padding`` on the whole of ``path``, or its refusal.
 
         Args:
-            path: Straight or blended; it is judged as the curve it is.
+            path: Straight or blended, judged as the curve it is; or waypoints (N, n) of a polyline.
             exempt: Stretches on which pairs are not judged; at the ends of a stretch they are, unless it ends with the
                 path or another one follows there.
             charge: Called with the number of bounds before each batch of them; what it raises comes out unchanged.
@@ -131,16 +153,19 @@ class Certifier:
             UnknownName: an exempt pair names nothing that is there.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
-        exempt = tuple(exempt)
-        self._check_path(path)
-        self._check_exempt(path.length, exempt)
-        tree = ProofTree(self.motion, path, padding + MARGIN, charge or (lambda bounds: None))
-        obstruction = tree.run(*self.roots(path.length, exempt))
+        if not isinstance(exempt, (list, tuple)):
+            raise InvalidRequest("exempt", exempt, "a list of ExemptInterval")
+        stretches = tuple(exempt)
+        curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
+        self._check_path(curve)
+        self._check_exempt(curve.length, stretches)
+        tree = ProofTree(self.motion, curve, padding + MARGIN, charge or (lambda bounds: None))
+        obstruction = tree.run(*self.roots(curve.length, stretches))
         if obstruction is None:
-            return Certificate(_floored(tree.proven), tree.asked, padding, exempt)
-        (start, end), names = obstruction.span, self.listed.names(obstruction.pair)
-        refusal = Refusal(start, end, *names, obstruction.detail)
-        return Certificate(-math.inf, tree.asked, padding, exempt, refusal)
+            return Certificate(_floored(tree.proven), tree.asked, padding, stretches)
+        names = self.listed.names(obstruction.pair)
+        refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
+        return Certificate(-math.inf, tree.asked, padding, stretches, refusal)
 
     def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
         """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span."""
@@ -151,7 +176,7 @@ class Certifier:
                 cuts.setdefault(frozenset(names), []).append((interval.s_start, interval.s_end))
         rows = []
         for pair in range(len(self.listed.pairs)):
-            cut = cuts.get(frozenset(self.listed.names(pair)), ()) if cuts else ()
+            cut = [(low, min(high, length)) for low, high in cuts.get(frozenset(self.listed.names(pair)), ())]
             rows += [(pair, spans.setdefault(span, len(spans))) for span in _left_over(length, cut)]
         return list(spans), np.array(rows, dtype=np.intp).reshape(-1, 2)
 
@@ -167,9 +192,11 @@ class Certifier:
 
     def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:
         for interval in exempt:
+            if not isinstance(interval, ExemptInterval):
+                raise InvalidRequest("exempt", interval, "a sequence of ExemptInterval(s_start, s_end, pairs, reason)")
             found = (interval.s_start, interval.s_end)
-            if not 0.0 <= interval.s_start <= interval.s_end <= length:
-                raise InvalidRequest("exempt", found, f"0 <= s_start <= s_end <= {length:.9g}")
+            if interval.s_end > length + END_SLACK:
+                raise InvalidRequest("exempt", found, f"0 <= s_start <= s_end <= {length:.12g}")
             for name in (name for pair in interval.pairs for name in pair):
                 self.listed.check_name("link or object", name)
 
@@ -184,8 +211,7 @@ def certify(
     exempt: Sequence[ExemptInterval] = (),
 ) -> Certificate:
     """The proof of a path from anywhere, or its refusal: a ``JointPath``, or waypoints (N, n); see ``Certifier``."""
-    curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
-    return Certifier(robot, scene, allowed=allowed).certify(curve, padding=padding, exempt=exempt)
+    return Certifier(robot, scene, allowed=allowed).certify(path, padding=padding, exempt=exempt)
 
 
 def _floored(gap: float) -> float:

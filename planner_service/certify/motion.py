@@ -50,6 +50,7 @@ class Motion:
         self._fixed = _table([piece.frame for piece in listed.standing])
         self._solids = Solids.of([piece.shape for piece in riding])
         every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
+        self._every_radius = every.radius()
         self._pair_solids = (every.take(self.first), every.take(self.second))
         self._local = _table([piece.frame for piece in riding])[:, :, None]
         self._body = np.array([piece.body for piece in riding], dtype=np.intp)
@@ -147,13 +148,25 @@ class Motion:
         partner = np.where(self._rides[pair], self.second[pair], 0)  # an obstacle has no steps: entry 0 is no motion
         return np.asarray(motions[own, stretch, self.first[pair]] + motions[other, stretch, partner])
 
-    def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
-        """Pairs as they stand at nodes, numbered as in ``poses``."""
+    def spheres_apart(self, poses: FloatArray, pair: IntArray, node: IntArray) -> FloatArray:
+        """Gaps of the bounding spheres of pairs at nodes, numbered as in ``poses``, lower bounds of their own; (k,)."""
+        a, b = self._in_poses(poses, pair, node)
+        x, y, z = poses[:, 3, a] - poses[:, 3, b]
+        radii = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]]
+        return np.asarray(np.sqrt(x * x + y * y + z * z) * (1.0 - ROUNDING) - radii)
+
+    def _in_poses(self, poses: FloatArray, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
+        """Where the two pieces of pairs stand at nodes."""
         start = node * self.riding
         obstacles = poses.shape[2] - self._fixed.shape[2] - self.riding
         other = self.second[pair] + np.where(self._rides[pair], start, obstacles)
+        return start + self.first[pair], np.asarray(other)
+
+    def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
+        """Pairs as they stand at nodes, numbered as in ``poses``."""
+        first, second = self._in_poses(poses, pair, node)
         a, b = self._pair_solids
-        return Facing.of(a.take(pair), b.take(pair), poses[:, :, start + self.first[pair]], poses[:, :, other])
+        return Facing.of(a.take(pair), b.take(pair), poses[:, :, first], poses[:, :, second])
 
 
 def _table(frames: Sequence[Sequence[Sequence[float]]]) -> FloatArray:

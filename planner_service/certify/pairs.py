@@ -16,7 +16,7 @@ from planner_service.geometry import FloatArray, Shape
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
-__all__ = ["FIXED", "Frame", "Piece", "ProofPairs"]
+__all__ = ["FIXED", "Frame", "Piece", "ProofPairs", "pairs_of_names"]
 
 Frame = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 
@@ -61,7 +61,8 @@ class ProofPairs:
         ]
         self.riding = tuple(riding)
         self.standing = tuple(Piece(o.name, FIXED, o.shape, _frame(o.pose.matrix)) for o in scene.obstacles)
-        self.owners = frozenset(piece.owner for piece in self.riding + self.standing)
+        self._pieces = self.riding + self.standing
+        self.owners = frozenset(piece.owner for piece in self._pieces)
         links = {shape.link for shape in robot.shapes}
         for name in scene.names:
             if name in links:
@@ -76,9 +77,8 @@ class ProofPairs:
 
     def names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair."""
-        pieces = self.riding + self.standing
         first, second = self.pairs[pair].tolist()
-        return pieces[first].owner, pieces[second].owner
+        return self._pieces[first].owner, self._pieces[second].owner
 
     def _contacts(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> set[frozenset[str]]:
         found = {frozenset(contact.links) for contact in robot.allowed_contacts}
@@ -86,14 +86,14 @@ class ProofPairs:
             for link in attached.touch_links:
                 self.check_name("touch link", link)
                 found.add(frozenset((attached.name, link)))
-        for a, b in allowed:
+        for a, b in pairs_of_names("allowed", allowed):
             self.check_name("link or object", a)
             self.check_name("link or object", b)
             found.add(frozenset((a, b)))
         return found
 
     def _listed(self) -> NDArray[np.intp]:
-        pieces, count = self.riding + self.standing, len(self.riding)
+        pieces, count = self._pieces, len(self.riding)
         rows = [
             (i, j) for i in range(count) for j in range(i + 1, len(pieces)) if self._must_part(pieces[i], pieces[j])
         ]
@@ -105,6 +105,22 @@ class ProofPairs:
         if b.body == FIXED:
             return a.body > 0
         return a.body != b.body or a.held or b.held
+
+
+def pairs_of_names(field: str, pairs: object) -> tuple[tuple[str, str], ...]:
+    """Pairs of two different names that a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field``: something else.
+    """
+    expected = "pairs of two different link or object names"
+    if not isinstance(pairs, (list, tuple, set, frozenset)):
+        raise InvalidRequest(field, pairs, expected)
+    for pair in pairs:
+        good = isinstance(pair, (list, tuple)) and len(pair) == 2 and all(isinstance(name, str) for name in pair)
+        if not good or pair[0] == pair[1]:
+            raise InvalidRequest(field, pair, expected)
+    return tuple((a, b) for a, b in pairs)
 
 
 def _frame(T: FloatArray) -> Frame:

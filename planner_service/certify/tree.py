@@ -28,7 +28,13 @@ FRACTION = 0.75
 bounds on paths among obstacles, and proves a clearance that is a third smaller."""
 
 MAX_BOUNDS = 300_000
-"""A curve that needs more is as good as touching; ordinary ones take about two thousand."""
+"""A curve that needs more, and ten for each pair, is as good as touching; ordinary ones take about two thousand."""
+
+FAR = 0.1
+"""Metres: pairs that one bound proves farther apart on a whole curve are not looked at again."""
+
+BATCH = 4096
+"""Rows judged between two calls of ``charge``, so that a caller can stop a long proof within some milliseconds."""
 
 NEAR = 0.05
 """Metres: at the ends of a curve, nearer pairs get a tight bound."""
@@ -45,11 +51,13 @@ Span = tuple[float, float]
 
 
 class Obstruction(NamedTuple):
-    """Where a proof ended: the pair, the stretch of s, and why."""
+    """Where a proof ended: the pair, the stretch of s, where on it, and why; ``spent`` if there was no end to it."""
 
     pair: int
     span: Span
+    s: float
     detail: str
+    spent: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +115,7 @@ class ProofTree:
         self._together = together
         self.asked = 0
         self.proven = math.inf
+        self._most = MAX_BOUNDS
         self._smallest = math.inf
         self._s: FloatArray = np.zeros(0)
         self._travel: FloatArray = np.zeros((0, path.n))
@@ -117,6 +126,9 @@ class ProofTree:
 
         Of several pairs that cannot be proven the one with the smallest bound is named.
         """
+        self._most = MAX_BOUNDS + 10 * len(roots)
+        if not self._together and self._path.length > 0.0:
+            roots = roots[~self._far(spans, roots)]
         found = self._rooted(spans, roots)
         while isinstance(found, _Open):
             if not len(found.pair):
@@ -124,20 +136,36 @@ class ProofTree:
             found = self._stuck(found) or self._halved(found)
         return found
 
+    def _far(self, spans: Sequence[Span], roots: IntArray) -> NDArray[np.bool_]:
+        """Rows of ``roots`` whose bounding spheres are ``FAR`` apart all along: a bound in the middle of each."""
+        pair, stretch = roots.T
+        start, end = np.array(spans, dtype=np.float64).reshape(-1, 2).T
+        count = len(spans)
+        poses = self._placed(np.concatenate([start, 0.5 * (start + end), end]))
+        left, middle, right = (np.arange(k * count, (k + 1) * count) for k in range(3))
+        self._charge(len(pair))
+        self.asked += len(pair)
+        apart = self._motion.spheres_apart(poses, pair, middle[stretch])
+        halves = [
+            self._motion.pair_motions(self._moved(a, b), pair, stretch) for a, b in ((left, middle), (middle, right))
+        ]
+        gaps = apart - np.maximum(*halves)
+        far = gaps >= max(self._enough, FAR)
+        self.proven = float(gaps[far].min(initial=math.inf))
+        return np.asarray(far)
+
     def _rooted(self, spans: Sequence[Span], roots: IntArray) -> _Open | Obstruction:
         """What both ends of each span leave open."""
         pair, stretch = roots.T.copy()
         s, back = np.unique(np.array(spans, dtype=np.float64).reshape(-1, 2).T, return_inverse=True)
-        left, right = back.reshape(2, -1)
-        poses = self._placed(s)
+        left, right = len(self._s) + back.reshape(2, -1)
+        first, poses = len(self._s), self._placed(s)
         judged: list[_Ends] = []
         for nodes in (left, right) if len(s) > 1 else (left,):  # a point has one end
             here = nodes[stretch]
-            facing = self._facing(poses, pair, here)
-            gaps, n = rough_gaps(facing, np.zeros((0, 3, len(pair))))
-            ends, bad = self._tightened(facing, _Ends(gaps, n), np.flatnonzero(gaps < NEAR))
+            ends, bad = self._judged(poses, pair, here - first, np.zeros((0, 3, len(pair))), NEAR)
             if bad is not None:
-                where = float(s[here[bad]])
+                where = float(self._s[here[bad]])
                 return self._obstructed(pair, ends, bad, (where, where), where)
             judged.append(ends)
         moved = self._moved(left, right)
@@ -148,11 +176,10 @@ class ProofTree:
         left, right, pair, stretch = open_.left, open_.right, open_.pair, open_.stretch
         middle = self._middle(open_)
         nodes = np.arange(len(self._s), len(self._s) + len(middle))
-        facing = self._facing(self._placed(middle), pair, stretch)
         before, after = open_.before, open_.after
-        gaps, n = rough_gaps(facing, np.stack([before.n, after.n, before.n + after.n]))
-        close = np.flatnonzero(gaps < CLOSE * max(self._smallest, self._enough))
-        ends, bad = self._tightened(facing, _Ends(gaps, n), close)
+        hints = np.stack([before.n, after.n, before.n + after.n])
+        close = CLOSE * max(self._smallest, self._enough)
+        ends, bad = self._judged(self._placed(middle), pair, stretch, hints, close)
         if bad is not None:
             k = stretch[bad]
             span = (float(self._s[left[k]]), float(self._s[right[k]]))
@@ -175,14 +202,15 @@ class ProofTree:
         """Why the proof cannot go on, None when it can."""
         start, end, middle = self._s[open_.left], self._s[open_.right], self._middle(open_)
         pointlike = ((middle <= start) | (middle >= end))[open_.stretch]
-        spent = self.asked + len(open_.pair) > MAX_BOUNDS
+        spent = self.asked + len(open_.pair) > self._most
         if not spent and not np.any(pointlike):
             return None
         gaps = np.minimum(open_.before.gaps, open_.after.gaps)
         row = int((gaps if spent else np.where(pointlike, gaps, np.inf)).argmin())
         k = open_.stretch[row]
-        detail = f"{MAX_BOUNDS:,} bounds did not suffice" if spent else "no shorter stretch has numbers of its own"
-        return Obstruction(int(open_.pair[row]), (float(start[k]), float(end[k])), detail)
+        detail = f"{self._most:,} bounds did not suffice" if spent else "no shorter stretch has numbers of its own"
+        span = (float(start[k]), float(end[k]))
+        return Obstruction(int(open_.pair[row]), span, float(middle[k]), detail, spent)
 
     def _placed(self, s: FloatArray) -> FloatArray:
         """Add nodes at s (m,); where everything is there, as ``Motion.nodes`` has it."""
@@ -192,11 +220,28 @@ class ProofTree:
         self._radii = np.concatenate([self._radii, radii])
         return poses
 
-    def _facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
-        """Pairs about to be judged, one bound each; this is where they are counted."""
-        self._charge(len(pair))
-        self.asked += len(pair)
-        return self._motion.facing(poses, pair, node)
+    def _judged(
+        self, poses: FloatArray, pair: IntArray, node: IntArray, hints: FloatArray, close: float
+    ) -> tuple[_Ends, int | None]:
+        """Bounds of pairs at nodes numbered as in ``poses``, one each, and a row that is not far enough apart, if any.
+
+        Args:
+            hints: Directions to try, (k, 3, pairs).
+            close: Pairs that are nearer get a tight bound.
+        """
+        parts: list[_Ends] = []
+        for start in range(0, max(len(pair), 1), BATCH):
+            rows = slice(start, start + BATCH)
+            self._charge(len(pair[rows]))
+            self.asked += len(pair[rows])
+            facing = self._motion.facing(poses, pair[rows], node[rows])
+            gaps, n = rough_gaps(facing, hints[:, :, rows])
+            ends, bad = self._tightened(facing, _Ends(gaps, n), np.flatnonzero(gaps < close))
+            parts.append(ends)
+            if bad is not None:
+                break
+        found = _Ends(np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1))
+        return found, None if bad is None else start + bad
 
     def _tightened(self, facing: Facing, ends: _Ends, close: IntArray) -> tuple[_Ends, int | None]:
         """The same with better bounds in the rows ``close``, and a row that is not far enough apart, if any is."""
@@ -213,7 +258,7 @@ class ProofTree:
         gap = float(ends.gaps[row]) * 1e3
         found = f"a gap of {gap:.4f} mm is proven" if gap > 0.0 else f"they overlap by at most {-gap:.4f} mm"
         detail = f"at s = {s:.6g} {found}; more than {self._enough * 1e3:.4f} mm is needed"
-        return Obstruction(int(pair[row]), span, detail)
+        return Obstruction(int(pair[row]), span, s, detail)
 
     def _moved(self, left: IntArray, right: IntArray) -> FloatArray:
         travel = self._travel[right] - self._travel[left]

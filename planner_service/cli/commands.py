@@ -208,6 +208,7 @@ def certify_(
         if saved.result.path is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
         service = PlannerService(load_robot(robot or saved.made_for.robot), load_scene(scene or saved.made_for.scene))
+        notes = _other_world(saved.made_for, service, robot, scene)
         found = service.certify(saved.result.path, padding=padding, exempt=saved.result.exempt)
     if as_json:
         emit(_json({"robot": service.robot.name, "scene": service.scene.name, **certificate_record(found)}))
@@ -215,7 +216,7 @@ def certify_(
         verdict = "certified" if found.certified else "refused"
         what = in_words(found.clearance) if found.certified else str(found.refusal)
         lines = [f"{verdict}: {plan_file} with {service.robot.name} in {service.scene.name}: {what}"]
-        emit(render(*lines, *(f"note: {interval}" for interval in found.exempt)))
+        emit(render(*lines, *(f"note: {note}" for note in (*notes, *map(str, found.exempt)))))
     raise typer.Exit(0 if found.certified else NO_PLAN)
 
 
@@ -256,6 +257,27 @@ def scenes(name: Name = None, as_json: AsJson = False) -> None:
         for scene in found:
             rows.add_row(scene.name, str(len(scene.obstacles)), scene.description)
         emit(render(rows))
+
+
+def _other_world(made_for: MadeFor, service: PlannerService, robot: str | None, scene: str | None) -> list[str]:
+    """What is to be said about a plan that was made for another robot or scene, which the caller must have asked for.
+
+    Raises:
+        InvalidRequest: robot or scene, taken by the name in the file, is not the one that the plan was made for.
+    """
+    notes = []
+    rows = (
+        ("--robot", robot, made_for.robot, made_for.robot_hash, service.robot.hash),
+        ("--scene", scene, made_for.scene, made_for.scene_hash, service.scene.hash),
+    )
+    for option, given, name, before, now in rows:
+        if before != now and given is None:
+            raise InvalidRequest(
+                option, name, f"the file of the {option[2:]} that the plan was made for: this one differs"
+            )
+        if before != now:
+            notes.append(f"the plan was made for another {option[2:]}: {name}, {before[:12]}")
+    return notes
 
 
 def _service(robot: str, scene: str, out: str | None) -> PlannerService:

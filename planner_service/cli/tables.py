@@ -110,7 +110,7 @@ def _stage_row(result: PlanResult, report: StageReport, depth: int) -> Row:
 
 def proof_words(results: Sequence[PlanResult]) -> str:
     """What is proven of motions that have plans, in a sentence; empty if there are none."""
-    proofs = [result.certificate for result in results if result.certificate is not None]
+    proofs = [result.certificate for result in results if result.certificate is not None and result.ok]
     if not proofs:
         return ""
     bounds = sum(proof.distances for proof in proofs)
@@ -125,9 +125,8 @@ def motion_words(motion: MotionReport) -> str:
         ("jerk", motion.peaks.jerk),
     )
     peaks = ", ".join(f"{name} {peak.ratio:.0%}" for name, peak in kinds if math.isfinite(peak.ratio))
-    stops = (
-        f" ({motion.stop_duration:.2f} s with a stop at each corner)" if motion.stop_duration > motion.duration else ""
-    )
+    faster = motion.duration < motion.stop_duration < math.inf
+    stops = f" ({motion.stop_duration:.2f} s with a stop at each corner)" if faster else ""
     return (
         f"motion: {motion.duration:.2f} s{stops}; used of the limits: {peaks}; tool up to {motion.tool_speed:.2f} m/s"
     )

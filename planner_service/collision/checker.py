@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.collision.edges import EdgeStep, Known, MotionStep, bisection_order, interior
+from planner_service.collision.edges import EdgeStep, FinestStep, Known, MotionStep, bisection_order, interior
 from planner_service.collision.fcl import FclJudge
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts
@@ -131,7 +131,7 @@ class CollisionChecker:
         """A checker of the same robot and scene with other padding or allowed pairs; both count in one ledger.
 
         Args:
-            motion_step: Metres of a ``MotionStep`` instead of the edge step there is.
+            motion_step: Metres of a ``MotionStep`` that edges keep beside the step there is.
         """
         padding = self.padding if padding is None else padding
         pairs = self.allowed if allowed is None else _sorted_pairs(allowed)
@@ -140,7 +140,9 @@ class CollisionChecker:
             return self
         _require_padding(padding)
         if key not in self._variants:
-            step = self.edge_step if motion_step is None else MotionStep(motion_step)
+            step = self.edge_step
+            if motion_step is not None:
+                step = FinestStep((step, MotionStep(motion_step)))
             other = CollisionChecker(self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs)
             other.ledger, other._variants, other._motion_step = self.ledger, self._variants, key[2]
             while len(self._variants) >= MAX_VARIANTS:

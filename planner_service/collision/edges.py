@@ -24,7 +24,7 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, number
 
-__all__ = ["EdgeStep", "JointStep", "Known", "MotionStep", "bisection_order", "interior"]
+__all__ = ["EdgeStep", "FinestStep", "JointStep", "Known", "MotionStep", "bisection_order", "interior"]
 
 MAX_SEGMENTS = 1_000_000
 """More samples than this on one edge is a mistake in the step, not a plan."""
@@ -94,6 +94,16 @@ class JointStep:
         for difference in dq:
             squares += difference * difference
         return _count(math.sqrt(squares), self.angle)
+
+
+@dataclass(frozen=True)
+class FinestStep:
+    """As finely as the finest of several rules."""
+
+    rules: tuple[EdgeStep, ...]
+
+    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        return max(rule.segments(dq, reach) for rule in self.rules)
 
 
 @lru_cache(maxsize=1024)
