@@ -51,6 +51,7 @@ from planner_service.planners import (
     RRTstar,
     SORRTstar,
 )
+from planner_service.pose_goal import PoseGoal
 from planner_service.primitives import move_linear, pick, place
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap
@@ -105,6 +106,7 @@ __all__ = [
     "PlannerServiceError",
     "PlanningFailed",
     "Pose",
+    "PoseGoal",
     "RRTConnect",
     "RRTstar",
     "Reason",

@@ -15,6 +15,7 @@ from planner_service.collision.ledger import CheckBudgetSpent, TimeBoxSpent
 from planner_service.geometry import FloatArray, Pose, read_only
 from planner_service.kinematics import inverse_kinematics
 from planner_service.outcome import Failure, Reason, Stage
+from planner_service.pose_goal import PoseGoal
 from planner_service.remedies import nearest_free
 from planner_service.request import PlanRequest, joint_vector
 from planner_service.robot import ExemptRetreat
@@ -32,6 +33,9 @@ box around the folded pose of the WidowX AI is unsound: its meshes touch 0.01 ra
 
 NEAR_POSE = 0.1
 """Joint difference (rad) up to which a user is told of a pose's way out."""
+
+MOST_GOALS = 16
+"""Free configurations of a pose with room that a search is given: the nearest."""
 
 _LESS_PADDING = (0.5, 0.25, 0.125)
 """Parts of the asked padding tried at an end that is closer to something than that."""
@@ -109,7 +113,10 @@ class Endpoints:
             except NoPlan as no_plan:
                 refused.append(no_plan.failure)
                 continue
+            before = len(goals)
             for q in candidates:
+                if isinstance(given, PoseGoal) and len(goals) - before == MOST_GOALS:
+                    break
                 if arrived_at is None and q.tolist() == begin.tolist():
                     arrived_at = index
                 goal, arrival = self._beyond_retreat(q)
@@ -158,12 +165,14 @@ class Endpoints:
         self._book.notes.append(f"start: {self._in_words(q, joint)}; it was clamped to the limit")
         return read_only(inside)
 
-    def _configurations(self, name: str, given: FloatArray | Pose) -> list[FloatArray]:
-        """A joint goal itself, or every inverse kinematics solution of a pose.
+    def _configurations(self, name: str, given: FloatArray | Pose | PoseGoal) -> list[FloatArray]:
+        """A joint goal itself, or every inverse kinematics solution of a pose; nearest first where a pose has room.
 
         Raises:
             NoPlan: the goal is outside the limits, or the pose has no solution.
         """
+        if isinstance(given, PoseGoal):
+            return self._within(name, given)
         if isinstance(given, Pose):
             solutions = inverse_kinematics(self._robot, given)
             if len(solutions) == 0:
@@ -176,6 +185,16 @@ class Endpoints:
             detail = f"{name}: {self._in_words(given, joint)}"
             raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail))
         return [given]
+
+    def _within(self, name: str, goal: PoseGoal) -> list[FloatArray]:
+        poses = goal.poses()
+        solutions = [read_only(q) for pose in poses for q in inverse_kinematics(self._robot, pose)]
+        if not solutions:
+            x, y, z = goal.pose.position
+            tried = f"any of {len(poses)} poses around ({x:.4f}, {y:.4f}, {z:.4f})"
+            detail = f"{name}: no joint values within the limits bring the tool to {tried}"
+            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
+        return sorted(solutions, key=lambda q: joint_distance(self._start, q))
 
     def _beyond_retreat(self, q: FloatArray) -> tuple[FloatArray, ExemptRetreat | None]:
         """Where planning goes on from q: the free end of the fixed way out, if q is a colliding pose that has one."""

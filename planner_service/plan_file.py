@@ -25,6 +25,7 @@ from planner_service.geometry import Pose
 from planner_service.json_file import Node, read_json
 from planner_service.outcome import Failure, PlanResult
 from planner_service.planners import PLANNERS
+from planner_service.pose_goal import PoseGoal
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
 from planner_service.result_record import (
@@ -230,7 +231,7 @@ def _request(request: PlanRequest) -> dict[str, Any] | None:
         return None
     return {
         "start": _list(request.start),
-        "goals": [{"pose": _pose(g)} if isinstance(g, Pose) else {"joints": _list(g)} for g in _goals(request.goal)],
+        "goals": [_goal(goal) for goal in _goals(request.goal)],
         "planner": planner,
         "timing": timing,
         **{name: int(getattr(request, name)) for name in _WHOLE},
@@ -240,10 +241,19 @@ def _request(request: PlanRequest) -> dict[str, Any] | None:
 
 
 def _goals(goal: Any) -> list[Any]:
-    if isinstance(goal, Pose):
+    if isinstance(goal, Pose | PoseGoal):
         return [goal]
-    several = any(isinstance(entry, Pose) or np.ndim(entry) > 0 for entry in goal)
+    several = any(isinstance(entry, Pose | PoseGoal) or np.ndim(entry) > 0 for entry in goal)
     return list(goal) if several else [goal]
+
+
+def _goal(goal: Any) -> dict[str, Any]:
+    if isinstance(goal, Pose):
+        return {"pose": _pose(goal)}
+    if isinstance(goal, PoseGoal):
+        room = {item.name: getattr(goal, item.name) for item in fields(goal) if item.name != "pose"}
+        return {"pose": _pose(goal.pose), "room": room | {"free_axis": goal.free_axis and list(goal.free_axis)}}
+    return {"joints": _list(goal)}
 
 
 def _pose(pose: Pose) -> dict[str, Any]:
@@ -259,8 +269,7 @@ def _settings(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | N
 
 def _read_request(node: Node, n: int) -> PlanRequest | None:
     goals = [
-        _read_pose(item.at("pose")) if item.has("pose") else item.at("joints").numbers(n)
-        for item in node.at("goals").items()
+        _read_tool_goal(item) if item.has("pose") else item.at("joints").numbers(n) for item in node.at("goals").items()
     ]
     if len(goals) == 0:
         node.at("goals").wrong("at least one goal")
@@ -275,6 +284,22 @@ def _read_request(node: Node, n: int) -> PlanRequest | None:
     return node.attempt(
         lambda: PlanRequest(start, goals[0] if len(goals) == 1 else tuple(goals), planner, timing, **limits)
     )
+
+
+def _read_tool_goal(node: Node) -> Pose | PoseGoal:
+    pose = _read_pose(node.at("pose"))
+    if not node.has("room"):
+        return pose
+    room = node.at("room")
+    axis = room.at("free_axis").optional(lambda at: _axis(at.numbers(3)))
+    tolerances = room.at("position_tolerance").number(), room.at("orientation_tolerance").number()
+    count = room.at("candidates").whole()
+    return room.attempt(lambda: PoseGoal(pose, *tolerances, axis, count)) or pose
+
+
+def _axis(values: Any) -> tuple[float, float, float]:
+    x, y, z = values
+    return (x, y, z)
 
 
 def _read_pose(node: Node) -> Pose:

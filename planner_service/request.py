@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose, numbers
 from planner_service.planners import Planner, RRTConnect
+from planner_service.pose_goal import PoseGoal
 from planner_service.robot import Robot
 from planner_service.timing import Timing, ToppRa
 
@@ -21,7 +22,7 @@ __all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale", "require_timi
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A slower limit is a unit mistake."""
 
-Goal = ArrayLike | Pose | Sequence[ArrayLike | Pose]
+Goal = ArrayLike | Pose | PoseGoal | Sequence[ArrayLike | Pose | PoseGoal]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,8 @@ class PlanRequest:
     Attributes:
         start: Joint vector, shape (n,).
         goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
-            kinematics solution is a goal), or a sequence of either, any of which will do.
+            kinematics solution is a goal), a ``PoseGoal`` with room around one, or a sequence of
+            these, any of which will do.
         planner: The search, asked only when no straight line is free.
         timing: The law s(t) along the path.
         seed: Decides every random choice; the same request and seed give the same plan and counts.
@@ -82,21 +84,23 @@ class PlanRequest:
             raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
         require_timing(self.timing)
 
-    def goals(self, robot: Robot) -> tuple[FloatArray | Pose, ...]:
+    def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:
         """The goals one by one, joint vectors copied and checked for shape and finiteness.
 
         Raises:
             InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
         """
         goal: Any = self.goal
-        if isinstance(goal, Pose):
+        if isinstance(goal, Pose | PoseGoal):
             return (goal,)
-        several = isinstance(goal, list | tuple) and any(isinstance(g, Pose) or np.ndim(g) > 0 for g in goal)
+        several = isinstance(goal, list | tuple) and any(isinstance(g, Pose | PoseGoal) or np.ndim(g) > 0 for g in goal)
         if not several and np.ndim(goal) < 2:
             return (joint_vector("goal", goal, robot),)
         if len(goal) == 0:
             raise InvalidRequest("goal", goal, "at least one goal")
-        return tuple(g if isinstance(g, Pose) else joint_vector(f"goal[{k}]", g, robot) for k, g in enumerate(goal))
+        return tuple(
+            g if isinstance(g, Pose | PoseGoal) else joint_vector(f"goal[{k}]", g, robot) for k, g in enumerate(goal)
+        )
 
 
 def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:

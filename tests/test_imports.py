@@ -29,7 +29,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     "path": ({"path", "blend", "trajectory"}, {"errors", "shapes"}),
     "collision": ({"collision"}, {"errors", "shapes", "robot", "scene", "path"}),
     "kinematics": (
-        {"kinematics", "numeric_inverse", "thinning", "wxai_inverse"},
+        {"kinematics", "numeric_inverse", "pose_goal", "thinning", "wxai_inverse"},
         {"errors", "shapes", "robot", "path"},
     ),
     "timing": ({"timing", "profiles", "peaks", "stretch"}, {"errors", "shapes", "robot", "path"}),

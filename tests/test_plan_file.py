@@ -22,6 +22,7 @@ from planner_service.path import JointPath
 from planner_service.peaks import peaks
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.planners import PLANNERS, RRT, RRTConnect
+from planner_service.pose_goal import PoseGoal
 from planner_service.request import PlanRequest
 from planner_service.scene_file import require_writable
 from planner_service.search import SearchProblem, SearchResult
@@ -167,6 +168,14 @@ def test_several_goals_come_back_in_order_poses_among_them(there: Path) -> None:
     assert read is not None
     assert isinstance(read.goal, tuple)
     assert read.goal == ((0.25, 0.5), goals[1], (1.0, 1.5))
+
+
+def test_a_pose_with_room_comes_back_with_its_room(there: Path) -> None:
+    pose = Pose((0.1, 0.2, 1 / 3), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+    goals = (PoseGoal(pose, 0.01, 1 / 7, (0.0, 0.6, 0.8), 5), PoseGoal(pose))
+    after = reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request
+    assert after is not None
+    assert after.goal == goals
 
 
 def test_a_planner_without_a_name_leaves_no_request_but_a_plan(there: Path) -> None:
