@@ -109,7 +109,7 @@ class Endpoints:
         for index, given in enumerate(self._goals):
             name = self._name(index)
             try:
-                candidates = self._configurations(name, given)
+                candidates = self._configurations(name, given, begin)
             except NoPlan as no_plan:
                 refused.append(no_plan.failure)
                 continue
@@ -165,16 +165,18 @@ class Endpoints:
         self._book.notes.append(f"start: {self._in_words(q, joint)}; it was clamped to the limit")
         return read_only(inside)
 
-    def _configurations(self, name: str, given: FloatArray | Pose | PoseGoal) -> list[FloatArray]:
-        """A joint goal itself, or every inverse kinematics solution of a pose; nearest first where a pose has room.
+    def _configurations(self, name: str, given: FloatArray | Pose | PoseGoal, begin: FloatArray) -> list[FloatArray]:
+        """A joint goal itself, or every inverse kinematics solution of a pose, other arms staying as in ``begin``.
+
+        Where a pose has room, the nearest come first.
 
         Raises:
             NoPlan: the goal is outside the limits, or the pose has no solution.
         """
         if isinstance(given, PoseGoal):
-            return self._within(name, given)
+            return self._within(name, given, begin)
         if isinstance(given, Pose):
-            solutions = inverse_kinematics(self._robot, given)
+            solutions = inverse_kinematics(self._robot, given, still=begin)
             if len(solutions) == 0:
                 x, y, z = given.position
                 detail = f"{name}: no joint values within the limits bring the tool so to ({x:.4f}, {y:.4f}, {z:.4f})"
@@ -186,15 +188,15 @@ class Endpoints:
             raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail))
         return [given]
 
-    def _within(self, name: str, goal: PoseGoal) -> list[FloatArray]:
+    def _within(self, name: str, goal: PoseGoal, begin: FloatArray) -> list[FloatArray]:
         poses = goal.poses()
-        solutions = [read_only(q) for pose in poses for q in inverse_kinematics(self._robot, pose)]
+        solutions = [read_only(q) for pose in poses for q in inverse_kinematics(self._robot, pose, still=begin)]
         if not solutions:
             x, y, z = goal.pose.position
             tried = f"any of {len(poses)} poses around ({x:.4f}, {y:.4f}, {z:.4f})"
             detail = f"{name}: no joint values within the limits bring the tool to {tried}"
             raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
-        return sorted(solutions, key=lambda q: joint_distance(self._start, q))
+        return sorted(solutions, key=lambda q: joint_distance(begin, q))
 
     def _beyond_retreat(self, q: FloatArray) -> tuple[FloatArray, ExemptRetreat | None]:
         """Where planning goes on from q: the free end of the fixed way out, if q is a colliding pose that has one."""

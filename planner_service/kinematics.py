@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -18,6 +18,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose, numbers, read_only
 from planner_service.numeric_inverse import descend
 from planner_service.robot import Robot
+from planner_service.tool_chain import ToolChain
 from planner_service.wxai_inverse import WxaiInverse
 
 __all__ = [
@@ -130,7 +131,9 @@ def interpolate(a: Pose, b: Pose, u: float) -> Pose:
     return Pose(position, (near * w + far * ow, near * x + far * ox, near * y + far * oy, near * z + far * oz))
 
 
-def inverse_kinematics(robot: Robot, pose: Pose, *, seed: int = 0, seeds: Sequence[ArrayLike] = ()) -> FloatArray:
+def inverse_kinematics(
+    robot: Robot, pose: Pose, *, seed: int = 0, seeds: Sequence[ArrayLike] = (), still: ArrayLike | None = None
+) -> FloatArray:
     """Configurations within the joint limits that bring the tool to ``pose``, shape (k, n); k = 0 if none was found.
 
     ``robot.inverse`` "wxai": closed form, every solution, confirmed by forward kinematics to 1e-7. "numeric": damped
@@ -140,18 +143,22 @@ def inverse_kinematics(robot: Robot, pose: Pose, *, seed: int = 0, seeds: Sequen
     Args:
         seed: Of the random starts: equal seeds give equal bits.
         seeds: Configurations (n,) from which to start first, or near which to stay where a pose leaves an angle free.
+        still: A configuration (n,): joints that do not move the tool, another arm's, stay as in it; home if None.
 
     Raises:
-        InvalidRequest: ``pose`` is no Pose, a seed is not n finite numbers, or the closed form does not fit the robot.
+        InvalidRequest: ``pose`` is no Pose, a seed is not n finite numbers, no joint moves the tool, ``still`` has
+            another joint outside its limits, or the closed form does not fit the robot.
     """
     if not isinstance(pose, Pose):
         raise InvalidRequest("pose", pose, "a Pose")
     given = [_configuration(robot, f"seeds[{i}]", q) for i, q in enumerate(seeds)]
+    chain = ToolChain.of(robot, robot.home if still is None else _configuration(robot, "still", still))
+    given = [chain.of_whole(q) for q in given]
     if robot.inverse == "wxai":
-        found = WxaiInverse.of(robot).solve(pose, [q.tolist() for q in given])
+        found = WxaiInverse.of(chain.robot).solve(pose, [q.tolist() for q in given])
     else:
-        found = _numeric_solutions(robot, pose, np.random.default_rng(seed), given)
-    return np.array(found, dtype=np.float64).reshape(-1, robot.n)
+        found = _numeric_solutions(chain.robot, pose, np.random.default_rng(seed), given)
+    return chain.whole(np.array(found, dtype=np.float64).reshape(-1, chain.robot.n))
 
 
 def _numeric_solutions(
@@ -263,7 +270,8 @@ def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *
 
     Position goes linearly, orientation by the shortest turn. Between waypoints, joints going straight, the tool stays
     within 1 mm and 5 mrad of the line; pieces that would not are halved. The first waypoint is ``q_start``, the last
-    has the tool at ``to`` (closed form 1e-7, else 1e-8) unless ``stopped`` says why not. Collisions are not looked at.
+    has the tool at ``to`` (closed form 1e-7, else 1e-8) unless ``stopped`` says why not. Joints that do not move the
+    tool stay where they are. Collisions are not looked at.
 
     Args:
         q_start: Shape (n,), within the limits.
@@ -281,6 +289,12 @@ def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *
     if outside[worst] > LIMIT_SLACK:
         span = f"within [{robot.limits.lower[worst]:.4f}, {robot.limits.upper[worst]:.4f}]"
         raise InvalidRequest(f"q_start: {robot.joint_names[worst]}", float(q[worst]), span)
+    chain = ToolChain.of(robot, q)
+    line = _walked(chain.robot, chain.of_whole(q), to, points)
+    return replace(line, waypoints=chain.whole(line.waypoints))
+
+
+def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> ToolLine:
     begin = Pose.from_matrix(robot.tool_pose(q))
     walk = _Walk(robot, begin, to if isinstance(to, Pose) else _shifted(begin, to), q)
     if begin == walk.end:

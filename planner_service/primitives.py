@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
@@ -262,6 +263,8 @@ class _Task:
     def __init__(self, service: PlannerService, q: ArrayLike, handling: Handling) -> None:
         self._service = service
         self._start = joint_vector("q", q, service.robot)
+        limits = service.robot.limits
+        self._standing = np.clip(self._start, limits.lower, limits.upper)
         self._handling = handling
         self._template = handling.request or PlanRequest(self._start, self._start)
         self._spent = CheckCounts()
@@ -314,7 +317,7 @@ class _Task:
 
     def _fitting(self, number: int, contact: _Contact, *, first: bool) -> list[FloatArray]:
         """Configurations at a contact that make sense there; why there are none is noted the ``first`` time."""
-        solutions = inverse_kinematics(self._service.robot, contact.tool)
+        solutions = inverse_kinematics(self._service.robot, contact.tool, still=self._standing)
         refused = ["out of reach"] if len(solutions) == 0 else []
         fitting = []
         for q in solutions:

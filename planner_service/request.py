@@ -32,8 +32,8 @@ class PlanRequest:
     Attributes:
         start: Joint vector, shape (n,).
         goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
-            kinematics solution is a goal), a ``PoseGoal`` with room around one, or a sequence of
-            these, any of which will do.
+            kinematics solution is a goal, joints that do not move the tool staying as in the start), a
+            ``PoseGoal`` with room around one, or a sequence of these, any of which will do.
         planner: The search, asked only when no straight line is free.
         timing: The law s(t) along the path.
         seed: Decides every random choice; the same request and seed give the same plan and counts.

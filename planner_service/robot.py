@@ -279,6 +279,25 @@ class Robot:
         shapes = tuple(next(moved) if item.link in self.gripper.links else item for item in self.shapes)
         return replace(self, gripper_width=float(width), shapes=shapes)
 
+    def locked(self, joints: Mapping[str, float]) -> Robot:
+        """This robot with some of its joints standing still: one arm of two, a rail, a wrist.
+
+        Links that only locked joints moved are fixed to what carried these: those that still move are judged against
+        them, and against obstacles. Joint values, limits and named poses lose the entries of the locked joints; a
+        retreat remains if its pairs move against each other as before. Two links that stand still are not judged
+        against each other, nor against obstacles: whether they are free is for this robot to say, before.
+
+        Args:
+            joints: Positions in rad or m, by joint name.
+
+        Raises:
+            UnknownName: no such joint.
+            InvalidRequest: a position outside its limits, or no joint left to move.
+        """
+        from planner_service.locking import lock_joints
+
+        return lock_joints(self, joints)
+
     @cached_property
     def link_pairs(self) -> tuple[tuple[str, str], ...]:
         """Pairs of links to judge against each other: with shapes, on different bodies, not allowed to touch."""

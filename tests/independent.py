@@ -260,13 +260,15 @@ def _read(path: Path) -> dict[str, Any]:
 def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
     """The robot's model and collision geometry with every joint that robot.toml does not list locked.
 
-    The two finger carriages stand at half the gripper's width each, other joints at zero.
+    The two finger carriages stand at half the gripper's width each, other joints as robot.toml locks them, or at zero.
     """
     model = pin.buildModelFromXML(urdf)
     geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
     gripper = robot.get("gripper", {})
     opening = gripper.get("width", 0.0) if width is None else width
     q = pin.neutral(model)
+    for name, position in robot.get("locked_joints", {}).items():
+        q[model.joints[model.getJointId(name)].idx_q] = position
     for name in gripper.get("joints", ()):
         q[model.joints[model.getJointId(name)].idx_q] = opening / 2
     locked = [k for k in range(1, model.njoints) if model.names[k] not in robot["joints"]]
