@@ -39,4 +39,4 @@ def test_its_demo_is_what_the_demo_prints_but_for_milliseconds() -> None:
 def test_its_commands_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     commands = re.findall(r"^\$ planner-service (.*?)(?: +#.*)?$", README, flags=re.MULTILINE)
-    assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 6
+    assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 7

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,7 +29,8 @@ from planner_service.cli.tables import (
     task_rows,
 )
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
+from planner_service.interchange import csv_text, joint_trajectory, load_world
 from planner_service.outcome import Failure
 from planner_service.path import JointPath
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, save_plan
@@ -35,8 +38,8 @@ from planner_service.planners import PLANNERS, planner_by_name
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record
 from planner_service.robot import Robot, load_robot, robot_names
-from planner_service.scene import load_scene, scene_names
-from planner_service.scene_file import require_writable
+from planner_service.scene import scene_names
+from planner_service.scene_file import require_writable, write_whole
 from planner_service.service import PlannerService
 from planner_service.stagebook import in_words
 
@@ -50,6 +53,8 @@ MESSAGE_LINES = 20
 MAX_LINES = 10
 """A task that finds no grasp has a note for each that it tried."""
 
+EXPORTS = ("joint-trajectory", "csv")
+
 app = typer.Typer(
     help="Motion planning for a robot arm on a table, with every collision check counted.",
     epilog="Exit codes: 0 planned or free, 1 no plan or colliding, 2 bad input, 130 interrupted, 70 our own error.",
@@ -60,7 +65,7 @@ app = typer.Typer(
 )
 
 RobotName = Annotated[str, typer.Option("--robot", help="Name, or path of a robot.toml.")]
-SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a scene's TOML file.")]
+SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a TOML, MoveIt .scene or URDF file.")]
 PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}.")]
 TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
 Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
@@ -172,7 +177,7 @@ def check(
 ) -> None:
     """Tell whether a configuration is free, which pairs touch, and how much room is left at least."""
     with _bad_input_exits():
-        arm, world = load_robot(robot), load_scene(scene)
+        arm, world = load_robot(robot), load_world(scene)
         values = configuration("--q", q, arm)
         checker = CollisionChecker(arm, world)
         contacts, clearance = checker.contacts(values), checker.clearance(values)
@@ -207,7 +212,7 @@ def certify_(
         saved = load_plan(plan_file)
         if saved.result.path is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
-        service = PlannerService(load_robot(robot or saved.made_for.robot), load_scene(scene or saved.made_for.scene))
+        service = PlannerService(load_robot(robot or saved.made_for.robot), load_world(scene or saved.made_for.scene))
         notes = _other_world(saved.made_for, service, robot, scene)
         found = service.certify(saved.result.path, padding=padding, exempt=saved.result.exempt)
     if as_json:
@@ -218,6 +223,32 @@ def certify_(
         lines = [f"{verdict}: {plan_file} with {service.robot.name} in {service.scene.name}: {what}"]
         emit(render(*lines, *(f"note: {note}" for note in (*notes, *map(str, found.exempt)))))
     raise typer.Exit(0 if found.certified else NO_PLAN)
+
+
+@app.command(short_help="Write a saved plan for others to read.")
+def export(
+    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan written with --out.")],
+    form: Annotated[
+        str, typer.Option("--format", help="joint-trajectory (JSON in the shape of the ROS message) or csv.")
+    ] = EXPORTS[0],
+    dt: Annotated[float, typer.Option(help="Seconds between points; the exact end is always one.")] = 0.01,
+    out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to a file instead of printing.")] = None,
+) -> None:
+    """Write the trajectory of a plan as points in time: positions, velocities and accelerations of all joints."""
+    with _bad_input_exits():
+        if form not in EXPORTS:
+            raise UnknownName("format", form, EXPORTS)
+        if out is not None and os.path.realpath(out) == os.path.realpath(plan_file):
+            raise InvalidRequest("--out", out, "another file than the plan itself")
+        saved = load_plan(plan_file)
+        if saved.result.trajectory is None:
+            raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
+        motion, names = saved.result.trajectory, saved.made_for.joint_names
+        text = csv_text(motion, names, dt) if form == "csv" else _json(joint_trajectory(motion, names, dt))
+        if out is not None:
+            write_whole(Path(out), text)
+    if out is None:
+        emit(text)
 
 
 @app.command(short_help="List the robots, or show one.")
@@ -245,7 +276,7 @@ def robots(name: Name = None, as_json: AsJson = False) -> None:
 def scenes(name: Name = None, as_json: AsJson = False) -> None:
     """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
     with _bad_input_exits():
-        found = [load_scene(entry) for entry in ([name] if name is not None else scene_names())]
+        found = [load_world(entry) for entry in ([name] if name is not None else scene_names())]
     if as_json:
         records = [listings.scene_record(scene) for scene in found]
         emit(_json({"scenes": records} if name is None else records[0]))
@@ -284,7 +315,7 @@ def _service(robot: str, scene: str, out: str | None) -> PlannerService:
     """The service, and the certainty that its result will have a place."""
     if out is not None:
         require_writable(out)
-    return PlannerService(load_robot(robot), load_scene(scene))
+    return PlannerService(load_robot(robot), load_world(scene))
 
 
 def _load_libraries(request: PlanRequest, robot: Robot) -> None:
