@@ -271,7 +271,7 @@ def test_a_moveit_scene_in_which_everything_is_wrong_is_not_read_to_its_end(tmp_
 
 
 def test_a_moveit_scene_of_too_many_shapes_is_refused(tmp_path: Path) -> None:
-    text = "x\n* a\n10001\n" + "sphere 1 0 0 0 0 0 0 1 0 0 0 0\n" * 10_001 + ".\n"
+    text = "x\n* a\n20000\n" + "sphere 1 0 0 0 0 0 0 1 0 0 0 0\n" * 20_000 + ".\n"
     found = problems_of(read_moveit_scene, write(tmp_path, text, "w.scene"))
     assert found == ("scene: got 10001; expected at most 10,000 obstacles and attached objects",)
 
