@@ -491,3 +491,54 @@ def test_a_plan_for_another_world_is_not_proven_by_its_name(tmp_path: Path) -> N
     asked = run("certify", str(there), "--scene", "discs")
     assert asked.exit_code == 0
     assert "the plan was made for another scene" in " ".join(asked.stdout.split())
+
+
+def planar_urdf() -> str:
+    return str(data_folder("robots") / "planar2" / "planar2.urdf")
+
+
+def test_a_robot_is_imported_and_can_be_planned_with(tmp_path: Path) -> None:
+    out = tmp_path / "arm"
+    result = run("import-robot", planar_urdf(), "--out", str(out))
+    assert (result.exit_code, result.stderr) == (0, "")
+    words = " ".join(result.stdout.split())
+    assert "imported: planar2, written to" in words
+    assert "links 4 links with shapes 2 shapes 2 joints 2 pairs allowed, adjacent 1 check:" in words
+    assert "tool_frame tip is a guess" in words
+    assert run("robots", str(out / "robot.toml")).exit_code == 0
+    planned = run("plan", "--robot", str(out / "robot.toml"), "--scene", "discs", "--start", "home", "--goal", "0.1,0")
+    assert planned.exit_code in (0, 1)
+
+
+def test_an_import_tells_machines_every_pair(tmp_path: Path) -> None:
+    arguments = ("import-robot", planar_urdf(), "--out", str(tmp_path / "arm"), "--lock", "elbow=0.5")
+    found = document(*arguments, "--tool-frame", "tip")
+    assert [joint["name"] for joint in found["robot"]["joints"]] == ["shoulder"]
+    assert (found["pairs"], found["robot_toml"]) == ([], str(tmp_path / "arm" / "robot.toml"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("none.urdf",), "no such file"),
+        (("URDF", "--lock", "elbo=0"), "unknown joint 'elbo'; did you mean 'elbow'?"),
+        (("URDF", "--lock", "elbow"), "--lock: got 'elbow'; expected joint=value"),
+        (("URDF", "--lock", "elbow=nan"), "a position in [-3.14159, 3.14159]"),
+        (("URDF", "--lock", "elbow=0", "--lock", "elbow=1"), "each joint once"),
+        (("URDF", "--tool-frame", "tipp"), "unknown tool frame 'tipp'"),
+        (("URDF", "--srdf", "none.srdf"), "no such file"),
+    ],
+)
+def test_an_import_that_cannot_be_says_why_and_writes_nothing(
+    tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    given = [planar_urdf() if argument == "URDF" else argument for argument in arguments]
+    assert words in refused("import-robot", *given, "--out", str(tmp_path / "arm"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_import_does_not_replace_what_is_there(tmp_path: Path) -> None:
+    arguments = ("import-robot", planar_urdf(), "--out", str(tmp_path / "arm"))
+    assert run(*arguments).exit_code == 0
+    assert "--force replaces it" in refused(*arguments)
+    assert run(*arguments, "--force").exit_code == 0

@@ -45,6 +45,10 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     ),
     "timing": ({"timing", "profiles", "peaks", "stretch"}, {"errors", "shapes", "robot", "path"}),
     "certify": ({"certify"}, {"errors", "shapes", "robot", "scene", "path"}),
+    "import": (
+        {"contact_table", "robot_import"},
+        {"errors", "shapes", "robot", "scene", "path", "collision", "certify"},
+    ),
     "search": (
         {"search", "planners", "ompl_bridge", "roadmap", "smoothing", "optimize"},
         {"errors", "shapes", "robot", "scene", "path", "collision"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from planner_service.cli.commands import app
+from planner_service.data import data_folder
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
@@ -38,5 +40,6 @@ def test_its_demo_is_what_the_demo_prints_but_for_milliseconds() -> None:
 
 def test_its_commands_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    shutil.copy(data_folder("robots") / "planar2" / "planar2.urdf", "my.urdf")
     commands = re.findall(r"^\$ planner-service (.*?)(?: +#.*)?$", README, flags=re.MULTILINE)
-    assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 7
+    assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 8

@@ -16,6 +16,7 @@ import typer
 
 from planner_service.cli import listings
 from planner_service.cli.arguments import configuration, goals, timing_by_name
+from planner_service.cli.imported import import_record, import_table, locks, to_check
 from planner_service.cli.pick_place import plan_pick_place
 from planner_service.cli.tables import (
     UNATTENDED_WIDTH,
@@ -38,6 +39,7 @@ from planner_service.planners import PLANNERS, planner_by_name
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record
 from planner_service.robot import Robot, load_robot, robot_names
+from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
 from planner_service.scene_file import require_writable, write_whole
 from planner_service.service import PlannerService
@@ -288,6 +290,35 @@ def scenes(name: Name = None, as_json: AsJson = False) -> None:
         for scene in found:
             rows.add_row(scene.name, str(len(scene.obstacles)), scene.description)
         emit(render(rows))
+
+
+@app.command("import-robot", short_help="Write a robot.toml from a URDF.")
+def import_robot_(
+    urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description.")],
+    out: Annotated[str, typer.Option(metavar="DIR", help="The folder for robot.toml and a copy of the URDF.")],
+    srdf: Annotated[str | None, typer.Option(help="A file whose disabled pairs are allowed contacts.")] = None,
+    tool_frame: Annotated[str | None, typer.Option(help="The tool's link; else the last of the longest chain.")] = None,
+    package_dir: Annotated[list[str] | None, typer.Option(help="A folder in which meshes may lie.")] = None,
+    lock: Annotated[list[str] | None, typer.Option(metavar="JOINT=VALUE", help="A joint that stands still.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a robot.toml from a URDF: limits with their sources, and the contacts to allow, worked out and explained.
+
+    Pairs of links that can never touch are proven so over the whole joint box; pairs that sometimes do stay judged.
+    """
+    with _bad_input_exits():
+        folders = tuple(Path(folder) for folder in package_dir or ())
+        source = Source(Path(urdf), None if srdf is None else Path(srdf), tool_frame, folders, locks(lock or ()))
+        found = import_robot(source, out, force=force)
+    if as_json:
+        emit(_json(import_record(found)))
+    else:
+        words = f"imported: {found.robot.name}, written to {found.path}, in {found.seconds:.1f} s"
+        checks = [f"check: {line}" for line in to_check(found, source)]
+        width = min(console().width, UNATTENDED_WIDTH)
+        lines = [textwrap.fill(line, width, subsequent_indent="  ") for line in checks]
+        emit(render(words, "", import_table(found), "", *lines))
 
 
 def _other_world(made_for: MadeFor, service: PlannerService, robot: str | None, scene: str | None) -> list[str]:
