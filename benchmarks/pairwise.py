@@ -14,6 +14,7 @@ import fcl
 import numpy as np
 
 from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
+from planner_service.mesh import Mesh
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
@@ -29,6 +30,9 @@ def _geometry(shape: Shape) -> fcl.CollisionGeometry:
         return fcl.Cylinder(shape.radius, shape.length)
     if isinstance(shape, Capsule):
         return fcl.Capsule(shape.radius, shape.length)
+    if isinstance(shape, Mesh):
+        faces = np.concatenate([np.full((len(shape.faces), 1), 3), shape.faces], axis=1)
+        return fcl.Convex(shape.vertices, len(faces), faces.astype(np.int32).ravel())
     raise TypeError(type(shape).__name__)
 
 

@@ -32,6 +32,7 @@ from planner_service.follow import AllowedStretch
 from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.grasps import top_grasps
 from planner_service.kinematics import inverse_kinematics, straight_tool_line
+from planner_service.mesh import Mesh
 from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.pace import Pace
 from planner_service.path import JointPath
@@ -94,6 +95,7 @@ __all__ = [
     "JointPath",
     "JointStep",
     "Known",
+    "Mesh",
     "MissingDependency",
     "MotionReport",
     "MotionStep",

@@ -17,7 +17,8 @@ import numpy as np
 from planner_service.bodies import Body, LinkShape
 from planner_service.errors import BrokenInvariant, InvalidFile
 from planner_service.geometry import Box, Cylinder, FloatArray, Pose, Shape, Sphere, rpy_matrix
-from planner_service.urdf_model import Urdf, UrdfLink
+from planner_service.mesh import Mesh
+from planner_service.urdf_model import Urdf, UrdfLink, mesh_name
 
 __all__ = ["Assembly", "assemble", "compose", "locked_positions", "transform"]
 
@@ -144,7 +145,7 @@ def _agreed(link: UrdfLink, read: Sequence[Any]) -> list[tuple[Shape, FloatArray
         )
     result = []
     for other, own in zip(read, link.collisions, strict=True):
-        shape, T = _shape(other.geometry), transform(own.xyz, own.rpy)
+        shape, T = _shape(other.geometry, own.shape), transform(own.xyz, own.rpy)
         origin = np.eye(4) if other.origin is None else other.origin
         if shape != own.shape or np.abs(origin - T).max() > 1e-9:
             raise BrokenInvariant(f"link {link.name}: yourdfpy reads {shape} at {origin}, the file has {own}")
@@ -152,7 +153,10 @@ def _agreed(link: UrdfLink, read: Sequence[Any]) -> list[tuple[Shape, FloatArray
     return result
 
 
-def _shape(geometry: Any) -> Shape | None:
+def _shape(geometry: Any, own: Shape) -> Shape | None:
+    """What yourdfpy read; ``own`` if that is a mesh and it read its name, all there is of it in our text."""
+    if geometry.mesh is not None:
+        return own if isinstance(own, Mesh) and geometry.mesh.filename == mesh_name(own) else None
     if geometry.box is not None:
         return Box(tuple(geometry.box.size.tolist()))
     if geometry.cylinder is not None:

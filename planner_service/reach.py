@@ -15,6 +15,7 @@ from collections.abc import Iterable, Sequence
 from planner_service.bodies import Body
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.mesh import Mesh
 
 __all__ = ["Placed", "reach_bounds"]
 
@@ -132,6 +133,8 @@ def _local_hull(shape: Shape) -> list[Ball]:
         angles = [2.0 * math.pi * k / RIM_SIDES for k in range(RIM_SIDES)]
         rim = [(corner * math.cos(angle), corner * math.sin(angle)) for angle in angles]
         return [((x, y, end * shape.length / 2), 0.0) for x, y in rim for end in (-1, 1)]
+    if isinstance(shape, Mesh):
+        return [(_point(vertex), 0.0) for vertex in shape.vertices.tolist()]
     raise BrokenInvariant(f"no hull is known for {type(shape).__name__}")
 
 

@@ -154,7 +154,9 @@ class Robot:
         package_dirs: Sequence[Path | str] = (),
         locked_joints: Mapping[str, float] | None = None,
     ) -> Robot:
-        """Any arm whose URDF describes its collision geometry by boxes, cylinders and spheres.
+        """Any arm whose URDF describes its collision geometry by boxes, cylinders, spheres and meshes.
+
+        A mesh (STL, OBJ, PLY) is judged as its solid convex hull.
 
         A link and the next one above it that has shapes may touch; accelerations and jerks, which URDF does not know,
         are stated conventions (``robot_source``), and so is the range of a continuous joint, a full turn either way;
@@ -163,7 +165,8 @@ class Robot:
         Args:
             tool_frame: The last link of the longest chain if None.
             srdf: A file whose ``<disable_collisions>`` are allowed contacts, reasons included.
-            package_dirs: Folders besides the URDF's own in which meshes may lie.
+            package_dirs: Folders besides the URDF's own in which meshes may lie; ``package://name/rest`` is
+                ``name/rest`` or ``rest`` in one of them.
             locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic these follow.
 
         Raises:

@@ -10,6 +10,11 @@ A scene file::
     position = [0.3, 0.0, 0.2]                          # of the shape's centre, in the robot's base frame, metres
     quaternion_wxyz = [1.0, 0.0, 0.0, 0.0]              # optional
 
+    [[obstacle]]                                        # a mesh is judged as its solid convex hull, in its own frame
+    name = "cup"
+    mesh = { file = "cup.stl", scale = [0.001, 0.001, 0.001] }   # or mesh = "cup.stl", or mesh = { vertices = [...] }
+    position = [0.2, 0.1, 0.0]
+
     [[attached]]                                        # the same, with its pose in the tool frame,
     touch_links = ["finger_left", "finger_right"]       # and the links that may touch it
 """
@@ -29,6 +34,8 @@ from typing import Any, NoReturn
 from planner_service.data import data_folder
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.mesh import Mesh
+from planner_service.mesh_path import MeshShelf
 from planner_service.scene_file import MAX_BYTES, SHAPE_KEYS, Table, read_tables, write_whole
 
 __all__ = ["Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
@@ -38,7 +45,7 @@ MAX_DESCRIPTION = 1000
 MAX_OBJECTS = 10_000
 """A scene made by hand or from detections has far fewer; more would rather be a point cloud."""
 
-_KINDS: tuple[type[Shape], ...] = (Box, Sphere, Cylinder, Capsule)
+_KINDS: tuple[type[Shape], ...] = (Box, Sphere, Cylinder, Capsule, Mesh)
 _BODY_KEYS = ("name", *SHAPE_KEYS, "position", "quaternion_wxyz")
 
 
@@ -62,7 +69,7 @@ def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
 def _check_body(name: str, shape: Any, pose: Any) -> None:
     _checked_name("name", name)
     if not isinstance(shape, _KINDS):
-        raise InvalidRequest(f"shape of {name!r}", shape, "a Box, Sphere, Cylinder or Capsule")
+        raise InvalidRequest(f"shape of {name!r}", shape, "a Box, Sphere, Cylinder, Capsule or Mesh")
     if not isinstance(pose, Pose):
         raise InvalidRequest(f"pose of {name!r}", pose, "a Pose")
     if max(abs(v) for v in pose.position) > MAX_LENGTH:
@@ -240,7 +247,9 @@ def _shape_key(shape: Shape) -> str:
 
 
 def _shape_sizes(shape: Shape) -> dict[str, float]:
-    """The numbers that make a shape, under their names."""
+    """The numbers that make a shape, under their names; a hull's are just numbered."""
+    if isinstance(shape, Mesh):
+        return {str(k): value for k, value in enumerate(shape.vertices.ravel().tolist())}
     if isinstance(shape, Box):
         return dict(zip("xyz", shape.size, strict=True))
     return {name: float(value) for name, value in vars(shape).items()}
@@ -278,6 +287,8 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     """Write ``scene`` to a TOML file; ``load_scene`` gives back an equal one with an equal hash.
 
+    A mesh is written as the corners of its hull, so that the file needs no other.
+
     The file is there whole or not at all: after a failure an old file is as it was.
 
     Raises:
@@ -308,6 +319,8 @@ def _body_lines(body: Obstacle | Attached) -> list[str]:
         shape = repr(list(sizes.values()))
     elif isinstance(body.shape, Sphere):
         shape = repr(body.shape.radius)
+    elif isinstance(body.shape, Mesh):
+        shape = f"{{ vertices = {body.shape.vertices.tolist()!r} }}"
     lines = [f"name = {_quoted(body.name)}", f"{_shape_key(body.shape)} = {shape}"]
     lines.append(f"position = {list(body.pose.position)!r}")
     if body.pose.quaternion != (1.0, 0.0, 0.0, 0.0):
@@ -317,15 +330,15 @@ def _body_lines(body: Obstacle | Attached) -> list[str]:
 
 def _read_scene(path: Path) -> Scene:
     problems: list[str] = []
-    top = Table("", read_tables(path), problems)
+    top = Table("", read_tables(path), problems, MeshShelf((path.resolve().parent,)))
     top.allow_only(("name", "description", "obstacle", "attached"))
     name, description = top.text("name") or "", top.text("description") or ""
     obstacles, attached = top.tables("obstacle"), top.tables("attached")
     if len(obstacles) + len(attached) > MAX_OBJECTS:
         top.problem(f"{len(obstacles) + len(attached):,} obstacles and attached objects; at most {MAX_OBJECTS:,}")
         raise InvalidFile(path, problems)
-    standing = [_read_obstacle(_entry("obstacle", k, content, problems)) for k, content in enumerate(obstacles, 1)]
-    carried = [_read_attached(_entry("attached", k, content, problems)) for k, content in enumerate(attached, 1)]
+    standing = [_read_obstacle(_entry("obstacle", k, content, top)) for k, content in enumerate(obstacles, 1)]
+    carried = [_read_attached(_entry("attached", k, content, top)) for k, content in enumerate(attached, 1)]
     _note_duplicates(top, [*obstacles, *attached])
     top.attempt(lambda: Scene(name=name))
     top.attempt(lambda: Scene(description=description))
@@ -349,10 +362,10 @@ def _note_duplicates(top: Table, entries: Sequence[dict[str, Any]]) -> None:
             )
 
 
-def _entry(kind: str, number: int, content: dict[str, Any], problems: list[str]) -> Table:
+def _entry(kind: str, number: int, content: dict[str, Any], top: Table) -> Table:
     name = content.get("name")
     label = f" {name!r}" if isinstance(name, str) and len(name) <= MAX_NAME else ""
-    return Table(f"{kind} {number}{label}", content, problems)
+    return top.inner(f"{kind} {number}{label}", content)
 
 
 def _read_body(table: Table) -> tuple[str, Shape, Pose] | None:

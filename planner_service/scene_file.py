@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.mesh import Mesh
+from planner_service.mesh_path import MeshShelf
 from planner_service.regular_file import read_bytes
 
 if sys.version_info >= (3, 11):
@@ -28,7 +30,7 @@ T = TypeVar("T")
 MAX_BYTES = 5_000_000
 """A scene of 10,000 obstacles takes about 2 MB; a larger file is no scene."""
 
-SHAPE_KEYS = ("box", "sphere", "cylinder", "capsule")
+SHAPE_KEYS = ("box", "sphere", "cylinder", "capsule", "mesh")
 """What ``Table.shape`` reads, one of them per table."""
 
 MAX_HINTS = 100
@@ -103,12 +105,18 @@ class Table:
     Args:
         where: How problems begin, such as ``obstacle 3 'post'``; empty for the top of the file.
         problems: The list that all tables of a file share.
+        shelf: Where meshes are read from.
     """
 
-    def __init__(self, where: str, content: dict[str, Any], problems: list[str]) -> None:
+    def __init__(self, where: str, content: dict[str, Any], problems: list[str], shelf: MeshShelf) -> None:
         self.where = where
         self.content = content
         self._problems = problems
+        self._shelf = shelf
+
+    def inner(self, where: str, content: dict[str, Any]) -> Table:
+        """A table of the same file."""
+        return Table(where, content, self._problems, self._shelf)
 
     def problem(self, text: str) -> None:
         """Note one problem of this table."""
@@ -190,15 +198,32 @@ class Table:
         if key == "sphere":
             radius = self._positive(key, value)
             return None if radius is None else Sphere(radius)
+        if key == "mesh":
+            return self._mesh(value)
         if not isinstance(value, dict):
             self.problem(f"{key}: got {_shown(value)}; expected {{ radius = ..., length = ... }}")
             return None
-        inner = Table(f"{self.where}: {key}", value, self._problems)
+        inner = self.inner(f"{self.where}: {key}", value)
         inner.allow_only(("radius", "length"))
         radius, length = inner._length("radius"), inner._length("length")
         if radius is None or length is None:
             return None
         return Cylinder(radius, length) if key == "cylinder" else Capsule(radius, length)
+
+    def _mesh(self, value: Any) -> Mesh | None:
+        """A hull by the name of a file, or by the points in the file at hand."""
+        table = {"file": value} if isinstance(value, str) else value
+        if not isinstance(table, dict) or ("file" in table) == ("vertices" in table):
+            expected = '"file.stl", { file = "file.stl", scale = [x, y, z] } or { vertices = [[x, y, z], ...] }'
+            self.problem(f"mesh: got {_shown(value)}; expected {expected}")
+            return None
+        inner = self.inner(f"{self.where}: mesh" if self.where else "mesh", table)
+        if "vertices" in table:
+            inner.allow_only(("vertices",))
+            return inner.attempt(lambda: Mesh(table["vertices"]))
+        inner.allow_only(("file", "scale"))
+        name, scale = inner.text("file"), table.get("scale", [1.0, 1.0, 1.0])
+        return None if name is None else inner.attempt(lambda: self._shelf.mesh(name, scale))
 
     def _length(self, key: str) -> float | None:
         if key in self.content:

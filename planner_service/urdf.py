@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import Box, Cylinder, Shape, Sphere
-from planner_service.mesh_path import mesh_path_problem
+from planner_service.mesh_path import MeshShelf
 from planner_service.regular_file import read_bytes
 from planner_service.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
 
@@ -41,7 +41,7 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> Urdf:
     """The robot of a URDF file.
 
     Args:
-        package_dirs: Folders besides the file's own in which a mesh may lie.
+        package_dirs: Folders besides the file's own in which a mesh may lie, or of which ``package://`` speaks.
 
     Raises:
         InvalidFile: with every problem found.
@@ -114,7 +114,7 @@ class _Reader:
     """Reads elements and remembers every problem; after a problem it goes on with a stand-in value."""
 
     def __init__(self, folders: tuple[Path, ...]) -> None:
-        self.folders = folders
+        self.shelf = MeshShelf(folders)
         self.problems: list[str] = []
 
     def robot(self, root: ElementTree.Element) -> Urdf:
@@ -133,26 +133,24 @@ class _Reader:
         collisions = []
         for index, child in enumerate(element.findall("collision")):
             where = f"link {name!r} collision[{index}]"
-            shape = self.shape(child, name, where)
+            shape = self.shape(child, where)
             xyz, rpy = self.origin(child, where)
             if shape is not None:
                 collisions.append(UrdfCollision(shape, xyz, rpy))
         return UrdfLink(name, tuple(collisions), self.inertial(element, name))
 
-    def shape(self, collision: ElementTree.Element, link: str, where: str) -> Shape | None:
+    def shape(self, collision: ElementTree.Element, where: str) -> Shape | None:
         geometry = self.one(collision, "geometry", where)
         kinds = [] if geometry is None else list(geometry)
         if len(kinds) != 1:
             self.problems.append(f"{where}: <geometry> has {len(kinds)} shapes; expected exactly one")
             return None
         kind = kinds[0]
-        if kind.tag == "mesh":
-            problem = mesh_path_problem(kind.get("filename", ""), self.folders) or (
-                f"mesh collision geometry is not supported yet; describe {link} with boxes, cylinders and spheres"
-            )
-            self.problems.append(f"{where}: {problem}")
-            return None
         try:
+            if kind.tag == "mesh":
+                one = (1.0, 1.0, 1.0)
+                scale = self.numbers(kind, "scale", 3, where, one) if "scale" in kind.attrib else one
+                return self.shelf.mesh(kind.get("filename", ""), scale)
             if kind.tag == "box":
                 return Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0)))  # type: ignore[arg-type]
             if kind.tag == "cylinder":
@@ -160,9 +158,9 @@ class _Reader:
             if kind.tag == "sphere":
                 return Sphere(self.number(kind, "radius", where, 1.0))
         except InvalidRequest as error:
-            self.problems.append(f"{where}: {kind.tag} {error}")
+            self.problems.append(f"{where}: {error}" if kind.tag == "mesh" else f"{where}: {kind.tag} {error}")
             return None
-        self.problems.append(f"{where}: unknown geometry <{kind.tag}>; expected box, cylinder or sphere")
+        self.problems.append(f"{where}: unknown geometry <{kind.tag}>; expected box, cylinder, sphere or mesh")
         return None
 
     def inertial(self, link: ElementTree.Element, name: str) -> Inertial | None:

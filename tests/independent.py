@@ -28,7 +28,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["IndependentChecker", "Touch", "tables_of"]
+__all__ = ["IndependentChecker", "Touch", "hull_of", "tables_of"]
 
 FloatArray = NDArray[np.float64]
 Table = Mapping[str, Any]
@@ -54,25 +54,29 @@ class IndependentChecker:
     """Says whether a robot of a ``robots/`` folder is free among the obstacles of a scene, and who touches whom if not.
 
     Args:
-        robot_dir: Folder with robot.toml and the URDF it names.
+        robot_dir: Folder with robot.toml and the URDF it names; or what would be in the former, with the latter's whole
+            path and the folders of its meshes: ``{"urdf": ..., "package_dirs": [...], "joints": [...], ...}``.
         scene: A scene file, or its content: ``{"obstacle": [...], "attached": [...]}``.
         gripper_width: Metres between the finger pads; the width in robot.toml if None.
         allowed: Pairs of link or object names that may touch, beside those of robot.toml and the touch links.
-        padding: Metres by which every pair must stay apart, each shape being grown by half of it (a box stays a box).
+        padding: Metres by which every pair must stay apart, each shape being grown by half of it (a box stays a box,
+            hulls become round).
     """
 
     def __init__(
         self,
-        robot_dir: Path,
+        robot_dir: Path | Table,
         scene: Path | Table,
         *,
         gripper_width: float | None = None,
         allowed: Iterable[tuple[str, str]] = (),
         padding: float = 0.0,
     ) -> None:
-        robot = _read(robot_dir / "robot.toml")
+        folder = robot_dir if isinstance(robot_dir, Path) else Path()
+        robot = _read(robot_dir / "robot.toml") if isinstance(robot_dir, Path) else robot_dir
         content = _read(scene) if isinstance(scene, Path) else scene
-        self.model, self.geometry = _reduced(robot, (robot_dir / robot["urdf"]).read_text("utf-8"), gripper_width)
+        self._meshes = scene.parent if isinstance(scene, Path) else Path()
+        self.model, self.geometry = _reduced(robot, (folder / robot["urdf"]).read_text("utf-8"), gripper_width)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
         self._add_bodies(content, self.model.getFrameId(robot["tool_frame"]))
         if padding:
@@ -88,7 +92,8 @@ class IndependentChecker:
         position = robot.get("limits", {}).get("position", {})
         self._lower = np.array(position.get("lower", self.model.lowerPositionLimit[columns])) - LIMIT_SLACK
         self._upper = np.array(position.get("upper", self.model.upperPositionLimit[columns])) + LIMIT_SLACK
-        self._speed = np.array(robot["limits"]["velocity"]["values"])
+        velocity = robot.get("limits", {}).get("velocity", {})
+        self._speed = np.array(velocity.get("values", self.model.velocityLimit[columns]))
         self.reach = self._reaches()[columns]
         self._data = self.model.createData()
         self._geometry_data = pin.GeometryData(self.geometry)
@@ -191,11 +196,13 @@ class IndependentChecker:
 
     def _add_bodies(self, content: Table, tool: int) -> None:
         for table in content.get("obstacle", ()):
-            self._add(table["name"], 0, 0, _shape(table), _pose(table))
+            self._add(table["name"], 0, 0, _shape(table, self._meshes), _pose(table))
         frame = self.model.frames[tool]
         self._carried = {table["name"] for table in content.get("attached", ())}
         for table in content.get("attached", ()):
-            self._add(table["name"], frame.parentJoint, tool, _shape(table), frame.placement * _pose(table))
+            self._add(
+                table["name"], frame.parentJoint, tool, _shape(table, self._meshes), frame.placement * _pose(table)
+            )
 
     def _add(self, name: str, joint: int, frame: int, shape: Any, placement: Any) -> None:
         self.geometry.addGeometryObject(pin.GeometryObject(f"{name}#", joint, frame, placement, shape))
@@ -246,7 +253,8 @@ def tables_of(scene: Any) -> dict[str, list[dict[str, Any]]]:
     for key, bodies in (("obstacle", scene.obstacles), ("attached", scene.attached)):
         for body in bodies:
             kind, sizes = type(body.shape).__name__.lower(), dict(vars(body.shape))
-            shape = {"box": sizes.get("size"), "sphere": sizes.get("radius")}.get(kind, sizes)
+            corners = {"vertices": sizes["vertices"].tolist()} if kind == "mesh" else None
+            shape = {"box": sizes.get("size"), "sphere": sizes.get("radius"), "mesh": corners}.get(kind, sizes)
             table = {"name": body.name, kind: shape, "position": body.pose.position}
             table |= {"quaternion_wxyz": body.pose.quaternion, "touch_links": getattr(body, "touch_links", ())}
             content[key].append(table)
@@ -263,7 +271,12 @@ def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
     The two finger carriages stand at half the gripper's width each, other joints as robot.toml locks them, or at zero.
     """
     model = pin.buildModelFromXML(urdf)
-    geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION)
+    folders = [[str(folder) for folder in robot["package_dirs"]]] if robot.get("package_dirs") else []
+    geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, *folders)
+    for g in geometry.geometryObjects:
+        if isinstance(g.geometry, coal.BVHModelBase):  # a surface, and what is inside it would touch nothing
+            g.geometry.buildConvexHull(True, "Qt")
+            g.geometry = g.geometry.convex
     gripper = robot.get("gripper", {})
     opening = gripper.get("width", 0.0) if width is None else width
     q = pin.neutral(model)
@@ -276,7 +289,27 @@ def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
     return reduced, moved
 
 
-def _shape(table: Table) -> Any:
+def hull_of(points: ArrayLike) -> Any:
+    """Coal's convex hull of points (n, 3)."""
+    cloud = coal.StdVec_Vec3s()
+    for point in np.asarray(points, dtype=np.float64):
+        cloud.append(point)
+    return coal.Convex.convexHull(cloud, True, "Qt")
+
+
+def _mesh(value: Any, folder: Path) -> Any:
+    """The hull of a scene file's ``mesh``."""
+    table = {"file": value} if isinstance(value, str) else value
+    if "vertices" in table:
+        return hull_of(table["vertices"])
+    loaded = coal.MeshLoader().load(str(folder / table["file"]), np.array(table.get("scale", (1.0, 1.0, 1.0))))
+    loaded.buildConvexHull(True, "Qt")
+    return loaded.convex
+
+
+def _shape(table: Table, meshes: Path = Path()) -> Any:
+    if "mesh" in table:
+        return _mesh(table["mesh"], meshes)
     if "box" in table:
         return coal.Box(*map(float, table["box"]))
     if "sphere" in table:
@@ -299,7 +332,10 @@ def _grown(shape: Any, margin: float) -> Any:
         return coal.Sphere(shape.radius + margin)
     if isinstance(shape, coal.Cylinder):
         return coal.Cylinder(shape.radius + margin, 2.0 * (shape.halfLength + margin))
-    return coal.Capsule(shape.radius + margin, 2.0 * shape.halfLength)
+    if isinstance(shape, coal.Capsule):
+        return coal.Capsule(shape.radius + margin, 2.0 * shape.halfLength)
+    shape.setSweptSphereRadius(margin)
+    return shape
 
 
 def _radius(shape: Any) -> float:
@@ -309,7 +345,9 @@ def _radius(shape: Any) -> float:
         return float(shape.radius)
     if isinstance(shape, coal.Cylinder):
         return math.hypot(shape.radius, shape.halfLength)
-    return float(shape.radius + shape.halfLength)
+    if isinstance(shape, coal.Capsule):
+        return float(shape.radius + shape.halfLength)
+    return float(np.sqrt((shape.points() ** 2).sum(axis=-1)).max() + shape.getSweptSphereRadius())
 
 
 def _length(vector: Sequence[float]) -> float:

@@ -335,7 +335,7 @@ def test_fcl_is_asked_for_nothing_but_collide_and_convex_shapes() -> None:
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "fcl"
     }
     assert used <= {
-        "Box", "Sphere", "Cylinder", "Capsule", "CollisionGeometry", "CollisionObject", "CollisionRequest",
+        "Box", "Sphere", "Cylinder", "Capsule", "Convex", "CollisionGeometry", "CollisionObject", "CollisionRequest",
         "CollisionResult", "Transform", "collide",
     }  # fmt: skip
     plain = [a.asname for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names if a.name == "fcl"]

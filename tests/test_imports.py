@@ -20,7 +20,7 @@ FRONT = "__init__"
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
     "errors": ({"errors"}, set()),
-    "shapes": ({"geometry", "data", "json_file", "regular_file"}, {"errors"}),
+    "shapes": ({"geometry", "mesh", "mesh_file", "mesh_path", "data", "json_file", "regular_file"}, {"errors"}),
     "robot": (
         {
             "robot",
@@ -32,7 +32,6 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "reach",
             "urdf",
             "urdf_model",
-            "mesh_path",
         },
         {"errors", "shapes"},
     ),
@@ -84,7 +83,7 @@ ONLY_IN = {
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"timing.py"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
-    "trimesh": {"assembly.py", "robot_source.py", "mesh_path.py"},
+    "trimesh": set[str](),
     "pickle": set[str](),
     "cPickle": set[str](),
     "dill": set[str](),

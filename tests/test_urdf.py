@@ -108,7 +108,7 @@ BAD = {
     "comma separated": (BOX, '<box size="0.1,0.2,0.3"/>', "expected 3 finite numbers"),
     "underscored number": (BOX, '<box size="1_0 0.2 0.3"/>', "expected 3 finite numbers"),
     "missing size": (BOX, "<box/>", "size = None; expected 3 finite numbers"),
-    "unknown geometry": (BOX, '<cone radius="1"/>', "unknown geometry <cone>; expected box, cylinder or sphere"),
+    "unknown geometry": (BOX, '<cone radius="1"/>', "unknown geometry <cone>; expected box, cylinder, sphere or mesh"),
     "no geometry": (f"<geometry>{BOX}</geometry>", "", "<geometry> has 0 shapes; expected exactly one"),
     "two geometries": (BOX, BOX + BOX, "<geometry> has 2 shapes; expected exactly one"),
     "two origins": ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><origin/>', "'wrist': <origin> is given 2 times"),
@@ -174,10 +174,10 @@ MESHES = {
     "relative path out": ("../outside/o.stl", "lies outside the folders that may be read"),
     "through a link": ("sly/o.stl", "lies outside the folders that may be read"),
     "other scheme": ("http://example.org/o.stl", "lies outside the folders that may be read"),
-    "wrong suffix": ("inside.dae", r"is no .stl or .obj file"),
+    "wrong suffix": ("inside.dae", r"is no .stl or .obj or .ply file"),
     "empty": ("", "mesh filename ''; expected a path"),
     "missing": ("missing.stl", "mesh 'missing.stl' does not exist"),
-    "unsupported": ("package://arm/inside.stl", "not supported yet; describe upper with boxes, cylinders and spheres"),
+    "no content": ("package://arm/inside.stl", "cannot be used: no STL: 0 bytes are not those of 0 triangles"),
 }
 
 
@@ -200,7 +200,7 @@ def test_a_mesh_in_a_package_folder_the_caller_named_is_inside(tmp_path: Path) -
     path.write_text(changed(BOX, '<mesh filename="package://other/o.stl"/>'))
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "o.stl").touch()
-    with pytest.raises(InvalidFile, match="not supported yet"):
+    with pytest.raises(InvalidFile, match="o.stl' cannot be used: no STL"):
         read_urdf(path, [tmp_path])
 
 

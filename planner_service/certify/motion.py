@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.separation import Facing, Solids
+from planner_service.certify.pairs import Frame, Piece, ProofPairs
+from planner_service.certify.separation import Facing, Solids, centre_of
 from planner_service.geometry import FloatArray
 from planner_service.robot import Body, Robot
 
@@ -47,12 +47,12 @@ class Motion:
         self.first, self.second = listed.pairs.T.copy()
         self.riding = len(riding)
         self._rides = self.second < self.riding
-        self._fixed = _table([piece.frame for piece in listed.standing])
+        self._fixed = _table([_centred(piece) for piece in listed.standing])
         self._solids = Solids.of([piece.shape for piece in riding])
         every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
         self._every_radius = every.radius()
         self._pair_solids = (every.take(self.first), every.take(self.second))
-        self._local = _table([piece.frame for piece in riding])[:, :, None]
+        self._local = _table([_centred(piece) for piece in riding])[:, :, None]
         self._body = np.array([piece.body for piece in riding], dtype=np.intp)
         self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
         self._moved = np.array([body.q_index >= 0 for body in bodies])
@@ -122,6 +122,8 @@ class Motion:
         half, disc, ball = self._solids.half, self._solids.disc, self._solids.ball
         support = np.abs(u) * half[0] + np.abs(v) * half[1] + np.abs(w) * half[2]
         support = support + disc * np.sqrt(across) + ball * np.sqrt(square)
+        if self._solids.hulls is not None:  # along c itself, of whatever length
+            support = self._solids.hulls.extended(np.stack([u, v, w], axis=-2), support)
         found = np.sqrt(square + 2.0 * support + self._radius * self._radius)
         return np.asarray(np.minimum(found, self._far))
 
@@ -167,6 +169,13 @@ class Motion:
         first, second = self._in_poses(poses, pair, node)
         a, b = self._pair_solids
         return Facing.of(a.take(pair), b.take(pair), poses[:, :, first], poses[:, :, second])
+
+
+def _centred(piece: Piece) -> Frame:
+    """The frame of a piece, moved to the centre of its solid."""
+    x, y, z = centre_of(piece.shape)
+    a, b, c = ((row[0], row[1], row[2], row[0] * x + row[1] * y + row[2] * z + row[3]) for row in piece.frame)
+    return (a, b, c)
 
 
 def _table(frames: Sequence[Sequence[Sequence[float]]]) -> FloatArray:

@@ -1,23 +1,27 @@
 """Proven gaps between convex solids, many pairs at once: the arithmetic of the certificate, and of nothing else.
 
-Every solid is the Minkowski sum of a box, a disc across local z and a ball, so its support function has a closed form.
-For any unit direction n from b towards a, ``n . (c_a - c_b) - h_a(n) - h_b(n)`` is a lower bound of the signed gap (the
-solids are centrally symmetric; separating axis theorem). Whatever suggests the direction, the bound holds; good
-suggestions only make it tight. Arrays have the component first: vectors are (3, p), rotations (3, 3, p).
+Every solid is the hull of its corners, or the Minkowski sum of a box, a disc across local z and a ball, whose support
+function has a closed form. For any unit direction n from b towards a, ``n . (c_a - c_b) - h_a(-n) - h_b(n)`` is a lower
+bound of the signed gap (separating axis theorem; all but hulls are centrally symmetric). Whatever suggests the
+direction, the bound holds; good suggestions only make it tight. Arrays have the component first: vectors are (3, p),
+rotations (3, 3, p).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.certify.hulls import Corners, walked
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
+from planner_service.mesh import Mesh
 
-__all__ = ["Facing", "Solids", "refined_gaps", "rough_gaps"]
+__all__ = ["Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps"]
 
 IntArray = NDArray[np.intp]
 
@@ -27,37 +31,58 @@ TINY = 1e-12
 SHIFT = 0.06
 """Metres by which close solids are drawn apart while a direction is sought; about their size, see ``_ascended``."""
 
+STEPS_PER_ROUND = 3
+"""Steps of the walk between hulls in the place of one round of the ascent."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solids:
-    """Half lengths of the boxes (3, p), radii of the discs (p,) and of the balls (p,)."""
+    """Half lengths of the boxes (3, p), radii of the discs (p,) and of the balls (p,), about ``centre_of`` each shape.
+
+    Attributes:
+        hulls: Those that are hulls, None if none is; in the other arrays these are zero.
+    """
 
     half: FloatArray
     disc: FloatArray
     ball: FloatArray
+    hulls: Corners | None = None
 
     @classmethod
     def of(cls, shapes: Sequence[Shape]) -> Solids:
         """The solids of ``shapes``."""
         rows = [_row(shape) for shape in shapes]
         table = np.array(rows, dtype=np.float64).reshape(-1, 5).T
-        return cls(table[:3], table[3], table[4])
+        clouds = [_corners(shape) for shape in shapes]
+        return cls(table[:3], table[3], table[4], Corners.of(clouds))
 
     def take(self, rows: IntArray) -> Solids:
         """The solids at ``rows``."""
-        return Solids(self.half[:, rows], self.disc[rows], self.ball[rows])
+        hulls = None if self.hulls is None else self.hulls.take(rows)
+        return Solids(self.half[:, rows], self.disc[rows], self.ball[rows], hulls)
 
     def extent(self, n: FloatArray) -> FloatArray:
         """Support values along unit directions in local axes; n (..., 3, p) in, (..., p) out."""
         u, v, w = n[..., 0, :], n[..., 1, :], n[..., 2, :]
         flat = np.abs(u) * self.half[0] + np.abs(v) * self.half[1] + np.abs(w) * self.half[2]
-        return np.asarray(flat + self.disc * np.sqrt(u * u + v * v) + self.ball)
+        found = np.asarray(flat + self.disc * np.sqrt(u * u + v * v) + self.ball)
+        return found if self.hulls is None else self.hulls.extended(n, found)
 
     def radius(self) -> FloatArray:
         """Distance of each solid's farthest point from its centre, (p,)."""
         x, y, z = self.half
         across = np.sqrt(x * x + y * y) + self.disc
-        return np.asarray(np.sqrt(across * across + z * z) + self.ball)
+        found = np.asarray(np.sqrt(across * across + z * z) + self.ball)
+        return found if self.hulls is None else self.hulls.reaching(found)
+
+    def farthest(self, n: FloatArray) -> FloatArray:
+        """A point of each solid without its ball that is farthest along a direction in local axes; (3, p) in, out."""
+        u, v = n[0], n[1]
+        out = np.where(n < 0.0, -self.half, self.half)
+        share = self.disc / np.maximum(np.sqrt(u * u + v * v), TINY)
+        out[0] += u * share
+        out[1] += v * share
+        return out if self.hulls is None else self.hulls.farthest(n, out)
 
     def nearest(self, x: FloatArray) -> FloatArray:
         """The point of box and disc, without the ball, nearest to a point in local axes; (3, p) in and out."""
@@ -69,8 +94,23 @@ class Solids:
         return core
 
 
+def centre_of(shape: Shape) -> tuple[float, float, float]:
+    """Where a shape's solid has its centre, in the shape's own frame: 0 but for a hull, the mean of its corners."""
+    if not isinstance(shape, Mesh):
+        return (0.0, 0.0, 0.0)
+    x, y, z = (math.fsum(column) / len(column) for column in shape.vertices.T.tolist())
+    return (x, y, z)
+
+
+def _corners(shape: Shape) -> FloatArray | None:
+    """The corners of a hull about its centre, (3, v)."""
+    return (shape.vertices - np.array(centre_of(shape))).T if isinstance(shape, Mesh) else None
+
+
 def _row(shape: Shape) -> tuple[float, float, float, float, float]:
     """Half lengths, disc, ball."""
+    if isinstance(shape, Mesh):
+        return (0.0, 0.0, 0.0, 0.0, 0.0)
     if isinstance(shape, Box):
         return (*shape.half, 0.0, 0.0)
     if isinstance(shape, Sphere):
@@ -115,7 +155,30 @@ class Facing:
     def along(self, n: FloatArray) -> FloatArray:
         """The bound of each pair along unit directions in b's axes; (..., 3, p) in, (..., p) out."""
         apart = n[..., 0, :] * self.x[0] + n[..., 1, :] * self.x[1] + n[..., 2, :] * self.x[2]
-        return np.asarray(apart - self.b.extent(n) - self.a.extent(self.into_a(n)))
+        return np.asarray(apart - self.b.extent(n) - self.a.extent(self.into_a(-n)))
+
+    def without_hulls(self) -> Facing:
+        """The same pairs, known to have no hull among them."""
+        return Facing(replace(self.a, hulls=None), replace(self.b, hulls=None), self.R, self.x)
+
+    @property
+    def with_hull(self) -> NDArray[np.bool_] | None:
+        """Which pairs have a hull, (p,); None if there is none at all."""
+        rows = [solids.hulls.rows >= 0 for solids in (self.a, self.b) if solids.hulls is not None]
+        return None if not rows else np.asarray(rows[0] | rows[-1])
+
+    @property
+    def balls(self) -> FloatArray:
+        """What the two balls of each pair take off a gap between the cores, (p,)."""
+        return np.asarray(self.a.ball + self.b.ball)
+
+    def difference(self, n: FloatArray) -> FloatArray:
+        """The point of a's core minus b's that is nearest along unit directions from b to a; (3, p) in and out.
+
+        A core is a solid without its ball.
+        """
+        on_a = self.x + self.out_of_a(self.a.farthest(self.into_a(-n)))
+        return np.asarray(on_a - self.b.farthest(n))
 
 
 def _unit(v: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -130,7 +193,8 @@ def _best(facing: Facing, candidates: FloatArray) -> tuple[FloatArray, FloatArra
     n, good = _unit(candidates)
     x = facing.x
     apart = n[:, 0] * x[0] + n[:, 1] * x[1] + n[:, 2] * x[2]
-    extent = facing.b.extent(n) + facing.a.extent(facing.into_a(n))
+    towards = n if facing.with_hull is None else np.where(apart < 0.0, -1.0, 1.0)[:, None] * n  # hulls have two sides
+    extent = facing.b.extent(towards) + facing.a.extent(facing.into_a(-towards))
     bound = np.where(good, np.abs(apart) - extent, -np.inf)
     first = bound.argmax(axis=0)
     columns = np.arange(first.size)
@@ -166,10 +230,25 @@ def _crosses(facing: Facing) -> FloatArray:
 def refined_gaps(
     facing: Facing, gaps: FloatArray, directions: FloatArray, rounds: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Bounds no smaller than ``gaps`` (p,), and their directions (3, p): edges against edges, then an ascent."""
-    found, n = _best(facing, _crosses(facing))
-    better = found > gaps
-    return _ascended(facing, np.where(better, found, gaps), np.where(better, n, directions), rounds)
+    """Bounds no smaller than ``gaps`` (p,), and their directions (3, p): edges against edges, then an ascent.
+
+    With a hull, which has more edges than are worth crossing, a walk to the nearest points instead.
+    """
+    hulled = facing.with_hull
+    if hulled is None or not hulled.any():
+        found, n = _best(facing, _crosses(facing))
+        better = found > gaps
+        return _ascended(facing, np.where(better, found, gaps), np.where(better, n, directions), rounds)
+    gaps, directions = gaps.copy(), directions.copy()
+    for rows, is_hull in ((np.flatnonzero(~hulled), False), (np.flatnonzero(hulled), True)):
+        if len(rows):
+            some, known, n = facing.take(rows), gaps[rows], directions[:, rows]
+            if is_hull:
+                known, n = walked(some, known, n, STEPS_PER_ROUND * rounds)
+            else:
+                known, n = refined_gaps(some.without_hulls(), known, n, rounds)
+            gaps[rows], directions[:, rows] = known, n
+    return gaps, directions
 
 
 def _ascended(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) -> tuple[FloatArray, FloatArray]:

@@ -9,6 +9,7 @@ from rich import box
 from rich.table import Table
 
 from planner_service.geometry import Box
+from planner_service.mesh import Mesh
 from planner_service.robot import Robot
 from planner_service.scene import Attached, Obstacle, Scene
 
@@ -56,6 +57,8 @@ def _object(body: Obstacle | Attached) -> dict[str, Any]:
 def _shape(body: Obstacle | Attached) -> tuple[str, Any]:
     if isinstance(body.shape, Box):
         return "box", list(body.shape.size)
+    if isinstance(body.shape, Mesh):
+        return "mesh", {"corners": len(body.shape.vertices), "sha256": body.shape.digest}
     return type(body.shape).__name__.lower(), {name: float(value) for name, value in vars(body.shape).items()}
 
 
@@ -83,11 +86,16 @@ def object_table(scene: Scene) -> Table:
     table = columns(*((head, False) for head in heads))
     for body in bodies:
         kind, size = _shape(body)
-        words = ", ".join(f"{key} {value:g}" for key, value in size.items()) if isinstance(size, dict) else spaced(size)
+        words = ", ".join(map(_worded, size.items())) if isinstance(size, dict) else spaced(size)
         name = f"{body.name} (attached)" if isinstance(body, Attached) else body.name
         cells = [name, kind, words, spaced(body.pose.position), spaced(body.pose.quaternion)]
         table.add_row(*cells[: len(heads)])
     return table
+
+
+def _worded(item: tuple[str, float | str]) -> str:
+    key, value = item
+    return f"{key} {value[:12]}" if isinstance(value, str) else f"{key} {value:g}"
 
 
 def columns(*heads: tuple[str, bool]) -> Table:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.collision.bounds import Placed, Solids, box_of, refined_gaps, rough_gaps
+from planner_service.collision.bounds import Placed, Solids, box_of, centres_of, parted, refined_gaps, rough_gaps
 from planner_service.collision.parts import Parts
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
@@ -43,14 +43,15 @@ class Prefilter:
         self._solids = Solids.of(parts.shapes)
         n = parts.riding
         T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
+        T[:, :3, 3] += (T[:, :3, :3] @ centres_of(parts.shapes)[..., None])[..., 0]
         self._bodies = np.array([part.body for part in parts.parts[:n]], dtype=np.intp)
         self._R_part, self._t_part = T[:n, :3, :3].copy(), T[:n, :3, 3].copy()
         self._R_world, self._t_world = T[n:, :3, :3].copy(), T[n:, :3, 3].copy()
-        standing = Solids(self._solids.half[n:], self._solids.ball[n:], self._solids.disc[n:])
-        reach = box_of(standing, self._R_world)
+        reach = box_of(self._solids.take(slice(n, None)), self._R_world)
         self._low_world, self._high_world = self._t_world - reach, self._t_world + reach
-        self._riding = Solids(self._solids.half[:n], self._solids.ball[:n], self._solids.disc[:n])
+        self._riding = self._solids.take(slice(n))
         self._i, self._j = parts.pairs[:, 0], parts.pairs[:, 1]
+        self._with_hull = (self._solids.hulls[self._i] >= 0) | (self._solids.hulls[self._j] >= 0)
 
     def candidates(self, Q: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
@@ -58,9 +59,18 @@ class Prefilter:
         row, pair = self._overlapping(R, t)
         if len(row) > _ASKED_AT_ONCE and len(Q) > 1:
             a, b = self._placed(R, t, row, pair)
-            doubtful = rough_gaps(a, b) <= MARGIN
+            doubtful = np.flatnonzero(rough_gaps(a, b) <= MARGIN)
             row, pair = row[doubtful], pair[doubtful]
+            if self._with_hull.any() and len(row):
+                row, pair = self._parted(a.take(doubtful), b.take(doubtful), row, pair)
         return row, pair
+
+    def _parted(self, a: Placed, b: Placed, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
+        """What is left of rows and pairs once hulls are looked at as they are, not as the boxes around them."""
+        hulls = np.flatnonzero(self._with_hull[pair])
+        left = np.ones(len(pair), dtype=bool)
+        left[hulls] = ~parted(a.take(hulls), b.take(hulls), MARGIN)
+        return row[left], pair[left]
 
     def smallest_gap(self, q: FloatArray) -> float:
         """A proven lower bound in metres of the smallest gap of any pair at q (n,), infinite without pairs.

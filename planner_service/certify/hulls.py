@@ -1,0 +1,175 @@
+"""Hulls of corners, many at once: how far they extend, and the walk to the nearest points of two of them.
+
+All arithmetic is elementwise and in one fixed order; of several corners equally far the first one counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.geometry import FloatArray
+
+__all__ = ["Corners", "walked"]
+
+IntArray = NDArray[np.intp]
+
+AT_ONCE = 50_000
+"""Numbers in a temporary array, so that it stays in a processor's cache."""
+
+GAIN = 1e-8
+"""Metres between a bound and the nearest point found so far at which the walk ends."""
+
+SHARE = 1e-3
+"""Of the gap: so much tightness is not worth another step, for the proof or its report."""
+
+THIN = 1e-12
+"""Squared sine of an angle between two edges: equal or aligned points span no face."""
+
+TINY = 1e-30
+"""Squared metres: a shorter vector is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Which of p solids are hulls, and of what.
+
+    Attributes:
+        rows: For each solid the number of its hull, or -1, (p,).
+        table: The corners of each hull about its centre, (3, hulls, v), the first repeated where there are fewer.
+        radii: The distance of the farthest corner from the centre, for each hull.
+    """
+
+    rows: IntArray
+    table: FloatArray
+    radii: FloatArray
+
+    @classmethod
+    def of(cls, clouds: Sequence[FloatArray | None]) -> Corners | None:
+        """From the corners (3, v) of each solid, None for one that is no hull; None if none is."""
+        found = [cloud for cloud in clouds if cloud is not None]
+        if not found:
+            return None
+        is_hull = np.array([cloud is not None for cloud in clouds])
+        rows = np.where(is_hull, np.cumsum(is_hull) - 1, -1)
+        most = max(cloud.shape[1] for cloud in found)
+        padded = [np.concatenate([cloud, np.repeat(cloud[:, :1], most - cloud.shape[1], axis=1)], 1) for cloud in found]
+        x, y, z = table = np.stack(padded, axis=1)
+        return cls(rows, table, np.sqrt((x * x + y * y + z * z).max(axis=-1)))
+
+    def take(self, rows: IntArray) -> Corners:
+        """The solids at ``rows``."""
+        return Corners(self.rows[rows], self.table, self.radii)
+
+    def extended(self, n: FloatArray, found: FloatArray) -> FloatArray:
+        """Support values along n (..., 3, p) in local axes, (..., p): those of hulls put into ``found``."""
+        flat = n.reshape(-1, *n.shape[-2:])
+        out = found.reshape(-1, found.shape[-1])
+        for columns in self._blocks(len(flat)):
+            out[:, columns] = self._heights(flat, columns).max(axis=-1)
+        return out.reshape(found.shape)
+
+    def farthest(self, n: FloatArray, found: FloatArray) -> FloatArray:
+        """Corners farthest along n (3, p), (3, p): those of hulls put into ``found``."""
+        for columns in self._blocks(1):
+            best = self._heights(n[None], columns)[0].argmax(axis=-1)
+            found[:, columns] = self.table[:, self.rows[columns], best]
+        return found
+
+    def reaching(self, found: FloatArray) -> FloatArray:
+        """Distances of the farthest points from the centres, (p,): those of hulls put into ``found``."""
+        return np.where(self.rows >= 0, self.radii[self.rows], found)
+
+    def _heights(self, n: FloatArray, columns: IntArray) -> FloatArray:
+        """Of the corners of some hulls along directions n (k, 3, p), (k, columns, v)."""
+        d, cloud = n[:, :, columns, None], self.table[:, self.rows[columns]]
+        return np.asarray(d[:, 0] * cloud[0] + d[:, 1] * cloud[1] + d[:, 2] * cloud[2])
+
+    def _blocks(self, directions: int) -> list[IntArray]:
+        """The columns of hulls, few at a time."""
+        columns = np.flatnonzero(self.rows >= 0)
+        step = max(1, AT_ONCE // (directions * self.table.shape[2]))
+        return [columns[k : k + step] for k in range(0, len(columns), step)]
+
+
+class Pairs(Protocol):
+    """Pairs of solids, as ``separation.Facing`` has them."""
+
+    def take(self, rows: IntArray) -> Pairs: ...
+
+    def difference(self, n: FloatArray) -> FloatArray: ...
+
+    @property
+    def balls(self) -> FloatArray: ...
+
+
+def walked(pairs: Pairs, gaps: FloatArray, n: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Improve bounds (p,) and directions (3, p) by walking to the nearest point of a - b over its support points.
+
+    (Gilbert, Johnson & Keerthi, IEEE J. Robotics and Automation 4(2), 1988.) Up to three support points are kept, whose
+    hull has the nearest point so far; a fourth that would enclose the origin means an overlap and ends the walk.
+    """
+    gaps, n = gaps.copy(), n.copy()
+    rows: IntArray = np.arange(len(gaps))
+    point = pairs.difference(n)
+    kept = np.repeat(point[None], 3, axis=0)
+    for _ in range(steps):
+        nearest, kept, going = _nearest(kept, point)
+        length = np.sqrt(_dot(nearest, nearest))
+        going &= length > GAIN
+        way = np.where(going, nearest / np.where(going, length, 1.0), n[:, rows])
+        point = pairs.difference(way)
+        found = _dot(way, point) - pairs.balls
+        better = found > gaps[rows]
+        gaps[rows] = np.where(better, found, gaps[rows])
+        n[:, rows] = np.where(better, way, n[:, rows])
+        most = length - pairs.balls  # no bound is larger
+        going &= found < most - GAIN - SHARE * np.maximum(most, 0.0)
+        left = np.flatnonzero(going)
+        if not len(left):
+            break
+        if len(left) < len(rows):
+            rows, pairs, point, kept = rows[left], pairs.take(left), point[:, left], kept[:, :, left]
+    return gaps, n
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[..., 0, :] * b[..., 0, :] + a[..., 1, :] * b[..., 1, :] + a[..., 2, :] * b[..., 2, :])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    (x, y, z), (u, v, w) = (np.moveaxis(item, -2, 0) for item in (a, b))
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-2)
+
+
+def _nearest(kept: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """The point nearest to the origin of the hull of ``kept`` (3, 3, p) and ``new`` (3, p), on a face with ``new``.
+
+    Returns:
+        The point (3, p), three points whose hull has it (some of them equal), and whether the origin is outside.
+    """
+    news = np.broadcast_to(new, kept.shape)
+    one, two, third = kept, kept[[1, 2, 0]], kept[[2, 0, 1]]
+    e = one - new
+    f = e[[1, 2, 0]]
+    square = _dot(e, e)
+    share = np.minimum(np.maximum(-_dot(e, new) / np.maximum(square, TINY), 0.0), 1.0)
+    on_edge = new + share[:, None] * e
+    normal = _cross(e, f)
+    area, height = _dot(normal, normal), _dot(normal, new)
+    on_face = (height / np.maximum(area, TINY * TINY))[:, None] * normal
+    within = (_dot(_cross(e, normal), new) >= 0.0) & (_dot(_cross(normal, f), new) >= 0.0)
+    within &= _dot(_cross(two - one, normal), one) >= 0.0
+    within &= area > THIN * square * square[[1, 2, 0]]
+    far = np.concatenate([_dot(on_edge, on_edge), np.where(within, _dot(on_face, on_face), np.inf)])
+    outside = (_dot(normal, third - new) * -height <= 0.0).any(axis=0)  # of a face with ``new``
+    base = _cross(kept[1] - kept[0], kept[2] - kept[0])
+    outside |= _dot(base, new - kept[0]) * -_dot(base, kept[0]) <= 0.0
+    best, columns = far.argmin(axis=0), np.arange(new.shape[1])
+    points = np.concatenate([on_edge, on_face])
+    spans = np.concatenate([np.stack([news, news, one], axis=1), np.stack([news, one, two], axis=1)])
+    return points[best, :, columns].T, spans[best, :, :, columns].transpose(1, 2, 0), outside
