@@ -13,7 +13,8 @@ from collections.abc import Sequence
 import fcl
 import numpy as np
 
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
+from planner_service.composite import Solid
+from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Sphere
 from planner_service.mesh import Mesh
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -21,7 +22,7 @@ from planner_service.scene import Scene
 __all__ = ["PairwiseFcl"]
 
 
-def _geometry(shape: Shape) -> fcl.CollisionGeometry:
+def _geometry(shape: Solid) -> fcl.CollisionGeometry:
     if isinstance(shape, Box):
         return fcl.Box(*shape.size)
     if isinstance(shape, Sphere):

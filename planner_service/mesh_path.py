@@ -1,23 +1,27 @@
-"""Meshes named in a file: only from the file's own folder or folders the caller named, each read once."""
+"""Meshes and the like named in a file: only from the file's own folder or folders the caller named."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 from urllib.parse import unquote
 
+from planner_service.composite import HeightField, PointCloud
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.mesh import Mesh, checked_scale
 from planner_service.mesh_file import MESH_SUFFIXES
 
 __all__ = ["MeshShelf"]
 
+T = TypeVar("T")
+
 MAX_TOTAL = 500_000_000
-"""Bytes of all meshes that one robot or scene may name."""
+"""Bytes of all meshes and clouds that one robot or scene may name."""
 
 
 class MeshShelf:
-    """Meshes by the names that a robot or scene file gives them.
+    """Meshes and the like by the names that a robot or scene file gives them.
 
     ``package://name/rest`` is looked for as ``name/rest`` and as ``rest`` in each folder, anything relative in each
     folder; a path that leaves all of them, also through a symbolic link, is refused.
@@ -37,24 +41,43 @@ class MeshShelf:
         Raises:
             InvalidRequest: it may not be read, does not exist or is no mesh, in words.
         """
-        path = self._path(filename)
-        key = (path, checked_scale("scale", scale))
+        if filename and not filename.lower().endswith(MESH_SUFFIXES):
+            raise _refused(filename, f"is no {' or '.join(MESH_SUFFIXES)} file")
+        key = (self._path(filename), checked_scale("scale", scale))
         if key not in self._read:
-            self._left -= path.stat().st_size
-            if self._left < 0:
-                raise _refused(filename, f"is one too many: more than {MAX_TOTAL:,} bytes of meshes")
-            try:
-                self._read[key] = Mesh.from_file(path, key[1])
-            except InvalidFile as error:
-                raise _refused(filename, f"cannot be used: {'; '.join(error.problems)}") from None
+            self._read[key] = self._opened(filename, lambda path: Mesh.from_file(path, key[1]))
         return self._read[key]
+
+    def cloud(self, filename: str, resolution: float) -> PointCloud:
+        """The point cloud of that name.
+
+        Raises:
+            InvalidRequest: it may not be read, does not exist or is no cloud, in words.
+        """
+        return self._opened(filename, lambda path: PointCloud.from_file(path, resolution))
+
+    def heights(self, filename: str, cell: float, floor: float) -> HeightField:
+        """The height field of that name.
+
+        Raises:
+            InvalidRequest: it may not be read, does not exist or is no height field, in words.
+        """
+        return self._opened(filename, lambda path: HeightField.from_file(path, cell, floor))
+
+    def _opened(self, filename: str, read: Callable[[Path], T]) -> T:
+        path = self._path(filename)
+        self._left -= path.stat().st_size
+        if self._left < 0:
+            raise _refused(filename, f"is one too many: more than {MAX_TOTAL:,} bytes of files")
+        try:
+            return read(path)
+        except InvalidFile as error:
+            raise _refused(filename, f"cannot be used: {'; '.join(error.problems)}") from None
 
     def _path(self, filename: str) -> Path:
         if not filename or "\0" in filename:
             message = f"mesh filename {filename!r}; expected a path"
             raise InvalidRequest("mesh", filename, "a path", message=message)
-        if not filename.lower().endswith(MESH_SUFFIXES):
-            raise _refused(filename, f"is no {' or '.join(MESH_SUFFIXES)} file")
         try:
             inside = [path for path in self._candidates(filename) if any(path.is_relative_to(f) for f in self._folders)]
             found = next((path for path in inside if path.is_file()), None)

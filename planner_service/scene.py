@@ -15,6 +15,16 @@ A scene file::
     mesh = { file = "cup.stl", scale = [0.001, 0.001, 0.001] }   # or mesh = "cup.stl", or mesh = { vertices = [...] }
     position = [0.2, 0.1, 0.0]
 
+    [[obstacle]]                                        # every cell of the grid that holds a point is solid
+    name = "bin"
+    cloud = { file = "scan.ply", resolution = 0.01 }    # PLY, NPZ or NPY; or heights = { file = "g.npz", cell = 0.01 }
+    position = [0.0, 0.0, 0.0]
+
+    [[obstacle]]                                        # several convex shapes as one object
+    name = "stool"
+    compound = [{ box = [0.3, 0.3, 0.02], position = [0.0, 0.0, 0.2] }, { cylinder = {...}, position = [...] }]
+    position = [0.3, 0.0, 0.0]
+
     [[attached]]                                        # the same, with its pose in the tool frame,
     touch_links = ["finger_left", "finger_right"]       # and the links that may touch it
 """
@@ -31,12 +41,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
+from planner_service.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.data import data_folder
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.mesh import Mesh
 from planner_service.mesh_path import MeshShelf
-from planner_service.scene_file import MAX_BYTES, SHAPE_KEYS, Table, read_tables, write_whole
+from planner_service.scene_file import (
+    MAX_BYTES,
+    SHAPE_KEYS,
+    Table,
+    pose_texts,
+    read_tables,
+    shape_key,
+    shape_text,
+    write_whole,
+)
 
 __all__ = ["Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
 
@@ -45,7 +65,8 @@ MAX_DESCRIPTION = 1000
 MAX_OBJECTS = 10_000
 """A scene made by hand or from detections has far fewer; more would rather be a point cloud."""
 
-_KINDS: tuple[type[Shape], ...] = (Box, Sphere, Cylinder, Capsule, Mesh)
+_KINDS: tuple[type[Solid], ...] = (Box, Sphere, Cylinder, Capsule, Mesh, Compound, PointCloud, HeightField)
+_ANY_KIND = "one of " + ", ".join(kind.__name__ for kind in _KINDS)
 _BODY_KEYS = ("name", *SHAPE_KEYS, "position", "quaternion_wxyz")
 
 
@@ -69,7 +90,7 @@ def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
 def _check_body(name: str, shape: Any, pose: Any) -> None:
     _checked_name("name", name)
     if not isinstance(shape, _KINDS):
-        raise InvalidRequest(f"shape of {name!r}", shape, "a Box, Sphere, Cylinder, Capsule or Mesh")
+        raise InvalidRequest(f"shape of {name!r}", shape, _ANY_KIND)
     if not isinstance(pose, Pose):
         raise InvalidRequest(f"pose of {name!r}", pose, "a Pose")
     if max(abs(v) for v in pose.position) > MAX_LENGTH:
@@ -86,7 +107,7 @@ class Obstacle:
     """
 
     name: str
-    shape: Shape
+    shape: Solid
     pose: Pose = field(default_factory=Pose)
 
     def __post_init__(self) -> None:
@@ -105,7 +126,7 @@ class Attached:
     """
 
     name: str
-    shape: Shape
+    shape: Solid
     pose: Pose
     touch_links: tuple[str, ...] = ()
 
@@ -242,22 +263,27 @@ def _tuple_of(field_name: str, values: Any, kind: type[Any]) -> tuple[Any, ...]:
     return elements
 
 
-def _shape_key(shape: Shape) -> str:
-    return type(shape).__name__.lower()
-
-
-def _shape_sizes(shape: Shape) -> dict[str, float]:
-    """The numbers that make a shape, under their names; a hull's are just numbered."""
-    if isinstance(shape, Mesh):
-        return {str(k): value for k, value in enumerate(shape.vertices.ravel().tolist())}
-    if isinstance(shape, Box):
-        return dict(zip("xyz", shape.size, strict=True))
-    return {name: float(value) for name, value in vars(shape).items()}
-
-
 def _canonical(body: Obstacle | Attached) -> list[Any]:
-    numbers = (*_shape_sizes(body.shape).values(), *body.pose.position, *body.pose.quaternion)
-    return [body.name, _shape_key(body.shape), *((v + 0.0).hex() for v in numbers)]  # + 0.0 drops the sign of -0.0
+    numbers = (*body.pose.position, *body.pose.quaternion)
+    return [body.name, *_canonical_shape(body.shape), *map(_bits, numbers)]
+
+
+def _canonical_shape(shape: Solid) -> list[Any]:
+    """What makes a solid, to the last bit."""
+    kind = shape_key(shape)
+    if isinstance(shape, Compound):
+        return [
+            kind,
+            *([*_canonical_shape(part), *map(_bits, (*pose.position, *pose.quaternion))] for part, pose in shape.parts),
+        ]
+    if isinstance(shape, (Mesh, PointCloud, HeightField)):
+        return [kind, shape.digest]
+    sizes = shape.size if isinstance(shape, Box) else vars(shape).values()
+    return [kind, *map(_bits, sizes)]
+
+
+def _bits(value: float) -> str:
+    return (value + 0.0).hex()  # + 0.0 drops the sign of -0.0
 
 
 def scene_names() -> tuple[str, ...]:
@@ -287,7 +313,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     """Write ``scene`` to a TOML file; ``load_scene`` gives back an equal one with an equal hash.
 
-    A mesh is written as the corners of its hull, so that the file needs no other.
+    A mesh is written as the corners of its hull, a cloud as its cells, so that the file needs no other.
 
     The file is there whole or not at all: after a failure an old file is as it was.
 
@@ -313,19 +339,8 @@ def _quoted(text: str) -> str:
 
 
 def _body_lines(body: Obstacle | Attached) -> list[str]:
-    sizes = _shape_sizes(body.shape)
-    shape = f"{{ {', '.join(f'{key} = {value!r}' for key, value in sizes.items())} }}"
-    if isinstance(body.shape, Box):
-        shape = repr(list(sizes.values()))
-    elif isinstance(body.shape, Sphere):
-        shape = repr(body.shape.radius)
-    elif isinstance(body.shape, Mesh):
-        shape = f"{{ vertices = {body.shape.vertices.tolist()!r} }}"
-    lines = [f"name = {_quoted(body.name)}", f"{_shape_key(body.shape)} = {shape}"]
-    lines.append(f"position = {list(body.pose.position)!r}")
-    if body.pose.quaternion != (1.0, 0.0, 0.0, 0.0):
-        lines.append(f"quaternion_wxyz = {list(body.pose.quaternion)!r}")
-    return lines
+    lines = [f"name = {_quoted(body.name)}", f"{shape_key(body.shape)} = {shape_text(body.shape)}"]
+    return [*lines, *pose_texts(body.pose)]
 
 
 def _read_scene(path: Path) -> Scene:
@@ -368,8 +383,8 @@ def _entry(kind: str, number: int, content: dict[str, Any], top: Table) -> Table
     return top.inner(f"{kind} {number}{label}", content)
 
 
-def _read_body(table: Table) -> tuple[str, Shape, Pose] | None:
-    name, shape, pose = _read_name(table), table.shape(), table.pose()
+def _read_body(table: Table) -> tuple[str, Solid, Pose] | None:
+    name, shape, pose = _read_name(table), table.solid(), table.pose()
     return None if name is None or shape is None or pose is None else (name, shape, pose)
 
 

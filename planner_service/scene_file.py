@@ -7,11 +7,12 @@ import os
 import reprlib
 import sys
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
+from planner_service.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.mesh import Mesh
@@ -23,15 +24,30 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["MAX_BYTES", "SHAPE_KEYS", "Table", "read_tables", "require_writable", "write_whole"]
+__all__ = [
+    "MAX_BYTES",
+    "SHAPE_KEYS",
+    "Table",
+    "pose_texts",
+    "read_tables",
+    "require_writable",
+    "shape_key",
+    "shape_text",
+    "write_whole",
+]
 
 T = TypeVar("T")
 
 MAX_BYTES = 5_000_000
 """A scene of 10,000 obstacles takes about 2 MB; a larger file is no scene."""
 
-SHAPE_KEYS = ("box", "sphere", "cylinder", "capsule", "mesh")
-"""What ``Table.shape`` reads, one of them per table."""
+CONVEX_KEYS = ("box", "sphere", "cylinder", "capsule", "mesh")
+"""Shapes that a compound may have, one of them per table."""
+
+SHAPE_KEYS = (*CONVEX_KEYS, "cloud", "heights", "compound")
+"""What ``Table.solid`` reads, one of them per table."""
+
+POSE_KEYS = ("position", "quaternion_wxyz")
 
 MAX_HINTS = 100
 """Spelling hints per file: finding one takes far longer than naming the problem."""
@@ -164,14 +180,25 @@ class Table:
         self.problem(f"{key}: got {_shown(value)}; expected tables, each headed [[{key}]]")
         return []
 
-    def shape(self) -> Shape | None:
+    def solid(self) -> Solid | None:
         """The one shape among the table's keys."""
-        keys = [key for key in SHAPE_KEYS if key in self.content]
+        shapes = [self._solid(key) for key in self._keys(SHAPE_KEYS)]  # of two, both are read, for their own problems
+        return shapes[0] if len(shapes) == 1 else None
+
+    def _solid(self, key: str) -> Solid | None:
+        if key == "cloud":
+            return self._cloud()
+        if key == "heights":
+            return self._heights()
+        return self._compound() if key == "compound" else self._shape(key)
+
+    def _keys(self, among: Sequence[str]) -> list[str]:
+        """The keys of shapes in the table, which should be one."""
+        keys = [key for key in among if key in self.content]
         if len(keys) != 1:
             found = f"two or more shapes, {' and '.join(keys)}" if keys else "shape is missing"
-            self.problem(f"{found}; expected exactly one of {', '.join(SHAPE_KEYS)}")
-        shapes = [self._shape(key) for key in keys]  # of two, both are read, each for its own problems
-        return shapes[0] if len(shapes) == 1 else None
+            self.problem(f"{found}; expected exactly one of {', '.join(among)}")
+        return keys
 
     def pose(self) -> Pose | None:
         """The pose of ``position``, which must be there, and ``quaternion_wxyz``, which need not."""
@@ -225,6 +252,56 @@ class Table:
         name, scale = inner.text("file"), table.get("scale", [1.0, 1.0, 1.0])
         return None if name is None else inner.attempt(lambda: self._shelf.mesh(name, scale))
 
+    def _cloud(self) -> PointCloud | None:
+        """A cloud by the name of a file, or by its cells."""
+        inner = self._described("cloud", ("file", "cells"), "resolution", ("resolution",))
+        if inner is None:
+            return None
+        cell = inner._length("resolution")
+        if cell is None:
+            return None
+        if "cells" in inner.content:
+            return inner.attempt(lambda: PointCloud.from_cells(inner.content["cells"], cell))
+        name = inner.text("file")
+        return None if name is None else inner.attempt(lambda: self._shelf.cloud(name, cell))
+
+    def _heights(self) -> HeightField | None:
+        """A height field by the name of a file, or by its numbers."""
+        inner = self._described("heights", ("file", "values"), "cell", ("cell", "floor"))
+        if inner is None:
+            return None
+        cell, floor = inner._length("cell"), inner._number("floor", inner.content.get("floor", 0.0))
+        if cell is None or floor is None:
+            return None
+        if "values" in inner.content:
+            return inner.attempt(lambda: HeightField(inner.content["values"], cell, floor))
+        name = inner.text("file")
+        return None if name is None else inner.attempt(lambda: self._shelf.heights(name, cell, floor))
+
+    def _described(self, key: str, sources: tuple[str, str], size: str, rest: tuple[str, ...]) -> Table | None:
+        """The table under ``key``, of what comes from one of two sources and has a size."""
+        value = self.content[key]
+        if not isinstance(value, dict) or (sources[0] in value) == (sources[1] in value):
+            expected = f"{{ {sources[0]} = ..., {size} = ... }} or {{ {sources[1]} = [...], {size} = ... }}"
+            self.problem(f"{key}: got {_shown(value)}; expected {expected}")
+            return None
+        inner = self.inner(f"{self.where}: {key}" if self.where else key, value)
+        inner.allow_only((*sources, *rest))
+        return inner
+
+    def _compound(self) -> Compound | None:
+        value = self.content["compound"]
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            self.problem(f"compound: got {_shown(value)}; expected [{{ box = [...], position = [...] }}, ...]")
+            return None
+        parts = []
+        for k, item in enumerate(value, 1):
+            inner = self.inner(f"{self.where}: compound {k}" if self.where else f"compound {k}", item)
+            inner.allow_only((*CONVEX_KEYS, *POSE_KEYS))
+            shapes, pose = [inner._shape(key) for key in inner._keys(CONVEX_KEYS)], inner.pose()
+            parts += [(shape, pose) for shape in shapes[:1] if shape is not None and pose is not None]
+        return self.attempt(lambda: Compound(tuple(parts))) if len(parts) == len(value) else None
+
     def _length(self, key: str) -> float | None:
         if key in self.content:
             return self._positive(key, self.content[key])
@@ -254,6 +331,42 @@ class Table:
             return float(value)
         self.problem(f"{label}: got {_shown(value)}; expected a positive length up to {MAX_LENGTH:g} m")
         return None
+
+
+def shape_key(shape: Solid) -> str:
+    """Under which key a file has a shape."""
+    return _KEYS.get(type(shape).__name__, type(shape).__name__.lower())
+
+
+_KEYS = {"PointCloud": "cloud", "HeightField": "heights"}
+
+
+def shape_text(shape: Solid) -> str:
+    """A shape as TOML, read again as an equal one."""
+    if isinstance(shape, Box):
+        return repr(list(shape.size))
+    if isinstance(shape, Sphere):
+        return repr(shape.radius)
+    if isinstance(shape, Mesh):
+        return f"{{ vertices = {shape.vertices.tolist()!r} }}"
+    if isinstance(shape, PointCloud):
+        return f"{{ resolution = {shape.resolution!r}, cells = {shape.cells.tolist()!r} }}"
+    if isinstance(shape, HeightField):
+        return f"{{ cell = {shape.cell!r}, floor = {shape.floor!r}, values = {shape.heights.tolist()!r} }}"
+    if isinstance(shape, Compound):
+        parts = [
+            ", ".join([f"{shape_key(part)} = {shape_text(part)}", *pose_texts(pose)]) for part, pose in shape.parts
+        ]
+        return f"[{', '.join(f'{{ {part} }}' for part in parts)}]"
+    return f"{{ {', '.join(f'{key} = {float(value)!r}' for key, value in vars(shape).items())} }}"
+
+
+def pose_texts(pose: Pose) -> list[str]:
+    """The lines of a pose; a turn by nothing is left out."""
+    lines = [f"position = {list(pose.position)!r}"]
+    if pose.quaternion != (1.0, 0.0, 0.0, 0.0):
+        lines.append(f"quaternion_wxyz = {list(pose.quaternion)!r}")
+    return lines
 
 
 def _is_number(value: Any) -> bool:

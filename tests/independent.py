@@ -196,16 +196,17 @@ class IndependentChecker:
 
     def _add_bodies(self, content: Table, tool: int) -> None:
         for table in content.get("obstacle", ()):
-            self._add(table["name"], 0, 0, _shape(table, self._meshes), _pose(table))
+            for shape, placement in _solids(table, self._meshes):
+                self._add(table["name"], 0, 0, shape, _pose(table) * placement)
         frame = self.model.frames[tool]
         self._carried = {table["name"] for table in content.get("attached", ())}
         for table in content.get("attached", ()):
-            self._add(
-                table["name"], frame.parentJoint, tool, _shape(table, self._meshes), frame.placement * _pose(table)
-            )
+            for shape, placement in _solids(table, self._meshes):
+                self._add(table["name"], frame.parentJoint, tool, shape, frame.placement * _pose(table) * placement)
 
     def _add(self, name: str, joint: int, frame: int, shape: Any, placement: Any) -> None:
-        self.geometry.addGeometryObject(pin.GeometryObject(f"{name}#", joint, frame, placement, shape))
+        number = len(self.owners)
+        self.geometry.addGeometryObject(pin.GeometryObject(f"{name}#{number}", joint, frame, placement, shape))
         self.owners.append(name)
 
     def _pair_up(self, may_touch: set[frozenset[str]]) -> None:
@@ -233,7 +234,7 @@ class IndependentChecker:
         model = self.model
         out = np.ones(model.nq)
         extent = [0.0] * model.njoints
-        for g in self.geometry.geometryObjects:
+        for g in (g for g in self.geometry.geometryObjects if g.parentJoint):
             far = _length(g.placement.translation) + _radius(g.geometry)
             extent[g.parentJoint] = max(extent[g.parentJoint], far)
         for k in range(model.njoints - 1, 0, -1):
@@ -252,13 +253,26 @@ def tables_of(scene: Any) -> dict[str, list[dict[str, Any]]]:
     content: dict[str, list[dict[str, Any]]] = {"obstacle": [], "attached": []}
     for key, bodies in (("obstacle", scene.obstacles), ("attached", scene.attached)):
         for body in bodies:
-            kind, sizes = type(body.shape).__name__.lower(), dict(vars(body.shape))
-            corners = {"vertices": sizes["vertices"].tolist()} if kind == "mesh" else None
-            shape = {"box": sizes.get("size"), "sphere": sizes.get("radius"), "mesh": corners}.get(kind, sizes)
+            kind, shape = _table_of(body.shape)
             table = {"name": body.name, kind: shape, "position": body.pose.position}
             table |= {"quaternion_wxyz": body.pose.quaternion, "touch_links": getattr(body, "touch_links", ())}
             content[key].append(table)
     return content
+
+
+def _table_of(shape: Any) -> tuple[str, Any]:
+    """A shape's key in a scene file, and what is under it."""
+    kind, sizes = type(shape).__name__.lower(), dict(vars(shape))
+    if kind == "mesh":
+        return kind, {"vertices": sizes["vertices"].tolist()}
+    if kind == "pointcloud":
+        return "cloud", {"points": sizes["points"], "resolution": sizes["resolution"]}
+    if kind == "heightfield":
+        return "heights", {"values": sizes["heights"], "cell": sizes["cell"], "floor": sizes["floor"]}
+    if kind == "compound":
+        poses = [{"position": pose.position, "quaternion_wxyz": pose.quaternion} for _, pose in shape.parts]
+        return kind, [dict([_table_of(part)]) | pose for (part, _), pose in zip(shape.parts, poses, strict=True)]
+    return kind, {"box": sizes.get("size"), "sphere": sizes.get("radius")}.get(kind, sizes)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -271,8 +285,8 @@ def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
     The two finger carriages stand at half the gripper's width each, other joints as robot.toml locks them, or at zero.
     """
     model = pin.buildModelFromXML(urdf)
-    folders = [[str(folder) for folder in robot["package_dirs"]]] if robot.get("package_dirs") else []
-    geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, *folders)
+    folders = {"package_dirs": [str(folder) for folder in robot["package_dirs"]]} if robot.get("package_dirs") else {}
+    geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, **folders)
     for g in geometry.geometryObjects:
         if isinstance(g.geometry, coal.BVHModelBase):  # a surface, and what is inside it would touch nothing
             g.geometry.buildConvexHull(True, "Qt")
@@ -307,7 +321,25 @@ def _mesh(value: Any, folder: Path) -> Any:
     return loaded.convex
 
 
-def _shape(table: Table, meshes: Path = Path()) -> Any:
+def _solids(table: Table, meshes: Path) -> list[tuple[Any, Any]]:
+    """The shapes of a scene file's table and their placements in it: a cloud is Coal's octree, a height field boxes."""
+    if "compound" in table:
+        return [(_shape(part, meshes), _pose(part)) for part in table["compound"]]
+    if "cloud" in table:
+        points = np.array(table["cloud"]["points"], dtype=np.float64)
+        return [(coal.makeOctree(points, float(table["cloud"]["resolution"])), pin.SE3.Identity())]
+    if "heights" not in table:
+        return [(_shape(table, meshes), pin.SE3.Identity())]
+    cell, floor = table["heights"]["cell"], table["heights"]["floor"]
+    out = []
+    for (i, j), top in np.ndenumerate(np.array(table["heights"]["values"], dtype=np.float64)):
+        if top > floor:
+            centre = np.array([(i + 0.5) * cell, (j + 0.5) * cell, 0.5 * (top + floor)])
+            out.append((coal.Box(cell, cell, top - floor), pin.SE3(np.eye(3), centre)))
+    return out
+
+
+def _shape(table: Table, meshes: Path) -> Any:
     if "mesh" in table:
         return _mesh(table["mesh"], meshes)
     if "box" in table:

@@ -109,7 +109,7 @@ def positions(robot: Robot, q: FloatArray, held: tuple[Attached, ...]) -> FloatA
     bodies = robot.body_poses(q)
     tool = Pose.from_matrix(robot.tool_placement)
     riding = [(s.body, s.shape, s.pose) for s in robot.shapes]
-    riding += [(robot.tool_body, a.shape, tool @ a.pose) for a in held]
+    riding += [(robot.tool_body, a.shape, tool @ a.pose) for a in held if isinstance(a.shape, Shape)]
     found = []
     for body, shape, pose in riding:
         R, t = np.array(bodies[body][:9]).reshape(3, 3), np.array(bodies[body][9:])

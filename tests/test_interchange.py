@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry import Box, Cylinder, Pose, Shape, Sphere
+from planner_service.geometry import Box, Cylinder, Pose, Sphere
 from planner_service.interchange import load_world, read_moveit_scene, read_problems, read_urdf_scene
 from planner_service.interchange.moveit_scene import MAX_BYTES, MAX_LINE
 from planner_service.interchange.obstacle_list import MAX_FOUND
@@ -160,7 +160,7 @@ def test_a_moveit_scene_may_be_empty_and_without_a_name(tmp_path: Path, text: st
 
 def moveit_text(scene: Scene, *, newer: bool) -> str:
     """A scene as MoveIt writes it."""
-    words: dict[type[Shape], Callable[[Any], tuple[str, tuple[float, ...]]]] = {
+    words: dict[type, Callable[[Any], tuple[str, tuple[float, ...]]]] = {
         Box: lambda s: ("box", s.size),
         Sphere: lambda s: ("sphere", (s.radius,)),
         Cylinder: lambda s: ("cylinder", (s.radius, s.length)),

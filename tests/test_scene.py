@@ -119,7 +119,7 @@ def test_a_name_of_64_characters_is_fine() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Obstacle("a", "box"), "shape of 'a': got 'box'; expected a Box"),  # type: ignore[arg-type]
+        (lambda: Obstacle("a", "box"), "shape of 'a': got 'box'; expected one of Box"),  # type: ignore[arg-type]
         (lambda: Obstacle("a", Sphere), "shape of 'a'"),  # type: ignore[arg-type]
         (lambda: Obstacle("a", Sphere(0.1), (0.0, 0.0, 0.0)), "pose of 'a'"),  # type: ignore[arg-type]
         (lambda: Obstacle("a", Sphere(0.1), Pose((0.0, 1001.0, 0.0))), "position of 'a': .* at most 1000"),

@@ -200,7 +200,7 @@ def test_a_mesh_in_a_package_folder_the_caller_named_is_inside(tmp_path: Path) -
     path.write_text(changed(BOX, '<mesh filename="package://other/o.stl"/>'))
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "o.stl").touch()
-    with pytest.raises(InvalidFile, match="o.stl' cannot be used: no STL"):
+    with pytest.raises(InvalidFile, match=r"o\.stl' cannot be used: no STL"):
         read_urdf(path, [tmp_path])
 
 

@@ -175,7 +175,7 @@ class Certifier:
             for names in interval.pairs:
                 cuts.setdefault(frozenset(names), []).append((interval.s_start, interval.s_end))
         rows = []
-        for pair in range(len(self.listed.pairs)):
+        for pair in self.listed.roots.tolist():
             cut = [(low, min(high, length)) for low, high in cuts.get(frozenset(self.listed.names(pair)), ())]
             rows += [(pair, spans.setdefault(span, len(spans))) for span in _left_over(length, cut)]
         return list(spans), np.array(rows, dtype=np.intp).reshape(-1, 2)

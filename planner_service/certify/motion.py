@@ -37,8 +37,11 @@ class Motion:
     that carries both, together.
 
     Attributes:
-        first, second: The pieces of each pair, (p,); obstacles are numbered after the pieces that ride.
+        first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
+        children: Of each pair, as ``ProofPairs`` has them.
+        size: Radius of the second piece of each pair, (p,).
         riding: How many pieces ride.
+        fixed: World poses of those that do not, (3, 4, k).
         depth: How many joints move the piece that most joints move.
     """
 
@@ -47,7 +50,7 @@ class Motion:
         self.first, self.second = listed.pairs.T.copy()
         self.riding = len(riding)
         self._rides = self.second < self.riding
-        self._fixed = _table([_centred(piece) for piece in listed.standing])
+        self.fixed = _table([_centred(piece) for piece in listed.standing])
         self._solids = Solids.of([piece.shape for piece in riding])
         every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
         self._every_radius = every.radius()
@@ -66,8 +69,12 @@ class Motion:
         self._slides = np.array([body.prismatic for body in bodies])[self._chains]
         self._radius = self._solids.radius()
         self._far = self._farthest(robot, chains)
-        steps = [_steps(chains, pair) for pair in listed.pairs.tolist()]
-        self._steps = np.array(steps, dtype=np.intp).reshape(-1, 2).T
+        self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
+        self._steps[0] = np.array([len(chain) for chain in chains], dtype=np.intp)[self.first]
+        for k in np.flatnonzero(self._rides).tolist():
+            self._steps[:, k] = _steps(chains[self.first[k]], chains[self.second[k]])
+        self.children: IntArray = listed.children
+        self.size: FloatArray = self._every_radius[self.second]
 
     def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
         """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
@@ -84,12 +91,12 @@ class Motion:
         """Configurations q (m, n) as nodes of a proof.
 
         Returns:
-            World poses of all pieces, (3, 4, m * riding + obstacles), and upper bounds of how far points of each riding
-            piece are from the axes that move it, its own body's first, then inwards, (m, depth, riding).
+            World poses of the riding pieces, (3, 4, m * riding), and upper bounds of how far points of each of them are
+            from the axes that move it, its own body's first, then inwards, (m, depth, riding).
         """
         bodies = self._body_poses(q)
         poses = _composed(bodies[..., self._body], self._local)
-        return np.concatenate([poses.reshape(3, 4, -1), self._fixed], axis=2), self._radii(bodies, poses)
+        return poses.reshape(3, 4, -1), self._radii(bodies, poses)
 
     def _body_poses(self, q: FloatArray) -> FloatArray:
         """World poses (3, 4, m, bodies)."""
@@ -151,22 +158,25 @@ class Motion:
         return np.asarray(motions[own, stretch, self.first[pair]] + motions[other, stretch, partner])
 
     def spheres_apart(self, poses: FloatArray, pair: IntArray, node: IntArray) -> FloatArray:
-        """Gaps of the bounding spheres of pairs at nodes, numbered as in ``poses``, lower bounds of their own; (k,)."""
-        a, b = self._in_poses(poses, pair, node)
+        """Gaps of the bounding spheres of pairs at nodes, lower bounds of their own; (k,).
+
+        Args:
+            poses: ``fixed``, then those of one node after the other.
+        """
+        a, b = self._in_poses(pair, node)
         x, y, z = poses[:, 3, a] - poses[:, 3, b]
         radii = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]]
         return np.asarray(np.sqrt(x * x + y * y + z * z) * (1.0 - ROUNDING) - radii)
 
-    def _in_poses(self, poses: FloatArray, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
-        """Where the two pieces of pairs stand at nodes."""
-        start = node * self.riding
-        obstacles = poses.shape[2] - self._fixed.shape[2] - self.riding
-        other = self.second[pair] + np.where(self._rides[pair], start, obstacles)
-        return start + self.first[pair], np.asarray(other)
+    def _in_poses(self, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
+        """Where the two pieces of pairs at nodes are in the poses of everything."""
+        start = self.fixed.shape[2] + node * self.riding
+        second = self.second[pair]
+        return start + self.first[pair], np.where(self._rides[pair], start + second, second - self.riding)
 
     def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
-        """Pairs as they stand at nodes, numbered as in ``poses``."""
-        first, second = self._in_poses(poses, pair, node)
+        """Pairs as they stand at nodes; ``poses`` as for ``spheres_apart``."""
+        first, second = self._in_poses(pair, node)
         a, b = self._pair_solids
         return Facing.of(a.take(pair), b.take(pair), poses[:, :, first], poses[:, :, second])
 
@@ -224,10 +234,8 @@ def _chain(parents: Sequence[int], body: int) -> list[int]:
     return out
 
 
-def _steps(chains: Sequence[Sequence[int]], pair: Sequence[int]) -> tuple[int, int]:
-    """How many of the outermost joints of each piece of a pair do not move the other one too."""
-    first = chains[pair[0]]
-    second = chains[pair[1]] if pair[1] < len(chains) else ()
+def _steps(first: Sequence[int], second: Sequence[int]) -> tuple[int, int]:
+    """How many of the outermost joints of each of two chains do not move the other one too."""
     return sum(k not in second for k in first), sum(k not in first for k in second)
 
 

@@ -5,12 +5,14 @@ The collision checker has a list of its own, made elsewhere; that the two agree 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.certify.bundles import MANY, Bundle, bundled
+from planner_service.composite import Composite, Solid
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray, Shape
 from planner_service.robot import Robot
@@ -42,10 +44,15 @@ class ProofPairs:
     bodies; a held object also against the body that holds it. Not judged: pieces of one owner, contacts that the robot
     allows, a held object and its touch links, and ``allowed``.
 
+    Pieces of an obstacle of many are bundled: a pair with a bundle is apart if all its children are.
+
     Attributes:
         riding: Pieces of the robot and what it holds.
-        standing: Obstacles, numbered after these.
-        pairs: (p, 2) numbers of pieces, the first of each riding.
+        standing: Pieces of obstacles, numbered after these, then the bundles.
+        pairs: (p, 2) numbers of pieces, the first of each riding; those with a bundle last.
+        judged: How many have no bundle: these are what must be apart.
+        children: For each pair the first of its children, which follow each other, and how many, (p, 2).
+        roots: Pairs that are nobody's children, (r,).
 
     Raises:
         UnknownName: a pair or a touch link names nothing that is there.
@@ -55,12 +62,24 @@ class ProofPairs:
     def __init__(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> None:
         tool = _frame(robot.tool_placement)
         riding = [Piece(s.link, s.body, s.shape, _frame(s.pose.matrix)) for s in robot.shapes]
-        riding += [
-            Piece(a.name, robot.tool_body, a.shape, _times(tool, _frame(a.pose.matrix)), held=True)
-            for a in scene.attached
-        ]
+        for a in scene.attached:
+            there = _times(tool, _frame(a.pose.matrix))
+            riding += [Piece(a.name, robot.tool_body, shape, at, held=True) for shape, at in _pieces(a.shape, there)]
         self.riding = tuple(riding)
-        self.standing = tuple(Piece(o.name, FIXED, o.shape, _frame(o.pose.matrix)) for o in scene.obstacles)
+        standing: list[Piece] = []
+        self._obstacles: list[range] = []
+        for o in scene.obstacles:
+            first = len(riding) + len(standing)
+            standing += [Piece(o.name, FIXED, shape, at) for shape, at in _pieces(o.shape, _frame(o.pose.matrix))]
+            self._obstacles.append(range(first, len(riding) + len(standing)))
+        self._trees: dict[range, list[Bundle]] = {}
+        for o, numbers in zip(scene.obstacles, self._obstacles, strict=True):
+            if isinstance(o.shape, Composite) and len(numbers) >= MANY:
+                tree = bundled(o.shape.pieces, numbers.start, len(riding) + len(standing))
+                at = _frame(o.pose.matrix)
+                standing += [Piece(o.name, FIXED, each.box, _times(at, each.frame)) for each in tree]
+                self._trees[numbers] = tree
+        self.standing = tuple(standing)
         self._pieces = self.riding + self.standing
         self.owners = frozenset(piece.owner for piece in self._pieces)
         links = {shape.link for shape in robot.shapes}
@@ -68,7 +87,12 @@ class ProofPairs:
             if name in links:
                 raise InvalidRequest("scene", name, f"an object name that is not a link of {robot.name}")
         self._may_touch = self._contacts(robot, scene, allowed)
-        self.pairs = self._listed()
+        self.pairs, self.children = self._listed()
+        self.judged = int((self.children[:, 1] == 0).sum())
+        child = np.zeros(len(self.pairs), dtype=bool)
+        for first, count in self.children[self.judged :].tolist():
+            child[first : first + count] = True
+        self.roots: NDArray[np.intp] = np.flatnonzero(~child)
 
     def check_name(self, kind: str, name: str) -> None:
         """Raise ``UnknownName`` unless a link or object of that name has a piece here."""
@@ -92,12 +116,32 @@ class ProofPairs:
             found.add(frozenset((a, b)))
         return found
 
-    def _listed(self) -> NDArray[np.intp]:
+    def _listed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """The pairs, and the children of each."""
         pieces, count = self._pieces, len(self.riding)
-        rows = [
-            (i, j) for i in range(count) for j in range(i + 1, len(pieces)) if self._must_part(pieces[i], pieces[j])
-        ]
-        return np.array(rows, dtype=np.intp).reshape(-1, 2)
+        rows: list[NDArray[np.intp]] = [np.zeros((0, 2), dtype=np.intp)]
+        found = 0
+        places: list[tuple[int, range, int]] = []
+        for i in range(count):
+            own = [j for j in range(i + 1, count) if self._must_part(pieces[i], pieces[j])]
+            some = [np.array(own, dtype=np.intp)]
+            found += len(own)
+            for numbers in self._obstacles:
+                if self._must_part(pieces[i], pieces[numbers.start]):
+                    if numbers in self._trees:
+                        places.append((i, numbers, found))
+                    some.append(np.arange(numbers.start, numbers.stop))
+                    found += len(numbers)
+            rows.append(_with(i, np.concatenate(some)))
+        children: list[NDArray[np.intp]] = [np.zeros((found, 2), dtype=np.intp)]
+        for i, numbers, first in places:
+            tree = self._trees[numbers]
+            rows.append(_with(i, np.array([each.number for each in tree], dtype=np.intp)))
+            shift = {True: first - numbers.start, False: found - tree[0].number}  # from pieces to pairs
+            begins = [each.first + shift[each.first < numbers.stop] for each in tree]
+            children.append(np.array([begins, [each.count for each in tree]], dtype=np.intp).T)
+            found += len(tree)
+        return np.concatenate(rows), np.concatenate(children)
 
     def _must_part(self, a: Piece, b: Piece) -> bool:
         if a.owner == b.owner or frozenset((a.owner, b.owner)) in self._may_touch:
@@ -105,6 +149,19 @@ class ProofPairs:
         if b.body == FIXED:
             return a.body > 0
         return a.body != b.body or a.held or b.held
+
+
+def _with(i: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
+    return np.stack([np.full(len(others), i, dtype=np.intp), others], axis=1)
+
+
+def _pieces(solid: Solid, frame: Frame) -> Iterator[tuple[Shape, Frame]]:
+    """The convex pieces of a solid at a frame."""
+    if not isinstance(solid, Composite):
+        yield solid, frame
+    else:
+        for shape, T in zip(solid.pieces.shapes, solid.pieces.frames, strict=True):
+            yield shape, _times(frame, _frame(T))
 
 
 def pairs_of_names(field: str, pairs: object) -> tuple[tuple[str, str], ...]:

@@ -3,7 +3,8 @@
 Clearance bounds at both ends of a stretch and a bound of the motion in between prove a pair apart on all of it: on the
 way the gap shrinks by no more than the two move (Schwarzer, Saha & Latombe, IEEE T-RO 21(3), 2005). What is not proven
 is cut in half. All pairs share one tree over the whole curve, so that a configuration is placed once, and each pair
-goes only as deep as it has to.
+goes only as deep as it has to. A pair with a bundle of pieces gives way to those with what is in it once the bundle is
+larger than the motion.
 """
 
 from __future__ import annotations
@@ -76,7 +77,11 @@ class _Ends:
 
 @dataclass(frozen=True, eq=False)
 class _Open:
-    """What is not proven yet: nodes at the ends of each stretch, and rows of a pair, its stretch and what is known."""
+    """What is not proven yet: nodes at the ends of each stretch, and rows of a pair, its stretch and what is known.
+
+    Attributes:
+        motion: How far the two move against each other on the stretch, at most.
+    """
 
     left: IntArray
     right: IntArray
@@ -84,6 +89,7 @@ class _Open:
     stretch: IntArray
     before: _Ends
     after: _Ends
+    motion: FloatArray
 
 
 class ProofTree:
@@ -117,6 +123,8 @@ class ProofTree:
         self.proven = math.inf
         self._most = MAX_BOUNDS
         self._smallest = math.inf
+        self._leaf = motion.children[:, 1] == 0
+        self._poses: FloatArray = motion.fixed
         self._s: FloatArray = np.zeros(0)
         self._travel: FloatArray = np.zeros((0, path.n))
         self._radii: FloatArray = np.zeros((0, motion.depth, motion.riding))
@@ -126,14 +134,15 @@ class ProofTree:
 
         Of several pairs that cannot be proven the one with the smallest bound is named.
         """
-        self._most = MAX_BOUNDS + 10 * len(roots)
+        self._most = MAX_BOUNDS + 10 * max(len(roots), int(self._leaf.sum()))
         if not self._together and self._path.length > 0.0:
             roots = roots[~self._far(spans, roots)]
         found = self._rooted(spans, roots)
         while isinstance(found, _Open):
             if not len(found.pair):
                 return None
-            found = self._stuck(found) or self._halved(found)
+            splitting = ~self._leaf[found.pair] & (self._motion.size[found.pair] >= found.motion)
+            found = self._split(found, splitting) if np.any(splitting) else self._stuck(found) or self._halved(found)
         return found
 
     def _far(self, spans: Sequence[Span], roots: IntArray) -> NDArray[np.bool_]:
@@ -141,11 +150,11 @@ class ProofTree:
         pair, stretch = roots.T
         start, end = np.array(spans, dtype=np.float64).reshape(-1, 2).T
         count = len(spans)
-        poses = self._placed(np.concatenate([start, 0.5 * (start + end), end]))
-        left, middle, right = (np.arange(k * count, (k + 1) * count) for k in range(3))
+        first = self._placed(np.concatenate([start, 0.5 * (start + end), end]))
+        left, middle, right = (first + np.arange(k * count, (k + 1) * count) for k in range(3))
         self._charge(len(pair))
         self.asked += len(pair)
-        apart = self._motion.spheres_apart(poses, pair, middle[stretch])
+        apart = self._motion.spheres_apart(self._poses, pair, middle[stretch])
         halves = [
             self._motion.pair_motions(self._moved(a, b), pair, stretch) for a, b in ((left, middle), (middle, right))
         ]
@@ -158,42 +167,53 @@ class ProofTree:
         """What both ends of each span leave open."""
         pair, stretch = roots.T.copy()
         s, back = np.unique(np.array(spans, dtype=np.float64).reshape(-1, 2).T, return_inverse=True)
-        left, right = len(self._s) + back.reshape(2, -1)
-        first, poses = len(self._s), self._placed(s)
+        left, right = self._placed(s) + back.reshape(2, -1)
         judged: list[_Ends] = []
         for nodes in (left, right) if len(s) > 1 else (left,):  # a point has one end
             here = nodes[stretch]
-            ends, bad = self._judged(poses, pair, here - first, np.zeros((0, 3, len(pair))), NEAR)
+            ends, bad = self._judged(pair, here, np.zeros((0, 3, len(pair))), NEAR)
             if bad is not None:
                 where = float(self._s[here[bad]])
                 return self._obstructed(pair, ends, bad, (where, where), where)
             judged.append(ends)
-        moved = self._moved(left, right)
-        return self._kept(_Open(left, right, pair, stretch, judged[0], judged[-1]), moved)
+        return self._kept(left, right, pair, stretch, (judged[0], judged[-1]))
+
+    def _split(self, open_: _Open, splitting: NDArray[np.bool_]) -> _Open | Obstruction:
+        """The same with some pairs replaced by their children, as far as these are not proven."""
+        rows, rest = np.flatnonzero(splitting), np.flatnonzero(~splitting)
+        first, count = self._motion.children[open_.pair[rows]].T
+        parent = np.repeat(np.arange(len(rows)), count)
+        pair = first[parent] + np.arange(len(parent)) - np.repeat(np.cumsum(count) - count, count)
+        stretch = open_.stretch[rows][parent]
+        hints = np.stack([open_.before.n[:, rows], open_.after.n[:, rows]])[:, :, parent]
+        ends = []
+        for nodes, known in ((open_.left, open_.before), (open_.right, open_.after)):
+            found, bad = self._judged(pair, nodes[stretch], hints, self._close())
+            if bad is not None:
+                s = float(self._s[nodes[stretch[bad]]])
+                return self._obstructed(pair, found, bad, (s, s), s)
+            ends.append(known.take(rest).and_then(found))
+        pairs, stretches = np.concatenate([open_.pair[rest], pair]), np.concatenate([open_.stretch[rest], stretch])
+        return self._kept(open_.left, open_.right, pairs, stretches, (ends[0], ends[1]))
+
+    def _close(self) -> float:
+        return CLOSE * max(self._smallest, self._enough)
 
     def _halved(self, open_: _Open) -> _Open | Obstruction:
         """What a look at the middle of each stretch leaves open of its halves."""
         left, right, pair, stretch = open_.left, open_.right, open_.pair, open_.stretch
         middle = self._middle(open_)
-        nodes = np.arange(len(self._s), len(self._s) + len(middle))
+        nodes = self._placed(middle) + np.arange(len(middle))
         before, after = open_.before, open_.after
         hints = np.stack([before.n, after.n, before.n + after.n])
-        close = CLOSE * max(self._smallest, self._enough)
-        ends, bad = self._judged(self._placed(middle), pair, stretch, hints, close)
+        ends, bad = self._judged(pair, nodes[stretch], hints, self._close())
         if bad is not None:
             k = stretch[bad]
             span = (float(self._s[left[k]]), float(self._s[right[k]]))
             return self._obstructed(pair, ends, bad, span, float(middle[k]))
         starts, stops = np.concatenate([left, nodes]), np.concatenate([nodes, right])
-        halves = _Open(
-            starts,
-            stops,
-            np.concatenate([pair, pair]),
-            np.concatenate([stretch, stretch + len(left)]),
-            before.and_then(ends),
-            ends.and_then(after),
-        )
-        return self._kept(halves, self._moved(starts, stops))
+        pairs, stretches = np.concatenate([pair, pair]), np.concatenate([stretch, stretch + len(left)])
+        return self._kept(starts, stops, pairs, stretches, (before.and_then(ends), ends.and_then(after)))
 
     def _middle(self, open_: _Open) -> FloatArray:
         return np.asarray(0.5 * (self._s[open_.left] + self._s[open_.right]))
@@ -212,18 +232,18 @@ class ProofTree:
         span = (float(start[k]), float(end[k]))
         return Obstruction(int(open_.pair[row]), span, float(middle[k]), detail, spent)
 
-    def _placed(self, s: FloatArray) -> FloatArray:
-        """Add nodes at s (m,); where everything is there, as ``Motion.nodes`` has it."""
+    def _placed(self, s: FloatArray) -> int:
+        """Add nodes at s (m,); the number of the first."""
+        first = len(self._s)
         poses, radii = self._motion.nodes(self._path(s))
+        self._poses = np.concatenate([self._poses, poses], axis=2)
         self._s = np.concatenate([self._s, s])
         self._travel = np.concatenate([self._travel, self._path.travel(s)])
         self._radii = np.concatenate([self._radii, radii])
-        return poses
+        return first
 
-    def _judged(
-        self, poses: FloatArray, pair: IntArray, node: IntArray, hints: FloatArray, close: float
-    ) -> tuple[_Ends, int | None]:
-        """Bounds of pairs at nodes numbered as in ``poses``, one each, and a row that is not far enough apart, if any.
+    def _judged(self, pair: IntArray, node: IntArray, hints: FloatArray, close: float) -> tuple[_Ends, int | None]:
+        """Bounds of pairs at nodes, one each, and a row without a bundle that is not far enough apart, if any.
 
         Args:
             hints: Directions to try, (k, 3, pairs).
@@ -234,20 +254,25 @@ class ProofTree:
             rows = slice(start, start + BATCH)
             self._charge(len(pair[rows]))
             self.asked += len(pair[rows])
-            facing = self._motion.facing(poses, pair[rows], node[rows])
+            facing = self._motion.facing(self._poses, pair[rows], node[rows])
             gaps, n = rough_gaps(facing, hints[:, :, rows])
-            ends, bad = self._tightened(facing, _Ends(gaps, n), np.flatnonzero(gaps < close))
+            ends, bad = self._tightened(facing, _Ends(gaps, n), pair[rows], close)
             parts.append(ends)
             if bad is not None:
                 break
         found = _Ends(np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1))
         return found, None if bad is None else start + bad
 
-    def _tightened(self, facing: Facing, ends: _Ends, close: IntArray) -> tuple[_Ends, int | None]:
-        """The same with better bounds in the rows ``close``, and a row that is not far enough apart, if any is."""
-        ends = _refined(facing, ends, close, ROUNDS)
-        self._smallest = min(self._smallest, float(ends.gaps.min(initial=math.inf)))
-        bad = np.flatnonzero(~(ends.gaps > self._enough))
+    def _tightened(self, facing: Facing, ends: _Ends, pair: IntArray, close: float) -> tuple[_Ends, int | None]:
+        """The same with better bounds of pairs that are ``close``, and a row that is not far enough apart, if any is.
+
+        Something in a bundle is no farther away than the bundle and its size: that counts for the smallest gap.
+        """
+        leaf = self._leaf[pair]
+        ends = _refined(facing, ends, np.flatnonzero(leaf & (ends.gaps < close)), ROUNDS)
+        far = np.where(leaf, ends.gaps, ends.gaps + 2.0 * self._motion.size[pair])
+        self._smallest = min(self._smallest, float(far.min(initial=math.inf)))
+        bad = np.flatnonzero(leaf & ~(ends.gaps > self._enough))
         if not len(bad):
             return ends, None
         ends = _refined(facing, ends, bad, LAST_ROUNDS)
@@ -264,26 +289,29 @@ class ProofTree:
         travel = self._travel[right] - self._travel[left]
         return self._motion.motions(self._radii[left], self._radii[right], travel)
 
-    def _kept(self, open_: _Open, moved: FloatArray) -> _Open:
+    def _kept(
+        self, left: IntArray, right: IntArray, pair: IntArray, stretch: IntArray, ends: tuple[_Ends, _Ends]
+    ) -> _Open:
         """Accept the rows that are proven; the others, their stretches numbered anew."""
-        one, two = open_.before.gaps, open_.after.gaps
-        motion = self._motion.pair_motions(moved, open_.pair, open_.stretch)
+        one, two = ends[0].gaps, ends[1].gaps
+        motion = self._motion.pair_motions(self._moved(left, right), pair, stretch)
         bound = np.minimum(0.5 * (one + two - motion), np.minimum(one, two))
         proven = bound >= max(self._enough, FRACTION * self._smallest)
-        used = np.zeros(len(open_.left), dtype=bool)
-        used[open_.stretch[~proven]] = True
+        used = np.zeros(len(left), dtype=bool)
+        used[stretch[~proven]] = True
         if self._together:
-            proven = ~used[open_.stretch]
+            proven = ~used[stretch]
         self.proven = min(self.proven, float(bound[proven].min(initial=math.inf)))
         rest = np.flatnonzero(~proven)
         number = np.cumsum(used) - 1
         return _Open(
-            open_.left[used],
-            open_.right[used],
-            open_.pair[rest],
-            number[open_.stretch[rest]],
-            open_.before.take(rest),
-            open_.after.take(rest),
+            left[used],
+            right[used],
+            pair[rest],
+            number[stretch[rest]],
+            ends[0].take(rest),
+            ends[1].take(rest),
+            motion[rest],
         )
 
 

@@ -23,7 +23,17 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
 from planner_service.mesh import Mesh
 
-__all__ = ["Placed", "Solids", "box_of", "centres_of", "gaps_along", "parted", "refined_gaps", "rough_gaps"]
+__all__ = [
+    "Placed",
+    "Solids",
+    "beyond_faces",
+    "box_of",
+    "centres_of",
+    "gaps_along",
+    "parted",
+    "refined_gaps",
+    "rough_gaps",
+]
 
 _PROJECTIONS = 60
 """Alternating projections converge slowly near contact; this many find the gap to micrometres elsewhere."""
@@ -38,6 +48,10 @@ IntArray = NDArray[np.intp]
 
 _TINY = 1e-12
 """Directions shorter than this are no directions (parallel edges have no cross product)."""
+
+
+_ACROSS = np.array([1.0, 1.0, 0.0])
+"""Where a disc about local z reaches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +96,11 @@ class Solids:
     def take(self, rows: IntArray | slice) -> Solids:
         """The solids at ``rows``."""
         return Solids(self.half[rows], self.ball[rows], self.disc[rows], self.hulls[rows], self.corners)
+
+    @property
+    def box(self) -> FloatArray:
+        """Half lengths of the boxes around the solids along their own axes, (p, 3)."""
+        return np.asarray(self.half + self.ball[:, None] + self.disc[:, None] * _ACROSS)
 
     def one(self, row: int, R: FloatArray, t: FloatArray) -> Solid:
         """The solid at ``row``, a hull with its own corners, turned by R (3, 3) and with its centre at t (3,)."""
@@ -197,6 +216,14 @@ def _edge_crosses(a: Placed, b: Placed) -> FloatArray:
 def rough_gaps(a: Placed, b: Placed) -> FloatArray:
     """Quick lower bounds of the gaps between pairs of solids, (p,): the line of centres and the face normals."""
     return np.asarray(gaps_along(a, b, _axes(a, b)).max(axis=0))
+
+
+def beyond_faces(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
+    """Whether b is proven farther than ``margin`` beyond a face of the box around a, (p,): half of the face normals,
+    in a third of the time."""
+    along = np.abs(a.R.transpose(0, 2, 1) @ b.R)
+    apart = np.abs(_into(a.R, b.t - a.t)) - a.solids.box - (along @ b.solids.box[..., None])[..., 0]
+    return np.asarray((apart > margin).any(axis=-1))
 
 
 def parted(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:

@@ -109,12 +109,10 @@ class CollisionChecker:
         self.ledger = Ledger()
         self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
         self._prefilter = Prefilter(robot, self._parts)
-        self._judge = FclJudge(self._parts.shapes)
+        self._judge = FclJudge(self._parts.shapes, [part.T for part in self._parts.parts])
         n = self._parts.riding
-        for k, part in enumerate(self._parts.parts[n:], start=n):
-            self._judge.place(k, part.T[:3, :3], part.T[:3, 3])
         self._local = [_numbers(part.T) for part in self._parts.parts[:n]]
-        self._pairs: list[list[int]] = self._parts.pairs.tolist()
+        self._first, self._second = self._parts.pairs.T.tolist()
         self._reach: list[float] = robot.reach(self._parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
@@ -158,7 +156,7 @@ class CollisionChecker:
     @property
     def pair_count(self) -> int:
         """Pairs of pieces judged in each state, robot against itself and against the scene."""
-        return len(self._pairs)
+        return len(self._first)
 
     @contextmanager
     def limited(
@@ -276,7 +274,7 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         gap = self._prefilter.smallest_gap(self._configuration("q", q))
-        self.ledger.charge_distances(len(self._pairs))
+        self.ledger.charge_distances(len(self._first))
         return math.floor(gap * NANO) / NANO if math.isfinite(gap) else gap
 
     def contacts(self, q: ArrayLike) -> tuple[Contact, ...]:
@@ -352,7 +350,7 @@ class CollisionChecker:
         placed: set[int] = set()
         poses = None
         for number in asked:
-            i, j = self._pairs[number]
+            i, j = self._first[number], self._second[number]
             for part in (i, j):
                 if part < self._parts.riding and part not in placed:
                     poses = self.robot.body_poses(q) if poses is None else poses

@@ -37,26 +37,38 @@ def _geometry(shape: Shape) -> fcl.CollisionGeometry:
 
 
 class FclJudge:
-    """Collision objects built once, moved and asked in pairs; nothing is allocated per check but poses.
+    """Collision objects built when first asked for, moved and asked in pairs; a check allocates nothing but poses.
+
+    Args:
+        frames: Where each stands as long as it is not placed elsewhere, homogeneous matrices.
 
     Attributes:
         asked: Pair questions put to FCL so far, for reports; what is counted for the user is states.
     """
 
-    def __init__(self, shapes: Sequence[Shape]) -> None:
-        self._objects = [fcl.CollisionObject(_geometry(shape)) for shape in shapes]
+    def __init__(self, shapes: Sequence[Shape], frames: Sequence[FloatArray]) -> None:
+        self._shapes, self._frames = tuple(shapes), tuple(frames)
+        self._objects: dict[int, fcl.CollisionObject] = {}
         self._request = fcl.CollisionRequest()
         self._result = fcl.CollisionResult()
         self.asked = 0
 
+    def _object(self, index: int) -> fcl.CollisionObject:
+        found = self._objects.get(index)
+        if found is None:
+            T = self._frames[index]
+            found = fcl.CollisionObject(_geometry(self._shapes[index]), fcl.Transform(T[:3, :3], T[:3, 3]))
+            self._objects[index] = found
+        return found
+
     def place(self, index: int, rotation: FloatArray, translation: FloatArray) -> None:
         """Move object ``index`` to a rotation (3, 3) and a translation (3,) in the world."""
-        self._objects[index].setTransform(fcl.Transform(rotation, translation))
+        self._object(index).setTransform(fcl.Transform(rotation, translation))
 
     def collide(self, a: int, b: int) -> bool:
         """Whether objects a and b touch; gaps within a micrometre of contact are undefined."""
         self.asked += 1
-        if fcl.collide(self._objects[a], self._objects[b], self._request, self._result) == 0:
+        if fcl.collide(self._object(a), self._object(b), self._request, self._result) == 0:
             return False
         self._result = fcl.CollisionResult()
         return True

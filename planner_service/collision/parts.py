@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.composite import Composite, Solid
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray, Pose, Shape, read_only
 from planner_service.robot import Robot
@@ -15,10 +16,13 @@ from planner_service.scene import Scene
 
 __all__ = ["Part", "Parts"]
 
+MANY = 64
+"""Pieces from which on an obstacle is a crowd."""
+
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One convex piece: ``owner`` is the link, carried object or obstacle it belongs to.
+    """One convex piece: ``owner`` is the link, carried object or obstacle it belongs to, maybe with other pieces.
 
     ``body`` numbers the robot body it rides on, or is -1 for an obstacle; ``T`` is its pose in
     that body, or in the world. What is ``carried`` must not be inside the link that carries it
@@ -48,7 +52,10 @@ class Parts:
         padding: Metres. Every pair must stay apart by at least this: each piece is grown by half of it.
 
     Attributes:
-        carried: The carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
+        carried: The pieces of carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
+        runs: Numbers from and to which the pieces of each obstacle go, those of one being neighbours in space.
+        crowds: Those of many.
+        pairs: Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot.
 
     Raises:
         UnknownName: a pair or a touch link names nothing that is there.
@@ -58,15 +65,24 @@ class Parts:
     def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Iterable[tuple[str, str]]) -> None:
         riding = [Part(s.link, s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes]
         tool = Pose.from_matrix(robot.tool_placement)
-        self.carried = tuple((robot.tool_body, a.shape, tool @ a.pose) for a in scene.attached)
+        held = [(a, tool @ a.pose) for a in scene.attached]
+        self.carried = tuple((robot.tool_body, *piece) for a, pose in held for piece in _posed(a.shape, pose))
         riding += [
-            Part(a.name, body, shape, read_only(pose.matrix), carried=True)
-            for a, (body, shape, pose) in zip(scene.attached, self.carried, strict=True)
+            Part(a.name, robot.tool_body, shape, T, carried=True)
+            for a, pose in held
+            for shape, T in _placed(a.shape, pose)
         ]
         riding.sort(key=lambda part: -part.body)
-        standing = [Part(o.name, -1, o.shape, read_only(o.pose.matrix)) for o in scene.obstacles]
+        standing: list[Part] = []
+        runs = []
+        for o in scene.obstacles:
+            first = len(riding) + len(standing)
+            standing += [Part(o.name, -1, shape, T) for shape, T in _placed(o.shape, o.pose)]
+            runs.append((first, len(riding) + len(standing)))
         self.parts = tuple(riding + standing)
         self.riding = len(riding)
+        self.runs = tuple(runs)
+        self.crowds = tuple(run for run in runs if run[1] - run[0] >= MANY)
         self.shapes = tuple(part.shape.grown(padding / 2) if padding else part.shape for part in self.parts)
         self._check_names(robot, scene)
         self._allowed = self._allowed_pairs(robot, scene, allowed)
@@ -104,16 +120,33 @@ class Parts:
         return not moving.moves
 
     def _pairs(self) -> NDArray[np.intp]:
-        """Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot."""
-        rows = [
-            (i, j)
-            for i in range(self.riding)
-            for j in [*range(self.riding, len(self.parts)), *range(i + 1, self.riding)]
-            if not self._may_touch(self.parts[i], self.parts[j])
-        ]
-        return np.array(rows, dtype=np.intp).reshape(-1, 2)
+        rows = [np.zeros((0, 2), dtype=np.intp)]
+        for i in range(self.riding):
+            judged = [np.arange(*run) for run in self.runs if not self._may_touch(self.parts[i], self.parts[run[0]])]
+            own = [j for j in range(i + 1, self.riding) if not self._may_touch(self.parts[i], self.parts[j])]
+            others = np.concatenate([*judged, np.array(own, dtype=np.intp)])
+            rows.append(np.stack([np.full(len(others), i, dtype=np.intp), others], axis=1))
+        return np.concatenate(rows)
 
     def names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair: the link or carried object, then what it meets."""
         i, j = self.pairs[pair]
         return self.parts[i].owner, self.parts[j].owner
+
+
+def _posed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, Pose]]:
+    """The convex pieces of a solid at a pose, each with its own."""
+    if not isinstance(solid, Composite):
+        yield solid, pose
+    else:
+        for shape, T in _placed(solid, pose):
+            yield shape, Pose.from_matrix(T)
+
+
+def _placed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, FloatArray]]:
+    """The convex pieces of a solid at a pose, and where they are in what the pose is given in, 4 x 4."""
+    if not isinstance(solid, Composite):
+        return iter([(solid, read_only(pose.matrix))])
+    A, B = pose.matrix, solid.pieces.frames
+    frames = A[:, :1] * B[:, :1] + A[:, 1:2] * B[:, 1:2] + A[:, 2:3] * B[:, 2:3] + A[:, 3:] * B[:, 3:]  # without BLAS
+    return zip(solid.pieces.shapes, read_only(frames), strict=True)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.collision.bounds import Placed, Solids, box_of, centres_of, parted, refined_gaps, rough_gaps
+from planner_service.collision.crowds import Crowds
 from planner_service.collision.parts import Parts
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
@@ -30,6 +31,9 @@ one with many boxes overlapping collides, and FCL finds out at the first pairs."
 
 _LIKELY_SMALLEST = 8
 """Pairs with the smallest rough bounds, refined first."""
+
+_REFINED_AT_ONCE = 64
+"""Then so many at a time, as long as one could be smaller."""
 
 IntArray = NDArray[np.intp]
 
@@ -51,50 +55,72 @@ class Prefilter:
         self._low_world, self._high_world = self._t_world - reach, self._t_world + reach
         self._riding = self._solids.take(slice(n))
         self._i, self._j = parts.pairs[:, 0], parts.pairs[:, 1]
+        self._crowds = Crowds(parts, self._solids, self._R_world, self._t_world) if parts.crowds else None
+        plain = np.ones(len(parts.pairs), dtype=bool) if self._crowds is None else ~self._crowds.pairs
+        self._plain = np.flatnonzero(plain)
+        self._i_plain, self._j_plain = self._i[self._plain], self._j[self._plain]
         self._with_hull = (self._solids.hulls[self._i] >= 0) | (self._solids.hulls[self._j] >= 0)
 
     def candidates(self, Q: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
         R, t = self._place(Q)
-        row, pair = self._overlapping(R, t)
-        if len(row) > _ASKED_AT_ONCE and len(Q) > 1:
-            a, b = self._placed(R, t, row, pair)
-            doubtful = np.flatnonzero(rough_gaps(a, b) <= MARGIN)
-            row, pair = row[doubtful], pair[doubtful]
-            if self._with_hull.any() and len(row):
-                row, pair = self._parted(a.take(doubtful), b.take(doubtful), row, pair)
+        reach = box_of(self._riding, R) + MARGIN
+        row, pair = self._overlapping(t, reach)
+        rough = len(row) > _ASKED_AT_ONCE and len(Q) > 1
+        if rough:
+            row, pair = self._doubtful(R, t, row, pair)
+        if self._crowds is not None:
+            rows, pairs = self._crowds.candidates(R, t, reach, MARGIN)
+            if len(rows):
+                row, pair = np.concatenate([row, rows]), np.concatenate([pair, pairs])
+                order = np.lexsort((pair, row))
+                row, pair = row[order], pair[order]
+            rough = len(row) > _ASKED_AT_ONCE and len(Q) > 1
+        if rough and len(row) and self._with_hull[pair].any():
+            row, pair = self._parted(R, t, row, pair)
         return row, pair
 
-    def _parted(self, a: Placed, b: Placed, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
+    def _doubtful(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
+        """What separating axes leave of rows and pairs."""
+        a, b = self._placed(R, t, row, pair)
+        left = rough_gaps(a, b) <= MARGIN
+        return row[left], pair[left]
+
+    def _parted(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
         """What is left of rows and pairs once hulls are looked at as they are, not as the boxes around them."""
         hulls = np.flatnonzero(self._with_hull[pair])
         left = np.ones(len(pair), dtype=bool)
-        left[hulls] = ~parted(a.take(hulls), b.take(hulls), MARGIN)
+        left[hulls] = ~parted(*self._placed(R, t, row[hulls], pair[hulls]), MARGIN)
         return row[left], pair[left]
 
     def smallest_gap(self, q: FloatArray) -> float:
-        """A proven lower bound in metres of the smallest gap of any pair at q (n,), infinite without pairs.
+        """A proven lower bound in metres of the smallest gap of any pair at q (n,), infinite without pairs."""
+        R, t = self._place(q[None])
+        least = self._smallest(R, t, self._plain)
+        if self._crowds is not None:
+            least = min(least, self._smallest(R, t, self._crowds.nearest(R, t, None)))
+            least = min(least, self._smallest(R, t, self._crowds.nearest(R, t, least)))
+        return least
 
-        Rough bounds of all pairs first; then only those are refined that could be the smallest.
-        """
-        a, b = self._all_placed(q)
-        rough = rough_gaps(a, b)
-        if len(rough) == 0:
+    def _smallest(self, R: FloatArray, t: FloatArray, pairs: IntArray) -> float:
+        """Of some pairs: rough bounds of all first; then only those are refined that could be the smallest."""
+        if len(pairs) == 0:
             return float("inf")
-        first = np.argsort(rough, kind="stable")[:_LIKELY_SMALLEST]
-        least = refined_gaps(a.take(first), b.take(first)).min()
-        near = np.flatnonzero(rough <= least)
-        return float(min(least, refined_gaps(a.take(near), b.take(near)).min())) if len(near) else float(least)
+        a, b = self._placed(R, t, np.zeros_like(pairs), pairs)
+        rough = rough_gaps(a, b)
+        order = np.argsort(rough, kind="stable")
+        least, done, count = float("inf"), 0, _LIKELY_SMALLEST
+        while done < len(order) and rough[order[done]] <= least:
+            some = order[done : done + count]
+            some = some[rough[some] <= least]
+            least = min(least, float(refined_gaps(a.take(some), b.take(some)).min()))
+            done, count = done + len(some), _REFINED_AT_ONCE
+        return least
 
     def overlaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
         """Upper bounds in metres of how far pairs (k,) overlap at q (n,); negative for a pair proven apart."""
-        a, b = self._all_placed(q)
-        return np.asarray(-refined_gaps(a.take(pairs), b.take(pairs)))
-
-    def _all_placed(self, q: FloatArray) -> tuple[Placed, Placed]:
         R, t = self._place(q[None])
-        pair = np.arange(len(self._parts.pairs), dtype=np.intp)
-        return self._placed(R, t, np.zeros_like(pair), pair)
+        return np.asarray(-refined_gaps(*self._placed(R, t, np.zeros_like(pairs), pairs)))
 
     def _place(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Poses of the riding parts: R (m, parts, 3, 3) and t (m, parts, 3).
@@ -109,19 +135,18 @@ class Prefilter:
         R_body, t_body = R_body[:, self._bodies], t_body[:, self._bodies]
         return R_body @ self._R_part, t_body + (R_body @ self._t_part[..., None])[..., 0]
 
-    def _overlapping(self, R: FloatArray, t: FloatArray) -> tuple[IntArray, IntArray]:
+    def _overlapping(self, t: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows and pairs whose world-aligned boxes overlap: first those swept by the batch, then row by row."""
-        reach = box_of(self._riding, R) + MARGIN
         low, high = t - reach, t + reach
         swept_low = np.concatenate([low.min(axis=0), self._low_world])
         swept_high = np.concatenate([high.max(axis=0), self._high_world])
-        meet = ((swept_low[self._i] <= swept_high[self._j]) & (swept_high[self._i] >= swept_low[self._j])).all(axis=-1)
-        pair = np.flatnonzero(meet)
-        if len(R) == 1:
+        i, j = self._i_plain, self._j_plain
+        pair = self._plain[((swept_low[i] <= swept_high[j]) & (swept_high[i] >= swept_low[j])).all(axis=-1)]
+        if len(t) == 1:
             return np.zeros_like(pair), pair
         i, j = self._i[pair], self._j[pair]
         own = j < self._parts.riding
-        low_j, high_j = np.empty((len(R), len(j), 3)), np.empty((len(R), len(j), 3))
+        low_j, high_j = np.empty((len(t), len(j), 3)), np.empty((len(t), len(j), 3))
         low_j[:, own], high_j[:, own] = low[:, j[own]], high[:, j[own]]
         low_j[:, ~own], high_j[:, ~own] = swept_low[j[~own]], swept_high[j[~own]]
         row, column = np.nonzero(((low[:, i] <= high_j) & (high[:, i] >= low_j)).all(axis=-1))

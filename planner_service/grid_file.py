@@ -1,0 +1,104 @@
+"""Arrays in NPY and NPZ files, and points in PLY files, read with care: no pickle, no lying header, no zip bomb."""
+
+from __future__ import annotations
+
+import ast
+import io
+import zipfile
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from planner_service.errors import InvalidFile
+from planner_service.geometry import FloatArray
+from planner_service.mesh_file import MAX_BYTES, MAX_VERTICES, read_vertices
+from planner_service.regular_file import read_bytes
+
+__all__ = ["MAX_POINTS", "read_array"]
+
+MAX_POINTS = MAX_VERTICES
+"""Points of a cloud."""
+
+MAX_HEADER = 10_000
+"""Bytes of an NPY header: it is a Python literal, and long ones are dear to parse."""
+
+VERSIONS = {1: 2, 2: 4, 3: 4}
+"""Bytes of the header's length, by major version of the format."""
+
+MAGIC = b"\x93NUMPY"
+
+
+class _Malformed(Exception):
+    """Why a file holds no such array."""
+
+
+def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
+    """The numbers in a file, told apart by the suffix: of a PLY file its vertices (n, 3), else the array it holds.
+
+    Args:
+        name: Which array of an NPZ file that holds several.
+
+    Raises:
+        InvalidFile: another suffix, larger than 50 MB, packed or not, not what the suffix says, malformed, no array of
+            that name, or something else than real numbers in it.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
+        raise InvalidFile(path, [f"suffix {path.suffix!r}; expected one of {', '.join(suffixes)}"])
+    if suffix == ".ply":
+        return read_vertices(path)
+    data = read_bytes(path, MAX_BYTES)
+    try:
+        return _npy(_member(data, name) if suffix == ".npz" else data)
+    except _Malformed as error:
+        raise InvalidFile(path, [str(error)]) from None
+
+
+def _member(data: bytes, name: str) -> bytes:
+    """The one array file in a zip archive, or that called ``name``."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            info = members.get(name) or (next(iter(members.values())) if len(members) == 1 else None)
+            if info is None:
+                raise _Malformed(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
+            with archive.open(info) as file:
+                found = file.read(MAX_BYTES + 1)
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
+        raise _Malformed(f"no NPZ: {error}") from None
+    if len(found) > MAX_BYTES:
+        raise _Malformed(f"unpacks to more than {MAX_BYTES:,} bytes")
+    return found
+
+
+def _npy(data: bytes) -> FloatArray:
+    if not data.startswith(MAGIC) or len(data) < len(MAGIC) + 2 or data[len(MAGIC)] not in VERSIONS:
+        raise _Malformed("no NPY: it does not begin as one")
+    start = len(MAGIC) + 2
+    width = VERSIONS[data[len(MAGIC)]]
+    length = int.from_bytes(data[start : start + width], "little")
+    start += width
+    if length > min(MAX_HEADER, len(data) - start):
+        raise _Malformed("an NPY header without its end")
+    shape, dtype, by_columns = _header(data[start : start + length])
+    count = int(np.prod([1, *shape], dtype=object))
+    body = data[start + length :]
+    if len(body) != count * dtype.itemsize:
+        raise _Malformed(f"{len(body):,} bytes are not those of an array of shape {shape}")
+    return np.asarray(np.frombuffer(body, dtype).reshape(shape, order="F" if by_columns else "C"), dtype=np.float64)
+
+
+def _header(text: bytes) -> tuple[tuple[int, ...], np.dtype[np.generic], bool]:
+    """Shape, type and order of an NPY file, from the literal in its header."""
+    try:
+        found = ast.literal_eval(text.decode("latin-1").strip())
+        shape, kind, by_columns = found["shape"], found["descr"], found["fortran_order"]
+        good = isinstance(shape, tuple) and all(type(size) is int and size >= 0 for size in shape)
+        dtype = np.dtype(kind) if isinstance(kind, str) else np.dtype(object)
+    except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError, IndexError):
+        raise _Malformed("an NPY header that cannot be read") from None
+    if not good or len(shape) > 4 or dtype.kind not in "iuf" or not isinstance(by_columns, bool):
+        raise _Malformed(f"an array of {kind!r} with shape {shape!r}"[:120] + "; expected real numbers")
+    return shape, dtype, by_columns
