@@ -1,4 +1,4 @@
-"""The vertices of STL, OBJ and PLY files, read with care: nothing else of them is needed, and nothing else is followed.
+"""Vertices and triangles of STL, OBJ and PLY files, read with care: nothing else is needed, nothing else is followed.
 
 Materials, textures and whatever else such a file names are never opened.
 """
@@ -6,22 +6,29 @@ Materials, textures and whatever else such a file names are never opened.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner_service.errors import InvalidFile
 from planner_service.geometry import MAX_LENGTH, FloatArray
 from planner_service.regular_file import read_bytes
 
-__all__ = ["MAX_BYTES", "MAX_VERTICES", "MESH_SUFFIXES", "read_vertices"]
+__all__ = ["MAX_BYTES", "MAX_TRIANGLES", "MAX_VERTICES", "MESH_SUFFIXES", "IntArray", "read_triangles", "read_vertices"]
+
+IntArray = NDArray[np.intp]
 
 MAX_BYTES = 50_000_000
 """A binary STL of a million triangles, three times the largest seen in a robot's description."""
 
 MAX_VERTICES = 500_000
 """Different points of a mesh."""
+
+MAX_TRIANGLES = 1_000_000
+"""Triangles of a mesh, as many as a file of that size has in binary."""
 
 MAX_DIGITS = 64
 """Characters of a number; Python would read megabytes of digits."""
@@ -50,22 +57,62 @@ def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
         InvalidFile: another suffix, larger than 50 MB, not what the suffix says, malformed, no vertices or too many,
             or a coordinate that is not finite or beyond 1 km.
     """
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise InvalidFile(path, [f"suffix {path.suffix!r}; expected one of {', '.join(MESH_SUFFIXES)}"])
-    data = read_bytes(path, MAX_BYTES)
+    data = _content(path)
     try:
-        points: FloatArray = np.unique(reader(data), axis=0)
-        if len(points) > MAX_VERTICES:
-            raise _Malformed(f"{len(points):,} different vertices; expected at most {MAX_VERTICES:,}")
-        if len(points) == 0:
-            raise _Malformed("no vertices")
-        with np.errstate(over="ignore"):
-            points = points * np.array(scale)
-        if not np.all(np.abs(points) <= MAX_LENGTH):
-            raise _Malformed(f"a vertex is not finite or more than {MAX_LENGTH:g} m from 0; is the scale right?")
+        return _placed(np.unique(_READERS[path.suffix.lower()](data), axis=0), scale)
     except _Malformed as error:
         raise InvalidFile(path, [str(error)]) from None
+
+
+def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[FloatArray, IntArray]:
+    """The vertices (n, 3) that ``read_vertices`` finds, and the triangles (t, 3) between them, as rows of vertices.
+
+    Equal vertices are one, a polygon is a fan of triangles around its first corner, a triangle without three
+    different corners is left out, and one that a negative scale mirrors keeps its outside outside.
+
+    Raises:
+        InvalidFile: what ``read_vertices`` refuses, no triangles or more than a million, or a corner that is no vertex.
+    """
+    data = _content(path)
+    suffix = path.suffix.lower()
+    if suffix not in _CORNERS:
+        raise InvalidFile(path, [f"triangles of {suffix} files are not read; expected one of {', '.join(_CORNERS)}"])
+    try:
+        rows = _READERS[suffix](data)
+        corners = _CORNERS[suffix](data, len(rows))
+        if len(corners) > MAX_TRIANGLES:
+            raise _Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
+        if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < len(rows)):
+            raise _Malformed(f"a corner of a triangle is none of the {len(rows)} vertices")
+        points, place = np.unique(rows, axis=0, return_inverse=True)
+        faces = place.reshape(-1).astype(np.intp)[corners]
+        a, b, c = faces.T
+        faces = faces[(a != b) & (b != c) & (c != a)]
+        if len(faces) == 0:
+            raise _Malformed("no triangles")
+        vertices = _placed(points, scale)
+    except _Malformed as error:
+        raise InvalidFile(path, [str(error)]) from None
+    mirrored = sum(factor < 0.0 for factor in scale) % 2 == 1
+    return vertices, faces[:, ::-1].copy() if mirrored else faces
+
+
+def _content(path: Path) -> bytes:
+    if path.suffix.lower() not in _READERS:
+        raise InvalidFile(path, [f"suffix {path.suffix!r}; expected one of {', '.join(MESH_SUFFIXES)}"])
+    return read_bytes(path, MAX_BYTES)
+
+
+def _placed(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray:
+    """Different points (n, 3) of a file, in metres."""
+    if len(points) > MAX_VERTICES:
+        raise _Malformed(f"{len(points):,} different vertices; expected at most {MAX_VERTICES:,}")
+    if len(points) == 0:
+        raise _Malformed("no vertices")
+    with np.errstate(over="ignore"):
+        points = points * np.array(scale)
+    if not np.all(np.abs(points) <= MAX_LENGTH):
+        raise _Malformed(f"a vertex is not finite or more than {MAX_LENGTH:g} m from 0; is the scale right?")
     return np.asarray(points)
 
 
@@ -86,12 +133,46 @@ def _stl(data: bytes) -> FloatArray:
     return _rows((words[k + 1 : k + 4] for k in at), len(at))
 
 
+def _stl_corners(data: bytes, count: int) -> IntArray:
+    return np.arange(count, dtype=np.intp).reshape(-1, 3)
+
+
 def _obj(data: bytes) -> FloatArray:
     lines = [line.split()[1:4] for line in _text(data).splitlines() if line.startswith(("v ", "v\t"))]
     return _rows(lines, len(lines))
 
 
+def _obj_corners(data: bytes, count: int) -> IntArray:
+    """Corners are counted from 1, or backwards from the last vertex before their line; what follows a / is not read."""
+    seen = 0
+    fans: list[int] = []
+    for line in _text(data).splitlines():
+        if line.startswith(("v ", "v\t")):
+            seen += 1
+        elif line.startswith(("f ", "f\t")):
+            named = [_whole(word.partition("/")[0]) for word in line.partition("#")[0].split()[1:]]
+            _fan([k - 1 if k > 0 else seen + k if -seen <= k < 0 else -1 for k in named], fans)
+    return np.array(fans, dtype=np.intp).reshape(-1, 3)
+
+
 def _ply(data: bytes) -> FloatArray:
+    kind, lines, start = _ply_header(data)
+    count, names, types = _ply_vertices(lines)
+    if kind == "ascii":
+        rows = _text(data[start:]).splitlines()[:count]
+        if len(rows) < count:
+            raise _Malformed(f"{len(rows)} vertices; the PLY header says {count}")
+        at = [names.index(axis) for axis in "xyz"]
+        return _rows(([words[k] for k in at] for words in map(str.split, rows) if len(words) == len(names)), count)
+    dtype = _ply_row(kind, names, types)
+    if len(data) - start < count * dtype.itemsize:
+        raise _Malformed(f"cut short: the PLY header says {count} vertices")
+    table = np.frombuffer(data, dtype, count, start)
+    return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+
+
+def _ply_header(data: bytes) -> tuple[str, list[list[str]], int]:
+    """The format, the lines in words, and where the rows begin."""
     end = data.find(b"end_header", 0, MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:
         raise _Malformed("no PLY: it does not begin with 'ply' and a header")
@@ -103,18 +184,11 @@ def _ply(data: bytes) -> FloatArray:
     kinds = [words[1] for words in lines if words[0] == "format" and len(words) == 3]
     if len(kinds) != 1 or kinds[0] not in PLY_FORMATS:
         raise _Malformed(f"PLY format {' '.join(kinds) or 'is missing'}; expected one of {', '.join(PLY_FORMATS)}")
-    count, names, types = _ply_vertices(lines)
-    if kinds[0] == "ascii":
-        rows = _text(data[start:]).splitlines()[:count]
-        if len(rows) < count:
-            raise _Malformed(f"{len(rows)} vertices; the PLY header says {count}")
-        at = [names.index(axis) for axis in "xyz"]
-        return _rows(([words[k] for k in at] for words in map(str.split, rows) if len(words) == len(names)), count)
-    dtype = np.dtype([(name, PLY_FORMATS[kinds[0]] + kind) for name, kind in zip(names, types, strict=True)])
-    if len(data) - start < count * dtype.itemsize:
-        raise _Malformed(f"cut short: the PLY header says {count} vertices")
-    table = np.frombuffer(data, dtype, count, start)
-    return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+    return kinds[0], lines, start
+
+
+def _ply_row(kind: str, names: Sequence[str], types: Sequence[str]) -> np.dtype[np.void]:
+    return np.dtype([(name, PLY_FORMATS[kind] + number) for name, number in zip(names, types, strict=True)])
 
 
 def _ply_vertices(lines: list[list[str]]) -> tuple[int, list[str], list[str]]:
@@ -136,6 +210,82 @@ def _ply_vertices(lines: list[list[str]]) -> tuple[int, list[str], list[str]]:
     if count > MAX_VERTICES:
         raise _Malformed(f"{count:,} vertices; expected at most {MAX_VERTICES:,}")
     return count, names, [kind for _, kind in properties]
+
+
+def _ply_corners(data: bytes, count: int) -> IntArray:
+    """Of the second element, ``face``: its rows are one list each, before or after which there may be plain numbers."""
+    kind, lines, start = _ply_header(data)
+    faces, before, sizes, after = _ply_faces(lines)
+    fans: list[int] = []
+    if kind == "ascii":
+        rows = _text(data[start:]).splitlines()[count : count + faces]
+        for words in map(str.split, rows):
+            many = _whole(words[len(before)]) if len(before) < len(words) else -1
+            if len(words) != len(before) + 1 + many + len(after):
+                raise _Malformed("a PLY face without as many corners as it says")
+            _fan([_whole(word) for word in words[len(before) + 1 :][:many]], fans)
+        if len(rows) < faces:
+            raise _Malformed(f"{len(rows)} faces; the PLY header says {faces}")
+        return np.array(fans, dtype=np.intp).reshape(-1, 3)
+    _, names, types = _ply_vertices(lines)
+    at = start + count * _ply_row(kind, names, types).itemsize
+    ahead, behind = (sum(np.dtype(number).itemsize for number in numbers) for numbers in (before, after))
+    size, corner = (np.dtype(PLY_FORMATS[kind] + number) for number in sizes)
+    for _ in range(faces):
+        at += ahead
+        many = int(np.frombuffer(data, size, 1, at)[0]) if at + size.itemsize <= len(data) else -1
+        end = at + size.itemsize + max(many, 0) * corner.itemsize + behind
+        if many < 0 or end > len(data):
+            raise _Malformed(f"cut short: the PLY header says {faces} faces")
+        _fan(np.frombuffer(data, corner, many, at + size.itemsize).tolist(), fans)
+        at = end
+    return np.array(fans, dtype=np.intp).reshape(-1, 3)
+
+
+def _ply_faces(lines: list[list[str]]) -> tuple[int, list[str], tuple[str, str], list[str]]:
+    """How many faces, the types before the list of corners, those of its length and of its corners, those after."""
+    starts = [k for k, words in enumerate(lines) if words[0] == "element"]
+    words = lines[starts[1]] if len(starts) > 1 else []
+    if len(words) != 3 or words[1] != "face" or not re.fullmatch(r"[0-9]{1,9}", words[2]):
+        raise _Malformed("expected 'element face <count>' as the second element of the PLY header")
+    if int(words[2]) > MAX_TRIANGLES:
+        raise _Malformed(f"{words[2]} faces; expected at most {MAX_TRIANGLES:,}")
+    plain: tuple[list[str], list[str]] = ([], [])
+    corners: list[tuple[str, str]] = []
+    for row in lines[starts[1] + 1 : starts[2] if len(starts) > 2 else None]:
+        types = [PLY_TYPES.get(word, "") for word in row[1:-1]]
+        if row[0] == "property" and len(row) == 3 and types[0]:
+            plain[len(corners) > 0].append(types[0])
+        elif (
+            row[0] == "property"
+            and row[1:2] == ["list"]
+            and len(row) == 5
+            and {types[1][:1], types[2][:1]} <= {"i", "u"}
+        ):
+            if row[4] not in ("vertex_indices", "vertex_index") or corners:
+                raise _Malformed(f"PLY faces have a list {row[4][:80]!r}; expected vertex_indices alone")
+            corners.append((types[1], types[2]))
+        else:
+            raise _Malformed(f"PLY face {' '.join(row)[:80]!r}; expected a plain number or a list of corners")
+    if not corners:
+        raise _Malformed("PLY faces have no list vertex_indices")
+    return int(words[2]), plain[0], corners[0], plain[1]
+
+
+def _fan(polygon: Sequence[int], fans: list[int]) -> None:
+    """Append the triangles of a polygon, flat in ``fans``."""
+    if len(polygon) < 3:
+        raise _Malformed(f"a face with {len(polygon)} corners; expected three or more")
+    if len(fans) // 3 + len(polygon) - 2 > MAX_TRIANGLES:
+        raise _Malformed(f"more than {MAX_TRIANGLES:,} triangles")
+    for b, c in pairwise(polygon[1:]):
+        fans += (polygon[0], b, c)
+
+
+def _whole(word: str) -> int:
+    if not re.fullmatch(r"[+-]?[0-9]{1,9}", word, re.ASCII):
+        raise _Malformed(f"{word[:20]!r} in a face; expected the number of a vertex")
+    return int(word)
 
 
 def _text(data: bytes) -> str:
@@ -163,6 +313,12 @@ def _number(word: str) -> float:
 
 
 _READERS: dict[str, Callable[[bytes], FloatArray]] = {".stl": _stl, ".obj": _obj, ".ply": _ply}
+
+_CORNERS: dict[str, Callable[[bytes, int], IntArray]] = {
+    ".stl": _stl_corners,
+    ".obj": _obj_corners,
+    ".ply": _ply_corners,
+}
 
 MESH_SUFFIXES = tuple(_READERS)
 """Formats simple enough to be read with care."""
