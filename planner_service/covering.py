@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner_service.geometry import FloatArray
 from planner_service.mesh import Mesh
 from planner_service.mesh_file import IntArray
 
-__all__ = ["ROUNDING", "SLACK", "covering", "longest_gap"]
+__all__ = ["SLACK", "covering", "longest_gap", "slack"]
 
 SLACK = 1e-4
-"""Metres: parts of a surface smaller than this are added to a piece instead of being divided any further."""
+"""Of the size of a mesh; coacd moves points by up to half of it."""
 
-ROUNDING = 1e-9
-"""Of the size of a mesh: the same that a hull may leave out of its points."""
+ROUNDING = 1e-12
+"""Of the size of a mesh: what a piece is to hold beyond a point, so that rounding does not leave the point out."""
+
+LANKY = 10.0
+"""How many times longer than thick a piece may be to be made larger by the same factor in every direction."""
 
 MAX_WORK = 1_000_000
 """Parts of triangles that are divided; pieces cut by planes need some ten for each triangle that a plane crosses."""
@@ -29,13 +34,21 @@ AT_ONCE = 200_000
 """Numbers in a temporary array, so that it stays in a processor's cache."""
 
 
+def slack(vertices: FloatArray) -> float:
+    """Metres that count as little on a mesh: a ten-thousandth of the longest edge of the box around it."""
+    return SLACK * float((vertices.max(axis=0) - vertices.min(axis=0)).max())
+
+
 def covering(pieces: Sequence[Mesh], vertices: FloatArray, faces: IntArray) -> tuple[Mesh, ...]:
-    """The pieces, each grown by as many points as it takes for them together to hold every triangle.
+    """The pieces, each grown by as much as it takes for them together to hold every triangle.
 
     A convex piece that holds the corners of a triangle holds the triangle. One whose corners are in different pieces
-    is divided where it leaves one of them; a corner that no piece holds is added to the nearest, and so is a part of
-    a triangle below 0.1 mm. A piece therefore grows by no more than 0.1 mm, or by the distance of a corner that was
-    in no piece. What is held is held up to rounding, a billionth of the size of the mesh.
+    is divided where it leaves one of them, and so on. In a piece is here what is at most ``slack`` above its faces: at
+    the end, each piece is made larger by the most that it was short of. A corner that is in no piece is added to the
+    nearest; so are the corners of what is smaller than ``slack`` and not in one piece.
+
+    So a piece grows by less than 11 times ``slack``, a thousandth of the size of the mesh, or by that more than the
+    distance of a corner that was in no piece.
 
     Args:
         pieces: At least one.
@@ -52,7 +65,8 @@ class _Cover:
 
     def __init__(self, pieces: Sequence[Mesh], vertices: FloatArray, faces: IntArray) -> None:
         self._pieces = list(pieces)
-        self._rounding = ROUNDING * float((vertices.max(axis=0) - vertices.min(axis=0)).max())
+        self._slack = slack(vertices)
+        self._short = np.full(len(pieces), self._slack * ROUNDING / SLACK)
         used, rows = np.unique(faces, return_inverse=True)
         self._points = vertices[used]
         self._rest = rows.reshape(-1, 3)
@@ -62,19 +76,20 @@ class _Cover:
         work = 0
         while True:
             self._add_lost_corners()
-            held = (self._heights[self._rest] <= self._rounding).all(axis=1).any(axis=1)
-            rest = self._rest[~held]
+            above = self._heights[self._rest].max(axis=1)
+            nearest, least = above.argmin(axis=1), above.min(axis=1)
+            held = least <= self._slack
+            np.maximum.at(self._short, nearest[held], least[held] + self._slack * ROUNDING / SLACK)
+            rest, nearest = self._rest[~held], nearest[~held]
             if len(rest) == 0:
-                return tuple(self._pieces)
+                return tuple(_larger(piece, short) for piece, short in zip(self._pieces, self._short, strict=True))
             work += len(rest)
-            whole = self._edge_lengths(rest).max(axis=1) <= SLACK
-            if work > MAX_WORK:
-                whole[:] = True
-            self._add(rest[whole], self._heights[rest[whole]].max(axis=1).argmin(axis=1))
+            whole = (self._edge_lengths(rest).max(axis=1) <= self._slack) | (work > MAX_WORK)
+            self._add(rest[whole], nearest[whole])
             self._divide(rest[~whole])
 
     def _all_heights(self, points: FloatArray) -> FloatArray:
-        return np.stack([_heights(piece, points) for piece in self._pieces], axis=-1)
+        return np.stack([_heights(piece, points, self._slack) for piece in self._pieces], axis=-1)
 
     def _edge_lengths(self, triangles: IntArray) -> FloatArray:
         """Of the edges from each corner to the next, (m, 3)."""
@@ -83,7 +98,7 @@ class _Cover:
         return np.asarray(np.sqrt(x * x + y * y + z * z))
 
     def _add_lost_corners(self) -> None:
-        lost = np.flatnonzero((self._heights > self._rounding).all(axis=1))
+        lost = np.flatnonzero((self._heights > self._slack).all(axis=1))
         self._add(lost, self._heights[lost].argmin(axis=1))
 
     def _add(self, rows: IntArray, where: IntArray) -> None:
@@ -91,11 +106,11 @@ class _Cover:
         for k in np.unique(where).tolist():
             more = self._points[np.unique(rows[where == k])]
             self._pieces[k] = Mesh(np.concatenate([self._pieces[k].vertices, more]))
-            self._heights[:, k] = _heights(self._pieces[k], self._points)
+            self._heights[:, k] = _heights(self._pieces[k], self._points, self._slack)
 
     def _divide(self, triangles: IntArray) -> None:
         """Cut each triangle in two: where an edge leaves the piece with most of its corners, or else in the middle."""
-        inside = self._heights[triangles] <= self._rounding
+        inside = self._heights[triangles] <= self._slack
         piece = inside.sum(axis=1).argmax(axis=1)
         within = np.take_along_axis(inside, piece[:, None, None], axis=2)[..., 0]
         lengths = self._edge_lengths(triangles)
@@ -103,7 +118,7 @@ class _Cover:
         edge = np.where(leaves, lengths, -1.0).argmax(axis=1)
         share = self._exits(triangles, edge, piece, within)
         length = np.take_along_axis(lengths, edge[:, None], axis=1)[:, 0]
-        useless = np.minimum(share, 1.0 - share) * length < SLACK / 4.0
+        useless = np.minimum(share, 1.0 - share) * length < self._slack / 4.0
         edge = np.where(useless, lengths.argmax(axis=1), edge)
         share = np.where(useless, 0.5, share)
         start, end, other = (np.take_along_axis(triangles, (edge[:, None] + k) % 3, axis=1)[:, 0] for k in range(3))
@@ -116,7 +131,7 @@ class _Cover:
         used, rows = np.unique(halves, return_inverse=True)
         self._points, self._heights, self._rest = points[used], heights[used], rows.reshape(-1, 3)
 
-    def _exits(self, triangles: IntArray, edge: IntArray, piece: IntArray, within: FloatArray) -> FloatArray:
+    def _exits(self, triangles: IntArray, edge: IntArray, piece: IntArray, within: NDArray[np.bool_]) -> FloatArray:
         """Where along each edge, as a share of it from its start, the piece that holds just one end is left."""
         ends = np.stack([np.take_along_axis(triangles, (edge[:, None] + k) % 3, axis=1)[:, 0] for k in (0, 1)], axis=1)
         forwards = np.take_along_axis(within, edge[:, None], axis=1)[:, 0]
@@ -124,15 +139,31 @@ class _Cover:
         for k in np.unique(piece).tolist():
             mine = piece == k
             there = np.where(forwards[mine][:, None], ends[mine], ends[mine][:, ::-1])
-            share[mine] = _exit(self._pieces[k], self._points[there[:, 0]], self._points[there[:, 1]])
+            share[mine] = _exit(self._pieces[k], *self._points[there.T])
         return np.where(forwards, share, 1.0 - share)
 
 
-def _heights(piece: Mesh, points: FloatArray) -> FloatArray:
-    """How far each point is above the piece: not above 0 inside, and never above its distance."""
+def _larger(piece: Mesh, margin: float) -> Mesh:
+    """A piece that holds all points at most ``margin`` above the faces of this, and none farther than 10 times that.
+
+    With c inside and r above none of the faces, scaling about c by 1 + margin / r moves each face out by the margin or
+    more, and no corner R from c by more than margin R / r. Unless R / r is large this keeps the number of corners.
+    """
+    low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
+    centre = 0.5 * (low + high)
+    out = piece.vertices - centre
+    inner = -float(_above(piece, centre[None]).max())
+    outer = math.sqrt(float((out[:, 0] * out[:, 0] + out[:, 1] * out[:, 1] + out[:, 2] * out[:, 2]).max()))
+    if inner <= 0.0 or outer > LANKY * inner:
+        return piece.grown(margin)
+    return Mesh(centre + out * (1.0 + margin / inner))
+
+
+def _heights(piece: Mesh, points: FloatArray, most: float) -> FloatArray:
+    """How far each point is above the faces, but only more than ``most`` if it is: never above the distance."""
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
     heights = np.maximum(low - points, points - high).max(axis=1)
-    near = np.flatnonzero(heights <= 0.0)
+    near = np.flatnonzero(heights <= most)
     step = max(1, AT_ONCE // len(piece.normals))
     for k in range(0, len(near), step):
         some = near[k : k + step]

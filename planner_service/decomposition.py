@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.covering import SLACK, covering, longest_gap
+from planner_service.covering import covering, longest_gap, slack
 from planner_service.disk_cache import DiskCache, cache_folder
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
 from planner_service.geometry import MAX_LENGTH, FloatArray, number, numbers
@@ -30,6 +30,9 @@ __all__ = ["MAX_PIECES", "convex_pieces", "hull_ratio", "pieces_of_file"]
 
 MAX_PIECES = 64
 """Each is checked against everything near it: more of them cost more than a finer shape is worth."""
+
+FINEST = 1e-4
+"""Metres: no arm is so exact that a finer shape would let it pass."""
 
 TIGHT = 1.02
 """A hull of at most this times the volume of its mesh is as good as any pieces."""
@@ -64,7 +67,7 @@ def pieces_of_file(
     settings = _Settings(most, tolerance)
     vertices, faces = read_triangles(file, checked_scale("scale", scale))
     try:
-        return _pieces(vertices, faces, settings)
+        return _pieces(Mesh(vertices), vertices, faces, settings)
     except InvalidRequest as error:
         raise InvalidFile(file, [str(error)]) from None
 
@@ -72,13 +75,13 @@ def pieces_of_file(
 def convex_pieces(
     vertices: ArrayLike, faces: ArrayLike, *, most: int = 16, tolerance: float = 0.01
 ) -> tuple[Mesh, ...]:
-    """Convex solids whose union holds a triangle mesh, from coacd (Wei et al., ACM TOG 41(4), 2022) unless the hull will do.
+    """Convex solids that together hold a mesh, by coacd (Wei et al., ACM TOG 41(4), 2022) unless its hull will do.
 
-    The surface is held wholly, whatever coacd answers: every triangle is followed through the pieces, and what none
-    holds is added to one of them (``planner_service.covering``), for a piece that coacd cut from the mesh never more
-    than 0.1 mm of it. The inside of a closed mesh is held as far as coacd cuts solids into solids, which is looked at
-    along 300 lines (fewer from 70,000 triangles on); if one of them has a gap, the answer is the hull. A mesh with
-    holes in it has no inside, and only its surface is held.
+    The surface is held wholly, whatever coacd answers: every triangle is followed through the pieces, which are made
+    larger until they hold it (``planner_service.covering``): each by less than 1.1 thousandths of the size of the mesh
+    where coacd left nothing out, else by that more than the depth of what it left out. The inside of a closed mesh is
+    held as far as coacd cuts solids into solids, which is looked at along 300 lines (fewer from 70,000 triangles on):
+    if one of them has a gap, the answer is the hull. A mesh that is not closed has no inside; its surface is held.
 
     Equal for equal arguments and versions of coacd, with the bits that coacd gives on this kind of machine. It runs in
     a process of its own, for up to ten minutes and 4 GB; its answer is kept on disk (``planner_service.disk_cache``)
@@ -94,7 +97,8 @@ def convex_pieces(
         InvalidRequest: arguments of another shape or out of range, a flat mesh, or one that coacd cannot cut in time.
         MissingDependency: more than the hull is needed, and coacd is not installed.
     """
-    return _pieces(*_checked(vertices, faces), _Settings(most, tolerance))
+    settings = _Settings(most, tolerance)
+    return _pieces(*_checked(vertices, faces), settings)
 
 
 def hull_ratio(vertices: ArrayLike, faces: ArrayLike) -> float:
@@ -106,8 +110,7 @@ def hull_ratio(vertices: ArrayLike, faces: ArrayLike) -> float:
     Raises:
         InvalidRequest: as for ``convex_pieces``.
     """
-    points, triangles = _checked(vertices, faces)
-    return _hull_ratio(Mesh(points), points, triangles)
+    return _hull_ratio(*_checked(vertices, faces))
 
 
 @dataclass(frozen=True)
@@ -120,11 +123,11 @@ class _Settings:
         if not number("most", self.most, expected, 1, MAX_PIECES).is_integer():
             raise InvalidRequest("most", self.most, expected)
         object.__setattr__(self, "most", int(self.most))
-        expected = f"metres from {SLACK:g} to {MAX_LENGTH:g}"
-        object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, expected, SLACK, MAX_LENGTH))
+        expected = f"metres from {FINEST:g} to {MAX_LENGTH:g}"
+        object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, expected, FINEST, MAX_LENGTH))
 
     def for_coacd(self) -> dict[str, Any]:
-        """Arguments of ``coacd.run_coacd``. Its repair of meshes makes thousands of corners; ours follows afterwards."""
+        """Arguments of ``coacd.run_coacd``, without its repair of meshes, which makes thousands of corners."""
         return {
             "threshold": self.tolerance,
             "real_metric": True,  # the threshold in the units of the mesh
@@ -134,8 +137,7 @@ class _Settings:
         }
 
 
-def _pieces(vertices: FloatArray, faces: IntArray, settings: _Settings) -> tuple[Mesh, ...]:
-    hull = Mesh(vertices)
+def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settings) -> tuple[Mesh, ...]:
     if settings.most == 1 or _hull_ratio(hull, vertices, faces) <= TIGHT:
         return (hull,)
     cut = []
@@ -149,13 +151,14 @@ def _pieces(vertices: FloatArray, faces: IntArray, settings: _Settings) -> tuple
     except InvalidRequest:  # too many corners
         return (hull,)
     gap = longest_gap(pieces, vertices, faces) if _is_closed(faces) else 0.0
-    return pieces if gap <= SLACK else (hull,)
+    return pieces if gap <= slack(vertices) else (hull,)
 
 
-def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
-    """Points and triangles that ``Mesh`` can judge, without triangles that have no three different corners."""
+def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Mesh, FloatArray, IntArray]:
+    """The hull, the points, each once, and the triangles that have three different corners."""
     points = numbers("vertices", vertices, "points (n, 3) in metres")
-    expected = f"1 to {MAX_TRIANGLES:,} triangles (t, 3), as rows of vertices"
+    hull = Mesh(points)  # refuses what is no solid
+    expected = f"1 to {MAX_TRIANGLES:,} triangles (t, 3) with three different corners, as rows of vertices"
     rows = numbers("faces", faces, expected)
     if rows.ndim != 2 or rows.shape[1:] != (3,) or not 1 <= len(rows) <= MAX_TRIANGLES:
         message = f"faces: got an array of shape {rows.shape}; expected {expected}"
@@ -163,10 +166,13 @@ def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArra
     bad = np.flatnonzero(~((rows >= 0) & (rows < len(points)) & (rows == np.floor(rows))).all(axis=1))
     if len(bad):
         raise InvalidRequest(f"faces[{bad[0]}]", rows[bad[0]].tolist(), expected)
-    triangles = rows.astype(np.intp)
-    Mesh(points)  # refuses what is no solid
+    points, place = np.unique(points + 0.0, axis=0, return_inverse=True)  # + 0.0 drops the sign of -0.0
+    triangles = place.reshape(-1).astype(np.intp)[rows.astype(np.intp)]
     a, b, c = triangles.T
-    return points, triangles[(a != b) & (b != c) & (c != a)]
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    if len(triangles) == 0:
+        raise InvalidRequest("faces", faces, expected)
+    return hull, points, triangles
 
 
 def _hull_ratio(hull: Mesh, vertices: FloatArray, faces: IntArray) -> float:
@@ -203,7 +209,7 @@ def _cut(vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[Flo
     data = _run_coacd(vertices, faces, settings)
     pieces = _points(data, settings.most)
     if pieces is None:
-        raise _failed("its answer is not 1 to {settings.most} pieces of finite points")
+        raise _failed(f"its answer is not 1 to {settings.most} pieces of finite points")
     cache.put(key, data)
     return pieces
 
@@ -243,7 +249,7 @@ def _run_coacd(vertices: FloatArray, faces: IntArray, settings: _Settings) -> by
     except subprocess.TimeoutExpired:
         raise _failed(f"it took more than {SECONDS} s") from None
     if done.returncode < 0:
-        raise _failed(f"it died of {signal.Signals(-done.returncode).name}")
+        raise _failed(f"it died: {signal.strsignal(-done.returncode)}")
     if done.returncode > 0:
         last = done.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
         raise _failed(f"it said {' '.join(last)[:200]!r}")

@@ -21,7 +21,21 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
     "errors": ({"errors"}, set()),
     "shapes": (
-        {"geometry", "mesh", "mesh_file", "mesh_path", "composite", "grid_file", "data", "json_file", "regular_file"},
+        {
+            "geometry",
+            "mesh",
+            "mesh_file",
+            "mesh_path",
+            "covering",
+            "decomposition",
+            "coacd_child",
+            "disk_cache",
+            "composite",
+            "grid_file",
+            "data",
+            "json_file",
+            "regular_file",
+        },
         {"errors"},
     ),
     "robot": (
@@ -83,6 +97,7 @@ ONLY_IN = {
     "fcl": {"collision/fcl.py"},
     "coal": {"collision"},
     "hppfcl": {"collision"},
+    "coacd": {"coacd_child.py"},
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"timing.py"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
