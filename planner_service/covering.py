@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray
 from planner_service.mesh import Mesh
 from planner_service.mesh_file import IntArray
@@ -23,7 +25,7 @@ ROUNDING = 1e-12
 LANKY = 10.0
 """How many times longer than thick a piece may be to be made larger by the same factor in every direction."""
 
-MAX_WORK = 1_000_000
+MAX_WORK = 500_000
 """Parts of triangles that are divided; pieces cut by planes need some ten for each triangle that a plane crosses."""
 
 MOST_LINES, LEAST_LINES = 100, 5
@@ -64,7 +66,7 @@ class _Cover:
     """Triangles that are not yet known to be held, as rows of ``points``; column k of ``heights`` is piece k's."""
 
     def __init__(self, pieces: Sequence[Mesh], vertices: FloatArray, faces: IntArray) -> None:
-        self._pieces = list(pieces)
+        self._given, self._pieces = tuple(pieces), list(pieces)
         self._slack = slack(vertices)
         self._short = np.full(len(pieces), self._slack * ROUNDING / SLACK)
         used, rows = np.unique(faces, return_inverse=True)
@@ -74,7 +76,7 @@ class _Cover:
 
     def pieces(self) -> tuple[Mesh, ...]:
         work = 0
-        while True:
+        for halving in cycle((False, True)):  # where a piece is left may be next to where it was left before
             self._add_lost_corners()
             above = self._heights[self._rest].max(axis=1)
             nearest, least = above.argmin(axis=1), above.min(axis=1)
@@ -86,7 +88,8 @@ class _Cover:
             work += len(rest)
             whole = (self._edge_lengths(rest).max(axis=1) <= self._slack) | (work > MAX_WORK)
             self._add(rest[whole], nearest[whole])
-            self._divide(rest[~whole])
+            self._divide(rest[~whole], halving)
+        raise BrokenInvariant("parts of triangles without end")
 
     def _all_heights(self, points: FloatArray) -> FloatArray:
         return np.stack([_heights(piece, points, self._slack) for piece in self._pieces], axis=-1)
@@ -99,7 +102,9 @@ class _Cover:
 
     def _add_lost_corners(self) -> None:
         lost = np.flatnonzero((self._heights > self._slack).all(axis=1))
-        self._add(lost, self._heights[lost].argmin(axis=1))
+        if len(lost):  # to the piece that was nearest before any grew, so that none grows farther than that
+            away = np.stack([piece.distance(self._points[lost]) for piece in self._given], axis=-1)
+            self._add(lost, away.argmin(axis=1))
 
     def _add(self, rows: IntArray, where: IntArray) -> None:
         """Let piece ``where[i]`` hold the points ``rows[i]`` as well."""
@@ -108,8 +113,8 @@ class _Cover:
             self._pieces[k] = Mesh(np.concatenate([self._pieces[k].vertices, more]))
             self._heights[:, k] = _heights(self._pieces[k], self._points, self._slack)
 
-    def _divide(self, triangles: IntArray) -> None:
-        """Cut each triangle in two: where an edge leaves the piece with most of its corners, or else in the middle."""
+    def _divide(self, triangles: IntArray, halving: bool) -> None:
+        """Cut each triangle in two: where an edge leaves the piece with most of its corners, or the longest in half."""
         inside = self._heights[triangles] <= self._slack
         piece = inside.sum(axis=1).argmax(axis=1)
         within = np.take_along_axis(inside, piece[:, None, None], axis=2)[..., 0]
@@ -118,7 +123,7 @@ class _Cover:
         edge = np.where(leaves, lengths, -1.0).argmax(axis=1)
         share = self._exits(triangles, edge, piece, within)
         length = np.take_along_axis(lengths, edge[:, None], axis=1)[:, 0]
-        useless = np.minimum(share, 1.0 - share) * length < self._slack / 4.0
+        useless = halving | (np.minimum(share, 1.0 - share) * length < self._slack / 4.0)
         edge = np.where(useless, lengths.argmax(axis=1), edge)
         share = np.where(useless, 0.5, share)
         start, end, other = (np.take_along_axis(triangles, (edge[:, None] + k) % 3, axis=1)[:, 0] for k in range(3))
