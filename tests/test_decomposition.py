@@ -317,9 +317,10 @@ def test_another_mesh_setting_or_release_is_cut_anew(fake: Fake, folder: Path) -
     convex_pieces(vertices, faces, most=8)
     convex_pieces(vertices * (1.0, 1.0, 1.0 + 2e-16), faces)
     convex_pieces(vertices, faces[1:])
+    convex_pieces(vertices, faces[::-1])
     fake.release("1.0.15")
     convex_pieces(vertices, faces)
-    assert fake.calls == len(list(folder.iterdir())) == 6
+    assert fake.calls == len(list(folder.iterdir())) == 7
 
 
 def test_a_damaged_entry_is_cut_anew(fake: Fake, folder: Path) -> None:
@@ -352,6 +353,7 @@ def test_an_entry_that_somebody_wrote_makes_nothing_smaller(fake: Fake, folder: 
         b"\xff\xff\xff\xff",
         np.array([1, 2**32 - 1], "<u4").tobytes(),
         np.array([1, 4], "<u4").tobytes() + bytes(95),
+        np.array([1, 4], "<u4").tobytes() + bytes(97),
         np.array([1, 4], "<u4").tobytes() + np.full(12, np.inf).tobytes(),
         np.array([1, 4], "<u4").tobytes() + np.full(12, 1e30).tobytes(),
     ],
