@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner_service.decomposition import pieces_of_file
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import MAX_LENGTH, Box, FloatArray, Pose, Shape, number, numbers, read_only
 from planner_service.grid_file import MAX_POINTS, read_array
@@ -80,6 +81,30 @@ class Compound:
             if max(map(abs, pose.position)) > MAX_LENGTH:
                 raise InvalidRequest(f"parts[{k}]", pose.position, f"metres, at most {MAX_LENGTH:g} along each axis")
         object.__setattr__(self, "parts", parts)
+
+    @classmethod
+    def of_mesh(
+        cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16
+    ) -> Compound:
+        """The mesh in an STL, OBJ or PLY file cut into convex pieces, for one whose hull (``Mesh``) fills too much.
+
+        It needs the extra ``decompose`` unless the hull will do; see ``decomposition.pieces_of_file`` for what is held.
+
+        Args:
+            scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.
+            most: Pieces at most, 1 to 64.
+
+        Raises:
+            InvalidFile: no such file, or one from which pieces cannot be made.
+            InvalidRequest: ``scale`` or ``most`` out of range.
+            MissingDependency: more than the hull is needed, and coacd is not installed.
+        """
+        return cls.of_pieces(pieces_of_file(path, scale, most=most))
+
+    @classmethod
+    def of_pieces(cls, pieces: Iterable[Shape]) -> Compound:
+        """Convex shapes that all have the compound's own frame."""
+        return cls(tuple((piece, Pose()) for piece in pieces))
 
     @cached_property
     def pieces(self) -> Pieces:

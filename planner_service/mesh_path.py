@@ -8,6 +8,7 @@ from typing import TypeVar
 from urllib.parse import unquote
 
 from planner_service.composite import HeightField, PointCloud
+from planner_service.decomposition import pieces_of_file
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.mesh import Mesh, checked_scale
 from planner_service.mesh_file import MESH_SUFFIXES
@@ -41,12 +42,20 @@ class MeshShelf:
         Raises:
             InvalidRequest: it may not be read, does not exist or is no mesh, in words.
         """
-        if filename and not filename.lower().endswith(MESH_SUFFIXES):
-            raise _refused(filename, f"is no {' or '.join(MESH_SUFFIXES)} file")
-        key = (self._path(filename), checked_scale("scale", scale))
+        key = (self._mesh_path(filename), checked_scale("scale", scale))
         if key not in self._read:
-            self._read[key] = self._opened(filename, lambda path: Mesh.from_file(path, key[1]))
+            self._read[key] = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
         return self._read[key]
+
+    def pieces(self, filename: str, scale: Sequence[float], most: int, tolerance: float = 0.01) -> tuple[Mesh, ...]:
+        """The mesh of that name as convex pieces, see ``decomposition.convex_pieces``.
+
+        Raises:
+            InvalidRequest: as for ``mesh``, or no pieces can be made of it, in words.
+            MissingDependency: coacd is needed and not installed.
+        """
+        path, factors = self._mesh_path(filename), checked_scale("scale", scale)
+        return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most, tolerance=tolerance))
 
     def cloud(self, filename: str, resolution: float) -> PointCloud:
         """The point cloud of that name.
@@ -54,7 +63,8 @@ class MeshShelf:
         Raises:
             InvalidRequest: it may not be read, does not exist or is no cloud, in words.
         """
-        return self._opened(filename, lambda path: PointCloud.from_file(path, resolution))
+        path = self._path(filename)
+        return self._opened(filename, path, lambda: PointCloud.from_file(path, resolution))
 
     def heights(self, filename: str, cell: float, floor: float) -> HeightField:
         """The height field of that name.
@@ -62,17 +72,22 @@ class MeshShelf:
         Raises:
             InvalidRequest: it may not be read, does not exist or is no height field, in words.
         """
-        return self._opened(filename, lambda path: HeightField.from_file(path, cell, floor))
-
-    def _opened(self, filename: str, read: Callable[[Path], T]) -> T:
         path = self._path(filename)
+        return self._opened(filename, path, lambda: HeightField.from_file(path, cell, floor))
+
+    def _opened(self, filename: str, path: Path, read: Callable[[], T]) -> T:
         self._left -= path.stat().st_size
         if self._left < 0:
             raise _refused(filename, f"is one too many: more than {MAX_TOTAL:,} bytes of files")
         try:
-            return read(path)
+            return read()
         except InvalidFile as error:
             raise _refused(filename, f"cannot be used: {'; '.join(error.problems)}") from None
+
+    def _mesh_path(self, filename: str) -> Path:
+        if filename and not filename.lower().endswith(MESH_SUFFIXES):
+            raise _refused(filename, f"is no {' or '.join(MESH_SUFFIXES)} file")
+        return self._path(filename)
 
     def _path(self, filename: str) -> Path:
         if not filename or "\0" in filename:

@@ -190,6 +190,8 @@ class Table:
             return self._cloud()
         if key == "heights":
             return self._heights()
+        if key == "mesh" and isinstance(self.content[key], dict) and "pieces" in self.content[key]:
+            return self._cut()
         return self._compound() if key == "compound" else self._shape(key)
 
     def _keys(self, among: Sequence[str]) -> list[str]:
@@ -239,18 +241,34 @@ class Table:
 
     def _mesh(self, value: Any) -> Mesh | None:
         """A hull by the name of a file, or by the points in the file at hand."""
+        inner = self._mesh_table(value)
+        if inner is None:
+            return None
+        if "vertices" in inner.content:
+            inner.allow_only(("vertices",))
+            return inner.attempt(lambda: Mesh(inner.content["vertices"]))
+        inner.allow_only(("file", "scale"))
+        name, scale = inner.text("file"), inner.content.get("scale", [1.0, 1.0, 1.0])
+        return None if name is None else inner.attempt(lambda: self._shelf.mesh(name, scale))
+
+    def _cut(self) -> Compound | None:
+        """The convex pieces of a mesh file."""
+        inner = self._mesh_table(self.content["mesh"])
+        if inner is None:
+            return None
+        inner.allow_only(("file", "scale", "pieces"))
+        name, scale, most = inner.text("file"), inner.content.get("scale", [1.0, 1.0, 1.0]), inner.content["pieces"]
+        if name is None:
+            return None
+        return inner.attempt(lambda: Compound.of_pieces(self._shelf.pieces(name, scale, most)))
+
+    def _mesh_table(self, value: Any) -> Table | None:
         table = {"file": value} if isinstance(value, str) else value
         if not isinstance(table, dict) or ("file" in table) == ("vertices" in table):
             expected = '"file.stl", { file = "file.stl", scale = [x, y, z] } or { vertices = [[x, y, z], ...] }'
             self.problem(f"mesh: got {_shown(value)}; expected {expected}")
             return None
-        inner = self.inner(f"{self.where}: mesh" if self.where else "mesh", table)
-        if "vertices" in table:
-            inner.allow_only(("vertices",))
-            return inner.attempt(lambda: Mesh(table["vertices"]))
-        inner.allow_only(("file", "scale"))
-        name, scale = inner.text("file"), table.get("scale", [1.0, 1.0, 1.0])
-        return None if name is None else inner.attempt(lambda: self._shelf.mesh(name, scale))
+        return self.inner(f"{self.where}: mesh" if self.where else "mesh", table)
 
     def _cloud(self) -> PointCloud | None:
         """A cloud by the name of a file, or by its cells."""
