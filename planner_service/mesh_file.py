@@ -1,4 +1,4 @@
-"""The vertices of STL, OBJ and PLY files, read with care: nothing else of them is needed, and nothing else is followed.
+"""The vertices of STL, OBJ, PLY and COLLADA files, read with care: nothing else is needed, and nothing else followed.
 
 Materials, textures and whatever else such a file names are never opened.
 """
@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from planner_service.dae_file import dae_vertices
 from planner_service.errors import InvalidFile
 from planner_service.geometry import MAX_LENGTH, FloatArray
 from planner_service.regular_file import read_bytes
+from planner_service.xml_file import Malformed
 
 __all__ = ["MAX_BYTES", "MAX_VERTICES", "MESH_SUFFIXES", "read_vertices"]
 
@@ -39,12 +41,8 @@ MAX_HEADER = 10_000
 """Bytes of a PLY header."""
 
 
-class _Malformed(Exception):
-    """Why a file is no mesh."""
-
-
 def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> FloatArray:
-    """The vertices (n, 3) in an STL, OBJ or PLY file, each once, times ``scale``; told apart by the suffix.
+    """The vertices (n, 3) in an STL, OBJ, PLY or COLLADA file, each once, times ``scale``; told apart by the suffix.
 
     Raises:
         InvalidFile: another suffix, larger than 50 MB, not what the suffix says, malformed, no vertices or too many,
@@ -57,14 +55,14 @@ def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
     try:
         points: FloatArray = np.unique(reader(data), axis=0)
         if len(points) > MAX_VERTICES:
-            raise _Malformed(f"{len(points):,} different vertices; expected at most {MAX_VERTICES:,}")
+            raise Malformed(f"{len(points):,} different vertices; expected at most {MAX_VERTICES:,}")
         if len(points) == 0:
-            raise _Malformed("no vertices")
+            raise Malformed("no vertices")
         with np.errstate(over="ignore"):
             points = points * np.array(scale)
         if not np.all(np.abs(points) <= MAX_LENGTH):
-            raise _Malformed(f"a vertex is not finite or more than {MAX_LENGTH:g} m from 0; is the scale right?")
-    except _Malformed as error:
+            raise Malformed(f"a vertex is not finite or more than {MAX_LENGTH:g} m from 0; is the scale right?")
+    except Malformed as error:
         raise InvalidFile(path, [str(error)]) from None
     return np.asarray(points)
 
@@ -75,14 +73,14 @@ def _stl(data: bytes) -> FloatArray:
         facets = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("v", "<f4", (3, 3)), ("rest", "<u2")]), offset=84)
         return np.asarray(facets["v"].reshape(-1, 3), dtype=np.float64)
     if not data[:512].lstrip().lower().startswith(b"solid"):
-        raise _Malformed(f"no STL: {len(data):,} bytes are not those of {max(count, 0):,} triangles, nor is it a text")
+        raise Malformed(f"no STL: {len(data):,} bytes are not those of {max(count, 0):,} triangles, nor is it a text")
     text = _text(data)
     if not re.search(r"\bendsolid\b", text[-1000:], re.IGNORECASE):
-        raise _Malformed("an STL text without its end")
+        raise Malformed("an STL text without its end")
     words = text.split()
     at = [k for k, word in enumerate(words) if word.lower() == "vertex"]
     if not at or len(at) % 3:
-        raise _Malformed(f"{len(at)} vertices of an STL text; expected three for each triangle")
+        raise Malformed(f"{len(at)} vertices of an STL text; expected three for each triangle")
     return _rows((words[k + 1 : k + 4] for k in at), len(at))
 
 
@@ -94,25 +92,25 @@ def _obj(data: bytes) -> FloatArray:
 def _ply(data: bytes) -> FloatArray:
     end = data.find(b"end_header", 0, MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:
-        raise _Malformed("no PLY: it does not begin with 'ply' and a header")
+        raise Malformed("no PLY: it does not begin with 'ply' and a header")
     start = data.find(b"\n", end) + 1
     if start == 0:
-        raise _Malformed("a PLY header without its end")
+        raise Malformed("a PLY header without its end")
     lines = [line.split() for line in _text(data[:end]).splitlines()[1:] if line.strip()]
     lines = [words for words in lines if words[0] not in ("comment", "obj_info")]
     kinds = [words[1] for words in lines if words[0] == "format" and len(words) == 3]
     if len(kinds) != 1 or kinds[0] not in PLY_FORMATS:
-        raise _Malformed(f"PLY format {' '.join(kinds) or 'is missing'}; expected one of {', '.join(PLY_FORMATS)}")
+        raise Malformed(f"PLY format {' '.join(kinds) or 'is missing'}; expected one of {', '.join(PLY_FORMATS)}")
     count, names, types = _ply_vertices(lines)
     if kinds[0] == "ascii":
         rows = _text(data[start:]).splitlines()[:count]
         if len(rows) < count:
-            raise _Malformed(f"{len(rows)} vertices; the PLY header says {count}")
+            raise Malformed(f"{len(rows)} vertices; the PLY header says {count}")
         at = [names.index(axis) for axis in "xyz"]
         return _rows(([words[k] for k in at] for words in map(str.split, rows) if len(words) == len(names)), count)
     dtype = np.dtype([(name, PLY_FORMATS[kinds[0]] + kind) for name, kind in zip(names, types, strict=True)])
     if len(data) - start < count * dtype.itemsize:
-        raise _Malformed(f"cut short: the PLY header says {count} vertices")
+        raise Malformed(f"cut short: the PLY header says {count} vertices")
     table = np.frombuffer(data, dtype, count, start)
     return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
 
@@ -121,20 +119,20 @@ def _ply_vertices(lines: list[list[str]]) -> tuple[int, list[str], list[str]]:
     """How many vertices the header announces, and the names and types of their properties."""
     at = next((k for k, words in enumerate(lines) if words[0] == "element"), -1)
     if at < 0 or len(lines[at]) != 3 or lines[at][1] != "vertex" or not re.fullmatch(r"[0-9]{1,9}", lines[at][2]):
-        raise _Malformed("expected 'element vertex <count>' as the first element of the PLY header")
+        raise Malformed("expected 'element vertex <count>' as the first element of the PLY header")
     properties = []
     for words in lines[at + 1 :]:
         if words[0] != "property":
             break
         if len(words) != 3 or words[1] not in PLY_TYPES:
-            raise _Malformed(f"PLY vertex {' '.join(words)[:80]!r}; expected a plain number")
+            raise Malformed(f"PLY vertex {' '.join(words)[:80]!r}; expected a plain number")
         properties.append((words[2], PLY_TYPES[words[1]]))
     names = [name for name, _ in properties]
     if len(set(names)) != len(names) or not set("xyz") <= set(names):
-        raise _Malformed(f"PLY vertices have {', '.join(names)[:80] or 'nothing'}; expected x, y and z, each once")
+        raise Malformed(f"PLY vertices have {', '.join(names)[:80] or 'nothing'}; expected x, y and z, each once")
     count = int(lines[at][2])
     if count > MAX_VERTICES:
-        raise _Malformed(f"{count:,} vertices; expected at most {MAX_VERTICES:,}")
+        raise Malformed(f"{count:,} vertices; expected at most {MAX_VERTICES:,}")
     return count, names, [kind for _, kind in properties]
 
 
@@ -142,7 +140,7 @@ def _text(data: bytes) -> str:
     try:
         return data.decode("ascii", "replace" if b"\0" not in data else "strict")  # names may be in any encoding
     except UnicodeDecodeError:
-        raise _Malformed("neither binary in the way its suffix says, nor a text") from None
+        raise Malformed("neither binary in the way its suffix says, nor a text") from None
 
 
 def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
@@ -151,7 +149,7 @@ def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
     for words in rows:
         values.extend(map(_number, words))
     if len(values) != 3 * count:
-        raise _Malformed("a vertex without three numbers")
+        raise Malformed("a vertex without three numbers")
     return np.array(values, dtype=np.float64).reshape(-1, 3)
 
 
@@ -159,10 +157,11 @@ def _number(word: str) -> float:
     try:
         return float(word if len(word) <= MAX_DIGITS and "_" not in word else "")
     except ValueError:
-        raise _Malformed(f"{word[:20]!r} in a vertex; expected a number") from None
+        raise Malformed(f"{word[:20]!r} in a vertex; expected a number") from None
 
 
-_READERS: dict[str, Callable[[bytes], FloatArray]] = {".stl": _stl, ".obj": _obj, ".ply": _ply}
+_Reader = Callable[[bytes], FloatArray]
+_READERS: dict[str, _Reader] = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".dae": dae_vertices}
 
 MESH_SUFFIXES = tuple(_READERS)
 """Formats simple enough to be read with care."""

@@ -156,7 +156,7 @@ class Robot:
     ) -> Robot:
         """Any arm whose URDF describes its collision geometry by boxes, cylinders, spheres and meshes.
 
-        A mesh (STL, OBJ, PLY) is judged as its solid convex hull.
+        A mesh (STL, OBJ, PLY, COLLADA) is judged as its solid convex hull.
 
         A link and the next one above it that has shapes may touch; accelerations and jerks, which URDF does not know,
         are stated conventions (``robot_source``), and so is the range of a continuous joint, a full turn either way;

@@ -15,7 +15,8 @@ from planner_service.regular_file import as_path, read_bytes
 from planner_service.robot import Robot, load_robot
 from planner_service.robot_source import ACCELERATION, JERK
 from planner_service.scene_file import require_writable, write_whole
-from planner_service.urdf import CONTINUOUS_RANGE, DEFAULT_VELOCITY, MAX_BYTES, read_xml
+from planner_service.urdf import CONTINUOUS_RANGE, DEFAULT_VELOCITY
+from planner_service.xml_file import MAX_XML_BYTES, read_xml
 
 __all__ = ["ImportedRobot", "Source", "import_robot"]
 
@@ -83,7 +84,7 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
     begun = time.perf_counter()
     folder = as_path("out", out)
     toml, urdf = folder / ROBOT_FILE, folder / source.urdf.name
-    text = read_bytes(source.urdf, MAX_BYTES).decode("utf-8-sig", "replace")
+    text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
     root = read_xml(source.urdf, "robot")
     robot = source.robot()
     in_place = urdf.exists() and urdf.samefile(source.urdf)

@@ -12,8 +12,9 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray
 from planner_service.robot import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 from planner_service.robot_file import GripperEntry, RobotFile, read_robot_file
-from planner_service.urdf import read_urdf, read_xml
+from planner_service.urdf import read_urdf
 from planner_service.urdf_model import Urdf, UrdfJoint
+from planner_service.xml_file import read_xml
 
 __all__ = ["robot_from_file", "robot_from_urdf"]
 

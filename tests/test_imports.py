@@ -20,7 +20,10 @@ FRONT = "__init__"
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
     "errors": ({"errors"}, set()),
-    "shapes": ({"geometry", "mesh", "mesh_file", "mesh_path", "data", "json_file", "regular_file"}, {"errors"}),
+    "shapes": (
+        {"geometry", "mesh", "mesh_file", "mesh_path", "data", "json_file", "regular_file", "xml_file", "dae_file"},
+        {"errors"},
+    ),
     "robot": (
         {
             "robot",
