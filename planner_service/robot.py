@@ -343,6 +343,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     Raises:
         UnknownName: no robot of that name comes with the package.
         InvalidFile: robot.toml or its URDF has problems; all of them are named.
+        MissingDependency: its files come with a package that is not installed; the message says what to install.
     """
     from planner_service.robot_source import robot_from_file
 

@@ -29,9 +29,10 @@ def robot_from_file(path: Path) -> Robot:
 
     Raises:
         InvalidFile: with every problem of the file, or of its URDF.
+        MissingDependency: its files come with a package that is not installed.
     """
     file = read_robot_file(path)
-    urdf = read_urdf(file.urdf)
+    urdf = read_urdf(file.urdf, file.package_dirs)
     problems = _disagreements(file, urdf)
     if problems:
         raise InvalidFile(path, problems)

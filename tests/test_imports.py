@@ -29,6 +29,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "robot",
             "robot_file",
             "robot_source",
+            "package_files",
             "assembly",
             "bodies",
             "locking",
