@@ -37,7 +37,7 @@ class MeshShelf:
         Raises:
             InvalidRequest: it may not be read, does not exist or is no mesh, in words.
         """
-        path = self._path(filename)
+        path = self.path(filename)
         key = (path, checked_scale("scale", scale))
         if key not in self._read:
             self._left -= path.stat().st_size
@@ -49,7 +49,12 @@ class MeshShelf:
                 raise _refused(filename, f"cannot be used: {'; '.join(error.problems)}") from None
         return self._read[key]
 
-    def _path(self, filename: str) -> Path:
+    def path(self, filename: str) -> Path:
+        """The resolved file of that name.
+
+        Raises:
+            InvalidRequest: it may not be read, or does not exist, in words.
+        """
         if not filename or "\0" in filename:
             message = f"mesh filename {filename!r}; expected a path"
             raise InvalidRequest("mesh", filename, "a path", message=message)

@@ -30,6 +30,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "robot_file",
             "robot_source",
             "package_files",
+            "srdf",
             "assembly",
             "bodies",
             "locking",
