@@ -65,11 +65,11 @@ class MeshShelf:
             found = next((path for path in inside if path.is_file()), None)
         except (OSError, ValueError) as error:  # a name too long, half a surrogate pair, or a circle of links
             raise _refused(filename, f"is no path: {error}") from None
+        allowed = ", ".join(str(folder) for folder in self._folders)
         if not inside:
-            allowed = ", ".join(str(folder) for folder in self._folders)
             raise _refused(filename, f"lies outside the folders that may be read ({allowed})")
         if found is None:
-            raise _refused(filename, "does not exist")
+            raise _refused(filename, f"does not exist in the folders that may be read ({allowed})")
         return found
 
     def _candidates(self, filename: str) -> list[Path]:

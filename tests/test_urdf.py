@@ -10,8 +10,8 @@ import pytest
 from planner_service.errors import InvalidFile
 from planner_service.geometry import Box, Cylinder, Sphere
 from planner_service.urdf import read_urdf
-from planner_service.xml_file import read_xml
 from planner_service.urdf_model import Mimic, Urdf
+from planner_service.xml_file import read_xml
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -201,7 +201,7 @@ def test_a_mesh_in_a_package_folder_the_caller_named_is_inside(tmp_path: Path) -
     path.write_text(changed(BOX, '<mesh filename="package://other/o.stl"/>'))
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "o.stl").touch()
-    with pytest.raises(InvalidFile, match="o.stl' cannot be used: no STL"):
+    with pytest.raises(InvalidFile, match=r"o.stl' cannot be used: no STL"):
         read_urdf(path, [tmp_path])
 
 
