@@ -181,6 +181,8 @@ class Robot:
         """
         from planner_service.robot_source import Selection, robot_from_urdf
 
+        if isinstance(joints, str):
+            raise InvalidRequest("joints", joints, "a sequence of names")
         folders = tuple(as_path("package_dirs", folder) for folder in package_dirs)
         selection = Selection(
             tool_frame,

@@ -148,3 +148,5 @@ def test_a_choice_of_joints_that_makes_no_sense_is_refused(tmp_path: Path) -> No
         Robot.from_urdf(path, joints=("left_turn", "left_turn"))
     with pytest.raises(InvalidRequest, match=r"locked_joints\['left_turn'\]: got 0.0; expected no joint that is in"):
         Robot.from_urdf(path, joints=LEFT, locked_joints={"left_turn": 0.0})
+    with pytest.raises(InvalidRequest, match="joints: got 'left_turn'; expected a sequence of names"):
+        Robot.from_urdf(path, joints="left_turn")
