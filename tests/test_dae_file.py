@@ -129,6 +129,12 @@ def test_what_is_not_understood_is_refused(text: str, reason: str) -> None:
         dae_vertices(text.encode())
 
 
+def test_a_document_of_too_many_elements_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planner_service.xml_file.MAX_ELEMENTS", 10)
+    with pytest.raises(Malformed, match="more than 10 elements"):
+        dae_vertices(document().encode())
+
+
 def test_nodes_in_a_circle_end() -> None:
     library = '<library_nodes><node id="n"><instance_node url="#n"/></node></library_nodes>'
     with pytest.raises(Malformed, match="nested deeper than 64, perhaps in a circle"):

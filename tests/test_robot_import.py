@@ -78,10 +78,10 @@ def test_a_urdf_in_place_keeps_its_meshes_where_they_are(tmp_path: Path) -> None
     source = meshed(tmp_path)
     text = MESHED.replace("package://arm/", "packages/arm/")
     source.urdf.write_text(text)
-    before = sorted(tmp_path.rglob("*"))
+    before, written = sorted(tmp_path.rglob("*")), source.urdf.stat().st_ino
     found = import_robot(source, tmp_path)
     assert sorted(tmp_path.rglob("*")) == sorted([*before, tmp_path / "robot.toml"])
-    assert source.urdf.read_text() == text
+    assert (source.urdf.read_text(), source.urdf.stat().st_ino) == (text, written)
     assert found.meshes == (tmp_path / "packages/arm/a/part.stl", tmp_path / "packages/arm/b/part.stl")
 
 
