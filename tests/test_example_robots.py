@@ -62,7 +62,7 @@ def samples(robot: Robot, count: int) -> FloatArray:
 
 
 def near_contact(checker: CollisionChecker, Q: FloatArray) -> list[FloatArray]:
-    """What 30 bisections between free and colliding configurations look at, from centimetres to nanometres of contact."""
+    """What 30 bisections between free and colliding configurations look at: centimetres to nanometres of contact."""
     free = [checker.state_is_free(q) for q in Q]
     found = []
     for inside, outside in zip(Q[np.flatnonzero(free)], Q[np.flatnonzero(~np.array(free))], strict=False):
@@ -106,7 +106,7 @@ def test_verdicts_are_those_of_coal_but_within_a_micrometre_of_contact(
     Q = samples(robots[name], 200)
     for q in [*Q, *near_contact(checker, Q[:40])]:
         if checker.state_is_free(q) != second[name].free(q):
-            assert min(map(abs, second[name].gaps(q).values())) < CONTACT
+            assert abs(min(second[name].gaps(q).values())) < CONTACT
 
 
 @pytest.mark.parametrize("name", NAMES)
