@@ -24,6 +24,7 @@ from planner_service.certify.separation import refined_gaps, rough_gaps
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, read_only
+from planner_service.mesh import Mesh
 from planner_service.robot import AllowedContact, Robot
 from planner_service.scene import Scene
 
@@ -237,7 +238,11 @@ def _always_overlaps(pair: _Pair) -> str:
         return ""
     steps = ", ".join(f"{step:.2g}" for step in ((upper - lower) / (each - 1)).tolist())
     swept = f"{len(grid):,} points swept over {_listed(pair.names)}, steps of {steps}"
-    return f"always: the shapes overlap at each of {swept}"
+    filled = [
+        link for link in pair.links if any(s.link == link and isinstance(s.shape, Mesh) for s in pair.robot.shapes)
+    ]
+    hulls = f"; {' and '.join(filled)} judged as the solid hull of the mesh, hollows filled" if filled else ""
+    return f"always: the shapes overlap at each of {swept}{hulls}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,7 +85,7 @@ class Mesh:
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
-        """The solid hull of the vertices in an STL, OBJ or PLY file.
+        """The solid hull of the vertices in an STL, OBJ, PLY or COLLADA (.dae) file.
 
         Args:
             scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.

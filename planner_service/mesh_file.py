@@ -1,4 +1,4 @@
-"""Vertices and triangles of STL, OBJ and PLY files, read with care: nothing else is needed, nothing else is followed.
+"""Vertices and triangles of STL, OBJ and PLY files, vertices of COLLADA ones: read with care, nothing else followed.
 
 Materials, textures and whatever else such a file names are never opened.
 """
@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.dae_file import dae_vertices
 from planner_service.errors import InvalidFile
 from planner_service.geometry import MAX_LENGTH, FloatArray
 from planner_service.regular_file import read_bytes
+from planner_service.xml_file import Malformed
 
 __all__ = ["MAX_BYTES", "MAX_TRIANGLES", "MAX_VERTICES", "MESH_SUFFIXES", "IntArray", "read_triangles", "read_vertices"]
 
@@ -46,12 +48,8 @@ MAX_HEADER = 10_000
 """Bytes of a PLY header."""
 
 
-class _Malformed(Exception):
-    """Why a file is no mesh."""
-
-
 def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> FloatArray:
-    """The vertices (n, 3) in an STL, OBJ or PLY file, each once, times ``scale``; told apart by the suffix.
+    """The vertices (n, 3) in an STL, OBJ, PLY or COLLADA file, each once, times ``scale``; told apart by the suffix.
 
     Raises:
         InvalidFile: another suffix, larger than 50 MB, not what the suffix says, malformed, no vertices or too many,
@@ -60,7 +58,7 @@ def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
     data = _content(path)
     try:
         return _placed(np.unique(_READERS[path.suffix.lower()](data), axis=0), scale)
-    except _Malformed as error:
+    except Malformed as error:
         raise InvalidFile(path, [str(error)]) from None
 
 
@@ -81,17 +79,17 @@ def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.
         rows = _READERS[suffix](data)
         corners = _CORNERS[suffix](data, len(rows))
         if len(corners) > MAX_TRIANGLES:
-            raise _Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
+            raise Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
         if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < len(rows)):
-            raise _Malformed(f"a corner of a triangle is none of the {len(rows)} vertices")
+            raise Malformed(f"a corner of a triangle is none of the {len(rows)} vertices")
         points, place = np.unique(rows, axis=0, return_inverse=True)
         faces = place.reshape(-1).astype(np.intp)[corners]
         a, b, c = faces.T
         faces = faces[(a != b) & (b != c) & (c != a)]
         if len(faces) == 0:
-            raise _Malformed("no triangles")
+            raise Malformed("no triangles")
         vertices = _placed(points, scale)
-    except _Malformed as error:
+    except Malformed as error:
         raise InvalidFile(path, [str(error)]) from None
     mirrored = sum(factor < 0.0 for factor in scale) % 2 == 1
     return vertices, faces[:, ::-1].copy() if mirrored else faces
@@ -106,13 +104,13 @@ def _content(path: Path) -> bytes:
 def _placed(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray:
     """Different points (n, 3) of a file, in metres."""
     if len(points) > MAX_VERTICES:
-        raise _Malformed(f"{len(points):,} different vertices; expected at most {MAX_VERTICES:,}")
+        raise Malformed(f"{len(points):,} different vertices; expected at most {MAX_VERTICES:,}")
     if len(points) == 0:
-        raise _Malformed("no vertices")
+        raise Malformed("no vertices")
     with np.errstate(over="ignore"):
         points = points * np.array(scale)
     if not np.all(np.abs(points) <= MAX_LENGTH):
-        raise _Malformed(f"a vertex is not finite or more than {MAX_LENGTH:g} m from 0; is the scale right?")
+        raise Malformed(f"a vertex is not finite or more than {MAX_LENGTH:g} m from 0; is the scale right?")
     return np.asarray(points)
 
 
@@ -122,14 +120,14 @@ def _stl(data: bytes) -> FloatArray:
         facets = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("v", "<f4", (3, 3)), ("rest", "<u2")]), offset=84)
         return np.asarray(facets["v"].reshape(-1, 3), dtype=np.float64)
     if not data[:512].lstrip().lower().startswith(b"solid"):
-        raise _Malformed(f"no STL: {len(data):,} bytes are not those of {max(count, 0):,} triangles, nor is it a text")
+        raise Malformed(f"no STL: {len(data):,} bytes are not those of {max(count, 0):,} triangles, nor is it a text")
     text = _text(data)
     if not re.search(r"\bendsolid\b", text[-1000:], re.IGNORECASE):
-        raise _Malformed("an STL text without its end")
+        raise Malformed("an STL text without its end")
     words = text.split()
     at = [k for k, word in enumerate(words) if word.lower() == "vertex"]
     if not at or len(at) % 3:
-        raise _Malformed(f"{len(at)} vertices of an STL text; expected three for each triangle")
+        raise Malformed(f"{len(at)} vertices of an STL text; expected three for each triangle")
     return _rows((words[k + 1 : k + 4] for k in at), len(at))
 
 
@@ -161,12 +159,12 @@ def _ply(data: bytes) -> FloatArray:
     if kind == "ascii":
         rows = _text(data[start:]).splitlines()[:count]
         if len(rows) < count:
-            raise _Malformed(f"{len(rows)} vertices; the PLY header says {count}")
+            raise Malformed(f"{len(rows)} vertices; the PLY header says {count}")
         at = [names.index(axis) for axis in "xyz"]
         return _rows(([words[k] for k in at] for words in map(str.split, rows) if len(words) == len(names)), count)
     dtype = _ply_row(kind, names, types)
     if len(data) - start < count * dtype.itemsize:
-        raise _Malformed(f"cut short: the PLY header says {count} vertices")
+        raise Malformed(f"cut short: the PLY header says {count} vertices")
     table = np.frombuffer(data, dtype, count, start)
     return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=-1)
 
@@ -175,15 +173,15 @@ def _ply_header(data: bytes) -> tuple[str, list[list[str]], int]:
     """The format, the lines in words, and where the rows begin."""
     end = data.find(b"end_header", 0, MAX_HEADER)
     if not data.startswith(b"ply") or end < 0:
-        raise _Malformed("no PLY: it does not begin with 'ply' and a header")
+        raise Malformed("no PLY: it does not begin with 'ply' and a header")
     start = data.find(b"\n", end) + 1
     if start == 0:
-        raise _Malformed("a PLY header without its end")
+        raise Malformed("a PLY header without its end")
     lines = [line.split() for line in _text(data[:end]).splitlines()[1:] if line.strip()]
     lines = [words for words in lines if words[0] not in ("comment", "obj_info")]
     kinds = [words[1] for words in lines if words[0] == "format" and len(words) == 3]
     if len(kinds) != 1 or kinds[0] not in PLY_FORMATS:
-        raise _Malformed(f"PLY format {' '.join(kinds) or 'is missing'}; expected one of {', '.join(PLY_FORMATS)}")
+        raise Malformed(f"PLY format {' '.join(kinds) or 'is missing'}; expected one of {', '.join(PLY_FORMATS)}")
     return kinds[0], lines, start
 
 
@@ -195,20 +193,20 @@ def _ply_vertices(lines: list[list[str]]) -> tuple[int, list[str], list[str]]:
     """How many vertices the header announces, and the names and types of their properties."""
     at = next((k for k, words in enumerate(lines) if words[0] == "element"), -1)
     if at < 0 or len(lines[at]) != 3 or lines[at][1] != "vertex" or not re.fullmatch(r"[0-9]{1,9}", lines[at][2]):
-        raise _Malformed("expected 'element vertex <count>' as the first element of the PLY header")
+        raise Malformed("expected 'element vertex <count>' as the first element of the PLY header")
     properties = []
     for words in lines[at + 1 :]:
         if words[0] != "property":
             break
         if len(words) != 3 or words[1] not in PLY_TYPES:
-            raise _Malformed(f"PLY vertex {' '.join(words)[:80]!r}; expected a plain number")
+            raise Malformed(f"PLY vertex {' '.join(words)[:80]!r}; expected a plain number")
         properties.append((words[2], PLY_TYPES[words[1]]))
     names = [name for name, _ in properties]
     if len(set(names)) != len(names) or not set("xyz") <= set(names):
-        raise _Malformed(f"PLY vertices have {', '.join(names)[:80] or 'nothing'}; expected x, y and z, each once")
+        raise Malformed(f"PLY vertices have {', '.join(names)[:80] or 'nothing'}; expected x, y and z, each once")
     count = int(lines[at][2])
     if count > MAX_VERTICES:
-        raise _Malformed(f"{count:,} vertices; expected at most {MAX_VERTICES:,}")
+        raise Malformed(f"{count:,} vertices; expected at most {MAX_VERTICES:,}")
     return count, names, [kind for _, kind in properties]
 
 
@@ -222,10 +220,10 @@ def _ply_corners(data: bytes, count: int) -> IntArray:
         for words in map(str.split, rows):
             many = _whole(words[len(before)]) if len(before) < len(words) else -1
             if len(words) != len(before) + 1 + many + len(after):
-                raise _Malformed("a PLY face without as many corners as it says")
+                raise Malformed("a PLY face without as many corners as it says")
             _fan([_whole(word) for word in words[len(before) + 1 :][:many]], fans)
         if len(rows) < faces:
-            raise _Malformed(f"{len(rows)} faces; the PLY header says {faces}")
+            raise Malformed(f"{len(rows)} faces; the PLY header says {faces}")
         return np.array(fans, dtype=np.intp).reshape(-1, 3)
     _, names, types = _ply_vertices(lines)
     at = start + count * _ply_row(kind, names, types).itemsize
@@ -236,7 +234,7 @@ def _ply_corners(data: bytes, count: int) -> IntArray:
         many = int(np.frombuffer(data, size, 1, at)[0]) if at + size.itemsize <= len(data) else -1
         end = at + size.itemsize + max(many, 0) * corner.itemsize + behind
         if many < 0 or end > len(data):
-            raise _Malformed(f"cut short: the PLY header says {faces} faces")
+            raise Malformed(f"cut short: the PLY header says {faces} faces")
         _fan(np.frombuffer(data, corner, many, at + size.itemsize).tolist(), fans)
         at = end
     return np.array(fans, dtype=np.intp).reshape(-1, 3)
@@ -247,9 +245,9 @@ def _ply_faces(lines: list[list[str]]) -> tuple[int, list[str], tuple[str, str],
     starts = [k for k, words in enumerate(lines) if words[0] == "element"]
     words = lines[starts[1]] if len(starts) > 1 else []
     if len(words) != 3 or words[1] != "face" or not re.fullmatch(r"[0-9]{1,9}", words[2]):
-        raise _Malformed("expected 'element face <count>' as the second element of the PLY header")
+        raise Malformed("expected 'element face <count>' as the second element of the PLY header")
     if int(words[2]) > MAX_TRIANGLES:
-        raise _Malformed(f"{words[2]} faces; expected at most {MAX_TRIANGLES:,}")
+        raise Malformed(f"{words[2]} faces; expected at most {MAX_TRIANGLES:,}")
     plain: tuple[list[str], list[str]] = ([], [])
     corners: list[tuple[str, str]] = []
     for row in lines[starts[1] + 1 : starts[2] if len(starts) > 2 else None]:
@@ -263,28 +261,28 @@ def _ply_faces(lines: list[list[str]]) -> tuple[int, list[str], tuple[str, str],
             and {types[1][:1], types[2][:1]} <= {"i", "u"}
         ):
             if row[4] not in ("vertex_indices", "vertex_index") or corners:
-                raise _Malformed(f"PLY faces have a list {row[4][:80]!r}; expected vertex_indices alone")
+                raise Malformed(f"PLY faces have a list {row[4][:80]!r}; expected vertex_indices alone")
             corners.append((types[1], types[2]))
         else:
-            raise _Malformed(f"PLY face {' '.join(row)[:80]!r}; expected a plain number or a list of corners")
+            raise Malformed(f"PLY face {' '.join(row)[:80]!r}; expected a plain number or a list of corners")
     if not corners:
-        raise _Malformed("PLY faces have no list vertex_indices")
+        raise Malformed("PLY faces have no list vertex_indices")
     return int(words[2]), plain[0], corners[0], plain[1]
 
 
 def _fan(polygon: Sequence[int], fans: list[int]) -> None:
     """Append the triangles of a polygon, flat in ``fans``."""
     if len(polygon) < 3:
-        raise _Malformed(f"a face with {len(polygon)} corners; expected three or more")
+        raise Malformed(f"a face with {len(polygon)} corners; expected three or more")
     if len(fans) // 3 + len(polygon) - 2 > MAX_TRIANGLES:
-        raise _Malformed(f"more than {MAX_TRIANGLES:,} triangles")
+        raise Malformed(f"more than {MAX_TRIANGLES:,} triangles")
     for b, c in pairwise(polygon[1:]):
         fans += (polygon[0], b, c)
 
 
 def _whole(word: str) -> int:
     if not re.fullmatch(r"[+-]?[0-9]{1,9}", word, re.ASCII):
-        raise _Malformed(f"{word[:20]!r} in a face; expected the number of a vertex")
+        raise Malformed(f"{word[:20]!r} in a face; expected the number of a vertex")
     return int(word)
 
 
@@ -292,7 +290,7 @@ def _text(data: bytes) -> str:
     try:
         return data.decode("ascii", "replace" if b"\0" not in data else "strict")  # names may be in any encoding
     except UnicodeDecodeError:
-        raise _Malformed("neither binary in the way its suffix says, nor a text") from None
+        raise Malformed("neither binary in the way its suffix says, nor a text") from None
 
 
 def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
@@ -301,7 +299,7 @@ def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
     for words in rows:
         values.extend(map(_number, words))
     if len(values) != 3 * count:
-        raise _Malformed("a vertex without three numbers")
+        raise Malformed("a vertex without three numbers")
     return np.array(values, dtype=np.float64).reshape(-1, 3)
 
 
@@ -309,10 +307,11 @@ def _number(word: str) -> float:
     try:
         return float(word if len(word) <= MAX_DIGITS and "_" not in word else "")
     except ValueError:
-        raise _Malformed(f"{word[:20]!r} in a vertex; expected a number") from None
+        raise Malformed(f"{word[:20]!r} in a vertex; expected a number") from None
 
 
-_READERS: dict[str, Callable[[bytes], FloatArray]] = {".stl": _stl, ".obj": _obj, ".ply": _ply}
+_Reader = Callable[[bytes], FloatArray]
+_READERS: dict[str, _Reader] = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".dae": dae_vertices}
 
 _CORNERS: dict[str, Callable[[bytes, int], IntArray]] = {
     ".stl": _stl_corners,

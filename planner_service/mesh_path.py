@@ -42,7 +42,7 @@ class MeshShelf:
         Raises:
             InvalidRequest: it may not be read, does not exist or is no mesh, in words.
         """
-        key = (self._mesh_path(filename), checked_scale("scale", scale))
+        key = (self.path(filename), checked_scale("scale", scale))
         if key not in self._read:
             self._read[key] = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
         return self._read[key]
@@ -54,7 +54,7 @@ class MeshShelf:
             InvalidRequest: as for ``mesh``, or no pieces can be made of it, in words.
             MissingDependency: coacd is needed and not installed.
         """
-        path, factors = self._mesh_path(filename), checked_scale("scale", scale)
+        path, factors = self.path(filename), checked_scale("scale", scale)
         return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most, tolerance=tolerance))
 
     def cloud(self, filename: str, resolution: float) -> PointCloud:
@@ -84,7 +84,12 @@ class MeshShelf:
         except InvalidFile as error:
             raise _refused(filename, f"cannot be used: {'; '.join(error.problems)}") from None
 
-    def _mesh_path(self, filename: str) -> Path:
+    def path(self, filename: str) -> Path:
+        """The resolved mesh file of that name.
+
+        Raises:
+            InvalidRequest: it may not be read, does not exist or has another suffix, in words.
+        """
         if filename and not filename.lower().endswith(MESH_SUFFIXES):
             raise _refused(filename, f"is no {' or '.join(MESH_SUFFIXES)} file")
         return self._path(filename)
@@ -98,11 +103,11 @@ class MeshShelf:
             found = next((path for path in inside if path.is_file()), None)
         except (OSError, ValueError) as error:  # a name too long, half a surrogate pair, or a circle of links
             raise _refused(filename, f"is no path: {error}") from None
+        allowed = ", ".join(str(folder) for folder in self._folders)
         if not inside:
-            allowed = ", ".join(str(folder) for folder in self._folders)
             raise _refused(filename, f"lies outside the folders that may be read ({allowed})")
         if found is None:
-            raise _refused(filename, "does not exist")
+            raise _refused(filename, f"does not exist in the folders that may be read ({allowed})")
         return found
 
     def _candidates(self, filename: str) -> list[Path]:

@@ -153,10 +153,11 @@ class Robot:
         srdf: Path | str | None = None,
         package_dirs: Sequence[Path | str] = (),
         locked_joints: Mapping[str, float] | None = None,
+        joints: Sequence[str] | None = None,
     ) -> Robot:
         """Any arm whose URDF describes its collision geometry by boxes, cylinders, spheres and meshes.
 
-        A mesh (STL, OBJ, PLY) is judged as its solid convex hull.
+        A mesh (STL, OBJ, PLY, COLLADA) is judged as its solid convex hull.
 
         A link and the next one above it that has shapes may touch; accelerations and jerks, which URDF does not know,
         are stated conventions (``robot_source``), and so is the range of a continuous joint, a full turn either way;
@@ -164,25 +165,32 @@ class Robot:
 
         Args:
             tool_frame: The last link of the longest chain if None.
-            srdf: A file whose ``<disable_collisions>`` are allowed contacts, reasons included.
+            srdf: A file whose ``<disable_collisions>`` are allowed contacts, reasons included, and whose
+                ``<group_state>`` are named poses; what one leaves out stands as at home, which a state may be, too.
             package_dirs: Folders besides the URDF's own in which meshes may lie; ``package://name/rest`` is
                 ``name/rest`` or ``rest`` in one of them.
             locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic these follow.
+            joints: The joints of q, in this order: a part of a larger robot. Every other joint is locked, at zero if
+                its limits allow, else at their middle. If None, all that are not locked move, in the file's order.
 
         Raises:
-            InvalidFile: the URDF or SRDF has problems; all of them are named.
-            UnknownName: no such tool frame or locked joint.
+            InvalidFile: the URDF or SRDF has problems; all of them are named. A joint that would have to follow one
+                that moves (``<mimic>``) is a problem: lock both.
+            UnknownName: no such tool frame or joint.
+            InvalidRequest: a position outside the limits of its joint, or a joint that is named twice.
         """
-        from planner_service.robot_source import robot_from_urdf
+        from planner_service.robot_source import Selection, robot_from_urdf
 
+        if isinstance(joints, str):
+            raise InvalidRequest("joints", joints, "a sequence of names")
         folders = tuple(as_path("package_dirs", folder) for folder in package_dirs)
-        return robot_from_urdf(
-            as_path("path", path),
+        selection = Selection(
             tool_frame,
             None if srdf is None else as_path("srdf", srdf),
-            folders,
+            None if joints is None else tuple(joints),
             dict(locked_joints or {}),
         )
+        return robot_from_urdf(as_path("path", path), folders, selection)
 
     @property
     def n(self) -> int:
@@ -343,6 +351,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     Raises:
         UnknownName: no robot of that name comes with the package.
         InvalidFile: robot.toml or its URDF has problems; all of them are named.
+        MissingDependency: its files come with a package that is not installed; the message says what to install.
     """
     from planner_service.robot_source import robot_from_file
 

@@ -15,12 +15,14 @@ else:
     import tomli as tomllib
 
 from planner_service.errors import InvalidFile, shown
+from planner_service.package_files import package_folder
 from planner_service.regular_file import read_bytes
 
 __all__ = ["GripperEntry", "RetreatEntry", "RobotFile", "read_robot_file"]
 
 MAX_BYTES = 1_000_000
 """A robot.toml has a few kilobytes."""
+PACKAGE = "package://"
 LIMIT_KINDS = ("velocity", "acceleration", "jerk")
 
 Numbers = tuple[float, ...]
@@ -49,11 +51,16 @@ class RetreatEntry:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """What a robot.toml says; names of links and joints of the URDF are not checked yet."""
+    """What a robot.toml says; names of links and joints of the URDF are not checked yet.
+
+    Attributes:
+        package_dirs: Folders of installed packages in which the URDF and meshes may lie, beside the robot's own.
+    """
 
     path: Path
     name: str
     urdf: Path
+    package_dirs: tuple[Path, ...]
     joints: tuple[str, ...]
     tool_frame: str
     base_links: tuple[str, ...]
@@ -72,6 +79,7 @@ def read_robot_file(path: Path) -> RobotFile:
 
     Raises:
         InvalidFile: with every problem found.
+        MissingDependency: its files come with a package that is not installed, but which an extra would bring.
     """
     content = read_bytes(path, MAX_BYTES)
     try:
@@ -90,11 +98,13 @@ def read_robot_file(path: Path) -> RobotFile:
 def _robot_file(path: Path, table: _Table, problems: list[str]) -> RobotFile:
     joints = table.names("joints", 1)
     n = len(joints)
-    urdf = _urdf_path(path.resolve().parent, table)
+    packages = _packages(table)
+    urdf = _urdf_path(path.resolve().parent, packages, table)
     result = RobotFile(
         path=path,
         name=table.text("name"),
         urdf=urdf,
+        package_dirs=tuple(packages.values()),
         joints=joints,
         tool_frame=table.text("tool_frame"),
         base_links=table.names("base_links", 1),
@@ -112,15 +122,34 @@ def _robot_file(path: Path, table: _Table, problems: list[str]) -> RobotFile:
     return result
 
 
-def _urdf_path(folder: Path, table: _Table) -> Path:
+def _packages(table: _Table) -> dict[str, Path]:
+    """The folders of the installed packages that are named."""
+    folders = {}
+    for name in table.names("packages", 1) if "packages" in table.data else ():
+        try:
+            folders[name] = package_folder(name)
+        except LookupError as error:  # unknown, too
+            table.problems.append(f"packages: {error}")
+    return folders
+
+
+def _urdf_path(own: Path, packages: Mapping[str, Path], table: _Table) -> Path:
+    """The file beside robot.toml, or ``package://name/rest``: ``rest`` in the folder of a package named in it."""
     text = table.text("urdf")
+    folder, tail, whose = own, text, "the robot's folder"
+    if text.startswith(PACKAGE):
+        name, _, tail = text[len(PACKAGE) :].partition("/")
+        if name not in packages:
+            table.problems.append(f"urdf = {shown(text)}: {name!r} is none of the packages; list it there")
+            return own
+        folder, whose = packages[name], f"the folder of package {name!r}"
     try:
-        urdf = (folder / text).resolve()
-    except ValueError as error:  # a NUL character
+        urdf = (folder / tail).resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL character, or a circle of links
         table.problems.append(f"urdf = {shown(text)}: {error}")
         return folder
     if not urdf.is_relative_to(folder):
-        table.problems.append(f"urdf = {shown(text)} lies outside the robot's folder")
+        table.problems.append(f"urdf = {shown(text)} lies outside {whose}")
     return urdf
 
 

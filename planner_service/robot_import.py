@@ -6,20 +6,31 @@ import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+
+from planner_service.collision import CollisionChecker
 from planner_service.contact_table import ContactKind, ContactTable, PairFinding, contact_table
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest
+from planner_service.mesh_file import MAX_BYTES
+from planner_service.mesh_path import MeshShelf
 from planner_service.regular_file import as_path, read_bytes
 from planner_service.robot import Robot, load_robot
-from planner_service.robot_source import ACCELERATION, JERK
+from planner_service.robot_source import ACCELERATION, JERK, Selection, robot_of, standing_joints
+from planner_service.scene import Scene
 from planner_service.scene_file import require_writable, write_whole
-from planner_service.urdf import CONTINUOUS_RANGE, DEFAULT_VELOCITY, MAX_BYTES, read_xml
+from planner_service.urdf import CONTINUOUS_RANGE, DEFAULT_VELOCITY, read_urdf
+from planner_service.urdf_model import Urdf
+from planner_service.xml_file import MAX_XML_BYTES, read_xml
 
 __all__ = ["ImportedRobot", "Source", "import_robot"]
 
 ROBOT_FILE = "robot.toml"
+MESHES = "meshes"
+"""The folder beside it for copies of meshes."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +46,7 @@ class Source:
     tool_frame: str | None = None
     package_dirs: tuple[Path, ...] = ()
     locked_joints: Mapping[str, float] = field(default_factory=dict)
+    joints: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "urdf", as_path("urdf", self.urdf))
@@ -42,9 +54,15 @@ class Source:
             object.__setattr__(self, "srdf", as_path("srdf", self.srdf))
         object.__setattr__(self, "package_dirs", tuple(as_path("package_dirs", path) for path in self.package_dirs))
 
-    def robot(self) -> Robot:
-        """The robot, adjacent links and what the SRDF lists allowed to touch."""
-        return Robot.from_urdf(self.urdf, self.tool_frame, self.srdf, self.package_dirs, self.locked_joints)
+    @property
+    def selection(self) -> Selection:
+        """What of the URDF becomes the robot."""
+        return Selection(self.tool_frame, self.srdf, self.joints, self.locked_joints)
+
+    @property
+    def shelf(self) -> MeshShelf:
+        """Where its meshes are."""
+        return MeshShelf((self.urdf.resolve().parent, *(folder.resolve() for folder in self.package_dirs)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +73,7 @@ class ImportedRobot:
         robot: As ``load_robot(path)`` gives it.
         path: The robot.toml.
         urdf: The copy of the URDF beside it.
+        meshes: The copies of the meshes; where the URDF was in place already, they are, too.
         links: Links of the URDF, with shapes or without.
         seconds: What it took.
     """
@@ -62,13 +81,14 @@ class ImportedRobot:
     robot: Robot
     path: Path
     urdf: Path
+    meshes: tuple[Path, ...]
     links: int
     table: ContactTable
     seconds: float
 
 
 def import_robot(source: Source, out: Path | str, *, force: bool = False) -> ImportedRobot:
-    """Write robot.toml, and a copy of the URDF, into the folder ``out``, which is made if only it is missing.
+    """Write robot.toml, and copies of the URDF and its meshes, into ``out``, which is made if only it is missing.
 
     Nothing is put there before it was loaded from another place and found to be the same robot.
 
@@ -77,58 +97,115 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
 
     Raises:
         InvalidFile: the URDF or SRDF has problems, or ``out`` cannot be written.
-        UnknownName: no such tool frame or locked joint.
-        InvalidRequest: a file is there and ``force`` is not given; a joint is locked outside its limits.
+        UnknownName: no such tool frame or joint.
+        InvalidRequest: a file is there and ``force`` is not given, the URDF is there already but its meshes lie
+            elsewhere, or a joint is locked outside its limits.
     """
     begun = time.perf_counter()
     folder = as_path("out", out)
-    toml, urdf = folder / ROBOT_FILE, folder / source.urdf.name
-    text = read_bytes(source.urdf, MAX_BYTES).decode("utf-8-sig", "replace")
+    toml, copy = folder / ROBOT_FILE, folder / source.urdf.name
+    text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
     root = read_xml(source.urdf, "robot")
-    robot = source.robot()
-    in_place = urdf.exists() and urdf.samefile(source.urdf)
-    _require_place(folder, [toml] if in_place else [toml, urdf], force=force)
+    urdf = read_urdf(source.urdf, source.package_dirs)
+    robot = robot_of(source.urdf, urdf, source.selection)
+    in_place = copy.exists() and copy.samefile(source.urdf)
+    meshes = _meshes_in_place(source, root, folder) if in_place else _meshes_to_copy(source, root)
+    if meshes and not in_place:
+        text = f"<!-- {ROBOT_FILE}'s URDF: its collision meshes are copies -->\n{_serialised(root)}\n"
+    files = {copy.name: text.encode(), **{name: read_bytes(path, MAX_BYTES) for name, path in meshes.items()}}
+    _require_place(folder, [toml] if in_place else [toml, *(folder / name for name in files)], force=force)
     table = contact_table(robot)
     robot = replace(robot, allowed_contacts=table.allowed)
-    written = _text(robot, source, root, table)
-    _require_same(robot, written, source.urdf.name, text, toml)
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InvalidFile(folder, [f"cannot be made: {error.strerror or error}"]) from None
-    if not in_place:
-        write_whole(urdf, text)
-    write_whole(toml, written)
-    return ImportedRobot(load_robot(toml), toml, urdf, len(root.findall("link")), table, time.perf_counter() - begun)
+    files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf), table).encode()
+    _require_same(robot, files, toml)
+    _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
+    copies = tuple(folder / name for name in meshes)
+    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), table, time.perf_counter() - begun)
+
+
+def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
+    return root.findall("link/collision/geometry/mesh")
+
+
+def _meshes_in_place(source: Source, root: ElementTree.Element, folder: Path) -> dict[str, Path]:
+    """The collision meshes of a URDF that stays where it is, by their paths in its folder."""
+    found = {}
+    for element in _mesh_elements(root):
+        path = source.shelf.path(element.get("filename", ""))
+        if not path.is_relative_to(folder.resolve()):
+            raise InvalidRequest("out", str(folder), f"another folder than the URDF's own: {path} has to be copied")
+        found[path.relative_to(folder.resolve()).as_posix()] = path
+    return found
+
+
+def _meshes_to_copy(source: Source, root: ElementTree.Element) -> dict[str, Path]:
+    """The collision meshes by the paths of their copies, which the elements are given as names."""
+    names: dict[Path, str] = {}
+    for element in _mesh_elements(root):
+        path = source.shelf.path(element.get("filename", ""))
+        if path not in names:
+            plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in path.name)
+            taken = {name.lower() for name in names.values()}
+            number = next(k for k in count() if _copy_name(plain, k).lower() not in taken)
+            names[path] = _copy_name(plain, number)
+        element.set("filename", names[path])
+    return {name: path for path, name in names.items()}
+
+
+def _copy_name(plain: str, number: int) -> str:
+    return f"{MESHES}/{f'{number}_' if number else ''}{plain}"
+
+
+def _serialised(root: ElementTree.Element) -> str:
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _require_place(folder: Path, files: Sequence[Path], *, force: bool) -> None:
     """Return if the files can be put into the folder: asked before the work whose result would be lost."""
-    if len({path.name for path in files}) != len(files):
-        raise InvalidRequest("urdf", str(files[-1].name), f"another name than {ROBOT_FILE}, which will lie beside it")
+    if len({path.name for path in files if path.parent == folder}) != sum(path.parent == folder for path in files):
+        raise InvalidRequest("urdf", ROBOT_FILE, f"another name than {ROBOT_FILE}, which will lie beside it")
     if not folder.exists():
         require_writable(folder)
         return
     for path in files:
         if not force and path.exists():
             raise InvalidRequest("out", str(path), "a folder without it; --force replaces it")
-        require_writable(path)
+        require_writable(path if path.parent.exists() else path.parent)
 
 
-def _require_same(robot: Robot, written: str, urdf_name: str, urdf_text: str, path: Path) -> None:
-    """Raise unless the text, beside its URDF, loads as that robot."""
+def _write(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Put the files into the folder; robot.toml comes last and names nothing that is missing."""
+    for name in sorted(files, key=lambda name: name == ROBOT_FILE):
+        path = folder / name
+        try:
+            folder.mkdir(exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InvalidFile(path.parent, [f"cannot be made: {error.strerror or error}"]) from None
+        write_whole(path, files[name])
+
+
+def _require_same(robot: Robot, files: Mapping[str, bytes], path: Path) -> None:
+    """Raise unless the files, side by side in an empty folder, load as that robot."""
     with tempfile.TemporaryDirectory() as folder:
-        write_whole(Path(folder) / urdf_name, urdf_text)
-        write_whole(Path(folder) / ROBOT_FILE, written)
+        _write(Path(folder), files)
         try:
             loaded = load_robot(Path(folder) / ROBOT_FILE)
         except InvalidFile as error:
             raise InvalidFile(path, error.problems) from None
     if loaded.hash != robot.hash:
-        raise BrokenInvariant(f"{path} would not be the robot that {urdf_name} describes")
+        raise BrokenInvariant(f"{path} would not be the robot that its URDF describes")
 
 
-def _text(robot: Robot, source: Source, root: ElementTree.Element, table: ContactTable) -> str:
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """A URDF as it is, and as it was understood."""
+
+    root: ElementTree.Element
+    urdf: Urdf
+
+
+def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str:
     """The whole robot.toml."""
     limits = robot.limits
     lines = [
@@ -143,15 +220,10 @@ def _text(robot: Robot, source: Source, root: ElementTree.Element, table: Contac
         'inverse_kinematics = "numeric"',
         "settle_time = 0.0   # seconds the arm rings after a stop; no URDF says",
         "",
-        "[poses]",
+        *_poses(robot, table),
+        *_locked(source, read.urdf),
     ]
-    at_home = [" x ".join(f.links) for f in table.findings if f.at_home and not f.kind.allowed]
-    lines += [f"# home collides: {', '.join(at_home)}. Choose another, free one."] if at_home else []
-    lines.append(f"home = {_numbers(robot.home.tolist())}   # zero where the limits allow it, else their middle")
-    if source.locked_joints:
-        lines += ["", "[locked_joints]   # they stand still; joints that mimic them follow"]
-        lines += [f"{_quoted(name)} = {float(at)!r}" for name, at in source.locked_joints.items()]
-    position, velocity = _urdf_sources(robot, root)
+    position, velocity = _urdf_sources(robot, read.root)
     lines += ["", "[limits.position]", f"lower = {_numbers(limits.lower.tolist())}"]
     lines += [f"upper = {_numbers(limits.upper.tolist())}", f"source = {_quoted(position)}"]
     for kind, values, words in (
@@ -161,6 +233,32 @@ def _text(robot: Robot, source: Source, root: ElementTree.Element, table: Contac
     ):
         lines += ["", f"[limits.{kind}]", f"values = {_numbers(values.tolist())}", f"source = {_quoted(words)}"]
     return "\n".join(map(_printable, [*lines, "", *_contacts(robot, table)])) + "\n"
+
+
+def _poses(robot: Robot, table: ContactTable) -> list[str]:
+    """The named poses; those in which the robot collides with itself are marked."""
+    at_home = [" x ".join(f.links) for f in table.findings if f.at_home and not f.kind.allowed]
+    lines = ["[poses]"]
+    lines += [f"# home collides: {', '.join(at_home)}. Choose another, free one."] if at_home else []
+    checker = CollisionChecker(robot, Scene())
+    for name, q in robot.named_poses:
+        if name == "home":
+            lower, upper = robot.limits.lower, robot.limits.upper
+            rest = np.where((lower <= 0.0) & (upper >= 0.0), 0.0, (lower + upper) / 2)
+            whence = "zero where the limits allow it, else their middle" if (q == rest).all() else "from the SRDF"
+            lines.append(f"home = {_numbers(q.tolist())}   # {whence}")
+        else:
+            note = "" if checker.state_is_free(q) else ": collides with itself"
+            lines.append(f"{_quoted(name)} = {_numbers(q.tolist())}   # from the SRDF{note}")
+    return lines
+
+
+def _locked(source: Source, urdf: Urdf) -> list[str]:
+    """The joints that stand still, but for those that follow one of these."""
+    standing = standing_joints(urdf, source.selection)
+    follow = {joint.name for joint in urdf.joints if joint.mimic and joint.name not in source.locked_joints}
+    lines = [f"{_quoted(name)} = {float(at)!r}" for name, at in standing.items() if name not in follow]
+    return ["", "[locked_joints]   # they stand still; joints that mimic them follow", *lines] if lines else []
 
 
 def _urdf_sources(robot: Robot, root: ElementTree.Element) -> tuple[str, str]:

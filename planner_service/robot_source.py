@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,13 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray
 from planner_service.robot import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 from planner_service.robot_file import GripperEntry, RobotFile, read_robot_file
-from planner_service.urdf import read_urdf, read_xml
+from planner_service.srdf import Srdf, read_srdf
+from planner_service.urdf import read_urdf
 from planner_service.urdf_model import Urdf, UrdfJoint
 
-__all__ = ["robot_from_file", "robot_from_urdf"]
+__all__ = ["Selection", "robot_from_file", "robot_from_urdf", "robot_of", "standing_joints"]
+
+HOME = "home"
 
 ACCELERATION = {"revolute": 3.141596, "prismatic": 0.5}
 """rad/s^2 and m/s^2. URDF has no accelerations; these are the usual ones in MoveIt configurations, a convention."""
@@ -28,9 +32,10 @@ def robot_from_file(path: Path) -> Robot:
 
     Raises:
         InvalidFile: with every problem of the file, or of its URDF.
+        MissingDependency: its files come with a package that is not installed.
     """
     file = read_robot_file(path)
-    urdf = read_urdf(file.urdf)
+    urdf = read_urdf(file.urdf, file.package_dirs)
     problems = _disagreements(file, urdf)
     if problems:
         raise InvalidFile(path, problems)
@@ -95,6 +100,10 @@ def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: 
                 problems.append(
                     f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: following is not supported"
                 )
+        elif joint.name not in standing and joint.mimic is not None:
+            problems.append(
+                f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: following a joint is not supported"
+            )
         elif joint.name not in standing:
             problems.append(f"movable joint {joint.name!r} is neither in joints, nor in the gripper, nor locked")
     return problems
@@ -158,20 +167,28 @@ def _downstream(urdf: Urdf, link: str) -> list[str]:
     return links
 
 
-def robot_from_urdf(
-    path: Path,
-    tool_frame: str | None,
-    srdf: Path | None,
-    package_dirs: Sequence[Path],
-    locked_joints: Mapping[str, float],
-) -> Robot:
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What of a URDF becomes the robot; see ``Robot.from_urdf``."""
+
+    tool_frame: str | None = None
+    srdf: Path | None = None
+    joints: tuple[str, ...] | None = None
+    locked_joints: Mapping[str, float] = field(default_factory=dict)
+
+
+def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selection) -> Robot:
     """See ``Robot.from_urdf``."""
-    urdf = read_urdf(path, package_dirs)
-    movable = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
-    locked = locked_positions(urdf, (), _checked_locks(locked_joints, movable))
-    joints = [joint for name, joint in movable.items() if name not in locked]
-    names = tuple(joint.name for joint in joints)
-    problems = _unaccounted(joints, names, locked)
+    return robot_of(path, read_urdf(path, package_dirs), selection)
+
+
+def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
+    """The robot of the URDF that was read from ``path``; see ``Robot.from_urdf``."""
+    movable = _movable(urdf)
+    locked = standing_joints(urdf, selection)
+    names = tuple(name for name in movable if name not in locked) if selection.joints is None else selection.joints
+    joints = [movable[name] for name in names]
+    problems = _unaccounted(movable.values(), names, locked)
     problems += [
         f"joint {joint.name!r}: lower and upper are both {joint.lower:g}, it cannot move; lock it (locked_joints)"
         for joint in joints
@@ -182,7 +199,8 @@ def robot_from_urdf(
         problems.append("no joint moves")
     if problems:
         raise InvalidFile(path, problems)
-    tool = _last_link(urdf) if tool_frame is None else tool_frame
+    srdf = Srdf() if selection.srdf is None else read_srdf(selection.srdf, urdf)
+    tool = _last_link(urdf) if selection.tool_frame is None else selection.tool_frame
     assembly = assemble(path, urdf, names, locked)
     if not isinstance(tool, str) or tool not in assembly.frames:
         raise UnknownName("tool frame", tool, assembly.frames)
@@ -190,25 +208,58 @@ def robot_from_urdf(
         name=urdf.name,
         joint_names=names,
         limits=_urdf_limits(joints),
-        named_poses=(("home", np.array([_rest(joint) for joint in joints])),),
+        named_poses=_poses(joints, srdf.states),
         base_links=tuple(link for link, (body, _) in assembly.frames.items() if body == 0),
         tool_frame=tool,
         tool_body=assembly.frames[tool][0],
         tool_placement=assembly.frames[tool][1],
         bodies=assembly.bodies,
         shapes=assembly.shapes,
-        allowed_contacts=(*_adjacent(urdf, assembly), *(_disabled(srdf, urdf) if srdf is not None else ())),
+        allowed_contacts=(*_adjacent(urdf, assembly), *srdf.contacts),
     )
 
 
-def _checked_locks(given: Mapping[str, float], movable: Mapping[str, UrdfJoint]) -> dict[str, float]:
+def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
+    """Positions of the joints that do not move, the ones that mimic these among them.
+
+    Raises:
+        UnknownName: no such joint.
+        InvalidRequest: a joint both moves and is locked, or a position is outside its limits.
+    """
+    movable = _movable(urdf)
+    given = dict(selection.locked_joints)
     for name, position in given.items():
         if not isinstance(name, str) or name not in movable:
             raise UnknownName("joint", name, movable)
         lower, upper = movable[name].lower, movable[name].upper
         if isinstance(position, bool) or not isinstance(position, (int, float)) or not lower <= position <= upper:
             raise InvalidRequest(f"locked_joints[{name!r}]", position, f"a position in [{lower:g}, {upper:g}]")
-    return dict(given)
+    if selection.joints is None:
+        return locked_positions(urdf, (), given)
+    for name in selection.joints:
+        if not isinstance(name, str) or name not in movable:
+            raise UnknownName("joint", name, movable)
+        if name in given:
+            raise InvalidRequest(f"locked_joints[{name!r}]", given[name], "no joint that is in joints, too")
+    if not selection.joints or len(set(selection.joints)) != len(selection.joints):
+        raise InvalidRequest("joints", selection.joints, "at least one joint, and none twice")
+    others = [joint for name, joint in movable.items() if name not in selection.joints and joint.mimic is None]
+    return locked_positions(urdf, selection.joints, {joint.name: _rest(joint) for joint in others} | given)
+
+
+def _movable(urdf: Urdf) -> dict[str, UrdfJoint]:
+    return {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
+
+
+def _poses(
+    joints: Sequence[UrdfJoint], states: Mapping[str, Mapping[str, float]]
+) -> tuple[tuple[str, FloatArray], ...]:
+    """Home, and the states that say something of the moving joints; what a state leaves out stands as at home."""
+    home = {joint.name: _rest(joint) for joint in joints}
+    told = {name: {k: v for k, v in values.items() if k in home} for name, values in states.items()}
+    home |= told.pop(HOME, {})
+    poses = [(HOME, home), *((name, home | values) for name, values in told.items() if values)]
+    return tuple((name, np.array([values[joint.name] for joint in joints])) for name, values in poses)
 
 
 def _urdf_limits(joints: Sequence[UrdfJoint]) -> JointLimits:
@@ -252,21 +303,4 @@ def _adjacent(urdf: Urdf, assembly: Assembly) -> tuple[AllowedContact, ...]:
             parent = above.get(parent)
         if parent is not None and body_of[parent] != body:
             contacts.append(AllowedContact((parent, link), "adjacent"))
-    return tuple(contacts)
-
-
-def _disabled(path: Path, urdf: Urdf) -> tuple[AllowedContact, ...]:
-    """The ``<disable_collisions>`` of an SRDF."""
-    links = {link.name for link in urdf.links}
-    contacts, problems = [], []
-    for index, element in enumerate(read_xml(path, "robot").iter("disable_collisions")):
-        a, b = element.get("link1", ""), element.get("link2", "")
-        problems += [
-            f"disable_collisions[{index}]: {link!r} is no link of the URDF" for link in (a, b) if link not in links
-        ]
-        if a == b:
-            problems.append(f"disable_collisions[{index}]: {a!r} twice; expected two links")
-        contacts.append(AllowedContact((a, b), element.get("reason") or "disabled in the SRDF"))
-    if problems:
-        raise InvalidFile(path, problems)
     return tuple(contacts)

@@ -91,8 +91,8 @@ def require_writable(path: str | os.PathLike[str]) -> None:
         raise InvalidFile(os.fspath(path), ["cannot be written: it is there, and no regular file"])
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Put ``text`` into the file at ``path``, or leave everything as it was.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Put ``content`` into the file at ``path``, or leave everything as it was.
 
     Raises:
         InvalidFile: the folder does not exist, may not be written, is full, or ``path`` is a folder or device.
@@ -104,8 +104,8 @@ def write_whole(path: Path, text: str) -> None:
         raise InvalidFile(path, [f"cannot be written: {error}"]) from None
     temporary = target.parent / f".{uuid.uuid4().hex}.tmp"  # in another folder the exchange would not be atomic
     try:
-        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+        with open(temporary, "xb") as file:
+            file.write(content.encode("utf-8") if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, target)

@@ -16,17 +16,13 @@ from xml.etree import ElementTree
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import Box, Cylinder, Shape, Sphere
 from planner_service.mesh_path import MeshShelf
-from planner_service.regular_file import read_bytes
 from planner_service.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
+from planner_service.xml_file import read_xml
 
-__all__ = ["read_urdf", "read_xml"]
+__all__ = ["read_urdf"]
 
-MAX_BYTES = 10_000_000
-"""Ten times the largest URDF seen in the wild."""
 MAX_ELEMENTS = 500
 """Links, and joints: a 3000-joint file exhausts the memory of a 4 GiB machine inside the kinematics library."""
-MAX_DEPTH = 64
-"""URDF nests five deep."""
 MAX_OFFSET = 1e3
 """No joint of an arm sits a kilometre from its parent: a longer offset is a unit mistake."""
 CONTINUOUS_RANGE = 2.0 * math.pi
@@ -59,55 +55,6 @@ def _resolved(folder: Path) -> Path:
         return folder.resolve()
     except ValueError as error:  # a NUL character or half a surrogate pair in the path
         raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
-
-
-def read_xml(path: Path, root_tag: str) -> ElementTree.Element:
-    """The root element of a UTF-8 XML file without DTD or entities, at most 10 MB.
-
-    Raises:
-        InvalidFile: unreadable, too large, too deep, not UTF-8, not well-formed, or another root.
-    """
-    content = read_bytes(path, MAX_BYTES)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InvalidFile(path, ["not UTF-8 text"]) from None
-    for mark in ("<!DOCTYPE", "<!ENTITY"):
-        if mark in text.upper():
-            raise InvalidFile(path, [f"{mark} is not allowed: write the robot without a document type or entities"])
-    try:
-        root = _shallow(path, text)
-    except ElementTree.ParseError as error:
-        raise InvalidFile(path, [f"not well-formed XML: {error}"]) from None
-    if root.tag != root_tag:
-        raise InvalidFile(path, [f"the root element is <{root.tag}>; expected <{root_tag}>"])
-    return root
-
-
-def _shallow(path: Path, text: str) -> ElementTree.Element:
-    """The root element of a text whose elements nest no deeper than MAX_DEPTH."""
-    builder = _DepthLimited(path)
-    parser = ElementTree.XMLParser(target=builder)
-    parser.feed(text)
-    root: ElementTree.Element = parser.close()
-    return root
-
-
-class _DepthLimited(ElementTree.TreeBuilder):
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.path = path
-        self.depth = 0
-
-    def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
-        self.depth += 1
-        if self.depth > MAX_DEPTH:
-            raise InvalidFile(self.path, [f"elements nested deeper than {MAX_DEPTH}"])
-        return super().start(tag, attrs)
-
-    def end(self, tag: str, /) -> ElementTree.Element:
-        self.depth -= 1
-        return super().end(tag)
 
 
 class _Reader:

@@ -284,9 +284,10 @@ def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
 
     The two finger carriages stand at half the gripper's width each, other joints as robot.toml locks them, or at zero.
     """
+    urdf = urdf.replace('type="continuous"', 'type="revolute"')  # Pinocchio has sine and cosine in q for such
     model = pin.buildModelFromXML(urdf)
-    folders = {"package_dirs": [str(folder) for folder in robot["package_dirs"]]} if robot.get("package_dirs") else {}
-    geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, **folders)
+    folders = [str(folder) for folder in robot.get("package_dirs", ())]
+    geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
     for g in geometry.geometryObjects:
         if isinstance(g.geometry, coal.BVHModelBase):  # a surface, and what is inside it would touch nothing
             g.geometry.buildConvexHull(True, "Qt")

@@ -22,11 +22,12 @@ from planner_service.cli import OUR_BUG, main
 from planner_service.cli.commands import app
 from planner_service.cli.pick_place import places_on, standing_on
 from planner_service.data import data_folder
-from planner_service.errors import BrokenInvariant
+from planner_service.errors import BrokenInvariant, MissingDependency
 from planner_service.geometry import Box, Pose
 from planner_service.plan_file import load_plan, load_task
 from planner_service.planners import PRMstar
 from planner_service.roadmap import Roadmap
+from planner_service.robot import Robot, load_robot
 from planner_service.scene import Obstacle, Scene, load_scene
 from planner_service.service import PlannerService
 
@@ -493,6 +494,18 @@ def test_a_plan_for_another_world_is_not_proven_by_its_name(tmp_path: Path) -> N
     assert "the plan was made for another scene" in " ".join(asked.stdout.split())
 
 
+def test_a_robot_whose_package_is_not_installed_is_listed_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> Robot:
+        if name == "wxai_mesh":
+            raise MissingDependency("trossen-arm-sim", "wxai-meshes")
+        return load_robot("planar2")
+
+    monkeypatch.setattr("planner_service.cli.listings.load_robot", absent)
+    words = " ".join(run("robots", columns=200).stdout.split())
+    assert "wxai_mesh trossen-arm-sim is not installed; pip install 'planner-service[wxai-meshes]'" in words
+    assert list(document("robots")["missing"]) == ["wxai_mesh"]
+
+
 def planar_urdf() -> str:
     return str(data_folder("robots") / "planar2" / "planar2.urdf")
 
@@ -517,6 +530,11 @@ def test_an_import_tells_machines_every_pair(tmp_path: Path) -> None:
     assert (found["pairs"], found["robot_toml"]) == ([], str(tmp_path / "arm" / "robot.toml"))
 
 
+def test_an_import_may_choose_the_joints_that_move(tmp_path: Path) -> None:
+    found = document("import-robot", planar_urdf(), "--out", str(tmp_path / "arm"), "--joint", "elbow")
+    assert [joint["name"] for joint in found["robot"]["joints"]] == ["elbow"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -527,6 +545,7 @@ def test_an_import_tells_machines_every_pair(tmp_path: Path) -> None:
         (("URDF", "--lock", "elbow=0", "--lock", "elbow=1"), "each joint once"),
         (("URDF", "--tool-frame", "tipp"), "unknown tool frame 'tipp'"),
         (("URDF", "--srdf", "none.srdf"), "no such file"),
+        (("URDF", "--joint", "elbo"), "unknown joint 'elbo'; did you mean 'elbow'?"),
     ],
 )
 def test_an_import_that_cannot_be_says_why_and_writes_nothing(

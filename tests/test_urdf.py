@@ -9,8 +9,9 @@ import pytest
 
 from planner_service.errors import InvalidFile
 from planner_service.geometry import Box, Cylinder, Sphere
-from planner_service.urdf import read_urdf, read_xml
+from planner_service.urdf import read_urdf
 from planner_service.urdf_model import Mimic, Urdf
+from planner_service.xml_file import read_xml
 
 ARM = """<robot name="arm">
   <link name="base"/>
@@ -174,7 +175,7 @@ MESHES = {
     "relative path out": ("../outside/o.stl", "lies outside the folders that may be read"),
     "through a link": ("sly/o.stl", "lies outside the folders that may be read"),
     "other scheme": ("http://example.org/o.stl", "lies outside the folders that may be read"),
-    "wrong suffix": ("inside.dae", r"is no .stl or .obj or .ply file"),
+    "wrong suffix": ("inside.step", r"is no .stl or .obj or .ply or .dae file"),
     "empty": ("", "mesh filename ''; expected a path"),
     "missing": ("missing.stl", "mesh 'missing.stl' does not exist"),
     "no content": ("package://arm/inside.stl", "cannot be used: no STL: 0 bytes are not those of 0 triangles"),

@@ -38,7 +38,7 @@ from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, 
 from planner_service.planners import PLANNERS, planner_by_name
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record
-from planner_service.robot import Robot, load_robot, robot_names
+from planner_service.robot import Robot, load_robot
 from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
 from planner_service.scene_file import require_writable, write_whole
@@ -257,10 +257,10 @@ def export(
 def robots(name: Name = None, as_json: AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
     with _bad_input_exits():
-        found = [load_robot(entry) for entry in ([name] if name is not None else robot_names())]
+        found, missing = listings.shipped_robots() if name is None else ([load_robot(name)], {})
     if as_json:
         records = [listings.robot_record(robot) for robot in found]
-        emit(_json({"robots": records} if name is None else records[0]))
+        emit(_json({"robots": records, "missing": missing} if name is None else records[0]))
     elif name is not None:
         (robot,) = found
         hand = "" if robot.gripper is None else f", gripper {robot.gripper.lower:g} to {robot.gripper.upper:g} m wide"
@@ -271,6 +271,8 @@ def robots(name: Name = None, as_json: AsJson = False) -> None:
         rows = listings.columns(("robot", False), ("joints", True), ("shapes", True), ("poses", False))
         for robot in found:
             rows.add_row(robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses))
+        for absent, why in missing.items():
+            rows.add_row(absent, "", "", why)
         emit(render(rows))
 
 
@@ -295,11 +297,14 @@ def scenes(name: Name = None, as_json: AsJson = False) -> None:
 @app.command("import-robot", short_help="Write a robot.toml from a URDF.")
 def import_robot_(
     urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description.")],
-    out: Annotated[str, typer.Option(metavar="DIR", help="The folder for robot.toml and a copy of the URDF.")],
-    srdf: Annotated[str | None, typer.Option(help="A file whose disabled pairs are allowed contacts.")] = None,
+    out: Annotated[
+        str, typer.Option(metavar="DIR", help="The folder for robot.toml and copies of the URDF and meshes.")
+    ],
+    srdf: Annotated[str | None, typer.Option(help="A file with disabled pairs and named poses.")] = None,
     tool_frame: Annotated[str | None, typer.Option(help="The tool's link; else the last of the longest chain.")] = None,
     package_dir: Annotated[list[str] | None, typer.Option(help="A folder in which meshes may lie.")] = None,
     lock: Annotated[list[str] | None, typer.Option(metavar="JOINT=VALUE", help="A joint that stands still.")] = None,
+    joint: Annotated[list[str] | None, typer.Option(help="A joint that moves; the others stand still.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -309,7 +314,8 @@ def import_robot_(
     """
     with _bad_input_exits():
         folders = tuple(Path(folder) for folder in package_dir or ())
-        source = Source(Path(urdf), None if srdf is None else Path(srdf), tool_frame, folders, locks(lock or ()))
+        given, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
+        source = Source(Path(urdf), given, tool_frame, folders, locks(lock or ()), joints)
         found = import_robot(source, out, force=force)
     if as_json:
         emit(_json(import_record(found)))

@@ -10,6 +10,7 @@ from rich.table import Table
 from planner_service.cli.listings import columns, robot_record
 from planner_service.contact_table import ContactKind, PairFinding
 from planner_service.errors import InvalidRequest
+from planner_service.mesh import Mesh
 from planner_service.robot_import import ImportedRobot, Source
 
 __all__ = ["import_record", "import_table", "locks", "to_check"]
@@ -52,6 +53,7 @@ def import_table(found: ImportedRobot) -> Table:
     rows = columns(("found", False), ("count", True))
     shaped = len({item.link for item in robot.shapes})
     counts = [("links", found.links), ("links with shapes", shaped), ("shapes", len(robot.shapes)), ("joints", robot.n)]
+    counts += [("mesh files", len(found.meshes))] if found.meshes else []
     counts += [(f"pairs {_WORDS[kind]}", len(table.of(kind))) for kind in ContactKind]
     for words, count in counts:
         if count or not words.startswith("pairs"):
@@ -71,6 +73,13 @@ def to_check(found: ImportedRobot, source: Source) -> list[str]:
     lines += [f"the SRDF allows pairs that do collide: {_named(given)}"] if given else []
     always = table.of(ContactKind.ALWAYS)
     lines += [f"always overlapping: {_named(always)}"] if always else []
+    filled = sorted(
+        {item.link for item in robot.shapes if isinstance(item.shape, Mesh)} & {x for f in always for x in f.links}
+    )
+    if filled:
+        lines.append(
+            f"of these {', '.join(filled)} judged as solid hulls of meshes, hollows filled: does that overlap?"
+        )
     often = sorted(table.of(ContactKind.SOMETIMES), key=lambda f: -f.share)
     lines += [f"judged, most often colliding: {_named(often)}"] if often else []
     unproven = table.of(ContactKind.UNPROVEN)
@@ -93,7 +102,8 @@ def import_record(found: ImportedRobot) -> dict[str, Any]:
         }
         for item in found.table.findings
     ]
-    files = {"robot_toml": str(found.path), "urdf": str(found.urdf)}
+    meshes = [str(path) for path in found.meshes]
+    files = {"robot_toml": str(found.path), "urdf": str(found.urdf), "meshes": meshes}
     return {**files, "robot": robot_record(found.robot), "samples": found.table.samples, "pairs": pairs}
 
 

@@ -8,15 +8,37 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
+from planner_service.errors import MissingDependency
 from planner_service.geometry import Box
 from planner_service.mesh import Mesh
-from planner_service.robot import Robot
+from planner_service.robot import Robot, load_robot, robot_names
 from planner_service.scene import Attached, Obstacle, Scene
 
-__all__ = ["columns", "joint_table", "numbers", "object_table", "pose_table", "robot_record", "scene_record", "spaced"]
+__all__ = [
+    "columns",
+    "joint_table",
+    "numbers",
+    "object_table",
+    "pose_table",
+    "robot_record",
+    "scene_record",
+    "shipped_robots",
+    "spaced",
+]
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _LIMITS = ("lower", "upper", "velocity", "acceleration", "jerk")
+
+
+def shipped_robots() -> tuple[list[Robot], dict[str, str]]:
+    """The robots that come with the package, and why some cannot be loaded: a package they need is not installed."""
+    found, missing = [], {}
+    for name in robot_names():
+        try:
+            found.append(load_robot(name))
+        except MissingDependency as error:
+            missing[name] = str(error)
+    return found, missing
 
 
 def robot_record(robot: Robot) -> dict[str, Any]:

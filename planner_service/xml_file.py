@@ -1,0 +1,79 @@
+"""XML read with care: UTF-8, no document type, no entities, nothing deep, and only so many elements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from planner_service.errors import InvalidFile
+from planner_service.regular_file import read_bytes
+
+__all__ = ["MAX_XML_BYTES", "Malformed", "parse_xml", "read_xml"]
+
+MAX_XML_BYTES = 10_000_000
+"""Ten times the largest URDF seen in the wild."""
+MAX_DEPTH = 64
+"""URDF nests five deep, COLLADA about ten."""
+MAX_ELEMENTS = 500_000
+"""An element takes a few hundred bytes of memory, and four bytes of a file."""
+
+
+class Malformed(Exception):
+    """Why a content is not what it should be."""
+
+
+def read_xml(path: Path, root_tag: str) -> ElementTree.Element:
+    """The root element of a UTF-8 XML file without DTD or entities, at most 10 MB.
+
+    Raises:
+        InvalidFile: unreadable, too large, too deep, not UTF-8, not well-formed, or another root.
+    """
+    content = read_bytes(path, MAX_XML_BYTES)
+    try:
+        root = parse_xml(content)
+    except Malformed as error:
+        raise InvalidFile(path, [str(error)]) from None
+    if root.tag != root_tag:
+        raise InvalidFile(path, [f"the root element is <{root.tag}>; expected <{root_tag}>"])
+    return root
+
+
+def parse_xml(content: bytes) -> ElementTree.Element:
+    """The root element of a UTF-8 XML text without DTD or entities.
+
+    Raises:
+        Malformed: too deep, too many elements, not UTF-8 or not well-formed.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise Malformed("not UTF-8 text") from None
+    for mark in ("<!DOCTYPE", "<!ENTITY"):
+        if mark in text.upper():
+            raise Malformed(f"{mark} is not allowed: write the file without a document type or entities")
+    parser = ElementTree.XMLParser(target=_Limited())
+    try:
+        parser.feed(text)
+        root: ElementTree.Element = parser.close()
+    except ElementTree.ParseError as error:
+        raise Malformed(f"not well-formed XML: {error}") from None
+    return root
+
+
+class _Limited(ElementTree.TreeBuilder):
+    def __init__(self) -> None:
+        super().__init__()
+        self.depth = self.count = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
+        self.depth += 1
+        self.count += 1
+        if self.depth > MAX_DEPTH:
+            raise Malformed(f"elements nested deeper than {MAX_DEPTH}")
+        if self.count > MAX_ELEMENTS:
+            raise Malformed(f"more than {MAX_ELEMENTS:,} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ElementTree.Element:
+        self.depth -= 1
+        return super().end(tag)
