@@ -55,7 +55,7 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[
 def _resolved(folder: Path) -> Path:
     try:
         return folder.resolve()
-    except ValueError as error:  # a NUL character or half a surrogate pair in the path
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, half a surrogate pair, a circle of links
         raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
 
 
