@@ -240,6 +240,7 @@ def parted(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
         d = x / np.maximum(length, _TINY)[:, None]
         support = b.farthest(-d) - a.farthest(d)
         apart = d[:, 0] * support[:, 0] + d[:, 1] * support[:, 1] + d[:, 2] * support[:, 2] > margin
+        apart &= length > _TINY  # or d is no unit vector, and a ball reaches farther along it than its support says
         found[rows[apart]] = True
         left = np.flatnonzero(~apart)
         if len(left) <= _LEFT_TO_FCL:
