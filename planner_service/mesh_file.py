@@ -57,7 +57,7 @@ def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
     """
     data = _content(path)
     try:
-        return _placed(_different(_READERS[path.suffix.lower()](data))[0], scale)
+        return _placed(_different(_rows_of(path, data))[0], scale)
     except Malformed as error:
         raise InvalidFile(path, [str(error)]) from None
 
@@ -76,7 +76,7 @@ def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.
     if suffix not in _CORNERS:
         raise InvalidFile(path, [f"triangles of {suffix} files are not read; expected one of {', '.join(_CORNERS)}"])
     try:
-        rows = _READERS[suffix](data)
+        rows = _rows_of(path, data)
         corners = _CORNERS[suffix](data, len(rows))
         if len(corners) > MAX_TRIANGLES:
             raise Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
@@ -99,6 +99,12 @@ def _content(path: Path) -> bytes:
     if path.suffix.lower() not in _READERS:
         raise InvalidFile(path, [f"suffix {path.suffix!r}; expected one of {', '.join(MESH_SUFFIXES)}"])
     return read_bytes(path, MAX_BYTES)
+
+
+def _rows_of(path: Path, data: bytes) -> FloatArray:
+    """The vertices in a file's content, as often as they are there."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN is found later, like any other
+        return _READERS[path.suffix.lower()](data)
 
 
 def _different(rows: FloatArray) -> tuple[FloatArray, IntArray]:

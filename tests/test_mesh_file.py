@@ -322,8 +322,8 @@ def test_a_mesh_inside_the_folders_is_found(place: Path, name: str, size: int) -
         ("package://arm/tunnel/s.stl", "does not exist"),
         ("d.stl", "does not exist"),
         ("meshes.stl", "does not exist"),
-        ("notes.txt", "is no .stl or .obj or .ply file"),
-        ("/etc/passwd", "is no .stl or .obj or .ply file"),
+        ("notes.txt", "is no .stl or .obj or .ply or .dae file"),
+        ("/etc/passwd", "is no .stl or .obj or .ply or .dae file"),
         ("text.stl", "suffix '.txt'; expected one of"),
         ("", "mesh filename ''; expected a path"),
         ("a\0.stl", "expected a path"),
@@ -358,5 +358,5 @@ def test_all_meshes_of_a_file_share_one_budget_of_bytes(place: Path, monkeypatch
     shelf = shelf_of(place)
     for name in ("a.stl", "meshes/b.stl", "a.stl", "in.stl"):
         shelf.mesh(name)
-    with pytest.raises(InvalidRequest, match=r"mesh 'c.stl' is one too many: more than 769 bytes of meshes"):
+    with pytest.raises(InvalidRequest, match=r"mesh 'c.stl' is one too many: more than 769 bytes of files"):
         shelf.mesh("c.stl")

@@ -23,6 +23,7 @@ from tests.hull_arm import DRUM, NEEDLE, RAMP, ROCK, SPOON
 from tests.independent import hull_of
 from tests.laws.test_certify_laws import COAL
 
+assert isinstance(NEEDLE.shape, Mesh)
 KINDS: tuple[Shape, ...] = (
     ROCK, RAMP, DRUM, SPOON, NEEDLE.shape, Box((0.1, 0.07, 0.05)), Sphere(0.04), Cylinder(0.05, 0.03),
     Capsule(0.03, 0.2),

@@ -71,17 +71,15 @@ def test_a_hull_stands_in_the_proof_where_the_robot_and_the_scene_say(folder: Pa
     robot, scene = setup.robot(), setup.whole_scene()
     listed = ProofPairs(robot, scene, ())
     q = anywhere(robot, np.random.default_rng(3), 10)
-    poses, _ = Motion(robot, listed).nodes(q)
-    riding, standing = (
-        poses[..., : 10 * len(listed.riding)].reshape(3, 4, 10, -1),
-        poses[..., 10 * len(listed.riding) :],
-    )
+    motion = Motion(robot, listed)
+    riding, standing = motion.nodes(q)[0].reshape(3, 4, 10, -1), motion.fixed
     R, t = robot.body_poses_batch(q)
     for k, piece in enumerate(listed.riding):
         frame = np.array(piece.frame)
         centre = frame[:, :3] @ np.array(separation.centre_of(piece.shape)) + frame[:, 3]
         assert np.abs(riding[:, 3, :, k].T - (R[:, piece.body] @ centre + t[:, piece.body])).max() < 1e-12
     for k, obstacle in enumerate(scene.obstacles):
+        assert isinstance(obstacle.shape, Shape)
         centre = np.array([*separation.centre_of(obstacle.shape), 1.0])
         assert np.abs(standing[:, 3, k] - (obstacle.pose.matrix @ centre)[:3]).max() < 1e-12
 
