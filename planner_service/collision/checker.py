@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision.edges import EdgeStep, FinestStep, Known, MotionStep, bisection_order, interior
 from planner_service.collision.fcl import FclJudge
@@ -174,6 +174,26 @@ class CollisionChecker:
         """
         return self._first_collision(self._configuration("q", q)[None]) is None
 
+    def states_are_free(self, Q: ArrayLike) -> NDArray[np.bool_]:
+        """Which configurations of Q (m, n) are free, (m,): as ``state_is_free`` says, several times as fast; counts m.
+
+        Raises:
+            InvalidRequest: a row has the wrong shape, is not finite, or lies outside the joint limits.
+        """
+        array = numbers("Q", Q, f"rows of {self.robot.n} joint values")
+        if array.ndim != 2:
+            raise InvalidRequest("Q", array.shape, f"rows of {self.robot.n} joint values, shape (m, {self.robot.n})")
+        rows = [self._configuration(f"Q[{k}]", q) for k, q in enumerate(array)]
+        free = np.ones(len(rows), dtype=bool)
+        for start in range(0, len(rows), _CHUNK):
+            chunk = np.array(rows[start : start + _CHUNK])
+            with self.ledger.lock:
+                self.ledger.poll()
+                self.ledger.charge_states(len(chunk))
+                for row, _ in self._hits(chunk):
+                    free[start + row] = False
+        return free
+
     def edge_is_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
         """Whether every sample of the straight line from q1 to q2 is free; counts as ``edge_hit`` does."""
         return self.edge_hit(q1, q2, known=known) is None
@@ -322,7 +342,7 @@ class CollisionChecker:
             self.ledger.poll()
             room = self.ledger.room()
             chunk = Q[start : start + (size if room is None else min(size, room + 1))]
-            hit = self._first_hit(chunk)
+            hit = next(self._hits(chunk), None)
             self.ledger.charge_states(len(chunk) if hit is None else hit[0] + 1)
             if hit is not None:
                 names = self._parts.names(hit[1])
@@ -331,16 +351,16 @@ class CollisionChecker:
             start, size = start + len(chunk), _CHUNK
         return None
 
-    def _first_hit(self, Q: FloatArray) -> tuple[int, int] | None:
-        """The first row of Q that collides and the first of its pairs that does."""
+    def _hits(self, Q: FloatArray) -> Iterator[tuple[int, int]]:
+        """The rows of Q that collide, in order, each with the first of its pairs that does."""
         rows, pairs = self._prefilter.candidates(Q)
         doubtful: dict[int, list[int]] = {}
         for row, pair in zip(rows.tolist(), pairs.tolist(), strict=True):
             doubtful.setdefault(row, []).append(pair)
         for row, asked in doubtful.items():
-            for pair in self._colliding_pairs(Q[row].tolist(), asked):
-                return row, pair
-        return None
+            pair = next(self._colliding_pairs(Q[row].tolist(), asked), None)
+            if pair is not None:
+                yield row, pair
 
     def _colliding_pairs(self, q: Sequence[float], asked: Iterable[int]) -> Iterator[int]:
         """The pairs among ``asked`` that FCL finds touching at q, as it is asked.
