@@ -41,8 +41,9 @@ NEAR = 5e-5
 whether anything is nearer than this, and where it is, the sign of the distance decides."""
 
 
-CLIMBS, KINK = 20, 9e-7
-"""Climbs to the direction that separates two shapes most, and metres from contact where the first one will do."""
+CLIMBS, FEWER, KINK = 60, 4, 9e-7
+"""Climbs to the direction that separates two shapes most, fewer where they are apart and every climb leads there, and
+metres from contact where no other climb is needed."""
 
 
 @dataclass(frozen=True)
@@ -394,18 +395,19 @@ def _grown(shape: Any, margin: float) -> Any:
 
 
 def _separation(solids: Sequence[tuple[Any, Any]], direction: FloatArray) -> float:
-    """The largest separation of two shapes with poses along any direction near one; negative: they overlap.
+    """The largest separation of two shapes with poses along any direction; negative: they overlap.
 
-    A climb may end on a kink. Where it found neither contact nor a gap that Coal could see, others are tried.
+    A climb may end on a kink, and Coal's normal is now and then a wrong one to begin with. So where it ended far from
+    contact, others are tried.
     """
     between = solids[1][1].translation - solids[0][1].translation
     first = direction if 0.5 < _length(direction.tolist()) < 1.5 else between / _length(between)
     best = _climbed(solids, first)
     rng = np.random.default_rng(0)
     for k in range(CLIMBS):
-        if abs(best) < KINK:
+        if abs(best) < KINK or (best > 0.0 and k >= FEWER):
             break
-        best = max(best, _climbed(solids, first + 0.3**k * rng.normal(size=3)))
+        best = max(best, _climbed(solids, first + 0.1 ** (k % 4) * rng.normal(size=3)))
     return best
 
 
