@@ -10,7 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner_service.collision.edges import EdgeStep, FinestStep, Known, MotionStep, bisection_order, interior
+from planner_service.collision.edges import (
+    EdgeStep,
+    FinestStep,
+    Known,
+    MotionStep,
+    bisection_order,
+    first_samples,
+    interior,
+)
 from planner_service.collision.fcl import FclJudge
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts
@@ -210,6 +218,9 @@ class CollisionChecker:
         Raises:
             InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
         """
+        return self._edge_hit(q1, q2, known, glance=False)
+
+    def _edge_hit(self, q1: ArrayLike, q2: ArrayLike, known: Known, *, glance: bool) -> EdgeHit | None:
         start, end = self._configuration("q1", q1), self._configuration("q2", q2)
         self.ledger.charge_edge()
         a, b = start.tolist(), end.tolist()
@@ -220,13 +231,32 @@ class CollisionChecker:
             hit = self._first_collision(np.array([q for _, q in ends]))
             if hit is not None:
                 return EdgeHit(ends[hit[0]][0], *hit[1])
+        return self._interior_hit(a, b, slice(first_samples(self._segments(a, b)) if glance else None))
+
+    def edge_glance(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> EdgeHit | None:
+        """As ``edge_hit``, but of the interior only the first samples are judged, which are far apart.
+
+        An edge that collides mostly does so at one of these; ``edge_rest`` judges the others.
+        """
+        return self._edge_hit(q1, q2, known, glance=True)
+
+    def edge_rest(self, q1: ArrayLike, q2: ArrayLike) -> EdgeHit | None:
+        """Where an edge collides at a sample that ``edge_glance`` left out, None when all of these are free.
+
+        Counts their states, and no edge: that was counted at the glance.
+        """
+        a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
+        return self._interior_hit(a, b, slice(first_samples(self._segments(a, b)), None))
+
+    def _interior_hit(self, a: Sequence[float], b: Sequence[float], part: slice) -> EdgeHit | None:
+        """The first collision among a part of an edge's interior samples."""
         segments = self._segments(a, b)
         if segments == 1:
             return None
-        hit = self._first_collision(interior(a, b, segments))
+        hit = self._first_collision(interior(a, b, segments)[part])
         if hit is None:
             return None
-        fraction = float(bisection_order(segments)[hit[0], 0])
+        fraction = float(bisection_order(segments)[part][hit[0], 0])
         return EdgeHit(fraction if tuple(a) <= tuple(b) else 1.0 - fraction, *hit[1])
 
     def segments(self, q1: ArrayLike, q2: ArrayLike) -> int:
