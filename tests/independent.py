@@ -402,17 +402,18 @@ def _separation(solids: Sequence[tuple[Any, Any]], direction: FloatArray) -> flo
     """
     between = solids[1][1].translation - solids[0][1].translation
     first = direction if 0.5 < _length(direction.tolist()) < 1.5 else between / _length(between)
-    best = _climbed(solids, first)
+    best, way = _climbed(solids, first)
     rng = np.random.default_rng(0)
     for k in range(CLIMBS):
         if abs(best) < KINK or (best > 0.0 and k >= FEWER):
             break
-        best = max(best, _climbed(solids, first + 0.1 ** (k % 4) * rng.normal(size=3)))
+        other = _climbed(solids, way + 0.1 ** (k % 6) * rng.normal(size=3))
+        best, way = max((best, way), other, key=lambda found: found[0])
     return best
 
 
-def _climbed(solids: Sequence[tuple[Any, Any]], d: FloatArray) -> float:
-    """The separation at the end of a climb from a direction; it is concave in the direction where two are apart."""
+def _climbed(solids: Sequence[tuple[Any, Any]], d: FloatArray) -> tuple[float, FloatArray]:
+    """The separation at the end of a climb from a direction, and where that ended; concave where two are apart."""
     (a, T_a), (b, T_b) = solids
     best, width, turn = -math.inf, 0.1, 0.0
     while width > 1e-11:
@@ -427,7 +428,7 @@ def _climbed(solids: Sequence[tuple[Any, Any]], d: FloatArray) -> float:
         top = int(found.argmax())
         width *= 1.5 if top else 0.5
         d, best, turn = rows[top], max(best, float(found[top])), turn + 0.7
-    return best
+    return best, d
 
 
 def _support(shape: Any, rows: FloatArray) -> FloatArray:
