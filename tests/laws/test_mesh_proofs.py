@@ -66,6 +66,16 @@ def test_no_corner_moves_farther_than_reach_and_motion_bounds_say(folder: Path, 
             assert way <= (reach * travel[0]).sum() + 1e-12
 
 
+def test_the_reach_of_the_last_joint_is_the_distance_of_its_farthest_corner(folder: Path) -> None:
+    robot = HullSetup("reaching", folder).robot()
+    far = 0.0
+    for item in robot.shapes:
+        if item.link == "hand" and isinstance(item.shape, Mesh):
+            corners = item.shape.vertices @ item.pose.rotation.T + np.array(item.pose.position)
+            far = float(np.sqrt(corners[:, 1] ** 2 + corners[:, 2] ** 2).max())
+    assert robot.reach()[3] == pytest.approx(far, rel=1e-6)
+
+
 def test_a_hull_stands_in_the_proof_where_the_robot_and_the_scene_say(folder: Path) -> None:
     setup = HullSetup("standing", folder, attached=(HELD, NEEDLE))
     robot, scene = setup.robot(), setup.whole_scene()
