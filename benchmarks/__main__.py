@@ -11,7 +11,7 @@ from rich.console import Console
 
 from benchmarks.report import Report, show, write_json
 
-MEASURES = ("toy", "states", "solvable", "planners", "speed", "tasks", "proven", "problems", "agreement")
+MEASURES = ("toy", "states", "solvable", "planners", "speed", "tasks", "proven", "problems", "clouds", "agreement")
 
 USAGE = """\
 all       all of the measures below (the default)
@@ -23,6 +23,7 @@ speed     judging states and edges against pair-by-pair FCL, and import time
 tasks     pick-and-place on a clear table and out of the bin
 proven    the curves themselves: free, within limits, faster than stops, and what a proof costs
 problems  the public Panda problems of MotionBenchMaker, audited by Coal, and what they cost
+clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans audited by Coal
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them

@@ -26,7 +26,7 @@ from planner_service.robot import load_robot
 if TYPE_CHECKING:
     from tests.independent import IndependentChecker
 
-__all__ = ["JOINT_STEP", "MOTION_STEP", "ROBOT", "SEED", "kind_of", "planned", "public_problems", "run"]
+__all__ = ["JOINT_STEP", "MOTION_STEP", "ROBOT", "SEED", "instants", "kind_of", "planned", "public_problems", "run"]
 
 ROBOT = "panda_mbm"
 SEED = 0
@@ -99,14 +99,14 @@ def _audited(second: IndependentChecker, result: PlanResult) -> Row:
     if result.path is None or result.trajectory is None:
         return {"in time": None, "on curve": None}
     touches = [
-        next((second.touch(q) for q in _instants(result.trajectory) if not second.free(q)), None),
+        next((second.touch(q) for q in instants(result.trajectory) if not second.free(q)), None),
         second.curve_touch(result.path, result.path.length, MOTION_STEP),
     ]
     in_time, on_curve = (None if touch is None else f"{touch.a} x {touch.b}" for touch in touches)
     return {"in time": in_time, "on curve": on_curve}
 
 
-def _instants(trajectory: Trajectory) -> FloatArray:
+def instants(trajectory: Trajectory) -> FloatArray:
     """Configurations (m, n) of a motion, no joint turning more than ``JOINT_STEP`` from one to the next."""
     count = 2 + math.ceil(trajectory.path.length / JOINT_STEP)
     while True:

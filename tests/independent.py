@@ -28,7 +28,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["IndependentChecker", "Touch", "hull_of", "tables_of"]
+__all__ = ["IndependentChecker", "Touch", "hull_of", "robot_table", "tables_of"]
 
 FloatArray = NDArray[np.float64]
 Table = Mapping[str, Any]
@@ -77,11 +77,10 @@ class IndependentChecker:
         allowed: Iterable[tuple[str, str]] = (),
         padding: float = 0.0,
     ) -> None:
-        folder = robot_dir if isinstance(robot_dir, Path) else Path()
-        robot = {"package_dirs": [folder], **_read(folder / "robot.toml")} if isinstance(robot_dir, Path) else robot_dir
+        robot = robot_table(robot_dir) if isinstance(robot_dir, Path) else robot_dir
         content = _read(scene) if isinstance(scene, Path) else scene
         self._meshes = scene.parent if isinstance(scene, Path) else Path()
-        self.model, self.geometry = _reduced(robot, (folder / robot["urdf"]).read_text("utf-8"), gripper_width)
+        self.model, self.geometry = _reduced(robot, Path(robot["urdf"]).read_text("utf-8"), gripper_width)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
         self._add_bodies(content, self.model.getFrameId(robot["tool_frame"]))
         if padding:
@@ -296,6 +295,15 @@ def _table_of(shape: Any) -> tuple[str, Any]:
         poses = [{"position": pose.position, "quaternion_wxyz": pose.quaternion} for _, pose in shape.parts]
         return kind, [dict([_table_of(part)]) | pose for (part, _), pose in zip(shape.parts, poses, strict=True)]
     return kind, {"box": sizes.get("size"), "sphere": sizes.get("radius")}.get(kind, sizes)
+
+
+def robot_table(folder: Path) -> dict[str, Any]:
+    """A robot.toml with the whole path of its URDF, which may be in a package that is installed beside Pinocchio."""
+    table = _read(folder / "robot.toml")
+    beside = [parent / "share" for parent in Path(pin.__file__).parents if (parent / "share").is_dir()]
+    scheme, _, rest = table["urdf"].partition("package://")
+    found = folder / scheme if scheme else next(share / rest for share in beside if (share / rest).is_file())
+    return {**table, "urdf": found, "package_dirs": [folder, *beside]}
 
 
 def _read(path: Path) -> dict[str, Any]:
