@@ -52,7 +52,11 @@ class Crowds:
         reach = box_of(self._groups.solids, self._groups.R)
         self._low, self._high = self._groups.t - reach, self._groups.t + reach
         own = box_of(solids.take(slice(n, None)), R)
-        self._low_part, self._high_part = t - own, t + own
+        members = self._start[:, None] - n + np.arange(GROUP)
+        real = np.arange(GROUP) < self._size[:, None]
+        members = np.where(real, members, 0)
+        self._low_members = np.where(real[..., None], (t - own)[members], np.inf)  # what is none meets nothing
+        self._high_members = np.where(real[..., None], (t + own)[members], -np.inf)
         self._riding, self._solids = n, solids
         self._half, self._boxes = solids.box[:n], Boxes(solids.box[n:], R, t)
         self._group_boxes = Boxes(self._groups.solids.box, self._groups.R, self._groups.t)
@@ -64,7 +68,7 @@ class Crowds:
         self._first_pair = number[:, self._start]
 
     def candidates(self, R: FloatArray, t: FloatArray, reach: FloatArray, margin: float) -> tuple[IntArray, IntArray]:
-        """Rows and pairs not proven farther apart than ``margin``, sorted.
+        """Rows and pairs not proven farther apart than ``margin``, in no order.
 
         Args:
             R, t: Poses of the riding solids in m configurations, (m, riding, 3, 3) and (m, riding, 3).
@@ -111,14 +115,10 @@ class Crowds:
         found: list[tuple[IntArray, IntArray]] = [(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))]
         for some in _slices(groups[0], GROUP):
             row, i, group = (item[some] for item in groups)
-            size = self._size[group]
-            which = np.repeat(np.arange(len(group)), size)
-            place = np.arange(len(which)) - np.repeat(np.cumsum(size) - size, size)
-            part = (self._start[group] - self._riding)[which] + place
-            row, i, pair = row[which], i[which], self._first_pair[i, group][which] + place
-            meet = _meet(box[0][row, i], box[1][row, i], self._low_part[part], self._high_part[part])
-            near = np.flatnonzero(meet)
-            row, i, pair, part = row[near], i[near], pair[near], part[near]
+            low, high = box[0][row, i][:, None], box[1][row, i][:, None]
+            which, place = np.nonzero(_meet(low, high, self._low_members[group], self._high_members[group]))
+            row, i, group = row[which], i[which], group[which]
+            pair, part = self._first_pair[i, group] + place, self._start[group] - self._riding + place
             if len(row) > LEFT_TO_FCL:
                 a = Boxes(self._half[i], R[row, i], t[row, i])
                 left = np.flatnonzero(~beyond_faces(a, self._boxes.take(part), margin))
@@ -127,9 +127,7 @@ class Crowds:
                     left = left[rough <= margin]
                 row, pair = row[left], pair[left]
             found.append((row, pair))
-        rows, pairs = (np.concatenate([item[k] for item in found]) for k in range(2))
-        order = np.lexsort((pairs, rows))
-        return rows[order], pairs[order]
+        return np.concatenate([rows for rows, _ in found]), np.concatenate([pairs for _, pairs in found])
 
     def nearest(self, R: FloatArray, t: FloatArray, most: float | None) -> IntArray:
         """Pairs of one configuration (1, riding, ...): of groups that may be nearer than ``most`` metres.
