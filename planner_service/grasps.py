@@ -68,7 +68,7 @@ def _from_above(position: Sequence[float], yaw: float, tilt: float) -> FloatArra
 
 
 def middle_of(target: Obstacle) -> tuple[float, float, float]:
-    """The middle of an object's extents along its own axes, in the base frame: its position, but for what is lopsided."""
+    """The middle of an object's extents along its own axes, in the base frame: its position unless it is lopsided."""
     axes = np.eye(3)
     aside = 0.5 * (target.shape.support(axes) + target.shape.support(-axes)).diagonal()
     if not aside.any():
