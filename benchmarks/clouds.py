@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
+from benchmarks.agreement import around_contacts, random_states
 from benchmarks.problems import JOINT_STEP, instants
 from benchmarks.report import Promise, Report, Row, p50, spread, table
 from planner_service import CollisionChecker, Obstacle, PlannerService, PlanRequest, PointCloud, Pose, Robot, Scene
@@ -34,6 +35,10 @@ POINTS, NOISE, RESOLUTION = 50_000, 0.001, 0.010
 PLANS = 20
 STATES, EDGES, LONGEST = 300, 150, 0.8
 """Single states of each kind, edges, and their length in rad at most."""
+
+VERDICTS = 10_000
+WITHIN = 1e-4
+"""Metres from contact within which Coal's octree may say otherwise."""
 
 REPEATS = 5
 FACTOR = 3.0
@@ -152,10 +157,37 @@ def _touch(second: IndependentChecker, Q: FloatArray) -> str | None:
     return None if touch is None else f"{touch.a} x {touch.b}"
 
 
+def _verdicts(robot: Robot, scene: Scene) -> Row:
+    """Verdicts next to those of Coal, which makes an octree of the points: half of them around contacts."""
+    from tests.independent import IndependentChecker, tables_of
+
+    checker = CollisionChecker(robot, scene)
+    second = IndependentChecker(data_folder("robots") / ROBOT, tables_of(scene))
+    chance = np.random.default_rng(SEED + 2)
+    near, _ = around_contacts(checker, VERDICTS // 2, chance)
+    Q = np.concatenate([random_states(robot, VERDICTS - len(near), chance), near])
+    ours = checker.states_are_free(Q)
+    differing = [k for k, q in enumerate(Q) if second.free(q) != ours[k]]
+    far = [_from_contact(checker, second, Q[k], free=bool(ours[k])) for k in differing]
+    return {
+        "work": "verdicts",
+        "states": len(Q),
+        "free": int(ours.sum()),
+        "differ": len(far),
+        "worst": max([0.0, *far]),
+    }
+
+
+def _from_contact(checker: CollisionChecker, second: IndependentChecker, q: FloatArray, *, free: bool) -> float:
+    """How far from contact a state is on which the two differ: what one proves apart, or the other says it is."""
+    return max(0.0, checker.clearance(q)) if free else max(0.0, min(second.gaps(q).values()))
+
+
 def run() -> Report:
-    """Costs, then plans."""
+    """Costs, plans, then verdicts."""
     robot, (plain, measured) = load_robot(ROBOT), scenes()
     costs, plans = list(_costs(robot, plain, measured)), list(_plans(robot, plain, measured))
+    verdicts = _verdicts(robot, measured)
     done = [row for row in plans if row["failure"] is None]
     rejected = [row["touch"] for row in done if row["touch"] is not None]
     promises = [
@@ -169,8 +201,15 @@ def run() -> Report:
             "what is planned among the boxes is planned around the cloud", f"{len(done)} of {PLANS}", len(done) == PLANS
         ),
         Promise("Coal rejects none of them", f"{len(rejected)} rejected", not rejected),
+        Promise(
+            f"{verdicts['states']:,} verdicts are those of Coal's octree but within {WITHIN * 1e3:g} mm of contact",
+            f"{verdicts['differ']} differ, at most {verdicts['worst'] * 1e6:.2f} um from contact",
+            verdicts["worst"] <= WITHIN,
+        ),
     ]
-    return Report("clouds", (*costs, *plans), (_cost_table(costs, measured), _plan_table(plans)), tuple(promises))
+    return Report(
+        "clouds", (*costs, *plans, verdicts), (_cost_table(costs, measured), _plan_table(plans)), tuple(promises)
+    )
 
 
 def _cost_table(rows: Sequence[Row], scene: Scene) -> Table:
