@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, ExemptInterval, pairs
+from planner_service.certify.bundles import bundled
 from planner_service.collision import CollisionChecker, MotionStep, parts
 from planner_service.composite import Composite, Compound, HeightField, PointCloud
 from planner_service.errors import InvalidRequest
@@ -220,3 +221,50 @@ def test_more_pairs_than_memory_holds_are_refused(lists: type, monkeypatch: pyte
     monkeypatch.setattr(pairs, "MAX_PAIRS", 1000)
     with pytest.raises(InvalidRequest, match=r"scene: got .*; expected at most 1,000 pairs of pieces"):
         lists(load_robot("wxai"), Scene((cloud(1.0),)))
+
+
+def tips(shape: Shape, T: FloatArray) -> FloatArray:
+    """Points of a shape at a pose that lie farthest in many directions."""
+    d = np.random.default_rng(2).normal(size=(200, 3))
+    d = np.concatenate([d, np.eye(3), -np.eye(3)])
+    found = shape.support(d @ T[:3, :3]) @ T[:3, :3].T + T[:3, 3]
+    return np.asarray(found)
+
+
+def depth_in(size: FloatArray, R: FloatArray, t: FloatArray, points: FloatArray) -> float:
+    """How deep in a box points are, the least deep one; negative if it is outside."""
+    return float((size / 2 - np.abs((points - t) @ R)).min())
+
+
+def stirred() -> Scene:
+    rng = np.random.default_rng(9)
+    pieces = tuple((shape(rng, 0.02), turned(rng, 0.3)) for _ in range(150))
+    return Scene((Obstacle("crowd", Compound(pieces), turned(rng, 0.5)),))
+
+
+def test_every_piece_is_inside_the_boxes_around_it() -> None:
+    robot, scene = load_robot("planar2"), stirred()
+    checker = CollisionChecker(robot, scene, padding=0.004)
+    crowds, listed = checker._prefilter._crowds, checker._parts
+    assert crowds is not None
+    groups = crowds._groups
+    for k, (start, count) in enumerate(zip(crowds._start.tolist(), crowds._size.tolist(), strict=True)):
+        for j in range(start, start + count):
+            points = tips(listed.shapes[j], listed.parts[j].T)
+            assert depth_in(2 * groups.solids.half[k], groups.R[k], groups.t[k], points) >= 0.0
+    assert crowds._size.sum() == 150
+
+
+def test_every_piece_is_inside_the_bundles_around_it_and_in_some_of_each_level() -> None:
+    scene = stirred()
+    solid = scene.obstacles[0].shape
+    assert isinstance(solid, Compound)
+    tree = bundled(solid.pieces, 0, 150)
+    inside = {k: [tips(s, T)] for k, (s, T) in enumerate(zip(solid.pieces.shapes, solid.pieces.frames, strict=True))}
+    for bundle in tree:
+        held = [points for k in range(bundle.first, bundle.first + bundle.count) for points in inside[k]]
+        frame = np.array(bundle.frame)
+        assert depth_in(np.array(bundle.box.size), frame[:, :3], frame[:, 3], np.concatenate(held)) >= 0.0
+        inside[bundle.number] = held
+    assert len(inside[tree[-1].number]) == 150
+    assert [len(inside[bundle.number]) for bundle in tree[:19]] == [8] * 18 + [6]
