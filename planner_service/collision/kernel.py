@@ -1,0 +1,106 @@
+"""The compiled kernel: which pairs are not proven apart, for a state, a list of states or a whole edge in one call.
+
+It proves what ``prefilter`` proves, by the same margin and with more separating directions, so that FCL is asked about
+fewer pairs and says the same. Without the extension the prefilter does alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.collision.bounds import Solids, centres_of
+from planner_service.collision.parts import Parts
+from planner_service.geometry import FloatArray
+from planner_service.robot import Robot
+
+__all__ = ["Doubt", "Kernel", "build_kernel", "instruction_sets"]
+
+IntArray = NDArray[np.int64]
+
+Doubt = tuple[int, float, list[float], list[int]]
+"""A row in doubt, where on the edge it is (0 to 1), its configuration, and the numbers of its pairs in doubt."""
+
+SLIDES = 1.0
+
+
+class Kernel(Protocol):
+    """Judges configurations of one robot in one scene; built from data, holds nothing that changes."""
+
+    @property
+    def variant(self) -> str:
+        """The instruction set it uses."""
+
+    def candidates(self, Q: FloatArray) -> tuple[list[int], list[int]]:
+        """Rows of Q (m, n) and the numbers of their pairs not proven apart, sorted by row, then pair."""
+
+    def first(self, Q: FloatArray, start: int, stop: int) -> Doubt | None:
+        """The first row of Q (m, n) in [start, stop) with such a pair; None if there is none."""
+
+    def edge(self, a: Sequence[float], b: Sequence[float], ends: int, segments: int, start: int, stop: int) -> Doubt | None:
+        """The same for the edge from a to b: its rows are its ends (``ends``: 1 for a, 2 for b), then the interior."""
+
+    def samples(self, a: Sequence[float], b: Sequence[float], segments: int) -> list[list[float]]:
+        """The interior of an edge in the order in which it is judged."""
+
+
+def _extension() -> Any:
+    """The compiled module; None where it was not built."""
+    try:
+        return importlib.import_module("planner_service.collision._kernel")
+    except ImportError:
+        return None
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """Those the kernel can use on this processor, the fastest last; none where it was not built."""
+    module = _extension()
+    return () if module is None else tuple(module.instruction_sets())
+
+
+def build_kernel(robot: Robot, parts: Parts, margin: float, variant: str = "") -> Kernel | None:
+    """The kernel for a robot and the numbered list of its parts and the scene's; None where it was not built.
+
+    Args:
+        margin: Metres by which a pair must be proven apart.
+        variant: One of ``instruction_sets()``; the fastest if empty.
+    """
+    module = _extension()
+    if module is None:
+        return None
+    solids = Solids.of(parts.shapes)
+    runs = np.array(parts.runs, dtype=np.int64).reshape(-1, 2) - parts.riding
+    rows = np.column_stack([solids.half, solids.ball, solids.disc, solids.hulls])
+    hulls = [np.ascontiguousarray(corners.T) for corners in solids.corners]
+    pairs = np.ascontiguousarray(parts.pairs, dtype=np.int64)
+    kernel: Kernel = module.Kernel(_joints(robot), _places(parts), rows, runs, pairs, hulls, margin, variant)
+    return kernel
+
+
+def _joints(robot: Robot) -> FloatArray:
+    """Each body but the base: parent, entry of q, whether it slides, axis, then rotation and position of its placement."""
+    rows = [
+        [
+            float(body.parent),
+            float(body.q_index),
+            SLIDES if body.prismatic else 0.0,
+            *body.axis.tolist(),
+            *body.placement[:3, :3].ravel().tolist(),
+            *body.placement[:3, 3].tolist(),
+        ]
+        for body in robot.bodies[1:]
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 18)
+
+
+def _places(parts: Parts) -> FloatArray:
+    """Of each part its body, -1 for the world, then rotation and centre in it."""
+    T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
+    R, centre = T[:, :3, :3], centres_of(parts.shapes)
+    t = T[:, :3, 3] + (R @ centre[..., None])[..., 0]
+    bodies = np.array([float(part.body) for part in parts.parts])
+    return np.column_stack([bodies, R.reshape(-1, 9), t])
