@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.collision import prefilter
 from planner_service.collision.edges import EdgeStep, FinestStep, Known, MotionStep, bisection_order, interior
 from planner_service.collision.fcl import FclJudge
+from planner_service.collision.kernel import Doubt, Kernel, build_kernel
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts
 from planner_service.collision.prefilter import Prefilter
@@ -21,7 +25,9 @@ from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
-__all__ = ["CollisionChecker", "Contact", "EdgeHit"]
+__all__ = ["Backend", "CollisionChecker", "Contact", "EdgeHit"]
+
+Backend = Literal["auto", "native", "fcl"]
 
 MAX_PADDING = 0.1
 """Metres; more padding than this is a unit mistake."""
@@ -36,7 +42,11 @@ LIMIT_SLACK = 1e-9
 """Radians or metres by which rounding may carry a configuration over a joint limit."""
 
 _FIRST_CHUNK, _CHUNK = 8, 64
-"""Samples judged at once: few first, because an edge that collides mostly does so early in bisection order."""
+"""Samples judged at once: few first, because an edge that collides mostly does so early in bisection order.
+The kernel sees to that by itself; between two calls of it a user can cancel."""
+
+Hit = tuple[int, float, tuple[str, str]]
+"""The row that collides, where on the edge it is, and the owners of the first pair that touches there."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +94,12 @@ class CollisionChecker:
         edge_step: How finely edges are sampled.
         padding: Distance in metres that every pair must keep; verdicts of a plan use 0.
         allowed: Pairs of link or object names that may touch, beside those the robot allows.
+        backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "fcl", numpy alone;
+            "auto", the kernel where it was built. Verdicts, counts and names are the same.
 
     Raises:
         UnknownName: ``allowed`` names nothing that is there.
+        InvalidRequest: no such backend, or "native" where the kernel was not built.
     """
 
     def __init__(
@@ -97,6 +110,7 @@ class CollisionChecker:
         edge_step: EdgeStep | None = None,
         padding: float = 0.0,
         allowed: Iterable[tuple[str, str]] = (),
+        backend: Backend = "auto",
     ) -> None:
         _require_padding(padding)
         if edge_step is not None and not callable(getattr(edge_step, "segments", None)):
@@ -108,7 +122,8 @@ class CollisionChecker:
         self.allowed = _sorted_pairs(allowed)
         self.ledger = Ledger()
         self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
-        self._prefilter = Prefilter(robot, self._parts)
+        self.backend = backend
+        self._kernel = _kernel_of(backend, robot, self._parts)
         self._judge = FclJudge(self._parts.shapes, [part.T for part in self._parts.parts])
         n = self._parts.riding
         self._local = [_numbers(part.T) for part in self._parts.parts[:n]]
@@ -141,12 +156,23 @@ class CollisionChecker:
             step = self.edge_step
             if motion_step is not None:
                 step = FinestStep((step, MotionStep(motion_step)))
-            other = CollisionChecker(self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs)
+            other = CollisionChecker(
+                self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs, backend=self.backend
+            )
             other.ledger, other._variants, other._motion_step = self.ledger, self._variants, key[2]
             while len(self._variants) >= MAX_VARIANTS:
                 del self._variants[next(iter(self._variants))]
             self._variants[key] = other
         return self._variants[key]
+
+    @cached_property
+    def _prefilter(self) -> Prefilter:
+        return Prefilter(self.robot, self._parts)
+
+    @property
+    def instruction_set(self) -> str | None:
+        """What the compiled kernel uses; None when numpy stands in for it."""
+        return None if self._kernel is None else self._kernel.variant
 
     @property
     def counts(self) -> CheckCounts:
@@ -191,23 +217,31 @@ class CollisionChecker:
             InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
         """
         start, end = self._configuration("q1", q1), self._configuration("q2", q2)
-        self.ledger.charge_edge()
         a, b = start.tolist(), end.tolist()
-        ends = [(0.0, start)] if Known.START not in known else []
-        if Known.END not in known and a != b:
-            ends.append((1.0, end))
-        if ends:
-            hit = self._first_collision(np.array([q for _, q in ends]))
-            if hit is not None:
-                return EdgeHit(ends[hit[0]][0], *hit[1])
         segments = self._segments(a, b)
+        judged = (Known.NEITHER if a != b else Known.END) | known
+        with self.ledger.lock:  # FCL objects are moved from question to question
+            self.ledger.charge_edge()
+            if self._kernel is None:
+                hit = self._edge_hit(a, b, segments, judged)
+            else:
+                ends = (Known.START not in judged) + 2 * (Known.END not in judged)
+                rows = (ends + 1) // 2 + segments - 1
+                hit = self._first_doubtful(rows, partial(self._kernel.edge, a, b, ends, segments))
+        return None if hit is None else EdgeHit(hit[1], *hit[2])
+
+    def _edge_hit(self, a: list[float], b: list[float], segments: int, known: Known) -> Hit | None:
+        ends = [(k, q) for k, (q, end) in enumerate(((a, Known.START), (b, Known.END))) if end not in known]
+        hit = self._first_of_all(np.array([q for _, q in ends])) if ends else None
+        if hit is not None:
+            return hit[0], float(ends[hit[0]][0]), hit[2]
         if segments == 1:
             return None
-        hit = self._first_collision(interior(a, b, segments))
+        hit = self._first_of_all(interior(a, b, segments))
         if hit is None:
             return None
         fraction = float(bisection_order(segments)[hit[0], 0])
-        return EdgeHit(fraction if tuple(a) <= tuple(b) else 1.0 - fraction, *hit[1])
+        return hit[0], fraction if a <= b else 1.0 - fraction, hit[2]
 
     def segments(self, q1: ArrayLike, q2: ArrayLike) -> int:
         """The number of equal parts into which the edge from q1 to q2 is split; counts nothing."""
@@ -284,10 +318,10 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         q = self._configuration("q", q)
-        _, numbers = self._prefilter.candidates(q[None])
+        numbers = self._candidates(q)
         with self.ledger.lock:
             self.ledger.charge_states(1)
-            hits = np.array(list(self._colliding_pairs(q.tolist(), numbers.tolist())), dtype=np.intp)
+            hits = np.array(list(self._colliding_pairs(q.tolist(), numbers)), dtype=np.intp)
         depth: dict[tuple[str, str], float] = {}
         for pair, overlap in zip(hits.tolist(), self._prefilter.overlaps(q, hits).tolist(), strict=True):
             names = self._parts.names(pair)  # of a pair that only touches the bound may be below 0
@@ -308,15 +342,49 @@ class CollisionChecker:
                 raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in [{low:.4f}, {high:.4f}]")
         return array
 
-    def _first_collision(self, Q: FloatArray) -> tuple[int, tuple[str, str]] | None:
-        """Judge configurations (m, n) in order, up to the first that collides, and count them.
+    def _candidates(self, q: FloatArray) -> list[int]:
+        """The pairs at q (n,) that are not proven apart."""
+        if self._kernel is not None:
+            return self._kernel.candidates(q[None])[1]
+        numbers: list[int] = self._prefilter.candidates(q[None])[1].tolist()
+        return numbers
 
-        Returns its row and the owners of the first pair that touches there, None when all are free.
-        """
+    def _first_collision(self, Q: FloatArray) -> Hit | None:
+        """Judge configurations (m, n) in order, up to the first that collides, and count them."""
         with self.ledger.lock:  # FCL objects are moved from question to question
-            return self._first_collision_alone(Q)
+            if self._kernel is None:
+                return self._first_of_all(Q)
+            return self._first_doubtful(len(Q), partial(self._kernel.first, np.ascontiguousarray(Q)))
 
-    def _first_collision_alone(self, Q: FloatArray) -> tuple[int, tuple[str, str]] | None:
+    def _first_doubtful(self, rows: int, ask: Callable[[int, int], Doubt | None]) -> Hit | None:
+        """The same for ``rows`` configurations of which the kernel, asked, tells the next in doubt."""
+        start = 0
+        while start < rows:
+            self.ledger.poll()
+            room = self.ledger.room()
+            stop = min(rows, start + (_CHUNK if room is None else min(_CHUNK, room + 1)))
+            pair, doubt = None, ask(start, stop)
+            while doubt is not None:
+                pair = self._first_touching(doubt[2], doubt[3])
+                if pair is not None:
+                    break
+                doubt = ask(doubt[0] + 1, stop)
+            self.ledger.charge_states((stop if doubt is None else doubt[0] + 1) - start)
+            if doubt is not None and pair is not None:
+                names = self._parts.names(pair)
+                self.ledger.hit(names)
+                return doubt[0], doubt[1], names
+            start = stop
+        return None
+
+    def _first_touching(self, q: list[float], asked: list[int]) -> int | None:
+        """The first pair that touches at q, ``asked`` being all in doubt up to the last of them."""
+        for pair in self._colliding_pairs(q, asked):
+            return pair
+        rest = [pair for pair in self._candidates(np.array(q)) if pair not in asked]
+        return next(self._colliding_pairs(q, rest), None)
+
+    def _first_of_all(self, Q: FloatArray) -> Hit | None:
         start, size = 0, _FIRST_CHUNK
         while start < len(Q):
             self.ledger.poll()
@@ -327,7 +395,7 @@ class CollisionChecker:
             if hit is not None:
                 names = self._parts.names(hit[1])
                 self.ledger.hit(names)
-                return start + hit[0], names
+                return start + hit[0], 0.0, names
             start, size = start + len(chunk), _CHUNK
         return None
 
@@ -365,6 +433,15 @@ def _require_padding(padding: object) -> None:
     kind = isinstance(padding, int | float | np.number) and not isinstance(padding, bool)
     if not kind or not 0.0 <= padding <= MAX_PADDING:  # type: ignore[operator]
         raise InvalidRequest("padding", padding, f"metres in [0, {MAX_PADDING}]")
+
+
+def _kernel_of(backend: object, robot: Robot, parts: Parts) -> Kernel | None:
+    if backend not in ("auto", "native", "fcl"):
+        raise InvalidRequest("backend", backend, '"auto", "native" or "fcl"')
+    kernel = None if backend == "fcl" else build_kernel(robot, parts, prefilter.MARGIN)
+    if kernel is None and backend == "native":
+        raise InvalidRequest("backend", backend, '"auto" or "fcl": the compiled kernel was not built')
+    return kernel
 
 
 def _sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:

@@ -6,9 +6,11 @@ fewer pairs and says the same. Without the extension the prefilter does alone.
 
 from __future__ import annotations
 
-import importlib
+import logging
 from collections.abc import Sequence
-from typing import Any, Protocol
+from functools import lru_cache
+from types import ModuleType
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,25 +37,30 @@ class Kernel(Protocol):
     def variant(self) -> str:
         """The instruction set it uses."""
 
-    def candidates(self, Q: FloatArray) -> tuple[list[int], list[int]]:
+    def candidates(self, Q: FloatArray, /) -> tuple[list[int], list[int]]:
         """Rows of Q (m, n) and the numbers of their pairs not proven apart, sorted by row, then pair."""
 
-    def first(self, Q: FloatArray, start: int, stop: int) -> Doubt | None:
+    def first(self, Q: FloatArray, start: int, stop: int, /) -> Doubt | None:
         """The first row of Q (m, n) in [start, stop) with such a pair; None if there is none."""
 
-    def edge(self, a: Sequence[float], b: Sequence[float], ends: int, segments: int, start: int, stop: int) -> Doubt | None:
+    def edge(
+        self, a: Sequence[float], b: Sequence[float], ends: int, segments: int, start: int, stop: int, /
+    ) -> Doubt | None:
         """The same for the edge from a to b: its rows are its ends (``ends``: 1 for a, 2 for b), then the interior."""
 
-    def samples(self, a: Sequence[float], b: Sequence[float], segments: int) -> list[list[float]]:
+    def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]:
         """The interior of an edge in the order in which it is judged."""
 
 
-def _extension() -> Any:
-    """The compiled module; None where it was not built."""
+@lru_cache(maxsize=1)
+def _extension() -> ModuleType | None:
+    """The compiled module; None where it was not built, which is said once."""
     try:
-        return importlib.import_module("planner_service.collision._kernel")
-    except ImportError:
+        from planner_service.collision import _kernel
+    except ImportError as error:
+        logging.getLogger("planner_service").info("collision checks without the compiled kernel: %s", error)
         return None
+    return _kernel
 
 
 def instruction_sets() -> tuple[str, ...]:
@@ -82,7 +89,7 @@ def build_kernel(robot: Robot, parts: Parts, margin: float, variant: str = "") -
 
 
 def _joints(robot: Robot) -> FloatArray:
-    """Each body but the base: parent, entry of q, whether it slides, axis, then rotation and position of its placement."""
+    """Each body but the base: parent, entry of q, whether it slides, axis, rotation and position of its placement."""
     rows = [
         [
             float(body.parent),

@@ -1,0 +1,31 @@
+"""The compiled kernel (native/module.cpp)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+def instruction_sets() -> list[str]: ...
+
+class Kernel:
+    def __init__(
+        self,
+        joints: NDArray[np.float64],
+        places: NDArray[np.float64],
+        solids: NDArray[np.float64],
+        runs: NDArray[np.int64],
+        pairs: NDArray[np.int64],
+        hulls: Sequence[NDArray[np.float64]],
+        margin: float,
+        variant: str = "",
+    ) -> None: ...
+    @property
+    def variant(self) -> str: ...
+    def candidates(self, Q: NDArray[np.float64], /) -> tuple[list[int], list[int]]: ...
+    def first(
+        self, Q: NDArray[np.float64], start: int, stop: int, /
+    ) -> tuple[int, float, list[float], list[int]] | None: ...
+    def edge(
+        self, a: Sequence[float], b: Sequence[float], ends: int, segments: int, start: int, stop: int, /
+    ) -> tuple[int, float, list[float], list[int]] | None: ...
+    def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]: ...
