@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from benchmarks.agreement import CASES, case, checkers, compare, edges_of, states_of
-from planner_service.collision import CollisionChecker, JointStep, Known, prefilter
+from planner_service.collision import CollisionChecker, Known
 from planner_service.collision import kernel as kernels
 from planner_service.collision.bounds import Solids
 from planner_service.collision.checker import EdgeHit
@@ -64,12 +64,11 @@ def test_both_backends_agree_with_carried_objects_and_padding() -> None:
     assert compare(carrying(), STATES, EDGES, seed=12).differences == []
 
 
-@pytest.mark.parametrize("wrong", [-0.02, -0.0003] if BUILT else [-0.02])  # the reference asks FCL about more
-def test_the_comparison_notices_a_wrong_margin(monkeypatch: pytest.MonkeyPatch, wrong: float) -> None:
-    pair = checkers(*case("wxai bin"))
-    monkeypatch.setattr(prefilter, "MARGIN", wrong)
-    broken = CollisionChecker(pair[0].robot, pair[0].scene, edge_step=JointStep(0.02))
-    assert compare((broken, pair[1]), STATES, 2 * EDGES, seed=11).differences
+@pytest.mark.parametrize("wrong", [-0.003, -0.0003])
+def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> None:
+    first, second = checkers(*case("wxai bin"))
+    first._kernel = build_kernel(first.robot, first._parts, wrong)
+    assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT
 
 
 @pytest.mark.parametrize("name", CASES)
