@@ -11,7 +11,7 @@ from rich.console import Console
 
 from benchmarks.report import Report, show, write_json
 
-MEASURES = ("toy", "states", "solvable", "planners", "speed", "tasks", "proven")
+MEASURES = ("toy", "states", "solvable", "planners", "speed", "tasks", "proven", "kernel")
 
 USAGE = """\
 all       all of the measures below (the default)
@@ -22,6 +22,7 @@ planners  every planner on four scenes, twice
 speed     judging states and edges against pair-by-pair FCL, and import time
 tasks     pick-and-place on a clear table and out of the bin
 proven    the curves themselves: free, within limits, faster than stops, and what a proof costs
+kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them
 readme    the outputs in the README are what is printed; --write puts them there
