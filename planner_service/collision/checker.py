@@ -45,6 +45,10 @@ _FIRST_CHUNK, _CHUNK = 8, 64
 """Samples judged at once: few first, because an edge that collides mostly does so early in bisection order.
 The kernel sees to that by itself; between two calls of it a user can cancel."""
 
+_END = Known.END.value
+_JUDGED_ENDS = (3, 2, 1, 0)
+"""As the kernel has it, 1 for the start and 2 for the end, by the value of ``Known``: arithmetic of flags is slow."""
+
 Hit = tuple[int, float, tuple[str, str]]
 """The row that collides, where on the edge it is, and the owners of the first pair that touches there."""
 
@@ -216,16 +220,14 @@ class CollisionChecker:
         Raises:
             InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
         """
-        start, end = self._configuration("q1", q1), self._configuration("q2", q2)
-        a, b = start.tolist(), end.tolist()
+        a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
         segments = self._segments(a, b)
-        judged = (Known.NEITHER if a != b else Known.END) | known
         with self.ledger.lock:  # FCL objects are moved from question to question
-            self.ledger.charge_edge()
+            self.ledger.edges += 1
             if self._kernel is None:
-                hit = self._edge_hit(a, b, segments, judged)
+                hit = self._edge_hit(a, b, segments, known if a != b else known | Known.END)
             else:
-                ends = (Known.START not in judged) + 2 * (Known.END not in judged)
+                ends = _JUDGED_ENDS[known._value_ if a != b else known._value_ | _END]
                 rows = (ends + 1) // 2 + segments - 1
                 hit = self._first_doubtful(rows, partial(self._kernel.edge, a, b, ends, segments))
         return None if hit is None else EdgeHit(hit[1], *hit[2])
