@@ -20,13 +20,14 @@ void around(const std::vector<Stander>& standers, Node& node) {
         node.low[k] = low;
         node.high[k] = high;
     }
+    round_outwards(node.low, node.high, node.bounds);
 }
 
 // Halves at the median along the longest side, as most bounding volume hierarchies are built (Ericson, Real-Time
 // Collision Detection, 2005, 6.2.1).
 void split(Model& model, int first, int count) {
     const auto index = model.nodes.size();
-    model.nodes.push_back(Node{{}, {}, first, count, -1});
+    model.nodes.push_back(Node{{}, {}, {}, first, count, -1});
     around(model.standers, model.nodes[index]);
     if (count <= LEAF) return;
     int axis = 0;

@@ -39,6 +39,28 @@ struct Hull {
     std::size_t padded;
 };
 
+// A box along the world's axes in single precision, rounded outwards; the fourth numbers are 0.
+struct alignas(16) Bounds {
+    float low[4];
+    float high[4];
+};
+
+// Not below float's own rounding, 2^-24 of a number, nor below what its smallest numbers lose.
+static inline float rounded_down(double x) {
+    const auto near = static_cast<float>(x);
+    return near - ((near < 0.0F ? -near : near) * 2.4e-7F + 1e-37F);
+}
+
+static inline float rounded_up(double x) { return -rounded_down(-x); }
+
+static inline void round_outwards(const double* low, const double* high, Bounds& out) {
+    for (int k = 0; k < 3; ++k) {
+        out.low[k] = rounded_down(low[k]);
+        out.high[k] = rounded_up(high[k]);
+    }
+    out.low[3] = out.high[3] = 0.0F;
+}
+
 struct Rider {
     Solid solid;
     int body;
@@ -55,11 +77,13 @@ struct Stander {
     double rotation[9];
     double position[3];
     double low[3], high[3];  // the box around it along the world's axes
+    Bounds bounds;           // the same
 };
 
 // A box around pieces that stand together. The standers of a node are neighbours: [first, first + count).
 struct Node {
     double low[3], high[3];
+    Bounds bounds;  // the same
     int first, count;
     int other;  // the second of two nodes below, the first being the next in the list; -1: no node below
 };

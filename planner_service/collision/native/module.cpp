@@ -193,6 +193,7 @@ class Kernel {
             stander.low[k] = stander.position[k] - reach[k];
             stander.high[k] = stander.position[k] + reach[k];
         }
+        round_outwards(stander.low, stander.high, stander.bounds);
         model_.standers.push_back(stander);
     }
 
