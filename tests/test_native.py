@@ -15,19 +15,19 @@ import numpy as np
 import pytest
 
 from benchmarks.agreement import CASES, case, checkers, compare, edges_of, states_of
-from planner_service.collision import CollisionChecker, Known
+from planner_service.collision import CheckCounts, CollisionChecker, EdgeStep, JointStep, Known, MotionStep
 from planner_service.collision import kernel as kernels
 from planner_service.collision.bounds import Solids
 from planner_service.collision.checker import EdgeHit
-from planner_service.collision.edges import interior
+from planner_service.collision.edges import FinestStep, interior
 from planner_service.collision.fcl import FclJudge
 from planner_service.collision.kernel import Kernel, build_kernel, instruction_sets
-from planner_service.collision.ledger import CheckBudgetSpent
+from planner_service.collision.ledger import CheckBudgetSpent, TimeBoxSpent
 from planner_service.collision.prefilter import MARGIN
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, Pose, Sphere
 from planner_service.robot import load_robot
-from planner_service.scene import Attached, load_scene
+from planner_service.scene import Attached, Scene, load_scene
 
 BUILT = bool(instruction_sets())
 STATES, EDGES = 300, 30
@@ -308,3 +308,88 @@ def test_contacts_are_the_same_with_the_same_depths() -> None:
     pair = checkers(*case("wxai clutter"))
     for q in states_of(pair[0], 60, seed=1):
         assert pair[0].contacts(q) == pair[1].contacts(q)
+
+
+@pytest.mark.parametrize(
+    "step", [JointStep(0.013), MotionStep(0.0071), FinestStep((JointStep(0.05), MotionStep(0.01)))]
+)
+def test_an_edge_has_as_many_segments_as_its_rule_says_whoever_counts(step: EdgeStep) -> None:
+    robot, scene = load_robot("wxai"), Scene()
+    checker = CollisionChecker(robot, scene, edge_step=step)
+    for a, b in edges_of(checker, 200, seed=15):
+        before = checker.counts.states
+        checker.edge_hit(a, b)
+        whole = checker.counts.states - before
+        assert whole == checker.segments(a, b) + 1 or checker.edge_hit(a, b) is not None
+
+
+class Halves:
+    """A user's own rule."""
+
+    def segments(self, dq: Any, reach: Any) -> int:
+        return 2
+
+
+def test_a_rule_of_a_users_own_is_asked() -> None:
+    robot, scene = case("wxai shelf")
+    for checker in (CollisionChecker(robot, scene, edge_step=Halves(), backend=b) for b in ("auto", "fcl")):
+        assert checker.edge_is_free(robot.home, robot.home + 0.01)
+        assert checker.counts.states == 3
+
+
+ODD: list[Any] = [
+    [math.nan] * 6,
+    [9.0] * 6,
+    np.zeros(5),
+    np.zeros((6, 1)),
+    np.full(6, math.inf),
+    np.array([None] * 6),
+    "home",
+    np.array(0.0),
+]
+
+
+@pytest.mark.parametrize("q", ODD, ids=str)
+def test_what_is_no_configuration_is_refused_alike_and_not_counted(q: Any) -> None:
+    told = []
+    for checker in checkers(*case("wxai shelf")):
+        home, errors = checker.robot.home, []
+        for ask in (checker.state_is_free, lambda x: checker.edge_hit(x, home), lambda x: checker.edge_hit(home, x)):  # noqa: B023
+            with pytest.raises(InvalidRequest) as error:
+                ask(q)
+            errors.append(str(error.value))
+        told.append(errors)
+        assert checker.counts == CheckCounts()
+    assert told[0] == told[1]
+
+
+def test_configurations_of_any_kind_are_judged_alike() -> None:
+    for checker in checkers(*case("wxai shelf")):
+        home, other = checker.robot.home, checker.robot.home + 0.125
+        strided = np.repeat(other, 3)[::3]
+        kinds = (other, other.tolist(), tuple(other.tolist()), strided, other.astype(np.float32))
+        assert {checker.state_is_free(q) for q in kinds} == {True}
+        assert {checker.edge_is_free(home, q) for q in kinds} == {True}
+
+
+def test_too_many_segments_are_refused_alike() -> None:
+    for checker in checkers(*case("wxai shelf")):
+        other = CollisionChecker(checker.robot, checker.scene, edge_step=JointStep(1e-9), backend=checker.backend)
+        with pytest.raises(InvalidRequest, match="at most 1000000 parts"):
+            other.edge_is_free(checker.robot.home, checker.robot.home + 0.1)
+        assert other.counts == CheckCounts()
+
+
+@pytest.mark.parametrize("judged", [True, False])
+def test_a_time_box_that_is_over_is_noticed_alike(judged: bool) -> None:
+    told: list[Any] = []
+    for checker in checkers(*case("wxai shelf")):
+        home = checker.robot.home
+        with checker.limited(deadline=0.0):
+            for known in Known:
+                try:
+                    told.append(checker.edge_is_free(home, home + 0.1 * judged, known=known))
+                except TimeBoxSpent:
+                    told.append(False)
+        told.append(checker.counts)
+    assert told[: len(told) // 2] == told[len(told) // 2 :]

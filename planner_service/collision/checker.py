@@ -7,15 +7,23 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Literal
+from typing import Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.collision import prefilter
-from planner_service.collision.edges import EdgeStep, FinestStep, Known, MotionStep, bisection_order, interior
+from planner_service.collision.edges import (
+    MAX_SEGMENTS,
+    EdgeStep,
+    FinestStep,
+    Known,
+    MotionStep,
+    bisection_order,
+    interior,
+)
 from planner_service.collision.fcl import FclJudge
-from planner_service.collision.kernel import Doubt, Kernel, build_kernel
+from planner_service.collision.kernel import Asked, Doubt, Kernel, build_kernel, rules_of
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts
 from planner_service.collision.prefilter import Prefilter
@@ -44,6 +52,8 @@ LIMIT_SLACK = 1e-9
 _FIRST_CHUNK, _CHUNK = 8, 64
 """Samples judged at once: few first, because an edge that collides mostly does so early in bisection order.
 The kernel sees to that by itself; between two calls of it a user can cancel."""
+
+FLOAT64 = np.dtype(np.float64)
 
 _END = Known.END.value
 _JUDGED_ENDS = (3, 2, 1, 0)
@@ -135,6 +145,7 @@ class CollisionChecker:
         self._reach: list[float] = robot.reach(self._parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
+        self._quick = self._agreed()
         self._variants: dict[tuple[float, tuple[tuple[str, str], ...], float | None], CollisionChecker] = {}
         self._motion_step: float | None = None
 
@@ -169,6 +180,14 @@ class CollisionChecker:
             self._variants[key] = other
         return self._variants[key]
 
+    def _agreed(self) -> Kernel | None:
+        """The kernel, told the limits and the edge step; None if there is none, or the step is a user's own."""
+        rules = rules_of(self.edge_step)
+        if self._kernel is None or rules is None:
+            return None
+        self._kernel.agree(self._lower, self._upper, self._reach, rules)
+        return self._kernel
+
     @cached_property
     def _prefilter(self) -> Prefilter:
         return Prefilter(self.robot, self._parts)
@@ -202,6 +221,12 @@ class CollisionChecker:
         Raises:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
+        if self._quick is not None and _are_floats(q):
+            with self.ledger.lock:
+                if self._quick.surely_free(q):
+                    self.ledger.poll()
+                    self.ledger.charge_states(1)
+                    return True
         return self._first_collision(self._configuration("q", q)[None]) is None
 
     def edge_is_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
@@ -220,9 +245,15 @@ class CollisionChecker:
         Raises:
             InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
         """
+        if self._quick is not None and _are_floats(q1) and _are_floats(q2):
+            with self.ledger.lock:  # FCL objects are moved from question to question
+                stop = self._stop(0, MAX_SEGMENTS)
+                told = self._quick.ask(q1, q2, known._value_, stop)
+                if told is not None:
+                    return self._told(self._quick, q1, q2, told, stop)
         a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
         segments = self._segments(a, b)
-        with self.ledger.lock:  # FCL objects are moved from question to question
+        with self.ledger.lock:
             self.ledger.edges += 1
             if self._kernel is None:
                 hit = self._edge_hit(a, b, segments, known if a != b else known | Known.END)
@@ -230,6 +261,19 @@ class CollisionChecker:
                 ends = _JUDGED_ENDS[known._value_ if a != b else known._value_ | _END]
                 rows = (ends + 1) // 2 + segments - 1
                 hit = self._first_doubtful(rows, partial(self._kernel.edge, a, b, ends, segments))
+        return None if hit is None else EdgeHit(hit[1], *hit[2])
+
+    def _told(self, kernel: Kernel, q1: FloatArray, q2: FloatArray, told: int | Asked, stop: int) -> EdgeHit | None:
+        """Count and finish an edge of which the kernel told the rows below ``stop``."""
+        self.ledger.edges += 1
+        if isinstance(told, int):
+            if told:
+                self.ledger.poll()
+                self.ledger.charge_states(told)
+            return None
+        ends, segments, rows, doubt = told
+        ask = partial(kernel.edge, q1.tolist(), q2.tolist(), ends, segments)
+        hit = self._first_doubtful(rows, ask, (min(stop, rows), doubt))
         return None if hit is None else EdgeHit(hit[1], *hit[2])
 
     def _edge_hit(self, a: list[float], b: list[float], segments: int, known: Known) -> Hit | None:
@@ -358,14 +402,28 @@ class CollisionChecker:
                 return self._first_of_all(Q)
             return self._first_doubtful(len(Q), partial(self._kernel.first, np.ascontiguousarray(Q)))
 
-    def _first_doubtful(self, rows: int, ask: Callable[[int, int], Doubt | None]) -> Hit | None:
-        """The same for ``rows`` configurations of which the kernel, asked, tells the next in doubt."""
+    def _stop(self, start: int, rows: int) -> int:
+        """Up to which row to judge in one go, from ``start``: one more than there is room for passes the limit."""
+        room = self.ledger.room()
+        return min(rows, start + (_CHUNK if room is None else min(_CHUNK, room + 1)))
+
+    def _first_doubtful(
+        self, rows: int, ask: Callable[[int, int], Doubt | None], told: tuple[int, Doubt | None] | None = None
+    ) -> Hit | None:
+        """The same for ``rows`` configurations of which the kernel, asked, tells the next in doubt.
+
+        Args:
+            told: Up to which row it was asked before, and what it told.
+        """
         start = 0
         while start < rows:
             self.ledger.poll()
-            room = self.ledger.room()
-            stop = min(rows, start + (_CHUNK if room is None else min(_CHUNK, room + 1)))
-            pair, doubt = None, ask(start, stop)
+            if told is None:
+                stop = self._stop(start, rows)
+                doubt = ask(start, stop)
+            else:
+                (stop, doubt), told = told, None
+            pair = None
             while doubt is not None:
                 pair = self._first_touching(doubt[2], doubt[3])
                 if pair is not None:
@@ -435,6 +493,11 @@ def _require_padding(padding: object) -> None:
     kind = isinstance(padding, int | float | np.number) and not isinstance(padding, bool)
     if not kind or not 0.0 <= padding <= MAX_PADDING:  # type: ignore[operator]
         raise InvalidRequest("padding", padding, f"metres in [0, {MAX_PADDING}]")
+
+
+def _are_floats(q: ArrayLike) -> TypeGuard[FloatArray]:
+    """Whether q is what planners ask with, without a closer look."""
+    return type(q) is np.ndarray and q.dtype is FLOAT64
 
 
 def _kernel_of(backend: object, robot: Robot, parts: Parts) -> Kernel | None:

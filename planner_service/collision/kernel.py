@@ -16,16 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.collision.bounds import Solids, centres_of
+from planner_service.collision.edges import EdgeStep, FinestStep, JointStep, MotionStep
 from planner_service.collision.parts import Parts
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
 
-__all__ = ["Doubt", "Kernel", "build_kernel", "instruction_sets"]
+__all__ = ["Asked", "Doubt", "Kernel", "build_kernel", "instruction_sets", "rules_of"]
 
 IntArray = NDArray[np.int64]
 
 Doubt = tuple[int, float, list[float], list[int]]
 """A row in doubt, where on the edge it is (0 to 1), its configuration, and the numbers of its pairs in doubt."""
+
+Asked = tuple[int, int, int, Doubt | None]
+"""Of an edge: the ends to judge, the segments, the rows, and the first doubt below the row asked for."""
 
 SLIDES = 1.0
 
@@ -47,6 +51,22 @@ class Kernel(Protocol):
         self, a: Sequence[float], b: Sequence[float], ends: int, segments: int, start: int, stop: int, /
     ) -> Doubt | None:
         """The same for the edge from a to b: its rows are its ends (``ends``: 1 for a, 2 for b), then the interior."""
+
+    def agree(
+        self, lower: Sequence[float], upper: Sequence[float], reach: Sequence[float], rules: list[tuple[bool, float]], /
+    ) -> None:
+        """Take the terms of ``surely_free`` and ``ask``: limits, and the rules by which edges are sampled."""
+
+    def surely_free(self, q: FloatArray, /) -> bool:
+        """Whether q is n float64 within the limits and no pair is in doubt."""
+
+    def ask(self, q1: FloatArray, q2: FloatArray, known: int, stop: int, /) -> int | Asked | None:
+        """The edge from q1 to q2, ``known`` being the ends not to be judged, looked at up to row ``stop``.
+
+        Returns:
+            How many rows it has if all of them are free; None if an end is not n float64 within the limits, or there
+            would be too many segments.
+        """
 
     def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]:
         """The interior of an edge in the order in which it is judged."""
@@ -86,6 +106,23 @@ def build_kernel(robot: Robot, parts: Parts, margin: float, variant: str = "") -
     pairs = np.ascontiguousarray(parts.pairs, dtype=np.int64)
     kernel: Kernel = module.Kernel(_joints(robot), _places(parts), rows, runs, pairs, hulls, margin, variant)
     return kernel
+
+
+def rules_of(step: EdgeStep) -> list[tuple[bool, float]] | None:
+    """The rules the kernel knows: whether each weighs joints by their reach, and its step; None if one is a user's."""
+    if type(step) is JointStep:
+        return [(False, step.angle)]
+    if type(step) is MotionStep:
+        return [(True, step.distance)]
+    if type(step) is not FinestStep:
+        return None
+    found: list[tuple[bool, float]] = []
+    for rule in step.rules:
+        known = rules_of(rule)
+        if known is None:
+            return None
+        found += known
+    return found or None
 
 
 def _joints(robot: Robot) -> FloatArray:

@@ -1,6 +1,7 @@
 // planner_service.collision._kernel: the model built from arrays, and its questions.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -20,6 +21,7 @@ namespace kernel {
 namespace {
 
 using Rows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Anything = nb::ndarray<nb::ro, nb::device::cpu>;
 using NumberRows = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 void require(bool condition, const char* what) {
@@ -55,6 +57,11 @@ void reach_of(const Solid& s, const double* R, double* out) {
         out[i] = s.ball + s.disc * std::sqrt(row[0] * row[0] + row[1] * row[1]);
         for (int k = 0; k < 3; ++k) out[i] += std::fabs(row[k]) * s.half[k];
     }
+}
+
+nb::object told(const std::optional<Doubt>& doubt) {
+    if (!doubt) return nb::none();
+    return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs);
 }
 
 class Kernel {
@@ -94,6 +101,41 @@ class Kernel {
         return first_in_doubt(model_, *variant_, edge, start, stop);
     }
 
+    void agree(std::vector<double> lower, std::vector<double> upper, std::vector<double> reach,
+               const std::vector<std::pair<bool, double>>& rules) {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        require(lower.size() == n && upper.size() == n && reach.size() == n && !rules.empty(), "terms of another robot");
+        terms_ = Terms{std::move(lower), std::move(upper), std::move(reach), {}};
+        for (const auto& [motion, step] : rules) {
+            require(step > 0.0, "a step is positive");
+            terms_.rules.push_back({motion, step});
+        }
+    }
+
+    bool surely_free(const Anything& q) const {
+        std::vector<double> values;
+        if (!read(q, values)) return false;
+        nb::gil_scoped_release release;
+        return !first_in_doubt(model_, *variant_, values.data(), 0, 1);
+    }
+
+    nb::object ask(const Anything& q1, const Anything& q2, int known, int stop) const {
+        std::vector<double> a, b;
+        if (!read(q1, a) || !read(q2, b)) return nb::none();
+        const int segments = segments_of(terms_, a, b);
+        if (segments == 0) return nb::none();
+        const int ends = 3 & ~(a == b ? known | 2 : known);
+        const Edge edge = edge_of(std::move(a), std::move(b), ends, segments);
+        const int last = std::min(stop, edge.rows());
+        std::optional<Doubt> doubt;
+        {
+            nb::gil_scoped_release release;
+            doubt = first_in_doubt(model_, *variant_, edge, 0, last);
+        }
+        if (!doubt && last == edge.rows()) return nb::int_(last);
+        return nb::make_tuple(ends, segments, edge.rows(), told(doubt));
+    }
+
     std::vector<std::vector<double>> samples(std::vector<double> a, std::vector<double> b, int segments) const {
         const Edge edge = edge_of(std::move(a), std::move(b), 0, segments);
         std::vector<std::vector<double>> out;
@@ -106,7 +148,18 @@ class Kernel {
 
   private:
     Model model_;
+    Terms terms_;
     const Variant* variant_ = nullptr;
+
+    // Whether q is n doubles within the limits.
+    bool read(const Anything& q, std::vector<double>& out) const {
+        const auto n = terms_.lower.size();
+        if (n == 0 || q.ndim() != 1 || q.shape(0) != n || q.dtype() != nb::dtype<double>()) return false;
+        const auto* values = static_cast<const double*>(q.data());
+        out.resize(n);
+        for (std::size_t k = 0; k < n; ++k) out[k] = values[static_cast<std::int64_t>(k) * q.stride(0)];
+        return within(terms_, out);
+    }
 
     int rows_of(const Rows& Q) const {
         require(Q.shape(1) == static_cast<std::size_t>(model_.dof), "a configuration of another robot");
@@ -116,7 +169,7 @@ class Kernel {
     Edge edge_of(std::vector<double> a, std::vector<double> b, int ends, int segments) const {
         const auto n = static_cast<std::size_t>(model_.dof);
         require(a.size() == n && b.size() == n, "a configuration of another robot");
-        require(1 <= segments && segments <= 1'000'000, "1 to 1,000,000 segments");
+        require(1 <= segments && segments <= MAX_SEGMENTS, "1 to 1,000,000 segments");
         return Edge(std::move(a), std::move(b), (ends & 1) != 0, (ends & 2) != 0, segments);
     }
 
@@ -249,11 +302,6 @@ class Kernel {
     }
 };
 
-nb::object told(const std::optional<Doubt>& doubt) {
-    if (!doubt) return nb::none();
-    return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs);
-}
-
 }  // namespace
 
 NB_MODULE(_kernel, m) {
@@ -284,6 +332,9 @@ NB_MODULE(_kernel, m) {
                         int start, int stop) {
             return told(self.edge(std::move(a), std::move(b), ends, segments, start, stop));
         })
+        .def("agree", &Kernel::agree)
+        .def("surely_free", &Kernel::surely_free)
+        .def("ask", &Kernel::ask)
         .def("samples", &Kernel::samples);
 }
 

@@ -1,6 +1,7 @@
 #include "samples.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace kernel {
 
@@ -78,6 +79,28 @@ class Earliest {
 };
 
 }  // namespace
+
+bool within(const Terms& terms, const std::vector<double>& q) {
+    for (std::size_t k = 0; k < q.size(); ++k)
+        if (!(terms.lower[k] <= q[k] && q[k] <= terms.upper[k])) return false;
+    return true;
+}
+
+int segments_of(const Terms& terms, const std::vector<double>& a, const std::vector<double>& b) {
+    constexpr double slack = 1e-9;
+    int most = 1;
+    for (const auto& rule : terms.rules) {
+        double extent = 0.0;
+        for (std::size_t k = 0; k < a.size(); ++k) {
+            const double difference = b[k] - a[k];
+            extent += rule.motion ? terms.reach[k] * std::fabs(difference) : difference * difference;
+        }
+        const double parts = (rule.motion ? extent : std::sqrt(extent)) / rule.step - slack;
+        if (!(parts <= MAX_SEGMENTS)) return 0;
+        most = std::max(most, static_cast<int>(std::ceil(parts)));
+    }
+    return most;
+}
 
 std::vector<int> bisection_order(int segments, int count) {
     std::vector<int> order;

@@ -12,6 +12,25 @@ namespace kernel {
 // Numbers k of the samples k / segments inside an edge in bisection order, the first ``count`` of them.
 std::vector<int> bisection_order(int segments, int count);
 
+// How finely an edge is sampled (edges.py), in the same arithmetic.
+struct Rule {
+    bool motion;  // MotionStep: reach-weighted; else JointStep: the L2 norm
+    double step;
+};
+
+// What a user's configurations and edges are held against before they are judged.
+struct Terms {
+    std::vector<double> lower, upper, reach;
+    std::vector<Rule> rules;
+};
+
+constexpr int MAX_SEGMENTS = 1'000'000;
+
+bool within(const Terms& terms, const std::vector<double>& q);
+
+// Equal parts of the edge from a to b; 0 if there would be more than MAX_SEGMENTS.
+int segments_of(const Terms& terms, const std::vector<double>& a, const std::vector<double>& b);
+
 // The straight line from a to b as it is judged: the ends that are asked for, then the samples between them in
 // bisection order, computed from the lexicographically smaller end. Compiled without fused multiply-adds: the bits are
 // those of numpy.
