@@ -115,7 +115,7 @@ def test_a_doubt_tells_which_sample_and_where() -> None:
         for kernel in built_kernels(checker):
             doubt = kernel.edge(a.tolist(), b.tolist(), 3, segments, 0, segments + 1)
             while doubt is not None:
-                row, fraction, q, pairs = doubt
+                row, fraction, q, pairs, _ = doubt
                 assert q == every[row].tolist()
                 assert np.allclose(a + fraction * (b - a), q, atol=1e-12)
                 assert pairs == sorted(pairs)
@@ -165,16 +165,48 @@ class Judge:
         return not self._free(i, j) and self._judge.collide(i, j)
 
 
+class Unsure:
+    """A kernel that is never sure that a pair overlaps."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self.candidates = kernel.candidates
+        self._kernel = kernel
+
+    def first(self, *where: Any) -> Any:
+        return self._doubt(self._kernel.first(*where))
+
+    def edge(self, *where: Any) -> Any:
+        return self._doubt(self._kernel.edge(*where))
+
+    def _doubt(self, doubt: Any) -> Any:
+        return doubt and (*doubt[:4], False)
+
+
 @pytest.mark.parametrize("free", [lambda i, j: True, lambda i, j: i < 3, lambda i, j: (i + j) % 2 == 0])
 def test_what_fcl_finds_free_although_in_doubt_is_free_and_the_rest_is_still_judged(free: Any) -> None:
     pair = checkers(*case("wxai clutter"))
     edges = list(edges_of(checkers(*case("wxai clutter"))[1], 40, seed=4))
     for checker in pair:
         checker._judge = Judge(checker._judge, free)  # type: ignore[assignment]
+        if checker._kernel is not None:
+            checker._kernel, checker._quick = Unsure(checker._kernel), None  # type: ignore[assignment]
     for a, b in edges:
         hits: list[EdgeHit | None] = [checker.edge_hit(a, b) for checker in pair]
         assert hits[0] == hits[1]
     assert pair[0].counts.states == pair[1].counts.states
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_the_kernel_is_sure_of_overlaps_for_fcl_too(name: str) -> None:
+    checker = checkers(*case(name))[1]
+    sure = 0
+    for q in states_of(checker, 300, seed=13):
+        for kernel in built_kernels(checker):
+            doubt = kernel.first(q[None], 0, 1)
+            if doubt is not None and doubt[4]:
+                sure += 1
+                assert touching_pairs(checker, q)[0] == doubt[3][0]
+    assert bool(sure) == BUILT
 
 
 def test_threads_get_the_answers_they_would_get_alone() -> None:

@@ -425,7 +425,7 @@ class CollisionChecker:
                 (stop, doubt), told = told, None
             pair = None
             while doubt is not None:
-                pair = self._first_touching(doubt[2], doubt[3])
+                pair = self._first_touching(doubt)
                 if pair is not None:
                     break
                 doubt = ask(doubt[0] + 1, stop)
@@ -437,8 +437,11 @@ class CollisionChecker:
             start = stop
         return None
 
-    def _first_touching(self, q: list[float], asked: list[int]) -> int | None:
-        """The first pair that touches at q, ``asked`` being all in doubt up to the last of them."""
+    def _first_touching(self, doubt: Doubt) -> int | None:
+        """The first pair that touches where the kernel is in doubt."""
+        _, _, q, asked, deep = doubt
+        if deep:
+            return asked[0]
         for pair in self._colliding_pairs(q, asked):
             return pair
         rest = [pair for pair in self._candidates(np.array(q)) if pair not in asked]

@@ -1,7 +1,8 @@
 """The compiled kernel: which pairs are not proven apart, for a state, a list of states or a whole edge in one call.
 
 It proves what ``prefilter`` proves, by the same margin and with more separating directions, so that FCL is asked about
-fewer pairs and says the same. Without the extension the prefilter does alone.
+fewer pairs and says the same; nor is FCL asked about a pair that is proven to overlap by a hundred times the micrometre
+in which its answer is undefined. Without the extension the prefilter does alone.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ __all__ = ["Asked", "Doubt", "Kernel", "build_kernel", "instruction_sets", "rule
 
 IntArray = NDArray[np.int64]
 
-Doubt = tuple[int, float, list[float], list[int]]
-"""A row in doubt, where on the edge it is (0 to 1), its configuration, and the numbers of its pairs in doubt."""
+Doubt = tuple[int, float, list[float], list[int], bool]
+"""A row in doubt, where on the edge it is (0 to 1), its configuration, the numbers of its pairs in doubt (the first of
+them and some more), and whether the first is proven to overlap by more than 0.1 mm."""
 
 Asked = tuple[int, int, int, Doubt | None]
 """Of an edge: the ends to judge, the segments, the rows, and the first doubt below the row asked for."""

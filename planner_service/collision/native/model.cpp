@@ -57,7 +57,7 @@ void build_nodes(Model& model) {
     if (!model.standers.empty()) split(model, 0, static_cast<int>(model.standers.size()));
 }
 
-void add(Found& found, int pair, unsigned lanes) { found.entries.push_back({pair, lanes}); }
+void add(Found& found, int pair, unsigned lanes, unsigned deep) { found.entries.push_back({pair, lanes, deep}); }
 
 Workspace::Workspace(std::size_t bytes) : data_(::operator new(bytes, ALIGNED)) {}
 Workspace::~Workspace() { ::operator delete(data_, ALIGNED); }

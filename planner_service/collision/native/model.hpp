@@ -117,17 +117,17 @@ struct Model {
 // Sorts ``standers`` into ``nodes``.
 void build_nodes(Model& model);
 
-// Pairs that are not proven apart, each with the lanes (bits) in which it is not.
+// Pairs that are not proven apart, each with the lanes (bits) in which it is not, and in which it surely overlaps.
 struct Found {
     struct Entry {
         int pair;
-        unsigned lanes;
+        unsigned lanes, deep;
     };
     std::vector<Entry> entries;
 };
 
 // Not inlined: what is compiled for wider instructions must not share a template's code with the rest of the program.
-void add(Found& found, int pair, unsigned lanes);
+void add(Found& found, int pair, unsigned lanes, unsigned deep);
 
 // Memory one call works in.
 class Workspace {

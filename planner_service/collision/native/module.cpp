@@ -61,7 +61,7 @@ void reach_of(const Solid& s, const double* R, double* out) {
 
 nb::object told(const std::optional<Doubt>& doubt) {
     if (!doubt) return nb::none();
-    return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs);
+    return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs, doubt->deep);
 }
 
 class Kernel {

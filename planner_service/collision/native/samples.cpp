@@ -25,7 +25,7 @@ class Block {
         rows_[count_++] = row;
     }
 
-    // Calls ``each(row, pair)`` for what is in doubt.
+    // Calls ``each(row, pair, deep)`` for what is in doubt.
     template <class Each>
     void judge(Each each) {
         const unsigned lanes = (1U << count_) - 1U;
@@ -38,7 +38,7 @@ class Block {
         variant_.judge(model_, q_.data(), lanes, every_, memory_.data(), found_);
         for (const auto& entry : found_.entries)
             for (int lane = 0; lane < count_; ++lane)
-                if ((entry.lanes >> lane & 1U) != 0U) each(rows_[lane], entry.pair);
+                if ((entry.lanes >> lane & 1U) != 0U) each(rows_[lane], entry.pair, (entry.deep >> lane & 1U) != 0U);
         count_ = 0;
     }
 
@@ -61,21 +61,23 @@ class Earliest {
     int row() const { return row_; }
     bool found() const { return row_ < stop_; }
 
-    void note(int row, int pair) {
+    void note(int row, int pair, bool deep) {
         if (row > row_) return;
         if (row < row_) pairs_.clear();
         row_ = row;
-        pairs_.push_back(pair);
+        pairs_.emplace_back(pair, deep);
     }
 
-    std::vector<int> pairs() {
+    Doubt doubt(double fraction, std::vector<double> q) {
         std::sort(pairs_.begin(), pairs_.end());
-        return std::move(pairs_);
+        std::vector<int> numbers;
+        for (const auto& [pair, deep] : pairs_) numbers.push_back(pair);
+        return Doubt{row_, fraction, std::move(q), std::move(numbers), pairs_.front().second};
     }
 
   private:
     int row_, stop_;
-    std::vector<int> pairs_;
+    std::vector<std::pair<int, bool>> pairs_;
 };
 
 }  // namespace
@@ -142,7 +144,7 @@ void Edge::sample(int row, int k, double* q) const {
 std::vector<std::pair<int, int>> candidates(const Model& model, const Variant& variant, const double* Q, int m) {
     std::vector<std::pair<int, int>> out;
     Block block(model, variant, true);
-    const auto note = [&out](int row, int pair) { out.emplace_back(row, pair); };
+    const auto note = [&out](int row, int pair, bool) { out.emplace_back(row, pair); };
     for (int row = 0; row < m; ++row) {
         block.put(row, Q + static_cast<std::ptrdiff_t>(row) * model.dof);
         if (block.full() || row == m - 1) block.judge(note);
@@ -154,13 +156,14 @@ std::vector<std::pair<int, int>> candidates(const Model& model, const Variant& v
 std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, const double* Q, int start, int stop) {
     Block block(model, variant, false);
     Earliest earliest(stop);
+    const auto note = [&earliest](int row, int pair, bool deep) { earliest.note(row, pair, deep); };
     for (int row = start; row < stop && !earliest.found(); ++row) {
         block.put(row, Q + static_cast<std::ptrdiff_t>(row) * model.dof);
-        if (block.full() || row == stop - 1) block.judge([&earliest](int r, int pair) { earliest.note(r, pair); });
+        if (block.full() || row == stop - 1) block.judge(note);
     }
     if (!earliest.found()) return std::nullopt;
     const double* q = Q + static_cast<std::ptrdiff_t>(earliest.row()) * model.dof;
-    return Doubt{earliest.row(), 0.0, std::vector<double>(q, q + model.dof), earliest.pairs()};
+    return earliest.doubt(0.0, std::vector<double>(q, q + model.dof));
 }
 
 std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, const Edge& edge, int start, int stop) {
@@ -170,7 +173,7 @@ std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, 
     };
     Block block(model, variant, false);
     Earliest earliest(stop);
-    const auto note = [&earliest](int row, int pair) { earliest.note(row, pair); };
+    const auto note = [&earliest](int row, int pair, bool deep) { earliest.note(row, pair, deep); };
     std::vector<double> q(static_cast<std::size_t>(model.dof));
     const auto put = [&](int row) {
         edge.sample(row, place(row), q.data());
@@ -193,7 +196,7 @@ std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, 
     if (!earliest.found()) return std::nullopt;
     const int row = earliest.row(), k = place(row);
     edge.sample(row, k, q.data());
-    return Doubt{row, edge.fraction(row, k), q, earliest.pairs()};
+    return earliest.doubt(edge.fraction(row, k), q);
 }
 
 }  // namespace kernel

@@ -58,6 +58,7 @@ struct Doubt {
     double fraction;
     std::vector<double> q;
     std::vector<int> pairs;
+    bool deep;  // the first of them surely overlaps
 };
 
 // All rows and pairs of configurations Q (m, dof) in doubt, sorted.
