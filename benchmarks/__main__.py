@@ -11,7 +11,10 @@ from rich.console import Console
 
 from benchmarks.report import Report, show, write_json
 
-MEASURES = ("toy", "states", "solvable", "planners", "speed", "tasks", "proven", "kernel")
+MEASURES = (
+    *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
+    *("problems", "clouds", "agreement", "kernel"),
+)
 
 USAGE = """\
 all       all of the measures below (the default)
@@ -22,6 +25,9 @@ planners  every planner on four scenes, twice
 speed     judging states and edges against pair-by-pair FCL, and import time
 tasks     pick-and-place on a clear table and out of the bin
 proven    the curves themselves: free, within limits, faster than stops, and what a proof costs
+problems  the public Panda problems of MotionBenchMaker, audited by Coal, and what they cost
+clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans audited by Coal
+agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them
@@ -36,6 +42,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden", "readme"])
     parser.add_argument("--write", action="store_true", help="store instead of compare (queries, golden, readme)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
+    parser.add_argument("--robot", metavar="NAME", help="the only robot to look at (agreement); all if not given")
+    parser.add_argument("--states", type=int, default=100_000, metavar="N", help="states of each robot (agreement)")
     return parser.parse_args()
 
 
@@ -50,7 +58,8 @@ def main() -> int:
         return int(readme.main(write=arguments.write, console=console))
     reports: list[Report] = []
     for name in MEASURES if arguments.what == "all" else [arguments.what]:
-        report: Report = importlib.import_module(f"benchmarks.{name}").run()
+        asked = {"robot": arguments.robot, "states": arguments.states} if name == "agreement" else {}
+        report: Report = importlib.import_module(f"benchmarks.{name}").run(**asked)
         console.print(*report.tables, sep="\n\n")
         reports.append(report)
         if arguments.json is not None:  # after each: what was measured is not lost when a later one is interrupted

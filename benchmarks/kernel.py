@@ -12,7 +12,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import queries
-from benchmarks.agreement import case, checkers, compare, edges_of
+from benchmarks.backends import case, checkers, compare, edges_of
 from benchmarks.naive_manager import NaiveManager
 from benchmarks.pairwise import PairwiseFcl
 from benchmarks.report import Promise, Report, p50, p95, spread, table

@@ -53,15 +53,25 @@ class AskedEdge:
         return np.concatenate([np.array(ends).reshape(-1, len(self.q1)), inner])
 
 
-class _Recorder(SearchOracle):
-    """The search's oracle, keeping the edges it was asked about."""
+class _Recorder:
+    """An oracle that judges each edge in full when it is asked, and keeps what it was asked about."""
 
     def __init__(self, checker: CollisionChecker) -> None:
-        super().__init__(checker)
+        self._oracle = SearchOracle(checker)
         self.edges: list[AskedEdge] = []
 
+    @property
+    def states(self) -> int:
+        """States judged so far."""
+        return self._oracle.states
+
+    def state_is_free(self, q: FloatArray) -> bool:
+        """Whether one configuration is free."""
+        return self._oracle.state_is_free(q)
+
     def edge_is_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
-        free = super().edge_is_free(q1, q2, known=known)
+        """Whether an edge is free, which is kept with the question."""
+        free = self._oracle.edge_is_free(q1, q2, known=known)
         self.edges.append(AskedEdge(q1, q2, known, free))
         return free
 

@@ -19,6 +19,7 @@ from planner_service.collision import (
     Known,
     MotionStep,
 )
+from planner_service.composite import Compound, HeightField, PointCloud
 from planner_service.errors import (
     BrokenInvariant,
     InvalidFile,
@@ -83,11 +84,13 @@ __all__ = [
     "Certifier",
     "CheckCounts",
     "CollisionChecker",
+    "Compound",
     "Contact",
     "Cylinder",
     "ExemptInterval",
     "Failure",
     "Handling",
+    "HeightField",
     "InformedRRTstar",
     "InvalidFile",
     "InvalidRequest",
@@ -107,6 +110,7 @@ __all__ = [
     "PlannerService",
     "PlannerServiceError",
     "PlanningFailed",
+    "PointCloud",
     "Pose",
     "PoseGoal",
     "RRTConnect",

@@ -16,7 +16,7 @@ from planner_service.geometry import Box, FloatArray, Pose
 from planner_service.robot import Robot
 from planner_service.scene import Obstacle
 
-__all__ = ["offset_from", "top_grasps", "width_across"]
+__all__ = ["middle_of", "offset_from", "top_grasps", "width_across"]
 
 TILTS = (0.0, math.radians(15.0), math.radians(-15.0), math.radians(30.0), math.radians(-30.0))
 """Leans of the approach from straight down, in the order tried: the arm cannot rise far with a vertical
@@ -41,9 +41,10 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
         raise InvalidRequest("robot", robot.name, "a robot with a gripper")
     R = target.pose.rotation
     heading = math.atan2(R[1, 0], R[0, 0])
+    middle = middle_of(target)
     count = 4 if isinstance(target.shape, Box) else _YAWS_OF_A_ROUND_OBJECT
     grasps = [
-        Pose.from_matrix(_from_above(target.pose.position, heading + 2 * math.pi * k / count, tilt))
+        Pose.from_matrix(_from_above(middle, heading + 2 * math.pi * k / count, tilt))
         for tilt in tilts
         for k in range(count)
     ]
@@ -66,6 +67,15 @@ def _from_above(position: Sequence[float], yaw: float, tilt: float) -> FloatArra
     return T
 
 
+def middle_of(target: Obstacle) -> tuple[float, float, float]:
+    """The middle of an object's extents along its own axes, in the base frame: its position unless it is lopsided."""
+    axes = np.eye(3)
+    aside = 0.5 * (target.shape.support(axes) + target.shape.support(-axes)).diagonal()
+    if not aside.any():
+        return target.pose.position
+    return (target.pose @ Pose((float(aside[0]), float(aside[1]), float(aside[2])))).position
+
+
 def width_across(target: Obstacle, grasp: Pose) -> float:
     """Extent in metres of an object along the finger axis of a grasp."""
     axis = target.pose.rotation.T @ grasp.rotation[:, 1]
@@ -75,5 +85,5 @@ def width_across(target: Obstacle, grasp: Pose) -> float:
 def offset_from(target: Obstacle, grasp: Pose) -> tuple[float, float]:
     """How far in metres an object's centre is off the middle between the fingers, and the fingertips off the object."""
     R, r = target.pose.rotation, np.array(target.pose.position) - np.array(grasp.position)
-    aside = abs(float(grasp.rotation[:, 1] @ r))
+    aside = abs(float(grasp.rotation[:, 1] @ (np.array(middle_of(target)) - np.array(grasp.position))))
     return aside, float(target.shape.distance(-(R.T @ r)))

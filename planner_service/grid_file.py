@@ -30,7 +30,7 @@ VERSIONS = {1: 2, 2: 4, 3: 4}
 MAGIC = b"\x93NUMPY"
 
 
-class _Malformed(Exception):
+class _Unreadable(Exception):
     """Why a file holds no such array."""
 
 
@@ -52,7 +52,7 @@ def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
     data = read_bytes(path, MAX_BYTES)
     try:
         return _npy(_member(data, name) if suffix == ".npz" else data)
-    except _Malformed as error:
+    except _Unreadable as error:
         raise InvalidFile(path, [str(error)]) from None
 
 
@@ -63,30 +63,30 @@ def _member(data: bytes, name: str) -> bytes:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             info = members.get(name) or (next(iter(members.values())) if len(members) == 1 else None)
             if info is None:
-                raise _Malformed(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
+                raise _Unreadable(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
             with archive.open(info) as file:
                 found = file.read(MAX_BYTES + 1)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
-        raise _Malformed(f"no NPZ: {error}") from None
+        raise _Unreadable(f"no NPZ: {error}") from None
     if len(found) > MAX_BYTES:
-        raise _Malformed(f"unpacks to more than {MAX_BYTES:,} bytes")
+        raise _Unreadable(f"unpacks to more than {MAX_BYTES:,} bytes")
     return found
 
 
 def _npy(data: bytes) -> FloatArray:
     if not data.startswith(MAGIC) or len(data) < len(MAGIC) + 2 or data[len(MAGIC)] not in VERSIONS:
-        raise _Malformed("no NPY: it does not begin as one")
+        raise _Unreadable("no NPY: it does not begin as one")
     start = len(MAGIC) + 2
     width = VERSIONS[data[len(MAGIC)]]
     length = int.from_bytes(data[start : start + width], "little")
     start += width
     if length > min(MAX_HEADER, len(data) - start):
-        raise _Malformed("an NPY header without its end")
+        raise _Unreadable("an NPY header without its end")
     shape, dtype, by_columns = _header(data[start : start + length])
     count = int(np.prod([1, *shape], dtype=object))
     body = data[start + length :]
     if len(body) != count * dtype.itemsize:
-        raise _Malformed(f"{len(body):,} bytes are not those of an array of shape {shape}")
+        raise _Unreadable(f"{len(body):,} bytes are not those of an array of shape {shape}")
     return np.asarray(np.frombuffer(body, dtype).reshape(shape, order="F" if by_columns else "C"), dtype=np.float64)
 
 
@@ -98,7 +98,7 @@ def _header(text: bytes) -> tuple[tuple[int, ...], np.dtype[np.generic], bool]:
         good = isinstance(shape, tuple) and all(type(size) is int and size >= 0 for size in shape)
         dtype = np.dtype(kind) if isinstance(kind, str) else np.dtype(object)
     except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError, IndexError):
-        raise _Malformed("an NPY header that cannot be read") from None
+        raise _Unreadable("an NPY header that cannot be read") from None
     if not good or len(shape) > 4 or dtype.kind not in "iuf" or not isinstance(by_columns, bool):
-        raise _Malformed(f"an array of {kind!r} with shape {shape!r}"[:120] + "; expected real numbers")
+        raise _Unreadable(f"an array of {kind!r} with shape {shape!r}"[:120] + "; expected real numbers")
     return shape, dtype, by_columns

@@ -130,7 +130,11 @@ class Mesh:
         return np.concatenate(found).reshape(p.shape[:-1])
 
     def _distances(self, points: FloatArray) -> FloatArray:
-        """Of points (k, 3): the nearest point lies on a face above which the point is, or on an edge."""
+        """Of points (k, 3): the nearest point lies on a face that the point is above, or on, or on an edge.
+
+        A point on the surface may by rounding be below the face it is on and above the one beside it.
+        """
+        rounding = -ROUNDING * float((self.vertices.max(axis=0) - self.vertices.min(axis=0)).max())
         above = _along(self.normals, points) - self.offsets
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         outside = np.full(above.shape, False)
@@ -140,7 +144,7 @@ class Mesh:
             inward = _cross(self.normals, edge)
             outside |= _along(inward, points) < (inward * start).sum(axis=-1)
             least = np.minimum(least, _to_segments(points, start, edge).min(axis=-1))
-        onto = np.where(outside | (above < 0.0), np.inf, above).min(axis=-1)
+        onto = np.where(outside | (above < rounding), np.inf, np.maximum(above, 0.0)).min(axis=-1)
         return np.where((above <= 0.0).all(axis=-1), 0.0, np.minimum(onto, least))
 
     def grown(self, margin: float) -> Mesh:

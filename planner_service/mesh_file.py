@@ -57,7 +57,7 @@ def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
     """
     data = _content(path)
     try:
-        return _placed(np.unique(_READERS[path.suffix.lower()](data), axis=0), scale)
+        return _placed(_different(_rows_of(path, data))[0], scale)
     except Malformed as error:
         raise InvalidFile(path, [str(error)]) from None
 
@@ -76,14 +76,14 @@ def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.
     if suffix not in _CORNERS:
         raise InvalidFile(path, [f"triangles of {suffix} files are not read; expected one of {', '.join(_CORNERS)}"])
     try:
-        rows = _READERS[suffix](data)
+        rows = _rows_of(path, data)
         corners = _CORNERS[suffix](data, len(rows))
         if len(corners) > MAX_TRIANGLES:
             raise Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
         if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < len(rows)):
             raise Malformed(f"a corner of a triangle is none of the {len(rows)} vertices")
-        points, place = np.unique(rows, axis=0, return_inverse=True)
-        faces = place.reshape(-1).astype(np.intp)[corners]
+        points, place = _different(rows)
+        faces = place[corners]
         a, b, c = faces.T
         faces = faces[(a != b) & (b != c) & (c != a)]
         if len(faces) == 0:
@@ -101,6 +101,19 @@ def _content(path: Path) -> bytes:
     return read_bytes(path, MAX_BYTES)
 
 
+def _rows_of(path: Path, data: bytes) -> FloatArray:
+    """The vertices in a file's content, as often as they are there."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN is found later, like any other
+        return _READERS[path.suffix.lower()](data)
+
+
+def _different(rows: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Each of the rows once, sorted, and where each of all rows is among them."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN is found later, like any other
+        points, place = np.unique(rows, axis=0, return_inverse=True)
+    return np.asarray(points), place.reshape(-1).astype(np.intp)
+
+
 def _placed(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray:
     """Different points (n, 3) of a file, in metres."""
     if len(points) > MAX_VERTICES:
@@ -116,7 +129,7 @@ def _placed(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray
 
 def _stl(data: bytes) -> FloatArray:
     count = int.from_bytes(data[80:STL_HEAD], "little") if len(data) >= STL_HEAD else -1
-    if len(data) == STL_HEAD + count * STL_FACET:
+    if count >= 0 and len(data) == STL_HEAD + count * STL_FACET:
         facets = np.frombuffer(data, np.dtype([("normal", "<f4", 3), ("v", "<f4", (3, 3)), ("rest", "<u2")]), offset=84)
         return np.asarray(facets["v"].reshape(-1, 3), dtype=np.float64)
     if not data[:512].lstrip().lower().startswith(b"solid"):
@@ -136,15 +149,18 @@ def _stl_corners(data: bytes, count: int) -> IntArray:
 
 
 def _obj(data: bytes) -> FloatArray:
-    lines = [line.split()[1:4] for line in _text(data).splitlines() if line.startswith(("v ", "v\t"))]
-    return _rows(lines, len(lines))
+    lines = [line.lstrip() for line in _text(data).splitlines()]
+    if not any(line.startswith(("f ", "f\t")) for line in lines):
+        raise Malformed("an OBJ without a face: cut short, or no more than points")
+    rows = [line.split()[1:4] for line in lines if line.startswith(("v ", "v\t"))]
+    return _rows(rows, len(rows))
 
 
 def _obj_corners(data: bytes, count: int) -> IntArray:
     """Corners are counted from 1, or backwards from the last vertex before their line; what follows a / is not read."""
     seen = 0
     fans: list[int] = []
-    for line in _text(data).splitlines():
+    for line in map(str.lstrip, _text(data).splitlines()):
         if line.startswith(("v ", "v\t")):
             seen += 1
         elif line.startswith(("f ", "f\t")):
@@ -157,9 +173,9 @@ def _ply(data: bytes) -> FloatArray:
     kind, lines, start = _ply_header(data)
     count, names, types = _ply_vertices(lines)
     if kind == "ascii":
-        rows = _text(data[start:]).splitlines()[:count]
-        if len(rows) < count:
-            raise Malformed(f"{len(rows)} vertices; the PLY header says {count}")
+        rows = _text(data[start:]).splitlines(keepends=True)[:count]
+        if len(rows) < count or (rows and rows[-1][-1] not in "\r\n"):  # its last number may have lost digits
+            raise Malformed(f"cut short: the PLY header says {count} vertices")
         at = [names.index(axis) for axis in "xyz"]
         return _rows(([words[k] for k in at] for words in map(str.split, rows) if len(words) == len(names)), count)
     dtype = _ply_row(kind, names, types)
@@ -171,13 +187,11 @@ def _ply(data: bytes) -> FloatArray:
 
 def _ply_header(data: bytes) -> tuple[str, list[list[str]], int]:
     """The format, the lines in words, and where the rows begin."""
-    end = data.find(b"end_header", 0, MAX_HEADER)
-    if not data.startswith(b"ply") or end < 0:
-        raise Malformed("no PLY: it does not begin with 'ply' and a header")
-    start = data.find(b"\n", end) + 1
-    if start == 0:
-        raise Malformed("a PLY header without its end")
-    lines = [line.split() for line in _text(data[:end]).splitlines()[1:] if line.strip()]
+    end = re.search(rb"\nend_header[ \t\r]*\n", data[:MAX_HEADER])  # a comment may have the word, too
+    if not data.startswith(b"ply") or end is None:
+        raise Malformed("no PLY: it does not begin with 'ply' and a header that ends")
+    start = end.end()
+    lines = [line.split() for line in _text(data[: end.start()]).splitlines()[1:] if line.strip()]
     lines = [words for words in lines if words[0] not in ("comment", "obj_info")]
     kinds = [words[1] for words in lines if words[0] == "format" and len(words) == 3]
     if len(kinds) != 1 or kinds[0] not in PLY_FORMATS:

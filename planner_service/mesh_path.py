@@ -101,7 +101,7 @@ class MeshShelf:
         try:
             inside = [path for path in self._candidates(filename) if any(path.is_relative_to(f) for f in self._folders)]
             found = next((path for path in inside if path.is_file()), None)
-        except (OSError, ValueError) as error:  # a name too long, half a surrogate pair, or a circle of links
+        except (OSError, ValueError, RuntimeError) as error:  # too long, half a surrogate pair, a circle of links
             raise _refused(filename, f"is no path: {error}") from None
         allowed = ", ".join(str(folder) for folder in self._folders)
         if not inside:

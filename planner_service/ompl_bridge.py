@@ -27,7 +27,7 @@ import ompl.util as ou
 from planner_service.collision.edges import Known
 from planner_service.collision.ledger import SearchStopped
 from planner_service.geometry import FloatArray
-from planner_service.search import Oracle, SearchProblem, SearchResult, Space, distances
+from planner_service.search import GlancingOracle, Oracle, SearchProblem, SearchResult, Space, distances
 
 __all__ = ["Setting", "grow", "solve", "solve_in_batches"]
 
@@ -71,13 +71,14 @@ class _Judge:
     would keep the whole query for ever.
     """
 
-    def __init__(self, space: Space, free: Iterable[Configuration] = ()) -> None:
+    def __init__(self, space: Space, free: Iterable[Configuration] = (), *, glance: bool = False) -> None:
         self._oracle: Oracle = space.oracle
+        self._glancing = self._oracle if glance and isinstance(self._oracle, GlancingOracle) else None
         self._poll = space.poll
         self._span = slice(0, len(space.lower))
         self._free = set(free)
         self._edges: dict[tuple[Configuration, Configuration], bool] = {}
-        self._idle = self._repeats = 0
+        self._idle = self._repeats = self._looks = 0
         self.held: Exception | None = None
 
     @property
@@ -128,14 +129,27 @@ class _Judge:
             known = (Known.START if a in self._free else Known.NEITHER) | (
                 Known.END if b in self._free else Known.NEITHER
             )
-            self._edges[key] = bool(self._oracle.edge_is_free(np.array(a), np.array(b), known=known))
+            judge = self._oracle.edge_is_free if self._glancing is None else self._glancing.edge_seems_free
+            self._edges[key] = bool(judge(np.array(a), np.array(b), known=known))
             if self._edges[key]:
                 self._free.update(key)
         return self._edges[key]
 
+    def confirmed(self, points: list[Configuration]) -> bool:
+        """Whether every piece of a path is free, of which some were only looked at so far; one that is not is kept."""
+        for a, b in pairwise(points):
+            if not self.between(a, b):
+                return False
+            if self._glancing is not None and not self._oracle.edge_is_free(np.array(a), np.array(b), known=Known.BOTH):
+                self._edges[_key(a, b)] = False
+                self._idle, self._looks = -self._looks, 0  # growing again asks nothing new for as long as it took
+                return False
+        return True
+
     def over(self) -> bool:
         """Whether a limit was reached, asking ``poll`` too: some planners spin without judging anything."""
         self._idle += 1
+        self._looks += 1
         self._repeats = 0
         if self.held is None:
             try:
@@ -156,7 +170,7 @@ class _Judge:
 
     def close(self) -> None:
         """Let go of the oracle: OMPL's objects live as long as a traceback does, and they hold this judge."""
-        del self._oracle, self._poll
+        del self._oracle, self._glancing, self._poll
 
 
 class _Motions(ob.MotionValidator):  # type: ignore[misc]
@@ -254,14 +268,18 @@ def solve(
         checks: For anytime planners: once a path is known and this many states were judged, end with
             the best path. None: end with the first.
     """
-    judge = _judge_for(problem)
+    judge = _Judge(problem, _ends(problem), glance=checks is None)
     first = judge.states
 
     def enough(planner: Any) -> bool:
         return checks is not None and judge.states - first >= checks and isfinite(planner.bestCost().value())
 
     try:
-        return _result(problem, judge, _path(problem, judge, planner, settings, problem.goals, enough))
+        points = _path(problem, judge, planner, settings, problem.goals, enough)
+        while checks is None and points and judge.held is None and not judge.confirmed(_joined(problem, points)):
+            # The same seed and the same answers: what was grown grows again at once, up to the edge now known better.
+            points = _path(problem, judge, planner, settings, problem.goals, enough)
+        return _result(problem, judge, points)
     finally:
         judge.close()
 
@@ -272,7 +290,7 @@ def solve_in_batches(problem: SearchProblem, planner: str, samples: int) -> Sear
     One goal and one batch at a time: OMPL's own way to add samples to a batch reads beyond a vector
     when there are several goals (measured: a segmentation fault).
     """
-    judge = _judge_for(problem)
+    judge = _Judge(problem, _ends(problem))
     points: list[Configuration] = []
     note = f"no path among {MAX_SAMPLES} samples"
     try:
@@ -353,8 +371,15 @@ def _path(
         return run.path()
 
 
-def _judge_for(problem: SearchProblem) -> _Judge:
-    return _Judge(problem, map(tuple, [problem.start.tolist(), *problem.goals.tolist()]))
+def _ends(problem: SearchProblem) -> Iterable[Configuration]:
+    """Start and goals, which are known to be free."""
+    return map(tuple, [problem.start.tolist(), *problem.goals.tolist()])
+
+
+def _joined(problem: SearchProblem, points: list[Configuration]) -> list[Configuration]:
+    """A path of OMPL's, from exactly the start to exactly the goal it reaches."""
+    goal = problem.goals[int(np.argmin(distances(problem.goals, np.array(points[-1]))))]
+    return _exact(points, tuple(problem.start.tolist()), tuple(goal.tolist()))
 
 
 def _result(problem: SearchProblem, judge: _Judge, points: list[Configuration], *, note: str = "") -> SearchResult:
@@ -364,9 +389,9 @@ def _result(problem: SearchProblem, judge: _Judge, points: list[Configuration], 
     index = None
     if points and (held is None or isinstance(held, SearchStopped)):
         index = int(np.argmin(distances(problem.goals, np.array(points[-1]))))
-        points = _exact(points, tuple(problem.start.tolist()), tuple(problem.goals[index].tolist()))
+        points = _joined(problem, points)
         # OMPL promises free pieces; an edge is free only if the oracle said so of this very edge.
-        if not all(judge.between(a, b) for a, b in pairwise(points)):
+        if not judge.confirmed(points):
             index, note = None, "a piece of the path collides that OMPL had not asked about"
     if held is not None and index is None:
         try:

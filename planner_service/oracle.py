@@ -28,6 +28,7 @@ class SearchOracle:
     ) -> None:
         self._checker = checker
         self._free_edges: set[tuple[Configuration, Configuration]] = set()
+        self._glanced: set[tuple[Configuration, Configuration]] = set()
         self._starts: set[Configuration] = {tuple(start.tolist()) for start in starts}
         self._goals: set[Configuration] = {tuple(goal.tolist()) for goal in goals}
         self._motions = {"start": Counter[bool](), "goal": Counter[bool]()}
@@ -49,19 +50,36 @@ class SearchOracle:
         """Where the edge collides with the padding of the search, None when it is free; a free edge is judged once."""
         if self.proved(q1, q2):
             return None
-        a, b = tuple(q1.tolist()), tuple(q2.tolist())
-        hit = self._checker.edge_hit(q1, q2, known=known)
+        key = _key(q1, q2)
+        if key in self._glanced:
+            self._glanced.discard(key)
+            hit = self._checker.edge_rest(q1, q2)
+        else:
+            hit = self._checker.edge_hit(q1, q2, known=known)
+            self._note(key, free=hit is None)
         if hit is None:
-            self._free_edges.add((a, b) if a <= b else (b, a))
-        for end, configurations in (("start", self._starts), ("goal", self._goals)):
-            if a in configurations or b in configurations:
-                self._motions[end][hit is None] += 1
+            self._free_edges.add(key)
         return hit
+
+    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+        """Whether a first look at a few samples of the edge finds no collision; ``edge_is_free`` judges the others."""
+        key = _key(q1, q2)
+        if key in self._free_edges or key in self._glanced:
+            return True
+        free = self._checker.edge_glance(q1, q2, known=known) is None
+        if free:
+            self._glanced.add(key)
+        self._note(key, free=free)
+        return free
+
+    def _note(self, key: tuple[Configuration, Configuration], *, free: bool) -> None:
+        for end, configurations in (("start", self._starts), ("goal", self._goals)):
+            if configurations.intersection(key):
+                self._motions[end][free] += 1
 
     def proved(self, q1: FloatArray, q2: FloatArray) -> bool:
         """Whether this very edge was found free before, in either direction."""
-        a, b = tuple(q1.tolist()), tuple(q2.tolist())
-        return ((a, b) if a <= b else (b, a)) in self._free_edges
+        return _key(q1, q2) in self._free_edges
 
     def boxed_in(self) -> str:
         """Which end no motion could leave, as the end of a sentence; empty when both could be left."""
@@ -70,3 +88,9 @@ class SearchOracle:
             for end, tried in self._motions.items()
             if tried[False] >= TELLING_MOTIONS and not tried[True]
         )
+
+
+def _key(q1: FloatArray, q2: FloatArray) -> tuple[Configuration, Configuration]:
+    """An edge and its reverse alike."""
+    a, b = tuple(q1.tolist()), tuple(q2.tolist())
+    return (a, b) if a <= b else (b, a)

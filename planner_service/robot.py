@@ -154,10 +154,11 @@ class Robot:
         package_dirs: Sequence[Path | str] = (),
         locked_joints: Mapping[str, float] | None = None,
         joints: Sequence[str] | None = None,
+        decompose: Mapping[str, int] | None = None,
     ) -> Robot:
         """Any arm whose URDF describes its collision geometry by boxes, cylinders, spheres and meshes.
 
-        A mesh (STL, OBJ, PLY, COLLADA) is judged as its solid convex hull.
+        A mesh (STL, OBJ, PLY, COLLADA) is judged as its solid convex hull, or as the pieces it is cut into.
 
         A link and the next one above it that has shapes may touch; accelerations and jerks, which URDF does not know,
         are stated conventions (``robot_source``), and so is the range of a continuous joint, a full turn either way;
@@ -172,6 +173,8 @@ class Robot:
             locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic these follow.
             joints: The joints of q, in this order: a part of a larger robot. Every other joint is locked, at zero if
                 its limits allow, else at their middle. If None, all that are not locked move, in the file's order.
+            decompose: Links whose meshes fill too much as hulls, and into how many convex pieces each mesh is cut at
+                most (extra ``decompose``).
 
         Raises:
             InvalidFile: the URDF or SRDF has problems; all of them are named. A joint that would have to follow one
@@ -189,6 +192,7 @@ class Robot:
             None if srdf is None else as_path("srdf", srdf),
             None if joints is None else tuple(joints),
             dict(locked_joints or {}),
+            dict(decompose or {}),
         )
         return robot_from_urdf(as_path("path", path), folders, selection)
 

@@ -54,6 +54,7 @@ class RobotFile:
     """What a robot.toml says; names of links and joints of the URDF are not checked yet.
 
     Attributes:
+        decompose: Links whose meshes are cut into convex pieces, and how many of each at most.
         package_dirs: Folders of installed packages in which the URDF and meshes may lie, beside the robot's own.
     """
 
@@ -61,6 +62,7 @@ class RobotFile:
     name: str
     urdf: Path
     package_dirs: tuple[Path, ...]
+    decompose: Mapping[str, int]
     joints: tuple[str, ...]
     tool_frame: str
     base_links: tuple[str, ...]
@@ -105,6 +107,7 @@ def _robot_file(path: Path, table: _Table, problems: list[str]) -> RobotFile:
         name=table.text("name"),
         urdf=urdf,
         package_dirs=tuple(packages.values()),
+        decompose=_decompose(table),
         joints=joints,
         tool_frame=table.text("tool_frame"),
         base_links=table.names("base_links", 1),
@@ -192,6 +195,18 @@ def _locked(table: _Table) -> dict[str, float]:
     result = {name: locked.number(name, -math.inf) for name in locked.data}
     locked.close()
     return result
+
+
+def _decompose(table: _Table) -> dict[str, int]:
+    if "decompose" not in table.data:
+        return {}
+    entry = table.table("decompose")
+    result = {link: entry.number(link, 1.0) for link in entry.data}
+    for link, count in result.items():
+        if count != int(count):
+            entry.problems.append(f"decompose.{link}: {count:g}; expected a whole number of pieces")
+    entry.close()
+    return {link: int(count) for link, count in result.items()}
 
 
 def _gripper(table: _Table) -> GripperEntry | None:

@@ -35,7 +35,7 @@ def robot_from_file(path: Path) -> Robot:
         MissingDependency: its files come with a package that is not installed.
     """
     file = read_robot_file(path)
-    urdf = read_urdf(file.urdf, file.package_dirs)
+    urdf = read_urdf(file.urdf, file.package_dirs, file.decompose)
     problems = _disagreements(file, urdf)
     if problems:
         raise InvalidFile(path, problems)
@@ -175,11 +175,12 @@ class Selection:
     srdf: Path | None = None
     joints: tuple[str, ...] | None = None
     locked_joints: Mapping[str, float] = field(default_factory=dict)
+    decompose: Mapping[str, int] = field(default_factory=dict)
 
 
 def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selection) -> Robot:
     """See ``Robot.from_urdf``."""
-    return robot_of(path, read_urdf(path, package_dirs), selection)
+    return robot_of(path, read_urdf(path, package_dirs, selection.decompose), selection)
 
 
 def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:

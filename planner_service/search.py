@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, read_only
 
 __all__ = [
+    "GlancingOracle",
     "Oracle",
     "Planner",
     "SearchProblem",
@@ -44,6 +45,14 @@ class Oracle(Protocol):
 
     def edge_is_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
         """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
+
+
+@runtime_checkable
+class GlancingOracle(Oracle, Protocol):
+    """An oracle that can also look at an edge less closely than it judges it: for edges of which few will be used."""
+
+    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+        """False if the edge collides; if True, ``edge_is_free`` has the last word, and judges only what is left."""
 
 
 def _never() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -33,17 +33,19 @@ DEFAULT_VELOCITY = 1.0
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 
 
-def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> Urdf:
+def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[str, int] | None = None) -> Urdf:
     """The robot of a URDF file.
 
     Args:
         package_dirs: Folders besides the file's own in which a mesh may lie, or of which ``package://`` speaks.
+        decompose: Links whose meshes are cut into convex pieces instead of taking their hulls: how many, at most.
 
     Raises:
         InvalidFile: with every problem found.
+        MissingDependency: a mesh has to be cut, and coacd is not installed.
     """
     root = read_xml(path, "robot")
-    reader = _Reader((path.resolve().parent, *map(_resolved, package_dirs)))
+    reader = _Reader((path.resolve().parent, *map(_resolved, package_dirs)), dict(decompose or {}))
     urdf = reader.robot(root)
     if reader.problems:
         raise InvalidFile(path, reader.problems)
@@ -53,15 +55,16 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = ()) -> Urdf:
 def _resolved(folder: Path) -> Path:
     try:
         return folder.resolve()
-    except ValueError as error:  # a NUL character or half a surrogate pair in the path
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, half a surrogate pair, a circle of links
         raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
 
 
 class _Reader:
     """Reads elements and remembers every problem; after a problem it goes on with a stand-in value."""
 
-    def __init__(self, folders: tuple[Path, ...]) -> None:
+    def __init__(self, folders: tuple[Path, ...], decompose: dict[str, int]) -> None:
         self.shelf = MeshShelf(folders)
+        self.decompose = decompose
         self.problems: list[str] = []
 
     def robot(self, root: ElementTree.Element) -> Urdf:
@@ -72,6 +75,10 @@ class _Reader:
                 return Urdf("", "", (), ())
         name = self.text(root, "name", "robot")
         links = tuple(self.link(element) for element in link_elements)
+        for link in sorted(
+            map(str, self.decompose.keys() - {each.get("name") for each in root.findall("link[collision]")})
+        ):
+            self.problems.append(f"decompose: {link!r} is no link with a collision shape")
         joints = tuple(self.joint(element) for element in joint_elements)
         return Urdf(name, self.tree(links, joints), links, joints)
 
@@ -80,35 +87,36 @@ class _Reader:
         collisions = []
         for index, child in enumerate(element.findall("collision")):
             where = f"link {name!r} collision[{index}]"
-            shape = self.shape(child, where)
+            shapes = self.shapes(child, where, self.decompose.get(name, 1))
             xyz, rpy = self.origin(child, where)
-            if shape is not None:
-                collisions.append(UrdfCollision(shape, xyz, rpy))
+            collisions += [UrdfCollision(shape, xyz, rpy) for shape in shapes]
         return UrdfLink(name, tuple(collisions), self.inertial(element, name))
 
-    def shape(self, collision: ElementTree.Element, where: str) -> Shape | None:
+    def shapes(self, collision: ElementTree.Element, where: str, most: int) -> tuple[Shape, ...]:
+        """The shape of a collision element, a mesh in up to so many pieces; nothing if there is a problem."""
         geometry = self.one(collision, "geometry", where)
         kinds = [] if geometry is None else list(geometry)
         if len(kinds) != 1:
             self.problems.append(f"{where}: <geometry> has {len(kinds)} shapes; expected exactly one")
-            return None
+            return ()
         kind = kinds[0]
         try:
             if kind.tag == "mesh":
                 one = (1.0, 1.0, 1.0)
                 scale = self.numbers(kind, "scale", 3, where, one) if "scale" in kind.attrib else one
-                return self.shelf.mesh(kind.get("filename", ""), scale)
+                name = kind.get("filename", "")
+                return (self.shelf.mesh(name, scale),) if most == 1 else self.shelf.pieces(name, scale, most)
             if kind.tag == "box":
-                return Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0)))  # type: ignore[arg-type]
+                return (Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0))),)  # type: ignore[arg-type]
             if kind.tag == "cylinder":
-                return Cylinder(self.number(kind, "radius", where, 1.0), self.number(kind, "length", where, 1.0))
+                return (Cylinder(self.number(kind, "radius", where, 1.0), self.number(kind, "length", where, 1.0)),)
             if kind.tag == "sphere":
-                return Sphere(self.number(kind, "radius", where, 1.0))
+                return (Sphere(self.number(kind, "radius", where, 1.0)),)
         except InvalidRequest as error:
             self.problems.append(f"{where}: {error}" if kind.tag == "mesh" else f"{where}: {kind.tag} {error}")
-            return None
+            return ()
         self.problems.append(f"{where}: unknown geometry <{kind.tag}>; expected box, cylinder, sphere or mesh")
-        return None
+        return ()
 
     def inertial(self, link: ElementTree.Element, name: str) -> Inertial | None:
         where = f"link {name!r} inertial"

@@ -28,7 +28,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["IndependentChecker", "Touch", "hull_of", "tables_of"]
+__all__ = ["IndependentChecker", "Touch", "hull_of", "robot_table", "tables_of"]
 
 FloatArray = NDArray[np.float64]
 Table = Mapping[str, Any]
@@ -39,6 +39,11 @@ LIMIT_SLACK = 1e-9
 NEAR = 5e-5
 """Metres. Coal's boolean misses overlaps of up to 11 um, its distance is right to about 1 um: so the boolean asks
 whether anything is nearer than this, and where it is, the sign of the distance decides."""
+
+
+CLIMBS, FEWER, KINK = 60, 4, 9e-7
+"""Climbs to the direction that separates two shapes most, fewer where they are apart and every climb leads there, and
+metres from contact where no other climb is needed."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +77,10 @@ class IndependentChecker:
         allowed: Iterable[tuple[str, str]] = (),
         padding: float = 0.0,
     ) -> None:
-        folder = robot_dir if isinstance(robot_dir, Path) else Path()
-        robot = _read(robot_dir / "robot.toml") if isinstance(robot_dir, Path) else robot_dir
+        robot = robot_table(robot_dir) if isinstance(robot_dir, Path) else robot_dir
         content = _read(scene) if isinstance(scene, Path) else scene
         self._meshes = scene.parent if isinstance(scene, Path) else Path()
-        self.model, self.geometry = _reduced(robot, (folder / robot["urdf"]).read_text("utf-8"), gripper_width)
+        self.model, self.geometry = _reduced(robot, Path(robot["urdf"]).read_text("utf-8"), gripper_width)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
         self._add_bodies(content, self.model.getFrameId(robot["tool_frame"]))
         if padding:
@@ -135,6 +139,24 @@ class IndependentChecker:
         for pair, distance in zip(self.pairs, self._distances(x), strict=True):
             found[pair] = min(found.get(pair, math.inf), distance)
         return found
+
+    def exact_gap(self, q: ArrayLike) -> float:
+        """The smallest signed gap at q (n,) where something is nearer than 50 um, infinite where nothing is.
+
+        By support functions, along the direction that separates two shapes most: where these are apart the gap, else at
+        most how deep they overlap. Coal only suggests where to begin; its own distances err by a micrometre or more.
+        """
+        x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
+        least = math.inf
+        for k, distance in enumerate(self._distances(x)):
+            if distance < NEAR:
+                pair, result = self.geometry.collisionPairs[k], self._geometry_data.distanceResults[k]
+                solids = [
+                    (self.geometry.geometryObjects[i].geometry, self._geometry_data.oMg[i])
+                    for i in (pair.first, pair.second)
+                ]
+                least = min(least, _separation(solids, np.asarray(result.normal)))
+        return least
 
     def path_touch(self, waypoints: ArrayLike, motion_step: float = 0.001) -> Touch | None:
         """The first touch along a polyline (N, n), sampled so finely that no point moves more than ``motion_step``."""
@@ -275,6 +297,15 @@ def _table_of(shape: Any) -> tuple[str, Any]:
     return kind, {"box": sizes.get("size"), "sphere": sizes.get("radius")}.get(kind, sizes)
 
 
+def robot_table(folder: Path) -> dict[str, Any]:
+    """A robot.toml with the whole path of its URDF, which may be in a package that is installed beside Pinocchio."""
+    table = _read(folder / "robot.toml")
+    beside = [parent / "share" for parent in Path(pin.__file__).parents if (parent / "share").is_dir()]
+    scheme, _, rest = table["urdf"].partition("package://")
+    found = folder / scheme if scheme else next(share / rest for share in beside if (share / rest).is_file())
+    return {**table, "urdf": found, "package_dirs": [folder, *beside]}
+
+
 def _read(path: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text("utf-8"))
 
@@ -286,7 +317,7 @@ def _reduced(robot: Table, urdf: str, width: float | None) -> tuple[Any, Any]:
     """
     urdf = urdf.replace('type="continuous"', 'type="revolute"')  # Pinocchio has sine and cosine in q for such
     model = pin.buildModelFromXML(urdf)
-    folders = [str(folder) for folder in robot.get("package_dirs", ())]
+    folders = [str(folder) for folder in robot.get("package_dirs", ())] or None
     geometry = pin.buildGeomFromUrdfString(model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
     for g in geometry.geometryObjects:
         if isinstance(g.geometry, coal.BVHModelBase):  # a surface, and what is inside it would touch nothing
@@ -369,6 +400,56 @@ def _grown(shape: Any, margin: float) -> Any:
         return coal.Capsule(shape.radius + margin, 2.0 * shape.halfLength)
     shape.setSweptSphereRadius(margin)
     return shape
+
+
+def _separation(solids: Sequence[tuple[Any, Any]], direction: FloatArray) -> float:
+    """The largest separation of two shapes with poses along any direction; negative: they overlap.
+
+    A climb may end on a kink, and Coal's normal is now and then a wrong one to begin with. So where it ended far from
+    contact, others are tried.
+    """
+    between = solids[1][1].translation - solids[0][1].translation
+    first = direction if 0.5 < _length(direction.tolist()) < 1.5 else between / _length(between)
+    best, way = _climbed(solids, first)
+    rng = np.random.default_rng(0)
+    for k in range(CLIMBS):
+        if abs(best) < KINK or (best > 0.0 and k >= FEWER):
+            break
+        other = _climbed(solids, way + 0.1 ** (k % 6) * rng.normal(size=3))
+        best, way = max((best, way), other, key=lambda found: found[0])
+    return best
+
+
+def _climbed(solids: Sequence[tuple[Any, Any]], d: FloatArray) -> tuple[float, FloatArray]:
+    """The separation at the end of a climb from a direction, and where that ended; concave where two are apart."""
+    (a, T_a), (b, T_b) = solids
+    best, width, turn = -math.inf, 0.1, 0.0
+    while width > 1e-11:
+        d = d / _length(d.tolist())
+        side = np.cross(d, np.eye(3)[int(np.abs(d).argmin())])
+        side, angles = side / _length(side.tolist()), turn + np.arange(24) * (math.pi / 12)
+        ways = np.cos(angles)[:, None] * side + np.sin(angles)[:, None] * np.cross(d, side)
+        rows = np.concatenate([d[None], d + width * ways])
+        rows /= np.sqrt((rows * rows).sum(axis=1))[:, None]
+        found = rows @ (T_b.translation - T_a.translation)
+        found = found - _support(a, rows @ T_a.rotation) - _support(b, -(rows @ T_b.rotation))
+        top = int(found.argmax())
+        width *= 1.5 if top else 0.5
+        d, best, turn = rows[top], max(best, float(found[top])), turn + 0.7
+    return best, d
+
+
+def _support(shape: Any, rows: FloatArray) -> FloatArray:
+    """Support values of a shape along unit directions in its own axes, (k, 3) in, (k,) out."""
+    if isinstance(shape, coal.Box):
+        return np.asarray(np.abs(rows) @ shape.halfSide)
+    if isinstance(shape, coal.Sphere):
+        return np.full(len(rows), float(shape.radius))
+    if isinstance(shape, coal.Cylinder):
+        return np.asarray(shape.radius * np.hypot(rows[:, 0], rows[:, 1]) + shape.halfLength * np.abs(rows[:, 2]))
+    if isinstance(shape, coal.Capsule):
+        return np.asarray(shape.radius + shape.halfLength * np.abs(rows[:, 2]))
+    return np.asarray((rows @ shape.points().T).max(axis=1) + shape.getSweptSphereRadius())
 
 
 def _radius(shape: Any) -> float:

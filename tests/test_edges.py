@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner_service.collision import CheckCounts, CollisionChecker, JointStep, Known, MotionStep
-from planner_service.collision.edges import EdgeStep, bisection_order, interior
+from planner_service.collision.edges import EdgeStep, bisection_order, first_samples, interior
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
 from planner_service.path import JointPath
@@ -312,3 +312,25 @@ def test_the_lesson_s_edge_is_stopped_at_its_middle() -> None:
 def test_a_step_whose_parts_no_float_counts_is_refused(step: Any) -> None:
     with pytest.raises(InvalidRequest, match="at most 1000000 parts"):
         step.segments([100.0], [100.0])
+
+
+def test_a_first_look_takes_whole_levels_of_the_bisection() -> None:
+    assert [first_samples(n) for n in (1, 8, 9, 16, 17, 32, 33, 100)] == [0, 0, 1, 1, 3, 3, 7, 15]
+
+
+def test_a_first_look_and_the_rest_judge_what_the_edge_does_each_sample_once() -> None:
+    whole, parts = planar(step=SIXTEEN), planar(step=SIXTEEN)
+    assert whole.edge_hit([0.0, 0.0], [1.0, 0.0]) is None
+    assert parts.edge_glance([0.0, 0.0], [1.0, 0.0]) is None
+    assert parts.counts == CheckCounts(states=3, edges=1)
+    assert parts.edge_rest([0.0, 0.0], [1.0, 0.0]) is None
+    assert parts.counts == whole.counts == CheckCounts(states=17, edges=1)
+
+
+def test_a_first_look_overlooks_what_the_rest_finds_at_the_same_place() -> None:
+    whole, parts = (planar(pin_at(3 / 16), SIXTEEN) for _ in range(2))
+    hit = whole.edge_hit([1.0, 0.0], [0.0, 0.0])
+    assert parts.edge_glance([1.0, 0.0], [0.0, 0.0]) is None
+    assert parts.edge_rest([1.0, 0.0], [0.0, 0.0]) == hit
+    assert hit is not None
+    assert parts.counts == whole.counts

@@ -23,6 +23,7 @@ from planner_service.robot import Robot, load_robot
 from planner_service.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.urdf import read_urdf
+from tests import independent
 from tests.independent import IndependentChecker, tables_of
 
 if sys.version_info >= (3, 11):
@@ -44,16 +45,14 @@ def robots() -> dict[str, Robot]:
     return {name: load_robot(name) for name in NAMES}
 
 
-def content(name: str) -> dict[str, Any]:
+def robot_table(name: str) -> dict[str, Any]:
     """The robot.toml with the whole path of its URDF, as the independent checker takes it."""
-    table = tomllib.loads((data_folder("robots") / name / "robot.toml").read_text("utf-8"))
-    share = package_folder("example-robot-data").parent
-    return {**table, "urdf": str(share / table["urdf"].removeprefix("package://")), "package_dirs": [share]}
+    return independent.robot_table(data_folder("robots") / name)
 
 
 @pytest.fixture(scope="module")
 def second() -> dict[str, IndependentChecker]:
-    return {name: IndependentChecker(content(name), tables_of(CELL)) for name in NAMES}
+    return {name: IndependentChecker(data_folder("robots") / name, tables_of(CELL)) for name in NAMES}
 
 
 def samples(robot: Robot, count: int) -> FloatArray:
@@ -111,7 +110,7 @@ def test_verdicts_are_those_of_coal_but_within_a_micrometre_of_contact(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_proven_never_to_touch_does_not(robots: dict[str, Robot], name: str) -> None:
-    table = content(name)
+    table = robot_table(name)
     proven = [set(c["links"]) for c in table["allowed_contacts"] if c["reason"].startswith("never: proven")]
     table["allowed_contacts"] = [c for c in table["allowed_contacts"] if set(c["links"]) not in proven]
     checker = IndependentChecker(table, {})
@@ -141,7 +140,7 @@ def test_the_pandas_fingers_stand_at_half_its_width(robots: dict[str, Robot]) ->
 
 def test_the_pandas_limits_are_those_of_its_urdf(robots: dict[str, Robot]) -> None:
     limits = robots["panda"].limits
-    urdf = read_urdf(Path(content("panda")["urdf"]), [package_folder("example-robot-data")])
+    urdf = read_urdf(Path(robot_table("panda")["urdf"]), [package_folder("example-robot-data")])
     joints = {joint.name: joint for joint in urdf.joints}
     for k, name in enumerate(robots["panda"].joint_names):
         joint = joints[name]

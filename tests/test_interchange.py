@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,6 +19,7 @@ from planner_service.geometry import Box, Cylinder, Pose, Sphere
 from planner_service.interchange import load_world, read_moveit_scene, read_problems, read_urdf_scene
 from planner_service.interchange.moveit_scene import MAX_BYTES, MAX_LINE
 from planner_service.interchange.obstacle_list import MAX_FOUND
+from planner_service.mesh import Mesh
 from planner_service.robot import load_robot
 from planner_service.scene import Obstacle, Scene, load_scene, save_scene
 from planner_service.service import PlannerService
@@ -55,6 +57,11 @@ sphere
 0
 .
 """
+
+PYRAMID = "mesh\n5 2\n0 0 0\n0.1 0 0\n0 0.1 0\n0.1 0.1 0\n0 0.1 0.2\n0 1 4\n0 2 "
+"""Up to its last number: that of one of five vertices."""
+
+FLAT = "mesh\n4 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0"
 
 OLDER = """(noname)++
 * plate
@@ -176,6 +183,100 @@ def moveit_text(scene: Scene, *, newer: bool) -> str:
     return "\n".join([*lines, ".", ""])
 
 
+SOLIDS = f"""(noname)
+* roof
+0.5 0 0
+0 0 {HALF!r} {HALF!r}
+2
+{PYRAMID}3
+0.25 0 0
+0 0 0 1
+0 0 0 0
+cone
+0.3 0.4
+0 0 0.7
+0 0 0 1
+0 0 0 0
+0
+* floor
+0.3 -7 0.25
+0 0 0 1
+1
+plane
+0 0 2 0.5
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+* wall
+0 0 0
+0 0 {HALF!r} {HALF!r}
+1
+plane
+-1 0 0 0.75
+0 0 0
+0 0 0 1
+0 0 0 0
+0
+.
+"""
+
+
+def test_a_mesh_of_a_moveit_scene_becomes_its_hull_in_the_frame_it_has(tmp_path: Path) -> None:
+    roof = read_moveit_scene(write(tmp_path, SOLIDS, "w.scene")).obstacle("roof")
+    corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.2]]
+    assert roof.shape == Mesh(np.array(corners))
+    near(roof.pose, (0.5, 0.25, 0.0), (HALF, 0.0, 0.0, HALF))
+
+
+def test_a_cone_of_a_moveit_scene_is_held_by_a_pyramid_that_is_hardly_larger(tmp_path: Path) -> None:
+    cone = read_moveit_scene(write(tmp_path, SOLIDS, "w.scene")).obstacle("roof#2")
+    near(cone.pose, (0.5, 0.0, 0.7), (HALF, 0.0, 0.0, HALF))
+    angles = np.linspace(0.0, 2.0 * math.pi, 1000)
+    rim = np.stack([0.3 * np.cos(angles), 0.3 * np.sin(angles), np.full(1000, -0.2)], axis=1)
+    assert cone.shape.distance(np.concatenate([rim, [[0.0, 0.0, 0.2]], 0.5 * rim])).max() < 1e-15
+    ways = np.stack([np.cos(angles), np.sin(angles), np.linspace(-1.0, 1.0, 1000)], axis=1)
+    held = np.maximum(0.3 - 0.2 * ways[:, 2], 0.2 * ways[:, 2])
+    found = (cone.shape.support(ways) * ways).sum(axis=1)
+    assert (found >= held - 1e-15).all()
+    assert (found <= held + 0.3 * 0.00121).all()
+    assert cone.shape.support(np.array([0.0, 0.0, 1.0])).tolist() == [0.0, 0.0, 0.2]
+
+
+def test_a_plane_of_a_moveit_scene_is_a_box_below_it_in_the_middle_of_which_the_robot_stands(tmp_path: Path) -> None:
+    floor, wall = read_moveit_scene(write(tmp_path, SOLIDS, "w.scene")).obstacles[2:]
+    assert floor.shape == wall.shape == Box((200.0, 200.0, 10.0))
+    near(floor.pose, (0.0, 0.0, -5.0), (1.0, 0.0, 0.0, 0.0))  # 2 z + 0.5 = 0, 0.25 above the base's frame
+    assert wall.pose.position == pytest.approx(
+        (0.0, 5.75, 0.0), abs=1e-14
+    )  # x = 0.75, turned: y = 0.75, its normal along -y
+    assert wall.pose.rotation[:, 2] == pytest.approx((0.0, -1.0, 0.0), abs=1e-14)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(-5.0, 5.0), st.floats(-8.0, 8.0), st.floats(0.0, 6.0))
+def test_the_top_of_the_box_below_a_plane_lies_in_it(
+    tmp_path_factory: pytest.TempPathFactory, normal: tuple[float, ...], d: float, power: float, turn: float
+) -> None:
+    a, b, c = normal
+    length = math.hypot(a, b, c)
+    if length < 1e-3:
+        return
+    scale = 10.0**power
+    text = f"x\n* p\n1 2 3\n0 0 {math.sin(turn)!r} {math.cos(turn)!r}\n1\nplane\n"
+    text += f"{a * scale!r} {b * scale!r} {c * scale!r} {d * length * scale!r}\n0 0 1\n0 0 0 1\n0 0 0 0\n0\n.\n"
+    (box,) = read_moveit_scene(write(tmp_path_factory.getbasetemp(), text, "plane.scene")).obstacles
+    stands = Pose((1.0, 2.0, 3.0), (math.cos(turn), 0.0, 0.0, math.sin(turn))) @ Pose((0.0, 0.0, 1.0))
+    corners = np.array([[x, y, z] for x in (-100.0, 100.0) for y in (-100.0, 100.0) for z in (-5.0, 5.0)])
+    world = corners @ box.pose.rotation.T + np.array(box.pose.position)
+    local = (world - np.array(stands.position)) @ stands.rotation
+    above = (local * np.array(normal)).sum(axis=1) / length + d
+    assert np.abs(above[corners[:, 2] > 0.0]).max() < 1e-12
+    assert np.abs(above[corners[:, 2] < 0.0] + 10.0).max() < 1e-12
+    up = box.pose.rotation[:, 2]
+    assert np.abs(np.cross(np.array(box.pose.position), up)).max() < 1e-12  # the base is right below or above
+
+
 LENGTHS = st.floats(1e-3, 10.0)
 PLACES = st.floats(-10.0, 10.0)
 SHAPES = (
@@ -208,20 +309,45 @@ def test_what_moveit_writes_is_read_bit_for_bit(
         ("* ball", "* bench top#2", "line 25, object 'bench top#2': the name 'bench top#2' is taken"),
         ("* ball", "*", "line 25, object '': name: got ''; expected 1 to 64 printable characters"),
         ("two things", "two\tthings", "line 1: name of the scene: got"),
-        ("cylinder\n", "cone\n", "line 11, object 'bench top': a cone is not supported yet; expected box, sphere, cyl"),
-        ("sphere\n0.05", "plane\n0 0 1 0", "line 24, object 'ball': a plane is not supported yet; expected box"),
+        ("cylinder\n0.03", "cone\n-0.03", "line 12, object 'bench top': radius: got -0.03; expected a positive length"),
+        (
+            "cylinder\n0.03 0.4",
+            "cone\n0.03 0",
+            "line 12, object 'bench top': length: got 0.0; expected a positive length",
+        ),
+        ("cylinder\n0.03 0.4", "cone\n1e-9 0.4", "line 12, object 'bench top': vertices: flat, 65 points within"),
         (
             "sphere\n0.05",
-            "mesh\n3 1\n0 0 0\n1 0 0\n0 1 0\n0 1 2",
-            "line 24, object 'ball': a mesh is not supported yet",
+            "plane\n0 0 0 1",
+            "line 25, object 'ball': plane: got (0.0, 0.0, 0.0, 1.0); expected a, b, c",
         ),
-        ("sphere\n", "octomap\n", "line 24, object 'ball': got 'octomap'; expected box, sphere, cylinder"),
+        ("sphere\n0.05", "plane\n1.7e308 1.7e308 0 1", "line 25, object 'ball': plane: got (1.7e+308"),
+        ("sphere\n0.05", "plane\n0 0 1 -2000", "line 25, object 'ball': position of 'ball': got (0.0, 0.0, 1995"),
+        ("sphere\n0.05", "plane\n0 0 1e-300 1e300", "line 25, object 'ball': plane: got (0.0, 0.0, 1e-300"),
+        (
+            "sphere\n0.05",
+            f"{PYRAMID}5",
+            "line 32, object 'ball': a triangle of a vertex that is not there; expected 0 to 4",
+        ),
+        ("sphere\n0.05", f"{PYRAMID}-1", "line 32, object 'ball': got '-1'; expected the number of a vertex"),
+        ("sphere\n0.05", f"{PYRAMID}3.0", "line 32, object 'ball': got '3.0'; expected the number of a vertex"),
+        ("sphere\n0.05", FLAT, "line 24, object 'ball': vertices: flat, 4 points within [1.0, 1.0, 0.0] m"),
+        ("sphere\n0.05", "mesh\n1 0\n0 0 0", "line 24, object 'ball': vertices: got an array of shape (1, 3)"),
+        ("sphere\n0.05", "mesh\n0 0", "line 24, object 'ball': vertices: got an array of shape (0,)"),
+        ("sphere\n0.05", "mesh\n-1 0", "line 25, object 'ball': got '-1'; expected the number of vertices"),
+        ("sphere\n0.05", "mesh\n4 0\n0 0 nan", "line 26, object 'ball': got 'nan'; expected vertex: 3 finite numbers"),
+        ("sphere\n0.05", "mesh\n999999999 1\n", "line 31, object 'ball': got '.'; expected vertex: 3 finite numbers"),
+        (
+            "sphere\n",
+            "octomap\n",
+            "line 24, object 'ball': got 'octomap'; expected box, sphere, cylinder, cone, plane, mesh",
+        ),
         ("0.4 0.6 0.02", "0.4 0.6 wide", "line 7, object 'bench top': got 'wide'; expected box: 3 finite numbers"),
         ("0.4 0.6 0.02", "0.4 0.6 nan", "line 7, object 'bench top': got 'nan'; expected box: 3 finite numbers"),
         ("0.4 0.6 0.02", "0.4 0.6 1e999", "line 7, object 'bench top': got '1e999'; expected box: 3 finite numbers"),
         ("0.4 0.6 0.02", "0.4 0.6 1_0", "line 7, object 'bench top': got '1_0'; expected box: 3 finite numbers"),
         ("\n2\n", "\n-2\n", "line 5, object 'bench top': got '-2'; expected the number of shapes"),
-        ("\n2\n", "\n3\n", "line 16, object 'bench top': got '1'; expected box, sphere, cylinder"),
+        ("\n2\n", "\n3\n", "line 16, object 'bench top': got '1'; expected box, sphere, cylinder, cone, plane, mesh"),
         ("* ball", "*ball", "line 20: got '*ball'; expected * before an object, or . at the end"),
         (".\n", "", "line 30: the file ends; expected * before an object, or . at the end"),
         (".\n", ".\n* more\n", "line 31: words after the end; expected nothing"),
@@ -238,7 +364,7 @@ def test_what_is_wrong_in_a_moveit_scene_is_named_with_its_line(
 def test_after_a_torn_object_the_next_one_is_read_and_its_problems_are_told(tmp_path: Path) -> None:
     text = NEWER.replace("box\n", "bax\n").replace("\n0.05\n", "\n0\n")
     first, second = problems_of(read_moveit_scene, write(tmp_path, text, "w.scene"))
-    assert first == "line 6, object 'bench top': got 'bax'; expected box, sphere, cylinder"
+    assert first == "line 6, object 'bench top': got 'bax'; expected box, sphere, cylinder, cone, plane, mesh"
     assert second.startswith("line 25, object 'ball': radius: got 0.0")
 
 
@@ -276,7 +402,7 @@ def test_a_moveit_scene_of_too_many_shapes_is_refused(tmp_path: Path) -> None:
     assert found == ("scene: got 10001; expected at most 10,000 obstacles and attached objects",)
 
 
-@pytest.mark.parametrize("text", [NEWER, OLDER])
+@pytest.mark.parametrize("text", [NEWER, OLDER, SOLIDS])
 def test_a_moveit_scene_cut_anywhere_is_refused(tmp_path: Path, text: str) -> None:
     for length in range(len(text) - 2):  # without its last line end it is still whole
         problems_of(read_moveit_scene, write(tmp_path, text[:length], "w.scene"))
@@ -307,7 +433,7 @@ def changed(text: str) -> st.SearchStrategy[bytes]:
 
 
 @settings(max_examples=300, deadline=None)
-@given(changed(NEWER) | changed(OLDER))
+@given(changed(NEWER) | changed(OLDER) | changed(SOLIDS))
 def test_a_changed_moveit_scene_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     survives(read_moveit_scene, write(tmp_path_factory.getbasetemp(), content, "fuzz.scene"))
 

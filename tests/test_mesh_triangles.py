@@ -26,7 +26,7 @@ STL_TEXT = "solid x\n" + "".join(
 ) + "endsolid x\n"  # fmt: skip
 V = "".join("v {} {} {}\n".format(*row) for row in CORNERS)
 OBJ = V + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in TRIANGLES)
-OBJ_MIXED = "v 9 9 9\n" + V + "vn 0 0 1\nf 2//1 4//1 3//1\nf -4/7 -3/7/2 -1/7 # behind\nf 2 5 4\n\tf 9 9\nf +3 4 5\n"
+OBJ_MIXED = "v 9 9 9\n" + V + "vn 0 0 1\nf 2//1 4//1 3//1\nf -4/7 -3/7/2 -1/7 # behind\nf 2 5 4\n\tf +3 4 5\n"
 HEAD = "ply\nformat {}\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\nelement face {}\n"
 LIST = "property list uchar int vertex_indices\n"
 ROWS = "".join("{} {} {}\n".format(*row) for row in CORNERS)
@@ -120,7 +120,7 @@ BIG = ply_binary(">", "binary_big_endian")
 REFUSED = [
     ("x.txt", OBJ, "suffix '.txt'; expected one of .stl, .obj, .ply"),
     ("none.stl", bytes(84), "no triangles"),
-    ("none.obj", V, "no triangles"),
+    ("none.obj", V, "an OBJ without a face"),
     ("thin.obj", V + "f 1 1 2\n", "no triangles"),
     ("two.obj", V + "f 1 2\n", "a face with 2 corners; expected three or more"),
     ("zero.obj", V + "f 0 1 2\n", "a corner of a triangle is none of the 4 vertices"),

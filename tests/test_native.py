@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.agreement import CASES, case, checkers, compare, edges_of, states_of
+from benchmarks.backends import CASES, case, checkers, compare, edges_of, states_of
 from planner_service.collision import CheckCounts, CollisionChecker, EdgeStep, JointStep, Known, MotionStep
 from planner_service.collision import kernel as kernels
 from planner_service.collision.bounds import Solids
@@ -133,6 +133,28 @@ def test_known_ends_are_counted_alike(known: Known) -> None:
         spent = [checker.counts - counts for checker, counts in zip(pair, before, strict=True)]
         assert hits[0] == hits[1]
         assert spent[0] == spent[1]
+
+
+@pytest.mark.parametrize("known", list(Known))
+def test_a_glance_and_the_rest_are_judged_and_counted_alike(known: Known) -> None:
+    pair = checkers(*case("wxai clutter"))
+    for a, b in edges_of(pair[0], 40, seed=14):
+        before = [checker.counts for checker in pair]
+        hits = [(checker.edge_glance(a, b, known=known), checker.edge_rest(a, b)) for checker in pair]
+        lists = [checker.edge_glance(a.tolist(), b.tolist(), known=known) for checker in pair]
+        spent = [checker.counts - counts for checker, counts in zip(pair, before, strict=True)]
+        assert hits[0] == hits[1]
+        assert lists == [glance for glance, _ in hits]
+        assert spent[0] == spent[1]
+
+
+def test_many_states_are_judged_alike_in_one_call() -> None:
+    pair = checkers(*case("wxai clutter"))
+    Q = np.array(list(states_of(checkers(*case("wxai clutter"))[0], 400, seed=16)))
+    free = [checker.states_are_free(Q).tolist() for checker in pair]
+    assert free[0] == free[1]
+    assert 0 < sum(free[0]) < len(Q)
+    assert [checker.counts for checker in pair] == [CheckCounts(states=len(Q))] * 2
 
 
 @pytest.mark.parametrize("budget", [0, 1, 2, 3, 9, 10, 40, 73, 74, 200])

@@ -13,6 +13,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from planner_service.collision.edges import Known
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray
@@ -394,3 +395,35 @@ def test_a_child_forked_during_a_search_can_search() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "0"
+
+
+class GlancingWorld(DiscWorld):
+    """A first look judges the two ends alone: almost any edge seems free."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.glances = 0
+
+    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+        self.glances += 1
+        return self.state_is_free(q1) and self.state_is_free(q2)
+
+
+def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free() -> None:
+    refuted = 0
+    for seed in range(5):
+        worlds = GlancingWorld(), GlancingWorld()
+        first, again = (RRTConnect().search(across(world, seed=seed)).waypoints for world in worlds)
+        assert first is not None
+        assert again is not None
+        assert first.tolist() == again.tolist()
+        assert worlds[0].found_free(first)
+        assert worlds[0].judged == worlds[1].judged
+        refuted += len(worlds[0].edges) - len(worlds[0].free_edges)
+    assert refuted > 5
+
+
+def test_planners_that_improve_a_path_judge_every_edge_at_once() -> None:
+    world = GlancingWorld()
+    assert RRTstar(checks=2000).search(across(world)).waypoints is not None
+    assert world.glances == 0

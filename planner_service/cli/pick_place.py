@@ -10,7 +10,7 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose
-from planner_service.grasps import top_grasps
+from planner_service.grasps import middle_of, top_grasps
 from planner_service.plan_file import MadeFor, SavedTask
 from planner_service.primitives import pick, place
 from planner_service.request import PlanRequest
@@ -66,7 +66,7 @@ def plan_pick_place(service: PlannerService, target: str, onto: str, request: Pl
 def standing_on(scene: Scene, name: str) -> str | None:
     """The obstacle whose top is within 5 mm of an object's underside and below its centre, None if there is none."""
     target = scene.obstacle(name)
-    x, y, _ = target.pose.position
+    x, y, _ = middle_of(target)
     bottom = -_reach(target, -UP)
     gaps = {
         other.name: abs(bottom - _reach(other, UP))
@@ -79,14 +79,16 @@ def standing_on(scene: Scene, name: str) -> str | None:
 
 def places_on(target: Obstacle, support: Obstacle) -> tuple[Pose, ...]:
     """Poses of an object with its underside on the middle of a support's top: turned as it is, then by quarters."""
-    x, y, _ = support.pose.position
+    x, y, _ = middle_of(support)
     height = _reach(target, -UP) + target.pose.position[2]
     top = _reach(support, UP)
     quarters = (Pose(quaternion=(math.cos(k * math.pi / 4), 0.0, 0.0, math.sin(k * math.pi / 4))) for k in range(4))
-    return tuple(
-        Pose((x, y, top + height), (quarter @ Pose(quaternion=target.pose.quaternion)).quaternion)
-        for quarter in quarters
-    )
+    found = []
+    for quarter in quarters:
+        turned = (quarter @ Pose(quaternion=target.pose.quaternion)).quaternion
+        u, v, _ = middle_of(Obstacle(target.name, target.shape, Pose(quaternion=turned)))
+        found.append(Pose((x - u, y - v, top + height), turned))
+    return tuple(found)
 
 
 def _reach(obstacle: Obstacle, direction: FloatArray) -> float:

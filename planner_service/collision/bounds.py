@@ -218,11 +218,23 @@ def rough_gaps(a: Placed, b: Placed) -> FloatArray:
     return np.asarray(gaps_along(a, b, _axes(a, b)).max(axis=0))
 
 
-def beyond_faces(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
-    """Whether b is proven farther than ``margin`` beyond a face of the box around a, (p,): half of the face normals,
-    in a third of the time."""
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Boxes with their poses: half lengths (p, 3), rotations R (p, 3, 3) and centres t (p, 3)."""
+
+    half: FloatArray
+    R: FloatArray
+    t: FloatArray
+
+    def take(self, rows: IntArray) -> Boxes:
+        """The boxes at ``rows``."""
+        return Boxes(self.half[rows], self.R[rows], self.t[rows])
+
+
+def beyond_faces(a: Boxes, b: Boxes, margin: float) -> NDArray[np.bool_]:
+    """Whether b is proven farther than ``margin`` beyond a face of a, (p,): some separating axes, in little time."""
     along = np.abs(a.R.transpose(0, 2, 1) @ b.R)
-    apart = np.abs(_into(a.R, b.t - a.t)) - a.solids.box - (along @ b.solids.box[..., None])[..., 0]
+    apart = np.abs(_into(a.R, b.t - a.t)) - a.half - (along @ b.half[..., None])[..., 0]
     return np.asarray((apart > margin).any(axis=-1))
 
 
@@ -240,6 +252,7 @@ def parted(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
         d = x / np.maximum(length, _TINY)[:, None]
         support = b.farthest(-d) - a.farthest(d)
         apart = d[:, 0] * support[:, 0] + d[:, 1] * support[:, 1] + d[:, 2] * support[:, 2] > margin
+        apart &= length > _TINY  # or d is no unit vector, and a ball reaches farther along it than its support says
         found[rows[apart]] = True
         left = np.flatnonzero(~apart)
         if len(left) <= _LEFT_TO_FCL:

@@ -10,16 +10,18 @@ from functools import cached_property, partial
 from typing import Literal, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision import prefilter
 from planner_service.collision.edges import (
+    GLANCE,
     MAX_SEGMENTS,
     EdgeStep,
     FinestStep,
     Known,
     MotionStep,
     bisection_order,
+    first_samples,
     interior,
 )
 from planner_service.collision.fcl import FclJudge
@@ -229,6 +231,26 @@ class CollisionChecker:
                     return True
         return self._first_collision(self._configuration("q", q)[None]) is None
 
+    def states_are_free(self, Q: ArrayLike) -> NDArray[np.bool_]:
+        """Which configurations of Q (m, n) are free, (m,): as ``state_is_free`` says, several times as fast; counts m.
+
+        Raises:
+            InvalidRequest: a row has the wrong shape, is not finite, or lies outside the joint limits.
+        """
+        array = numbers("Q", Q, f"rows of {self.robot.n} joint values")
+        if array.ndim != 2:
+            raise InvalidRequest("Q", array.shape, f"rows of {self.robot.n} joint values, shape (m, {self.robot.n})")
+        rows = [self._configuration(f"Q[{k}]", q) for k, q in enumerate(array)]
+        free = np.ones(len(rows), dtype=bool)
+        for start in range(0, len(rows), _CHUNK):
+            chunk = np.array(rows[start : start + _CHUNK])
+            with self.ledger.lock:
+                self.ledger.poll()
+                self.ledger.charge_states(len(chunk))
+                for row, _ in self._hits(chunk):
+                    free[start + row] = False
+        return free
+
     def edge_is_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
         """Whether every sample of the straight line from q1 to q2 is free; counts as ``edge_hit`` does."""
         return self.edge_hit(q1, q2, known=known) is None
@@ -245,22 +267,50 @@ class CollisionChecker:
         Raises:
             InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
         """
+        return self._edge(q1, q2, known, 0)
+
+    def edge_glance(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> EdgeHit | None:
+        """As ``edge_hit``, but of the interior only the first samples are judged, which are far apart.
+
+        An edge that collides mostly does so at one of these; ``edge_rest`` judges the others.
+        """
+        return self._edge(q1, q2, known, GLANCE)
+
+    def edge_rest(self, q1: ArrayLike, q2: ArrayLike) -> EdgeHit | None:
+        """Where an edge collides at a sample that ``edge_glance`` left out, None when all of these are free.
+
+        Counts their states, and no edge: that was counted at the glance.
+        """
+        a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
+        segments = self._segments(a, b)
+        first = first_samples(segments)
+        with self.ledger.lock:
+            if self._kernel is None:
+                hit = self._interior_hit(a, b, segments, slice(first, None))
+            else:
+                ask = partial(self._kernel.edge, a, b, 0, segments)
+                hit = self._first_doubtful(segments - 1, ask, start=first)
+        return None if hit is None else EdgeHit(hit[1], *hit[2])
+
+    def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int) -> EdgeHit | None:
+        """Judge an edge, of its interior only what a glance sees unless ``glance`` is 0."""
         if self._quick is not None and _are_floats(q1) and _are_floats(q2):
             with self.ledger.lock:  # FCL objects are moved from question to question
                 stop = self._stop(0, MAX_SEGMENTS)
-                told = self._quick.ask(q1, q2, known._value_, stop)
+                told = self._quick.ask(q1, q2, known._value_, glance, stop)
                 if told is not None:
                     return self._told(self._quick, q1, q2, told, stop)
         a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
         segments = self._segments(a, b)
+        inner = first_samples(segments) if glance else segments - 1
         with self.ledger.lock:
             self.ledger.edges += 1
             if self._kernel is None:
-                hit = self._edge_hit(a, b, segments, known if a != b else known | Known.END)
+                hit = self._edge_hit((a, b), segments, inner, known if a != b else known | Known.END)
             else:
                 ends = _JUDGED_ENDS[known._value_ if a != b else known._value_ | _END]
-                rows = (ends + 1) // 2 + segments - 1
-                hit = self._first_doubtful(rows, partial(self._kernel.edge, a, b, ends, segments))
+                ask = partial(self._kernel.edge, a, b, ends, segments)
+                hit = self._first_doubtful((ends + 1) // 2 + inner, ask)
         return None if hit is None else EdgeHit(hit[1], *hit[2])
 
     def _told(self, kernel: Kernel, q1: FloatArray, q2: FloatArray, told: int | Asked, stop: int) -> EdgeHit | None:
@@ -273,20 +323,27 @@ class CollisionChecker:
             return None
         ends, segments, rows, doubt = told
         ask = partial(kernel.edge, q1.tolist(), q2.tolist(), ends, segments)
-        hit = self._first_doubtful(rows, ask, (min(stop, rows), doubt))
+        hit = self._first_doubtful(rows, ask, told=(min(stop, rows), doubt))
         return None if hit is None else EdgeHit(hit[1], *hit[2])
 
-    def _edge_hit(self, a: list[float], b: list[float], segments: int, known: Known) -> Hit | None:
-        ends = [(k, q) for k, (q, end) in enumerate(((a, Known.START), (b, Known.END))) if end not in known]
+    def _edge_hit(self, edge: tuple[list[float], list[float]], segments: int, inner: int, known: Known) -> Hit | None:
+        """The first collision among the ends that are not known and the first ``inner`` interior samples."""
+        ends = [
+            (k, q) for k, (q, end) in enumerate(zip(edge, (Known.START, Known.END), strict=True)) if end not in known
+        ]
         hit = self._first_of_all(np.array([q for _, q in ends])) if ends else None
         if hit is not None:
             return hit[0], float(ends[hit[0]][0]), hit[2]
+        return self._interior_hit(*edge, segments, slice(inner))
+
+    def _interior_hit(self, a: list[float], b: list[float], segments: int, part: slice) -> Hit | None:
+        """The first collision among a part of an edge's interior samples."""
         if segments == 1:
             return None
-        hit = self._first_of_all(interior(a, b, segments))
+        hit = self._first_of_all(interior(a, b, segments)[part])
         if hit is None:
             return None
-        fraction = float(bisection_order(segments)[hit[0], 0])
+        fraction = float(bisection_order(segments)[part][hit[0], 0])
         return hit[0], fraction if a <= b else 1.0 - fraction, hit[2]
 
     def segments(self, q1: ArrayLike, q2: ArrayLike) -> int:
@@ -408,14 +465,18 @@ class CollisionChecker:
         return min(rows, start + (_CHUNK if room is None else min(_CHUNK, room + 1)))
 
     def _first_doubtful(
-        self, rows: int, ask: Callable[[int, int], Doubt | None], told: tuple[int, Doubt | None] | None = None
+        self,
+        rows: int,
+        ask: Callable[[int, int], Doubt | None],
+        *,
+        start: int = 0,
+        told: tuple[int, Doubt | None] | None = None,
     ) -> Hit | None:
-        """The same for ``rows`` configurations of which the kernel, asked, tells the next in doubt.
+        """The same for configurations ``start`` to ``rows`` of which the kernel, asked, tells the next in doubt.
 
         Args:
             told: Up to which row it was asked before, and what it told.
         """
-        start = 0
         while start < rows:
             self.ledger.poll()
             if told is None:
@@ -453,7 +514,7 @@ class CollisionChecker:
             self.ledger.poll()
             room = self.ledger.room()
             chunk = Q[start : start + (size if room is None else min(size, room + 1))]
-            hit = self._first_hit(chunk)
+            hit = next(self._hits(chunk), None)
             self.ledger.charge_states(len(chunk) if hit is None else hit[0] + 1)
             if hit is not None:
                 names = self._parts.names(hit[1])
@@ -462,16 +523,24 @@ class CollisionChecker:
             start, size = start + len(chunk), _CHUNK
         return None
 
-    def _first_hit(self, Q: FloatArray) -> tuple[int, int] | None:
-        """The first row of Q that collides and the first of its pairs that does."""
+    def _hits(self, Q: FloatArray) -> Iterator[tuple[int, int]]:
+        """The rows of Q that collide, in order, each with the first of its pairs that does."""
+        if self._kernel is not None:
+            start = 0
+            while (doubt := self._kernel.first(Q, start, len(Q))) is not None:
+                touching = self._first_touching(doubt)
+                if touching is not None:
+                    yield doubt[0], touching
+                start = doubt[0] + 1
+            return
         rows, pairs = self._prefilter.candidates(Q)
         doubtful: dict[int, list[int]] = {}
         for row, pair in zip(rows.tolist(), pairs.tolist(), strict=True):
             doubtful.setdefault(row, []).append(pair)
         for row, asked in doubtful.items():
-            for pair in self._colliding_pairs(Q[row].tolist(), asked):
-                return row, pair
-        return None
+            pair = next(self._colliding_pairs(Q[row].tolist(), asked), None)
+            if pair is not None:
+                yield row, pair
 
     def _colliding_pairs(self, q: Sequence[float], asked: Iterable[int]) -> Iterator[int]:
         """The pairs among ``asked`` that FCL finds touching at q, as it is asked.

@@ -62,8 +62,11 @@ class Kernel(Protocol):
     def surely_free(self, q: FloatArray, /) -> bool:
         """Whether q is n float64 within the limits and no pair is in doubt."""
 
-    def ask(self, q1: FloatArray, q2: FloatArray, known: int, stop: int, /) -> int | Asked | None:
+    def ask(self, q1: FloatArray, q2: FloatArray, known: int, glance: int, stop: int, /) -> int | Asked | None:
         """The edge from q1 to q2, ``known`` being the ends not to be judged, looked at up to row ``stop``.
+
+        Args:
+            glance: Segments between the samples that come first, which are all there are then; 0: every sample.
 
         Returns:
             How many rows it has if all of them are free; None if an end is not n float64 within the limits, or there

@@ -7,7 +7,7 @@
     0.5 0 0.1          newer version only: where the object is, position
     0 0 0 1            and quaternion, x y z w
     1                  so many shapes follow
-    box                box x y z (full lengths), sphere radius, or cylinder radius length
+    box                box x y z (full lengths), sphere radius, cylinder radius length, cone, plane or mesh
     0.4 0.6 0.2
     0 0 0              where the shape is: in the object's frame, in the older version in the world's
     0 0 0 1
@@ -17,6 +17,10 @@
     0.2 0.3 0.1
     0 0 0 1
     .                  the end
+
+A cone has a radius and a length, its tip at +z and its origin half way; a plane a, b, c and d, for the points where
+``a x + b y + c z + d = 0``; a mesh the numbers of its vertices and triangles, then x y z of each vertex and three
+vertices, numbered from 0, of each triangle.
 
 Below an object's name a line end is no more than a space. The line after the first object's name tells the version:
 the older has the number of shapes there, one word. The grammar is that of ``saveGeometryToStream`` and
@@ -28,11 +32,16 @@ from __future__ import annotations
 import math
 import os
 import reprlib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from planner_service.errors import InvalidFile
+import numpy as np
+
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import Box, Cylinder, Pose, Shape, Sphere
 from planner_service.interchange.obstacle_list import ObstacleList
+from planner_service.mesh import Mesh
 from planner_service.regular_file import as_path, read_bytes
 from planner_service.scene import Scene
 
@@ -47,8 +56,14 @@ MAX_LINE = 10_000
 UNNAMED = "(noname)"
 """What MoveIt calls a scene that was given no name; each copy of a scene adds a +."""
 
+CONE_SIDES = 64
+"""Sides of the pyramid around a cone: its corners are 0.12 % farther out."""
+
+PLANE_WIDTH, PLANE_DEPTH = 200.0, 10.0
+"""Metres of the box below a plane: an arm reaches no farther, and FCL still judges such a box to a micrometre."""
+
 _SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2, "plane": 4}
-_READ = ("box", "sphere", "cylinder")
+_KINDS = ", ".join((*_SIZES, "mesh"))
 
 
 def read_moveit_scene(path: str | os.PathLike[str]) -> Scene:
@@ -57,10 +72,15 @@ def read_moveit_scene(path: str | os.PathLike[str]) -> Scene:
     Poses are taken as they stand: MoveIt's planning frame has to be the robot's base frame. An object of several
     shapes becomes the obstacles ``name``, ``name#2``, ...; colours and subframes are left out.
 
+    What is not a solid of ours becomes one that holds it: a mesh its convex hull; a cone a pyramid of 64 sides around
+    it; a plane, which has no inside, a box below it, 200 m x 200 m x 10 m: its top lies in the plane, the rest on the
+    side to which the normal (a, b, c) does not point, and its middle where the plane is nearest to the robot's base.
+
     Raises:
         InvalidFile: with the problems found, up to where there are too many, each with its line: a shape of another
-            kind (mesh, cone, plane), a size that is not positive, a quaternion that is not of unit length, a name
-            that is taken, words that do not belong where they are, a missing end.
+            kind, a plane without a normal, a flat mesh or one whose triangles have other vertices, a size that is not
+            positive, a quaternion that is not of unit length, a name that is taken, words that do not belong where they
+            are, a missing end.
     """
     path = as_path("path", path)
     reader = _Reader(_lines(path))
@@ -184,6 +204,8 @@ class _Reader:
             pose = self.pose("shape")
             self.numbers(4, "colour")
             there = None if stands is None or pose is None else stands @ pose
+            if isinstance(shape, _Plane):
+                shape, there = shape.below(there)
             self.found.add(where, name if k == 0 else f"{name}#{k + 1}", shape, there)
         for _ in range(self.count("subframes") if self.newer else 0):
             if self.found.hopeless:
@@ -191,22 +213,25 @@ class _Reader:
             self.words.take("the name of a subframe")
             self.pose("subframe")
 
-    def shape(self) -> Shape | None:
-        expected = ", ".join(_READ)
-        kind = self.words.take(expected)
-        if kind in _READ:
-            sizes = self.numbers(_SIZES[kind], kind)
-            return self.found.attempt(self.at(), lambda: _shape(kind, sizes))
+    def shape(self) -> Shape | _Plane | None:
+        kind = self.words.take(_KINDS)
         where = self.at()
         if kind == "mesh":
-            for _ in range(3 * (self.count("vertices") + self.count("triangles"))):
-                self.words.take("the numbers of a mesh")
-        elif kind in _SIZES:
-            self.numbers(_SIZES[kind], kind)
-        else:
-            raise _Torn(f"{where}: got {reprlib.repr(kind)}; expected {expected}")
-        self.found.problems.append(f"{where}: a {kind} is not supported yet; expected {expected}")
-        return None
+            corners = self.mesh()
+            return self.found.attempt(where, lambda: Mesh(np.array(corners)))
+        if kind not in _SIZES:
+            raise _Torn(f"{where}: got {reprlib.repr(kind)}; expected {_KINDS}")
+        sizes = self.numbers(_SIZES[kind], kind)
+        return self.found.attempt(self.at(), lambda: _shape(kind, sizes))
+
+    def mesh(self) -> list[list[float]]:
+        """The vertices of a mesh, of which its triangles only tell that none is missing."""
+        count, triangles = self.count("vertices"), self.count("triangles")
+        vertices = [self.numbers(3, "vertex") for _ in range(count)]
+        for _ in range(3 * triangles):
+            if self.count("a vertex") >= count:
+                raise _Torn(f"{self.at()}: a triangle of a vertex that is not there; expected 0 to {count - 1}")
+        return vertices
 
     def pose(self, whose: str) -> Pose | None:
         x, y, z = self.numbers(3, f"position of the {whose}")
@@ -237,7 +262,54 @@ class _Reader:
         return f"line {self.words.line}, {self.where}"
 
 
-def _shape(kind: str, sizes: list[float]) -> Shape:
+@dataclass(frozen=True)
+class _Plane:
+    """All points x with ``normal . x = height``, the normal of unit length."""
+
+    normal: tuple[float, float, float]
+    height: float
+
+    def below(self, there: Pose | None) -> tuple[Box, Pose | None]:
+        """The box below the plane, which stands at ``there``, and where that is."""
+        box = Box((PLANE_WIDTH, PLANE_WIDTH, PLANE_DEPTH))
+        if there is None:
+            return box, None
+        x, y, z = (_dot(row, self.normal) for row in there.rotation.tolist())
+        height = self.height + _dot((x, y, z), there.position)
+        middle = height - PLANE_DEPTH / 2
+        w = 1.0 + z if z >= 0.0 else (x * x + y * y) / (1.0 - z)  # the shortest turn of z onto the normal
+        turn = (w, -y, x, 0.0) if w > 0.0 else (0.0, 1.0, 0.0, 0.0)
+        length = math.hypot(*turn)
+        a, b, c, d = (value / length for value in turn)
+        return box, Pose((x * middle, y * middle, z * middle), (a, b, c, d))
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _shape(kind: str, sizes: list[float]) -> Shape | _Plane:
     if kind == "box":
         return Box((sizes[0], sizes[1], sizes[2]))
-    return Sphere(sizes[0]) if kind == "sphere" else Cylinder(sizes[0], sizes[1])
+    if kind == "sphere":
+        return Sphere(sizes[0])
+    if kind == "plane":
+        return _plane(sizes)
+    around = Cylinder(sizes[0], sizes[1])
+    return _pyramid(around) if kind == "cone" else around
+
+
+def _plane(numbers: list[float]) -> _Plane:
+    a, b, c, d = numbers
+    length = math.hypot(a, b, c)
+    if not (0.0 < length < math.inf and abs(d / length) < math.inf):
+        raise InvalidRequest("plane", tuple(numbers), "a, b, c and d, with a, b and c a vector that is not 0")
+    return _Plane((a / length, b / length, c / length), -d / length)
+
+
+def _pyramid(around: Cylinder) -> Mesh:
+    """Around a cone in a cylinder, the tip at +z: each side touches it along a line."""
+    radius, half = around.radius / math.cos(math.pi / CONE_SIDES), around.length / 2
+    angles = [2.0 * math.pi * k / CONE_SIDES for k in range(CONE_SIDES)]
+    rim = [(radius * math.cos(a), radius * math.sin(a), -half) for a in angles]
+    return Mesh(np.array([*rim, (0.0, 0.0, half)]))

@@ -23,6 +23,7 @@ from planner_service.collision.edges import EdgeStep
 from planner_service.collision.parts import Parts
 from planner_service.composite import Compound, HeightField, PointCloud
 from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.mesh import Mesh
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Attached, Obstacle, Scene, load_scene
 from tests.independent import IndependentChecker, tables_of
@@ -152,6 +153,10 @@ def _geometry(shape: Shape) -> Any:
         return fcl.Box(*shape.size)
     if isinstance(shape, Sphere):
         return fcl.Sphere(shape.radius)
+    if isinstance(shape, Mesh):
+        return fcl.Convex(
+            shape.vertices, len(shape.faces), np.insert(shape.faces, 0, 3, axis=1).astype(np.int32).ravel()
+        )
     assert isinstance(shape, (Cylinder, Capsule))
     return (fcl.Cylinder if isinstance(shape, Cylinder) else fcl.Capsule)(shape.radius, shape.length)
 

@@ -119,21 +119,23 @@ class Kernel {
         return !first_in_doubt(model_, *variant_, values.data(), 0, 1);
     }
 
-    nb::object ask(const Anything& q1, const Anything& q2, int known, int stop) const {
+    nb::object ask(const Anything& q1, const Anything& q2, int known, int glance, int stop) const {
+        require(0 <= glance && glance <= 1000, "a glance is 0 to 1000 segments");
         std::vector<double> a, b;
         if (!read(q1, a) || !read(q2, b)) return nb::none();
         const int segments = segments_of(terms_, a, b);
         if (segments == 0) return nb::none();
         const int ends = 3 & ~(a == b ? known | 2 : known);
         const Edge edge = edge_of(std::move(a), std::move(b), ends, segments);
-        const int last = std::min(stop, edge.rows());
+        const int inner = glance > 0 ? std::min(first_samples(segments, glance), segments - 1) : segments - 1;
+        const int rows = edge.ends() + inner, last = std::min(stop, rows);
         std::optional<Doubt> doubt;
         {
             nb::gil_scoped_release release;
             doubt = first_in_doubt(model_, *variant_, edge, 0, last);
         }
-        if (!doubt && last == edge.rows()) return nb::int_(last);
-        return nb::make_tuple(ends, segments, edge.rows(), told(doubt));
+        if (!doubt && last == rows) return nb::int_(last);
+        return nb::make_tuple(ends, segments, rows, told(doubt));
     }
 
     std::vector<std::vector<double>> samples(std::vector<double> a, std::vector<double> b, int segments) const {

@@ -104,6 +104,12 @@ int segments_of(const Terms& terms, const std::vector<double>& a, const std::vec
     return most;
 }
 
+int first_samples(int segments, int glance) {
+    int parts = 1;
+    while (parts * glance < segments) parts *= 2;
+    return parts - 1;
+}
+
 std::vector<int> bisection_order(int segments, int count) {
     std::vector<int> order;
     std::vector<std::pair<int, int>> spans{{0, segments}};

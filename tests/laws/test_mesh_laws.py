@@ -1,0 +1,191 @@
+"""Verdicts on hulls as links, obstacles and held objects: those of two other judges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.pairwise import PairwiseFcl
+from planner_service.certify.pairs import ProofPairs
+from planner_service.collision import CollisionChecker, JointStep, MotionStep, bounds, prefilter
+from planner_service.collision import fcl as judge
+from planner_service.collision.bounds import Solids
+from planner_service.collision.edges import EdgeStep
+from planner_service.geometry import FloatArray, Shape
+from planner_service.mesh import Mesh
+from planner_service.scene import Scene
+from tests.hull_arm import HELD, HullSetup, write_arm
+from tests.laws.test_certify_laws import COAL, anywhere
+from tests.laws.test_collision_laws import compare, compare_edges, near_contact, planner_like
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("hulls")
+    write_arm(place)
+    return place
+
+
+@pytest.fixture(scope="module", params=["empty hand", "spoon in hand"])
+def setup(request: pytest.FixtureRequest, folder: Path) -> HullSetup:
+    return HullSetup(request.param, folder, attached=(HELD,) if request.param.startswith("spoon") else ())
+
+
+def test_a_verdict_on_hulls_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Any) -> None:
+    found = compare(setup, 250, seed=5)
+    assert found.differing == []
+    assert found.unlike_fcl == 0
+    assert 0 < found.free < found.states
+    assert found.at_contact <= found.states / 100
+
+
+def test_a_verdict_does_not_depend_on_how_many_states_are_judged_together(setup: HullSetup) -> None:
+    """Alone a state goes to FCL at once; among others pairs of hulls are parted first."""
+    checker = setup.checker()
+    pairwise = PairwiseFcl(checker.robot, Scene(setup.obstacles))
+    rng = np.random.default_rng(6)
+    for q in planner_like(checker.robot, checker.state_is_free, rng, 60):
+        others = anywhere(checker.robot, rng, 30)
+        states = np.concatenate([others[:15], q[None], others[15:]])
+        rows, pairs = checker._prefilter.candidates(states)
+        free = not list(checker._colliding_pairs(q.tolist(), pairs[rows == 15].tolist()))
+        assert free == checker.state_is_free(q)
+        if not setup.attached:
+            assert free == pairwise.state_is_free(q.tolist())
+
+
+def test_both_checkers_judge_the_same_pairs_of_hulls(setup: HullSetup) -> None:
+    checker, second = setup.checker(), setup.independent()
+    listed = ProofPairs(checker.robot, setup.whole_scene(), ())
+    ours = sorted(sorted(checker._parts.names(k)) for k in range(checker.pair_count))
+    assert ours == sorted(sorted(pair) for pair in second.pairs)
+    assert ours == sorted(sorted(listed.names(k)) for k in range(len(listed.pairs)))
+
+
+@pytest.mark.parametrize("step", [MotionStep(), JointStep()], ids=["motion", "joint"])
+def test_an_edge_among_hulls_is_judged_and_counted_as_its_samples(setup: Any, step: EdgeStep) -> None:
+    colliding, differing = compare_edges(setup, step, 40, seed=7)
+    assert differing == []
+    assert 0 < colliding < 40
+
+
+def test_clearance_among_hulls_is_a_bound_of_coals_distance_and_close_to_it(setup: HullSetup) -> None:
+    checker, second = setup.checker(), setup.independent()
+    missing = []
+    for q in planner_like(checker.robot, second.free, np.random.default_rng(8), 60):
+        distance, bound = min(second.gaps(q).values()), checker.clearance(q)
+        if distance > 0.0:
+            assert bound <= distance + COAL
+            missing.append(distance - bound)
+        else:
+            assert bound <= COAL
+    assert len(missing) >= 30
+    assert max(missing) <= 2e-5
+
+
+def test_contacts_of_hulls_are_those_that_coal_finds_and_no_deeper_than_told(setup: HullSetup) -> None:
+    checker, second = setup.checker(), setup.independent()
+    compared = 0
+    for q in anywhere(checker.robot, np.random.default_rng(9), 60):
+        gaps = {frozenset(pair): gap for pair, gap in second.gaps(q).items()}
+        if min(abs(gap) for gap in gaps.values()) <= COAL:
+            continue
+        contacts = {frozenset((c.a, c.b)): c.depth for c in checker.contacts(q)}
+        assert set(contacts) == {pair for pair, gap in gaps.items() if gap < 0.0}
+        assert all(depth > 0.0 for depth in contacts.values())
+        compared += len(contacts)
+    assert compared >= 10
+
+
+def test_padded_hulls_are_free_only_where_all_keep_the_padding_and_always_where_they_keep_1_74_of_it(
+    folder: Path,
+) -> None:
+    setup, padding = HullSetup("padded", folder, attached=(HELD,)), 0.01
+    checker, second = setup.checker(), setup.independent()
+    padded = checker.variant(padding=padding)
+    verdicts = []
+    for q in near_contact(checker.robot, padded.state_is_free, np.random.default_rng(10), 300):
+        gap = min(second.gaps(q).values())
+        verdicts.append(padded.state_is_free(q))
+        if verdicts[-1]:
+            assert gap >= padding - COAL
+        else:
+            assert gap <= 1.74 * padding + COAL
+    assert 100 <= sum(verdicts) <= 200
+
+
+def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boxes around hulls, of 85 % of their length."""
+    whole = Solids.of
+
+    def smaller(shapes: Any) -> Solids:
+        solids = whole(shapes)
+        hull = (solids.hulls >= 0)[:, None]
+        return replace(solids, half=np.where(hull, 0.85 * solids.half, solids.half))
+
+    monkeypatch.setattr(Solids, "of", staticmethod(smaller))
+
+
+def uncentred(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hull's frame is taken for its centre."""
+    monkeypatch.setattr(prefilter, "centres_of", lambda shapes: np.zeros((len(shapes), 3)))
+
+
+def loose(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hulls that overlap by 3 mm are parted."""
+    whole = bounds.parted
+    monkeypatch.setattr(prefilter, "parted", lambda a, b, margin: whole(a, b, -0.003))
+
+
+def mirrored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The farthest corner is looked for as if hulls were symmetric."""
+    whole = Solids.farthest
+
+    def other(solids: Solids, d: FloatArray) -> FloatArray:
+        hull = (solids.hulls >= 0)[:, None]
+        return np.where(hull, -whole(solids, -d), whole(solids, d))
+
+    monkeypatch.setattr(Solids, "farthest", other)
+
+
+def blunt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """FCL gets a hull without the corner that is farthest out."""
+    whole = judge._geometry
+
+    def cut(shape: Shape) -> Any:
+        if not isinstance(shape, Mesh):
+            return whole(shape)
+        return whole(Mesh(np.delete(shape.vertices, shape.vertices[:, 0].argmax(), axis=0)))
+
+    monkeypatch.setattr(judge, "_geometry", cut)
+
+
+@pytest.mark.parametrize("fault", [shrunk, uncentred, loose, mirrored, blunt])
+def test_the_comparison_notices_a_fault_with_hulls(
+    folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prefilter, "_ASKED_AT_ONCE", 0)
+    whole = CollisionChecker.state_is_free
+
+    def among_others(checker: CollisionChecker, q: Any) -> bool:
+        """The sieves let a state alone pass to FCL."""
+        before = checker._prefilter.candidates
+        checker._prefilter.candidates = lambda Q: _first(before(np.concatenate([Q, Q])))  # type: ignore[method-assign]
+        try:
+            return whole(checker, q)
+        finally:
+            checker._prefilter.candidates = before  # type: ignore[method-assign]
+
+    def _first(found: Any) -> Any:
+        return found[0][found[0] == 0], found[1][found[0] == 0]
+
+    monkeypatch.setattr(CollisionChecker, "state_is_free", among_others)
+    setup: Any = HullSetup("faulty", folder, attached=(HELD,))
+    assert compare(setup, 60, seed=5).differing == []
+    fault(monkeypatch)
+    assert compare(setup, 250, seed=5).differing

@@ -1,0 +1,183 @@
+"""Proofs with hulls: how far their corners move, what is certified, and what faults cannot reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner_service.certify import Certifier, certify, motion, separation
+from planner_service.certify.hulls import Corners
+from planner_service.certify.motion import Motion
+from planner_service.certify.pairs import ProofPairs
+from planner_service.collision import CollisionChecker, JointStep, prefilter
+from planner_service.geometry import Pose, Shape
+from planner_service.mesh import Mesh
+from planner_service.path import JointPath
+from planner_service.scene import Obstacle, Scene
+from tests.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from tests.laws.test_certify_laws import COAL, anywhere, samples, walks
+from tests.laws.test_collision_laws import near_contact
+from tests.laws.test_mesh_laws import blunt, loose, mirrored, uncentred
+
+seeds = st.integers(0, 2**32 - 1)
+STEP = 0.004
+"""Metres that any point moves between two samples of the second checker."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("hulls")
+    write_arm(place)
+    return place
+
+
+@pytest.fixture(scope="module", params=["empty hand", "spoon in hand"])
+def setup(request: pytest.FixtureRequest, folder: Path) -> HullSetup:
+    return HullSetup(request.param, folder, attached=(HELD,) if request.param.startswith("spoon") else ())
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=seeds)
+def test_no_corner_moves_farther_than_reach_and_motion_bounds_say(folder: Path, seed: int) -> None:
+    setup = HullSetup("moving", folder, attached=(HELD, NEEDLE))
+    robot, rng = setup.robot(), np.random.default_rng(seed)
+    listed = ProofPairs(robot, setup.whole_scene(), ())
+    moves = Motion(robot, listed)
+    q = anywhere(robot, rng, 1)[0]
+    path = JointPath(np.array([q, q + (anywhere(robot, rng, 1)[0] - q) * rng.choice([0.01, 0.2, 1.0])]))
+    _, radii = moves.nodes(path([0.0, path.length]))
+    travel = path.travel([path.length])
+    bound = moves.motions(radii[:1], radii[1:], travel)[:, 0]
+    reach = np.array(setup.checker()._reach)
+    R, t = robot.body_poses_batch(path(np.linspace(0.0, path.length, 150)))
+    for k, piece in enumerate(listed.riding):
+        if isinstance(piece.shape, Mesh):
+            frame = np.array(piece.frame)
+            corners = piece.shape.vertices @ frame[:, :3].T + frame[:, 3]
+            world = np.einsum("mij,pj->mpi", R[:, piece.body], corners) + t[:, piece.body, None]
+            way = np.sqrt((np.diff(world, axis=0) ** 2).sum(axis=-1)).sum(axis=0).max()
+            assert way <= bound[piece.body, k] + 1e-12  # body k is moved by k joints
+            assert way <= (reach * travel[0]).sum() + 1e-12
+
+
+def test_the_reach_of_the_last_joint_is_the_distance_of_its_farthest_corner(folder: Path) -> None:
+    robot = HullSetup("reaching", folder).robot()
+    far = 0.0
+    for item in robot.shapes:
+        if item.link == "hand" and isinstance(item.shape, Mesh):
+            corners = item.shape.vertices @ item.pose.rotation.T + np.array(item.pose.position)
+            far = float(np.sqrt(corners[:, 1] ** 2 + corners[:, 2] ** 2).max())
+    assert robot.reach()[3] == pytest.approx(far, rel=1e-6)
+
+
+def test_a_hull_stands_in_the_proof_where_the_robot_and_the_scene_say(folder: Path) -> None:
+    setup = HullSetup("standing", folder, attached=(HELD, NEEDLE))
+    robot, scene = setup.robot(), setup.whole_scene()
+    listed = ProofPairs(robot, scene, ())
+    q = anywhere(robot, np.random.default_rng(3), 10)
+    motion = Motion(robot, listed)
+    riding, standing = motion.nodes(q)[0].reshape(3, 4, 10, -1), motion.fixed
+    R, t = robot.body_poses_batch(q)
+    for k, piece in enumerate(listed.riding):
+        frame = np.array(piece.frame)
+        centre = frame[:, :3] @ np.array(separation.centre_of(piece.shape)) + frame[:, 3]
+        assert np.abs(riding[:, 3, :, k].T - (R[:, piece.body] @ centre + t[:, piece.body])).max() < 1e-12
+    for k, obstacle in enumerate(scene.obstacles):
+        assert isinstance(obstacle.shape, Shape)
+        centre = np.array([*separation.centre_of(obstacle.shape), 1.0])
+        assert np.abs(standing[:, 3, k] - (obstacle.pose.matrix @ centre)[:3]).max() < 1e-12
+
+
+# certificates
+
+
+def judged(setup: HullSetup, count: int, seed: int) -> Iterator[tuple[bool, str]]:
+    """Of ``count`` walks whether each is certified, and what Coal says against that on dense samples."""
+    robot, second = setup.robot(), setup.independent()
+    certifier = Certifier(robot, setup.whole_scene())
+    for path in walks(robot, second, np.random.default_rng(seed), count):
+        found, wrong = certifier.certify(path), ""
+        smallest = min(min(second.gaps(q).values()) for q in samples(path, second.reach, STEP))
+        if found.certified and found.clearance > smallest + COAL:
+            wrong = f"{found.clearance} proven, {smallest} found"
+        elif not found.certified and smallest > STEP:  # some sample is within half a step of the place
+            wrong = f"refused at {smallest}"
+        yield found.certified, wrong
+
+
+def test_a_certified_path_of_hulls_touches_nothing_and_a_free_one_is_certified(setup: HullSetup) -> None:
+    found = list(judged(setup, 8, seed=14))
+    assert {wrong for _, wrong in found} == {""}
+    assert 2 <= sum(certified for certified, _ in found) <= 7
+
+
+def uncentred_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motion, "centre_of", lambda shape: (0.0, 0.0, 0.0))
+
+
+def symmetric_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hull's support value along n is taken for that along -n."""
+    whole = Corners.extended
+    monkeypatch.setattr(Corners, "extended", lambda corners, n, found: whole(corners, -n, found))
+
+
+def shrunk_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = separation._corners
+
+    def smaller(shape: Shape) -> Any:
+        corners = whole(shape)
+        return None if corners is None else 0.9 * corners
+
+    monkeypatch.setattr(separation, "_corners", smaller)
+
+
+@pytest.mark.parametrize("fault", [uncentred_proof, symmetric_proof, shrunk_proof])
+def test_dense_samples_notice_a_fault_in_the_proof(
+    folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fault(monkeypatch)
+    assert any(wrong for _, wrong in judged(HullSetup("faulty", folder, attached=(HELD,)), 12, seed=14))
+
+
+@pytest.mark.parametrize("fault", [uncentred, loose, mirrored, blunt])
+def test_a_fault_of_the_search_with_hulls_does_not_reach_the_proof(
+    folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setup = HullSetup("fooled", folder, attached=(HELD,))
+    robot, scene, sound = setup.robot(), setup.whole_scene(), setup.checker()
+    rng, edges = np.random.default_rng(15), []
+    for q in near_contact(robot, sound.state_is_free, rng, 200):
+        edge = np.clip([q, q + rng.normal(size=4) * 0.02], robot.limits.lower, robot.limits.upper)
+        if not sound.edge_is_free(*edge):
+            edges.append(edge)
+    monkeypatch.setattr(prefilter, "_ASKED_AT_ONCE", 0)
+    fault(monkeypatch)
+    faulty = setup.checker()
+    fooled = [edge for edge in edges if faulty._first_collision(samples(JointPath(edge), robot.reach(), 0.002)) is None]
+    assert len(fooled) >= 3
+    certifier = Certifier(robot, scene)
+    assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
+
+
+def test_a_thin_hull_that_crosses_a_thin_one_between_two_samples_is_refused(folder: Path) -> None:
+    """A sheet of 2 mm, 20 cm from the axis, which the needle passes sideways within a hundredth of the edge."""
+    plate = Mesh(np.array([[x, y, z] for x in (0.0, 0.001) for y in (0.0, 0.002) for z in (0.0, 0.05)]))
+    setup = HullSetup("thin", folder, obstacles=(), attached=(NEEDLE,))
+    robot = setup.robot()
+    path = JointPath(np.array([[-0.6, -0.3, 0.3, 0.0], [0.7, -0.3, 0.3, 0.0]]))
+    tip = Pose.from_matrix(robot.tool_pose(path(0.4317 * path.length))) @ NEEDLE.pose @ Pose((0.25, 0.0, -0.0005))
+    x, y, z = tip.position
+    scene = Scene((Obstacle("sheet", plate, Pose((x, y, z - 0.025))),), (NEEDLE,))
+    coarse = CollisionChecker(robot, scene, edge_step=JointStep(0.3))
+    assert coarse.path_is_free(path)
+    assert robot.n == 4
+    assert HullSetup("thin", folder, scene.obstacles, (NEEDLE,)).independent().path_touch(path.waypoints, 5e-4)
+    refusal = certify(robot, scene, path).refusal
+    assert refusal is not None
+    assert {refusal.a, refusal.b} == {"needle", "sheet"}
