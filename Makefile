@@ -8,7 +8,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: demo test lint types bench clean
 .DEFAULT_GOAL := demo
 
-$(BIN)/.ready: pyproject.toml constraints.txt
+NATIVE := CMakeLists.txt $(wildcard planner_service/collision/native/*)
+
+$(BIN)/.ready: pyproject.toml constraints.txt $(NATIVE)
 	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 13) else "Python 3.10 to 3.13 is needed, this is " + sys.version.split()[0] + "; name another with: make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"

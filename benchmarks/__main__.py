@@ -11,7 +11,10 @@ from rich.console import Console
 
 from benchmarks.report import Report, show, write_json
 
-MEASURES = ("toy", "states", "solvable", "planners", "speed", "tasks", "proven", "problems", "clouds", "agreement")
+MEASURES = (
+    *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
+    *("problems", "clouds", "agreement", "kernel"),
+)
 
 USAGE = """\
 all       all of the measures below (the default)
@@ -25,6 +28,7 @@ proven    the curves themselves: free, within limits, faster than stops, and wha
 problems  the public Panda problems of MotionBenchMaker, audited by Coal, and what they cost
 clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans audited by Coal
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
+kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them
 readme    the outputs in the README are what is printed; --write puts them there

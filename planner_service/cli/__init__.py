@@ -6,7 +6,7 @@ import io
 import sys
 import traceback
 
-__all__ = ["main"]
+__all__ = ["OUR_BUG", "main"]
 
 INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""

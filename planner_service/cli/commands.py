@@ -8,13 +8,14 @@ import os
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from planner_service.cli import listings
+from planner_service.cli import OUR_BUG, listings
 from planner_service.cli.arguments import configuration, goals, timing_by_name
 from planner_service.cli.imported import import_record, import_table, locks, to_check
 from planner_service.cli.pick_place import plan_pick_place
@@ -30,6 +31,7 @@ from planner_service.cli.tables import (
     task_rows,
 )
 from planner_service.collision import CollisionChecker
+from planner_service.collision.health import examine
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.interchange import csv_text, joint_trajectory, load_world
 from planner_service.outcome import Failure
@@ -292,6 +294,34 @@ def scenes(name: Name = None, as_json: AsJson = False) -> None:
         for scene in found:
             rows.add_row(scene.name, str(len(scene.obstacles)), scene.description)
         emit(render(rows))
+
+
+@app.command(short_help="Is the compiled kernel in use, and is it right?")
+def doctor(
+    robot: RobotName = "wxai",
+    scene: SceneName = "bin",
+    states: Annotated[int, typer.Option(help="Random configurations on which both are compared.")] = 1000,
+    seed: Seed = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Say which instruction set collision checks use, and compare the kernel with the reference on random states."""
+    with _bad_input_exits():
+        health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
+    if as_json:
+        emit(_json({**asdict(health), "agrees": health.agrees}))
+    else:
+        kernel = health.instruction_set
+        emit(
+            render(
+                "kernel: not built, numpy stands in for it; plans are the same and take longer"
+                if kernel is None
+                else f"kernel: {kernel}; this processor can run {', '.join(health.available)}",
+                f"compared on {health.states:,} random states of {robot} in {scene} ({health.colliding:,} collide): "
+                f"{health.differences:,} differences",
+                f"a state takes {health.kernel_us:.1f} us, {health.reference_us:.1f} us by the reference",
+            )
+        )
+    raise typer.Exit(0 if health.agrees else OUR_BUG)
 
 
 @app.command("import-robot", short_help="Write a robot.toml from a URDF.")

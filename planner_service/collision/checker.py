@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner_service.collision import prefilter
 from planner_service.collision.edges import (
+    GLANCE,
+    MAX_SEGMENTS,
     EdgeStep,
     FinestStep,
     Known,
@@ -20,6 +25,7 @@ from planner_service.collision.edges import (
     interior,
 )
 from planner_service.collision.fcl import FclJudge
+from planner_service.collision.kernel import Asked, Doubt, Kernel, build_kernel, rules_of
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts
 from planner_service.collision.prefilter import Prefilter
@@ -29,7 +35,9 @@ from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
-__all__ = ["CollisionChecker", "Contact", "EdgeHit"]
+__all__ = ["Backend", "CollisionChecker", "Contact", "EdgeHit"]
+
+Backend = Literal["auto", "native", "fcl"]
 
 MAX_PADDING = 0.1
 """Metres; more padding than this is a unit mistake."""
@@ -44,7 +52,17 @@ LIMIT_SLACK = 1e-9
 """Radians or metres by which rounding may carry a configuration over a joint limit."""
 
 _FIRST_CHUNK, _CHUNK = 8, 64
-"""Samples judged at once: few first, because an edge that collides mostly does so early in bisection order."""
+"""Samples judged at once: few first, because an edge that collides mostly does so early in bisection order.
+The kernel sees to that by itself; between two calls of it a user can cancel."""
+
+FLOAT64 = np.dtype(np.float64)
+
+_END = Known.END.value
+_JUDGED_ENDS = (3, 2, 1, 0)
+"""As the kernel has it, 1 for the start and 2 for the end, by the value of ``Known``: arithmetic of flags is slow."""
+
+Hit = tuple[int, float, tuple[str, str]]
+"""The row that collides, where on the edge it is, and the owners of the first pair that touches there."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +110,12 @@ class CollisionChecker:
         edge_step: How finely edges are sampled.
         padding: Distance in metres that every pair must keep; verdicts of a plan use 0.
         allowed: Pairs of link or object names that may touch, beside those the robot allows.
+        backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "fcl", numpy alone;
+            "auto", the kernel where it was built. Verdicts, counts and names are the same.
 
     Raises:
         UnknownName: ``allowed`` names nothing that is there.
+        InvalidRequest: no such backend, or "native" where the kernel was not built.
     """
 
     def __init__(
@@ -105,6 +126,7 @@ class CollisionChecker:
         edge_step: EdgeStep | None = None,
         padding: float = 0.0,
         allowed: Iterable[tuple[str, str]] = (),
+        backend: Backend = "auto",
     ) -> None:
         _require_padding(padding)
         if edge_step is not None and not callable(getattr(edge_step, "segments", None)):
@@ -116,13 +138,15 @@ class CollisionChecker:
         self.allowed = _sorted_pairs(allowed)
         self.ledger = Ledger()
         self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
-        self._prefilter = Prefilter(robot, self._parts)
+        self.backend = backend
+        self._kernel = _kernel_of(backend, robot, self._parts)
         self._judge = FclJudge(self._parts.shapes, [part.T for part in self._parts.parts])
         n = self._parts.riding
         self._local = [_numbers(part.T) for part in self._parts.parts[:n]]
         self._reach: list[float] = robot.reach(self._parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
+        self._quick = self._agreed()
         self._variants: dict[tuple[float, tuple[tuple[str, str], ...], float | None], CollisionChecker] = {}
         self._motion_step: float | None = None
 
@@ -148,12 +172,31 @@ class CollisionChecker:
             step = self.edge_step
             if motion_step is not None:
                 step = FinestStep((step, MotionStep(motion_step)))
-            other = CollisionChecker(self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs)
+            other = CollisionChecker(
+                self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs, backend=self.backend
+            )
             other.ledger, other._variants, other._motion_step = self.ledger, self._variants, key[2]
             while len(self._variants) >= MAX_VARIANTS:
                 del self._variants[next(iter(self._variants))]
             self._variants[key] = other
         return self._variants[key]
+
+    def _agreed(self) -> Kernel | None:
+        """The kernel, told the limits and the edge step; None if there is none, or the step is a user's own."""
+        rules = rules_of(self.edge_step)
+        if self._kernel is None or rules is None:
+            return None
+        self._kernel.agree(self._lower, self._upper, self._reach, rules)
+        return self._kernel
+
+    @cached_property
+    def _prefilter(self) -> Prefilter:
+        return Prefilter(self.robot, self._parts)
+
+    @property
+    def instruction_set(self) -> str | None:
+        """What the compiled kernel uses; None when numpy stands in for it."""
+        return None if self._kernel is None else self._kernel.variant
 
     @property
     def counts(self) -> CheckCounts:
@@ -179,6 +222,12 @@ class CollisionChecker:
         Raises:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
+        if self._quick is not None and _are_floats(q):
+            with self.ledger.lock:
+                if self._quick.surely_free(q):
+                    self.ledger.poll()
+                    self.ledger.charge_states(1)
+                    return True
         return self._first_collision(self._configuration("q", q)[None]) is None
 
     def states_are_free(self, Q: ArrayLike) -> NDArray[np.bool_]:
@@ -217,27 +266,14 @@ class CollisionChecker:
         Raises:
             InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
         """
-        return self._edge_hit(q1, q2, known, glance=False)
-
-    def _edge_hit(self, q1: ArrayLike, q2: ArrayLike, known: Known, *, glance: bool) -> EdgeHit | None:
-        start, end = self._configuration("q1", q1), self._configuration("q2", q2)
-        self.ledger.charge_edge()
-        a, b = start.tolist(), end.tolist()
-        ends = [(0.0, start)] if Known.START not in known else []
-        if Known.END not in known and a != b:
-            ends.append((1.0, end))
-        if ends:
-            hit = self._first_collision(np.array([q for _, q in ends]))
-            if hit is not None:
-                return EdgeHit(ends[hit[0]][0], *hit[1])
-        return self._interior_hit(a, b, slice(first_samples(self._segments(a, b)) if glance else None))
+        return self._edge(q1, q2, known, 0)
 
     def edge_glance(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> EdgeHit | None:
         """As ``edge_hit``, but of the interior only the first samples are judged, which are far apart.
 
         An edge that collides mostly does so at one of these; ``edge_rest`` judges the others.
         """
-        return self._edge_hit(q1, q2, known, glance=True)
+        return self._edge(q1, q2, known, GLANCE)
 
     def edge_rest(self, q1: ArrayLike, q2: ArrayLike) -> EdgeHit | None:
         """Where an edge collides at a sample that ``edge_glance`` left out, None when all of these are free.
@@ -245,18 +281,69 @@ class CollisionChecker:
         Counts their states, and no edge: that was counted at the glance.
         """
         a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
-        return self._interior_hit(a, b, slice(first_samples(self._segments(a, b)), None))
-
-    def _interior_hit(self, a: Sequence[float], b: Sequence[float], part: slice) -> EdgeHit | None:
-        """The first collision among a part of an edge's interior samples."""
         segments = self._segments(a, b)
+        first = first_samples(segments)
+        with self.ledger.lock:
+            if self._kernel is None:
+                hit = self._interior_hit(a, b, segments, slice(first, None))
+            else:
+                ask = partial(self._kernel.edge, a, b, 0, segments)
+                hit = self._first_doubtful(segments - 1, ask, start=first)
+        return None if hit is None else EdgeHit(hit[1], *hit[2])
+
+    def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int) -> EdgeHit | None:
+        """Judge an edge, of its interior only what a glance sees unless ``glance`` is 0."""
+        if self._quick is not None and _are_floats(q1) and _are_floats(q2):
+            with self.ledger.lock:  # FCL objects are moved from question to question
+                stop = self._stop(0, MAX_SEGMENTS)
+                told = self._quick.ask(q1, q2, known._value_, glance, stop)
+                if told is not None:
+                    return self._told(self._quick, q1, q2, told, stop)
+        a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
+        segments = self._segments(a, b)
+        inner = first_samples(segments) if glance else segments - 1
+        with self.ledger.lock:
+            self.ledger.edges += 1
+            if self._kernel is None:
+                hit = self._edge_hit((a, b), segments, inner, known if a != b else known | Known.END)
+            else:
+                ends = _JUDGED_ENDS[known._value_ if a != b else known._value_ | _END]
+                ask = partial(self._kernel.edge, a, b, ends, segments)
+                hit = self._first_doubtful((ends + 1) // 2 + inner, ask)
+        return None if hit is None else EdgeHit(hit[1], *hit[2])
+
+    def _told(self, kernel: Kernel, q1: FloatArray, q2: FloatArray, told: int | Asked, stop: int) -> EdgeHit | None:
+        """Count and finish an edge of which the kernel told the rows below ``stop``."""
+        self.ledger.edges += 1
+        if isinstance(told, int):
+            if told:
+                self.ledger.poll()
+                self.ledger.charge_states(told)
+            return None
+        ends, segments, rows, doubt = told
+        ask = partial(kernel.edge, q1.tolist(), q2.tolist(), ends, segments)
+        hit = self._first_doubtful(rows, ask, told=(min(stop, rows), doubt))
+        return None if hit is None else EdgeHit(hit[1], *hit[2])
+
+    def _edge_hit(self, edge: tuple[list[float], list[float]], segments: int, inner: int, known: Known) -> Hit | None:
+        """The first collision among the ends that are not known and the first ``inner`` interior samples."""
+        ends = [
+            (k, q) for k, (q, end) in enumerate(zip(edge, (Known.START, Known.END), strict=True)) if end not in known
+        ]
+        hit = self._first_of_all(np.array([q for _, q in ends])) if ends else None
+        if hit is not None:
+            return hit[0], float(ends[hit[0]][0]), hit[2]
+        return self._interior_hit(*edge, segments, slice(inner))
+
+    def _interior_hit(self, a: list[float], b: list[float], segments: int, part: slice) -> Hit | None:
+        """The first collision among a part of an edge's interior samples."""
         if segments == 1:
             return None
-        hit = self._first_collision(interior(a, b, segments)[part])
+        hit = self._first_of_all(interior(a, b, segments)[part])
         if hit is None:
             return None
         fraction = float(bisection_order(segments)[part][hit[0], 0])
-        return EdgeHit(fraction if tuple(a) <= tuple(b) else 1.0 - fraction, *hit[1])
+        return hit[0], fraction if a <= b else 1.0 - fraction, hit[2]
 
     def segments(self, q1: ArrayLike, q2: ArrayLike) -> int:
         """The number of equal parts into which the edge from q1 to q2 is split; counts nothing."""
@@ -333,10 +420,10 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         q = self._configuration("q", q)
-        _, numbers = self._prefilter.candidates(q[None])
+        numbers = self._candidates(q)
         with self.ledger.lock:
             self.ledger.charge_states(1)
-            hits = np.array(list(self._colliding_pairs(q.tolist(), numbers.tolist())), dtype=np.intp)
+            hits = np.array(list(self._colliding_pairs(q.tolist(), numbers)), dtype=np.intp)
         depth: dict[tuple[str, str], float] = {}
         for pair, overlap in zip(hits.tolist(), self._prefilter.overlaps(q, hits).tolist(), strict=True):
             names = self._parts.names(pair)  # of a pair that only touches the bound may be below 0
@@ -357,15 +444,70 @@ class CollisionChecker:
                 raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in [{low:.4f}, {high:.4f}]")
         return array
 
-    def _first_collision(self, Q: FloatArray) -> tuple[int, tuple[str, str]] | None:
-        """Judge configurations (m, n) in order, up to the first that collides, and count them.
+    def _candidates(self, q: FloatArray) -> list[int]:
+        """The pairs at q (n,) that are not proven apart."""
+        if self._kernel is not None:
+            return self._kernel.candidates(q[None])[1]
+        numbers: list[int] = self._prefilter.candidates(q[None])[1].tolist()
+        return numbers
 
-        Returns its row and the owners of the first pair that touches there, None when all are free.
-        """
+    def _first_collision(self, Q: FloatArray) -> Hit | None:
+        """Judge configurations (m, n) in order, up to the first that collides, and count them."""
         with self.ledger.lock:  # FCL objects are moved from question to question
-            return self._first_collision_alone(Q)
+            if self._kernel is None:
+                return self._first_of_all(Q)
+            return self._first_doubtful(len(Q), partial(self._kernel.first, np.ascontiguousarray(Q)))
 
-    def _first_collision_alone(self, Q: FloatArray) -> tuple[int, tuple[str, str]] | None:
+    def _stop(self, start: int, rows: int) -> int:
+        """Up to which row to judge in one go, from ``start``: one more than there is room for passes the limit."""
+        room = self.ledger.room()
+        return min(rows, start + (_CHUNK if room is None else min(_CHUNK, room + 1)))
+
+    def _first_doubtful(
+        self,
+        rows: int,
+        ask: Callable[[int, int], Doubt | None],
+        *,
+        start: int = 0,
+        told: tuple[int, Doubt | None] | None = None,
+    ) -> Hit | None:
+        """The same for configurations ``start`` to ``rows`` of which the kernel, asked, tells the next in doubt.
+
+        Args:
+            told: Up to which row it was asked before, and what it told.
+        """
+        while start < rows:
+            self.ledger.poll()
+            if told is None:
+                stop = self._stop(start, rows)
+                doubt = ask(start, stop)
+            else:
+                (stop, doubt), told = told, None
+            pair = None
+            while doubt is not None:
+                pair = self._first_touching(doubt)
+                if pair is not None:
+                    break
+                doubt = ask(doubt[0] + 1, stop)
+            self.ledger.charge_states((stop if doubt is None else doubt[0] + 1) - start)
+            if doubt is not None and pair is not None:
+                names = self._parts.names(pair)
+                self.ledger.hit(names)
+                return doubt[0], doubt[1], names
+            start = stop
+        return None
+
+    def _first_touching(self, doubt: Doubt) -> int | None:
+        """The first pair that touches where the kernel is in doubt."""
+        _, _, q, asked, deep = doubt
+        if deep:
+            return asked[0]
+        for pair in self._colliding_pairs(q, asked):
+            return pair
+        rest = [pair for pair in self._candidates(np.array(q)) if pair not in asked]
+        return next(self._colliding_pairs(q, rest), None)
+
+    def _first_of_all(self, Q: FloatArray) -> Hit | None:
         start, size = 0, _FIRST_CHUNK
         while start < len(Q):
             self.ledger.poll()
@@ -376,12 +518,20 @@ class CollisionChecker:
             if hit is not None:
                 names = self._parts.names(hit[1])
                 self.ledger.hit(names)
-                return start + hit[0], names
+                return start + hit[0], 0.0, names
             start, size = start + len(chunk), _CHUNK
         return None
 
     def _hits(self, Q: FloatArray) -> Iterator[tuple[int, int]]:
         """The rows of Q that collide, in order, each with the first of its pairs that does."""
+        if self._kernel is not None:
+            start = 0
+            while (doubt := self._kernel.first(Q, start, len(Q))) is not None:
+                touching = self._first_touching(doubt)
+                if touching is not None:
+                    yield doubt[0], touching
+                start = doubt[0] + 1
+            return
         rows, pairs = self._prefilter.candidates(Q)
         doubtful: dict[int, list[int]] = {}
         for row, pair in zip(rows.tolist(), pairs.tolist(), strict=True):
@@ -414,6 +564,20 @@ def _require_padding(padding: object) -> None:
     kind = isinstance(padding, int | float | np.number) and not isinstance(padding, bool)
     if not kind or not 0.0 <= padding <= MAX_PADDING:  # type: ignore[operator]
         raise InvalidRequest("padding", padding, f"metres in [0, {MAX_PADDING}]")
+
+
+def _are_floats(q: ArrayLike) -> TypeGuard[FloatArray]:
+    """Whether q is what planners ask with, without a closer look."""
+    return type(q) is np.ndarray and q.dtype is FLOAT64
+
+
+def _kernel_of(backend: object, robot: Robot, parts: Parts) -> Kernel | None:
+    if backend not in ("auto", "native", "fcl"):
+        raise InvalidRequest("backend", backend, '"auto", "native" or "fcl"')
+    kernel = None if backend == "fcl" else build_kernel(robot, parts, prefilter.MARGIN)
+    if kernel is None and backend == "native":
+        raise InvalidRequest("backend", backend, '"auto" or "fcl": the compiled kernel was not built')
+    return kernel
 
 
 def _sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:

@@ -1,0 +1,38 @@
+"""The compiled kernel (native/module.cpp)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+def instruction_sets() -> list[str]: ...
+
+class Kernel:
+    def __init__(
+        self,
+        joints: NDArray[np.float64],
+        places: NDArray[np.float64],
+        solids: NDArray[np.float64],
+        runs: NDArray[np.int64],
+        pairs: NDArray[np.int64],
+        hulls: Sequence[NDArray[np.float64]],
+        margin: float,
+        variant: str = "",
+    ) -> None: ...
+    @property
+    def variant(self) -> str: ...
+    def candidates(self, Q: NDArray[np.float64], /) -> tuple[list[int], list[int]]: ...
+    def first(
+        self, Q: NDArray[np.float64], start: int, stop: int, /
+    ) -> tuple[int, float, list[float], list[int], bool] | None: ...
+    def edge(
+        self, a: Sequence[float], b: Sequence[float], ends: int, segments: int, start: int, stop: int, /
+    ) -> tuple[int, float, list[float], list[int], bool] | None: ...
+    def agree(
+        self, lower: Sequence[float], upper: Sequence[float], reach: Sequence[float], rules: list[tuple[bool, float]], /
+    ) -> None: ...
+    def surely_free(self, q: NDArray[np.float64], /) -> bool: ...
+    def ask(
+        self, q1: NDArray[np.float64], q2: NDArray[np.float64], known: int, glance: int, stop: int, /
+    ) -> int | tuple[int, int, int, tuple[int, float, list[float], list[int], bool] | None] | None: ...
+    def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]: ...

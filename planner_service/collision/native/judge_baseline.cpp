@@ -1,0 +1,2 @@
+#define KERNEL_VARIANT baseline
+#include "judge.inc"
