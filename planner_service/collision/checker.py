@@ -102,9 +102,9 @@ class EdgeHit:
 class CollisionChecker:
     """Answers whether a robot's configurations and the edges between them are free in a scene; from any thread.
 
-    FCL's boolean ``collide`` decides every doubtful pair; a pair is not asked only where it is
-    proven apart by more than the margin in which FCL could say otherwise. Joint limits are part of
-    the question: a configuration outside them raises rather than being called free.
+    FCL's boolean ``collide`` decides every doubtful pair; a pair is not asked only where it is proven apart, or to
+    overlap, by more than the margin in which FCL could say otherwise. Joint limits are part of the question: a
+    configuration outside them raises rather than being called free.
 
     Args:
         edge_step: How finely edges are sampled.
