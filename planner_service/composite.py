@@ -175,8 +175,9 @@ class PointCloud:
         cells: The cells as whole numbers of edges (k, 3), each once, sorted.
 
     Raises:
-        InvalidRequest: not finite numbers of shape (n, 3), no point or more than 500,000, one beyond 1 km; a resolution
-            outside [0.0001, 1000] m; more than 50,000 boxes after joining cells: the resolution is too fine.
+        InvalidRequest: not finite numbers of shape (n, 3), no point or more than 500,000, one beyond 1 km, or the
+            centre of its cell; a cloud longer than 1 km; a resolution outside [0.0001, 1000] m; more than 50,000 boxes
+            after joining cells: the resolution is too fine.
     """
 
     points: FloatArray = field(repr=False)
@@ -190,7 +191,11 @@ class PointCloud:
         cells = np.unique(np.floor(points / resolution).astype(np.int64), axis=0)
         cells.flags.writeable = False
         object.__setattr__(self, "cells", cells)
-        object.__setattr__(self, "points", read_only((cells + 0.5) * resolution))
+        object.__setattr__(self, "points", _checked_rows("points", read_only((cells + 0.5) * resolution)))
+        extent = float((self._boxes.high.max(axis=0) - self._boxes.low.min(axis=0)).max())
+        if extent > MAX_LENGTH:
+            expected = f"a cloud no longer than {MAX_LENGTH:g} m"
+            raise InvalidRequest("points", extent, expected, message=f"points: {extent:g} m long; expected {expected}")
         _check_count("resolution", resolution, len(self._boxes.low))
 
     @classmethod
@@ -286,8 +291,9 @@ class HeightField:
             raise InvalidRequest(f"heights[{row}, {column}]", float(heights[row, column]), expected)
         if cell * max(heights.shape) > MAX_LENGTH:
             raise InvalidRequest("cell", cell, f"a field no longer than {MAX_LENGTH:g} m")
-        if not np.any(heights > floor):
-            raise InvalidRequest("floor", floor, f"below the highest column, {float(heights.max()):g}")
+        top = float(heights.max())
+        if not 0.0 < top - floor <= MAX_LENGTH:
+            raise InvalidRequest("floor", floor, f"below the highest column, {top:g}, by at most {MAX_LENGTH:g}")
         object.__setattr__(self, "heights", read_only(heights + 0.0))
         object.__setattr__(self, "cell", cell)
         object.__setattr__(self, "floor", floor + 0.0)

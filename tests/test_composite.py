@@ -127,6 +127,12 @@ BAD_CLOUDS: dict[str, tuple[Any, Any, str]] = {
     "none": (np.zeros((0, 3)), 0.1, r"points: got an array of shape \(0, 3\)"),
     "NaN": ([[0.0, 0.0, 0.0], [0.0, float("nan"), 0.0]], 0.1, r"points\[1\]: got \[0.0, nan, 0.0\]"),
     "far": ([[2000.0, 0.0, 0.0]], 0.1, r"points\[0\]: got \[2000.0, 0.0, 0.0\]"),
+    "far cell": ([[1000.0, 0.0, 0.0]], 0.01, r"points\[0\]: got \[1000.005, 0.005, 0.005\]"),
+    "long": (
+        [[-999.0, 0.0, 0.0], [999.0, 0.0, 0.0]],
+        1.0,
+        "points: 1999 m long; expected a cloud no longer than 1000 m",
+    ),
     "resolution 0": ([[0.0, 0.0, 0.0]], 0.0, "resolution: got 0.0; expected an edge of 0.0001 to 1000 m"),
     "resolution NaN": ([[0.0, 0.0, 0.0]], float("nan"), "resolution: got nan"),
     "resolution text": ([[0.0, 0.0, 0.0]], "1 cm", "resolution: got '1 cm'"),
@@ -150,6 +156,7 @@ BAD_FIELDS: dict[str, tuple[Any, Any, Any, str]] = {
     "unknown height": ([[0.1, float("nan")]], 0.1, 0.0, r"heights\[0, 1\]: got nan"),
     "too high": ([[5e3]], 0.1, 0.0, r"heights\[0, 0\]: got 5000.0"),
     "nothing above the floor": ([[0.1, 0.0]], 0.1, 0.1, "floor: got 0.1; expected below the highest column, 0.1"),
+    "far above the floor": ([[999.0]], 0.1, -999.0, "floor: got -999.0; expected below .*, 999, by at most 1000"),
     "cell": ([[0.1]], -1, 0.0, "cell: got -1"),
     "too long": ([[0.1] * 3], 999.0, 0.0, "cell: got 999.0; expected a field no longer than 1000 m"),
     "floor": ([[0.1]], 0.1, "low", "floor: got 'low'"),
@@ -269,6 +276,15 @@ def test_heights_are_read_from_a_file(tmp_path: Path) -> None:
     assert HeightField.from_file(tmp_path / "h.npz", 0.5) == GROUND
     with pytest.raises(InvalidFile, match=r"suffix '.ply'; expected one of .npz, .npy"):
         HeightField.from_file(tmp_path / "h.ply", 0.5)
+
+
+def test_a_cloud_at_the_farthest_and_finest_is_kept_by_a_scene_file(tmp_path: Path) -> None:
+    points = [[999.9999, -1000.0, 0.0], [999.9998, -999.9, -0.0], [999.9, -1000.0, 5e-324], [999.9, -1000.0, -5e-324]]
+    cloud = PointCloud(np.array(points), 0.0001)
+    assert sorted(cloud.cells[:, 2].tolist()) == [-1, 0, 0, 0]
+    scene = Scene((Obstacle("far", cloud),))
+    save_scene(scene, tmp_path / "s.toml")
+    assert load_scene(tmp_path / "s.toml") == scene
 
 
 def scene_of_all() -> Scene:

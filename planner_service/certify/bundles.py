@@ -11,7 +11,7 @@ import numpy as np
 
 from planner_service.certify.separation import Solids, centre_of
 from planner_service.composite import Pieces
-from planner_service.geometry import Box, FloatArray
+from planner_service.geometry import MAX_LENGTH, Box, FloatArray
 
 __all__ = ["MANY", "Bundle", "bundled"]
 
@@ -43,7 +43,7 @@ class Bundle:
 
 
 def bundled(pieces: Pieces, first: int, number: int) -> list[Bundle]:
-    """The bundles of an obstacle, what is in a bundle before it; the last holds everything.
+    """The bundles of an obstacle, what is in a bundle before it; the last holds everything, or would be beyond 1 km.
 
     Args:
         first: The number of the obstacle's first piece.
@@ -55,6 +55,8 @@ def bundled(pieces: Pieces, first: int, number: int) -> list[Bundle]:
         starts = np.arange(0, len(low), FAN)
         ends = np.minimum(starts + FAN, len(low))
         low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+        if float((high - low).max()) + 2.0 * ROUNDING > MAX_LENGTH:  # no box is so large
+            break
         size, centre = (high - low + 2.0 * ROUNDING).tolist(), (0.5 * (low + high)).tolist()
         here = number + len(out)
         for k, ((x, y, z), (u, v, w)) in enumerate(zip(size, centre, strict=True)):

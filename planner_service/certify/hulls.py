@@ -67,6 +67,8 @@ class Corners:
 
     def extended(self, n: FloatArray, found: FloatArray) -> FloatArray:
         """Support values along n (..., 3, p) in local axes, (..., p): those of hulls put into ``found``."""
+        if found.size == 0:  # how many directions there were cannot be told from that
+            return found
         flat = n.reshape(-1, *n.shape[-2:])
         out = found.reshape(-1, found.shape[-1])
         for columns in self._blocks(len(flat)):

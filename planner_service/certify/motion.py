@@ -52,9 +52,8 @@ class Motion:
         self._rides = self.second < self.riding
         self.fixed = _table([_centred(piece) for piece in listed.standing])
         self._solids = Solids.of([piece.shape for piece in riding])
-        every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
-        self._every_radius = every.radius()
-        self._pair_solids = (every.take(self.first), every.take(self.second))
+        self._every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
+        self._every_radius = self._every.radius()
         self._local = _table([_centred(piece) for piece in riding])[:, :, None]
         self._body = np.array([piece.body for piece in riding], dtype=np.intp)
         self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
@@ -177,8 +176,8 @@ class Motion:
     def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
         """Pairs as they stand at nodes; ``poses`` as for ``spheres_apart``."""
         first, second = self._in_poses(pair, node)
-        a, b = self._pair_solids
-        return Facing.of(a.take(pair), b.take(pair), poses[:, :, first], poses[:, :, second])
+        a, b = self._every.take(self.first[pair]), self._every.take(self.second[pair])
+        return Facing.of(a, b, poses[:, :, first], poses[:, :, second])
 
 
 def _centred(piece: Piece) -> Frame:

@@ -22,6 +22,9 @@ __all__ = ["FIXED", "Frame", "Piece", "ProofPairs", "pairs_of_names"]
 
 Frame = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 
+MAX_PAIRS = 20_000_000
+"""Of pieces; more take more memory than most have."""
+
 FIXED = -1
 """The body of what stands in the world."""
 
@@ -56,7 +59,7 @@ class ProofPairs:
 
     Raises:
         UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an object is called like a link.
+        InvalidRequest: an object is called like a link; more than 20,000,000 pairs.
     """
 
     def __init__(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> None:
@@ -78,7 +81,8 @@ class ProofPairs:
                 tree = bundled(o.shape.pieces, numbers.start, len(riding) + len(standing))
                 at = _frame(o.pose.matrix)
                 standing += [Piece(o.name, FIXED, each.box, _times(at, each.frame)) for each in tree]
-                self._trees[numbers] = tree
+                if tree:
+                    self._trees[numbers] = tree
         self.standing = tuple(standing)
         self._pieces = self.riding + self.standing
         self.owners = frozenset(piece.owner for piece in self._pieces)
@@ -118,21 +122,20 @@ class ProofPairs:
 
     def _listed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The pairs, and the children of each."""
-        pieces, count = self._pieces, len(self.riding)
         rows: list[NDArray[np.intp]] = [np.zeros((0, 2), dtype=np.intp)]
         found = 0
         places: list[tuple[int, range, int]] = []
-        for i in range(count):
-            own = [j for j in range(i + 1, count) if self._must_part(pieces[i], pieces[j])]
-            some = [np.array(own, dtype=np.intp)]
-            found += len(own)
-            for numbers in self._obstacles:
-                if self._must_part(pieces[i], pieces[numbers.start]):
-                    if numbers in self._trees:
-                        places.append((i, numbers, found))
-                    some.append(np.arange(numbers.start, numbers.stop))
-                    found += len(numbers)
-            rows.append(_with(i, np.concatenate(some)))
+        for run, partners in self._partners():
+            some = [np.zeros(0, dtype=np.intp), *(np.arange(other.start, other.stop) for other in partners)]
+            others = np.concatenate(some)
+            if found + len(run) * len(others) > MAX_PAIRS:
+                count = found + len(run) * len(others)
+                raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must be apart")
+            ends = np.cumsum([len(some[0]), *map(len, partners)]).tolist()
+            for i in run:
+                places += [(i, o, found + at) for o, at in zip(partners, ends, strict=False) if o in self._trees]
+                rows.append(_with(i, others))
+                found += len(others)
         children: list[NDArray[np.intp]] = [np.zeros((found, 2), dtype=np.intp)]
         for i, numbers, first in places:
             tree = self._trees[numbers]
@@ -142,6 +145,15 @@ class ProofPairs:
             children.append(np.array([begins, [each.count for each in tree]], dtype=np.intp).T)
             found += len(tree)
         return np.concatenate(rows), np.concatenate(children)
+
+    def _partners(self) -> Iterator[tuple[range, list[range]]]:
+        """Riding pieces of one owner on one body, and what each of them must be apart from."""
+        kinds = [(piece.owner, piece.body, piece.held) for piece in self.riding]
+        starts = [k for k, kind in enumerate(kinds) if k == 0 or kind != kinds[k - 1]]
+        runs = [range(first, end) for first, end in zip(starts, [*starts[1:], len(kinds)], strict=False)]
+        for k, run in enumerate(runs):
+            a = self._pieces[run.start]
+            yield run, [o for o in (*runs[k + 1 :], *self._obstacles) if self._must_part(a, self._pieces[o.start])]
 
     def _must_part(self, a: Piece, b: Piece) -> bool:
         if a.owner == b.owner or frozenset((a.owner, b.owner)) in self._may_touch:

@@ -143,7 +143,6 @@ class CollisionChecker:
         self._judge = FclJudge(self._parts.shapes, [part.T for part in self._parts.parts])
         n = self._parts.riding
         self._local = [_numbers(part.T) for part in self._parts.parts[:n]]
-        self._first, self._second = self._parts.pairs.T.tolist()
         self._reach: list[float] = robot.reach(self._parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
@@ -207,7 +206,7 @@ class CollisionChecker:
     @property
     def pair_count(self) -> int:
         """Pairs of pieces judged in each state, robot against itself and against the scene."""
-        return len(self._first)
+        return len(self._parts.pairs)
 
     @contextmanager
     def limited(
@@ -411,7 +410,7 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         gap = self._prefilter.smallest_gap(self._configuration("q", q))
-        self.ledger.charge_distances(len(self._first))
+        self.ledger.charge_distances(self.pair_count)
         return math.floor(gap * NANO) / NANO if math.isfinite(gap) else gap
 
     def contacts(self, q: ArrayLike) -> tuple[Contact, ...]:
@@ -542,15 +541,15 @@ class CollisionChecker:
             if pair is not None:
                 yield row, pair
 
-    def _colliding_pairs(self, q: Sequence[float], asked: Iterable[int]) -> Iterator[int]:
+    def _colliding_pairs(self, q: Sequence[float], asked: Sequence[int]) -> Iterator[int]:
         """The pairs among ``asked`` that FCL finds touching at q, as it is asked.
 
         The poses FCL gets come from one scalar forward kinematics, whatever placed the prefilter.
         """
         placed: set[int] = set()
         poses = None
-        for number in asked:
-            i, j = self._first[number], self._second[number]
+        numbers_of_parts = self._parts.pairs[np.array(asked, dtype=np.intp)].tolist()
+        for number, (i, j) in zip(asked, numbers_of_parts, strict=True):
             for part in (i, j):
                 if part < self._parts.riding and part not in placed:
                     poses = self.robot.body_poses(q) if poses is None else poses

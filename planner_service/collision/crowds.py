@@ -63,9 +63,12 @@ class Crowds:
         in_crowd = np.zeros(len(parts.parts), dtype=bool)
         in_crowd[crowd] = True
         self.pairs: NDArray[np.bool_] = in_crowd[parts.pairs[:, 1]]
-        number = np.full((n, len(parts.parts)), -1, dtype=np.intp)
-        number[parts.pairs[:, 0], parts.pairs[:, 1]] = np.arange(len(parts.pairs))
-        self._first_pair = number[:, self._start]
+        column = np.full(len(parts.parts), -1, dtype=np.intp)
+        column[self._start] = np.arange(len(self._start))
+        starting = np.flatnonzero(column[parts.pairs[:, 1]] >= 0)
+        i, j = parts.pairs[starting].T
+        self._first_pair = np.full((n, len(self._start)), -1, dtype=np.intp)
+        self._first_pair[i, column[j]] = starting
 
     def candidates(self, R: FloatArray, t: FloatArray, reach: FloatArray, margin: float) -> tuple[IntArray, IntArray]:
         """Rows and pairs not proven farther apart than ``margin``, in no order.
@@ -136,6 +139,8 @@ class Crowds:
             most: None for the one group with the smallest bound.
         """
         i, group = np.nonzero(self._first_pair >= 0)
+        if not len(i):  # whatever rides may touch the crowds
+            return np.zeros(0, dtype=np.intp)
         gaps = rough_gaps(self._riders(R, t, np.zeros_like(i), i), self._groups.take(group))
         near = np.array([gaps.argmin()]) if most is None else np.flatnonzero(gaps <= most)
         firsts, sizes = self._first_pair[i[near], group[near]], self._size[group[near]]

@@ -19,6 +19,9 @@ __all__ = ["Part", "Parts"]
 MANY = 64
 """Pieces from which on an obstacle is a crowd."""
 
+MAX_PAIRS = 20_000_000
+"""Ten clouds of 50,000 boxes around an arm of 40 pieces; more take more memory than most have."""
+
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -59,7 +62,7 @@ class Parts:
 
     Raises:
         UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an owner's name stands for two things.
+        InvalidRequest: an owner's name stands for two things; more than 20,000,000 pairs.
     """
 
     def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Iterable[tuple[str, str]]) -> None:
@@ -120,13 +123,27 @@ class Parts:
         return not moving.moves
 
     def _pairs(self) -> NDArray[np.intp]:
+        riding = self._riding_runs()
         rows = [np.zeros((0, 2), dtype=np.intp)]
-        for i in range(self.riding):
-            judged = [np.arange(*run) for run in self.runs if not self._may_touch(self.parts[i], self.parts[run[0]])]
-            own = [j for j in range(i + 1, self.riding) if not self._may_touch(self.parts[i], self.parts[j])]
-            others = np.concatenate([*judged, np.array(own, dtype=np.intp)])
-            rows.append(np.stack([np.full(len(others), i, dtype=np.intp), others], axis=1))
+        count = 0
+        for k, run in enumerate(riding):
+            part = self.parts[run[0]]
+            judged = [
+                other for other in (*self.runs, *riding[k + 1 :]) if not self._may_touch(part, self.parts[other[0]])
+            ]
+            count += (run[1] - run[0]) * sum(end - first for first, end in judged)
+            if count > MAX_PAIRS:
+                raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must stay apart")
+            others = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(*other) for other in judged)])
+            first = np.repeat(np.arange(*run), len(others))
+            rows.append(np.stack([first, np.tile(others, run[1] - run[0])], axis=1))
         return np.concatenate(rows)
+
+    def _riding_runs(self) -> list[tuple[int, int]]:
+        """Numbers from and to which pieces of one owner that ride on one body go."""
+        kinds = [(part.owner, part.body, part.carried) for part in self.parts[: self.riding]]
+        starts = [k for k, kind in enumerate(kinds) if k == 0 or kind != kinds[k - 1]]
+        return list(zip(starts, [*starts[1:], self.riding], strict=False))
 
     def names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair: the link or carried object, then what it meets."""

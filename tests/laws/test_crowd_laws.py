@@ -1,0 +1,270 @@
+"""Laws of obstacles of many pieces: looked at as boxes around some of them, they are what their pieces are one by one.
+
+The second opinion is the same code without any such box, which other laws hold against FCL and Coal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from planner_service.certify import Certifier, ExemptInterval, pairs
+from planner_service.certify.bundles import bundled
+from planner_service.collision import CollisionChecker, MotionStep, parts
+from planner_service.composite import Composite, Compound, HeightField, PointCloud
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.mesh import Mesh
+from planner_service.path import JointPath
+from planner_service.robot import Robot, load_robot
+from planner_service.scene import Attached, Obstacle, Scene
+
+REACH = {"wxai": 0.6, "planar2": 1.0, "ur5": 0.8, "panda_mbm": 0.8}
+"""Metres."""
+
+
+@contextmanager
+def one_by_one() -> Iterator[None]:
+    """No obstacle has so many pieces that they are looked at together."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(parts, "MANY", 10**9)
+        patch.setattr(pairs, "MANY", 10**9)
+        yield
+
+
+def turned(rng: np.random.Generator, spread: float) -> Pose:
+    x, y, z = rng.uniform(-spread, spread, 3).tolist()
+    a, b, c = rng.uniform(-3.0, 3.0, 3).tolist()
+    return Pose.from_rpy((x, y, z), (a, b, c))
+
+
+def shape(rng: np.random.Generator, size: float) -> Shape:
+    """One of five kinds; a hull has its frame outside of it."""
+    kind = int(rng.integers(5))
+    a, b = (rng.uniform(0.2, 1.0, 2) * size).tolist()
+    if kind == 0:
+        return Box((a, b, size))
+    if kind == 1:
+        return Sphere(a)
+    if kind == 2:
+        return Cylinder(a, 3.0 * b)
+    if kind == 3:
+        return Capsule(a, 3.0 * b)
+    return Mesh(rng.normal(0.0, 0.6, (12, 3)) * size + rng.uniform(-2.0, 2.0, 3) * size)
+
+
+def composite(rng: np.random.Generator, kind: int, size: float) -> Composite:
+    if kind == 0:
+        box = rng.uniform(0.1, 1.0, 3) * size
+        return PointCloud(rng.uniform(-box, box, (int(rng.integers(150, 400)), 3)), 0.08 * size)
+    if kind == 1:
+        return HeightField(rng.uniform(-0.3, 0.6, rng.integers(9, 20, 2)) * size, 0.1 * size, -0.3 * size)
+    return Compound(tuple((shape(rng, 0.1 * size), turned(rng, size)) for _ in range(int(rng.integers(66, 90)))))
+
+
+class Crowded:
+    """A robot among one to three crowds and two other obstacles, maybe carrying something, some contacts allowed."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.robot: Robot = load_robot(name)
+        reach = REACH[name]
+        standing = []
+        for k in range(3 + seed % 3):
+            size = rng.uniform(0.1, 0.25) * reach
+            solid = shape(rng, 0.5 * size) if k in (0, 2) else composite(rng, (seed + k) % 3, size)
+            way = rng.normal(size=3)
+            x, y, z = (way / math.sqrt(float((way * way).sum())) * reach * rng.uniform(0.4, 0.9)).tolist()
+            standing.append(Obstacle(f"o{k}", solid, Pose((x, y, z)) @ turned(rng, 0.02)))
+        links = sorted({s.link for s in self.robot.shapes})
+        hand = tuple(sorted({s.link for s in self.robot.shapes if s.body == self.robot.tool_body}))
+        held = Compound(tuple((shape(rng, 0.01), turned(rng, 0.04)) for _ in range(1 if seed % 4 == 1 else 9)))
+        carried = [Attached("held", held, turned(rng, 0.05), hand)] if seed % 2 else []
+        self.scene = Scene(tuple(standing), tuple(carried))
+        names = [*links, *self.scene.names]
+        chosen = [rng.choice(names, 2, replace=False).tolist() for _ in range(4)]
+        chosen += [(link, "o1") for link in links if rng.random() < 0.3]
+        self.allowed = tuple((str(a), str(b)) for a, b in chosen)
+        self.padding = (0.0, 0.001, 0.005)[seed % 3]
+        self.rng = rng
+
+    def checker(self, padding: float | None = None) -> CollisionChecker:
+        return CollisionChecker(
+            self.robot,
+            self.scene,
+            padding=self.padding if padding is None else padding,
+            allowed=self.allowed,
+            edge_step=MotionStep(0.004),
+        )
+
+    def anywhere(self) -> FloatArray:
+        return self.rng.uniform(self.robot.limits.lower, self.robot.limits.upper)
+
+
+SETUPS = [("wxai", 0), ("planar2", 1), ("ur5", 2), ("panda_mbm", 3), ("wxai", 4), ("ur5", 5)]
+
+
+@pytest.mark.parametrize(("name", "seed"), SETUPS)
+def test_a_crowd_is_judged_as_its_pieces_one_by_one(name: str, seed: int) -> None:
+    setup = Crowded(name, seed)
+    checker = setup.checker()
+    with one_by_one():
+        plain = setup.checker()
+    assert checker._parts.crowds
+    assert not plain._parts.crowds
+    assert np.array_equal(checker._parts.pairs, plain._parts.pairs)
+    for turn in range(16):
+        q, other = setup.anywhere(), setup.anywhere()
+        assert checker.contacts(q) == plain.contacts(q)
+        if turn % 4 == 0:
+            assert checker.clearance(q) == pytest.approx(plain.clearance(q), abs=2e-9)
+        other = q + (other - q) * min(1.0, 0.8 / math.dist(q, other))
+        assert checker.edge_hit(q, other) == plain.edge_hit(q, other)
+    assert checker.counts == plain.counts
+
+
+def short_paths(setup: Crowded, checker: CollisionChecker, count: int) -> Iterator[FloatArray]:
+    """Short straight ways between free ends, many of them close to what they nearly hit, or hit."""
+    while count:
+        q, other = setup.anywhere(), setup.anywhere()
+        if not checker.state_is_free(q):
+            continue
+        other = q + (other - q) * min(1.0, 0.5 / math.dist(q, other))
+        hit = checker.edge_hit(q, other)
+        if hit is not None and count % 4:
+            other = q + (other - q) * (0.97 * hit.fraction)
+        if checker.state_is_free(other):
+            count -= 1
+            yield np.array([q, other])
+
+
+@pytest.mark.parametrize(("name", "seed"), SETUPS)
+def test_a_proof_about_bundles_is_one_about_their_pieces(name: str, seed: int) -> None:
+    setup = Crowded(name, seed)
+    bundled = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
+    with one_by_one():
+        plain = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
+        checker = setup.checker()
+        bare = setup.checker(padding=0.0)
+    judged = bundled.listed.judged
+    assert len(bundled.listed.pairs) > judged == len(plain.listed.pairs)
+    assert np.array_equal(bundled.listed.pairs[:judged], plain.listed.pairs)
+    for path in short_paths(setup, checker, 8):
+        length = math.dist(*path)
+        names = setup.rng.choice(sorted(bundled.listed.owners), (2, 2), replace=False).tolist()
+        part = ExemptInterval(0.0, 0.6 * length, tuple((a, b) for a, b in names), "")
+        for exempt in ((), (part,)):
+            one = bundled.certify(path, padding=setup.padding, exempt=exempt)
+            two = plain.certify(path, padding=setup.padding, exempt=exempt)
+            assert one.certified == two.certified
+            if not one.certified:
+                assert one.refusal is not None
+                continue
+            assert min(one.clearance, 0.1) >= 0.8 * min(two.clearance, 0.1)
+            if not exempt:
+                assert checker.edge_is_free(*path)
+                for q in path[0] + setup.rng.random((10, 1)) * (path[1] - path[0]):
+                    assert bare.clearance(q) >= one.clearance - 1e-9
+
+
+def cloud(x: float) -> Obstacle:
+    points = np.random.default_rng(7).uniform(-0.1, 0.1, (300, 3))
+    return Obstacle("cloud", PointCloud(points, 0.02), Pose((x, 0.0, 0.2)))
+
+
+def test_a_crowd_that_everything_may_touch_is_as_if_it_were_not_there() -> None:
+    robot = load_robot("wxai")
+    allowed = [(shape.link, "cloud") for shape in robot.shapes]
+    checker = CollisionChecker(robot, Scene((cloud(0.2),)), allowed=allowed)
+    alone = CollisionChecker(robot, Scene())
+    assert checker._parts.crowds
+    assert checker.clearance(robot.home) == alone.clearance(robot.home)
+    assert checker.contacts(robot.home) == alone.contacts(robot.home)
+
+
+def test_hulls_of_which_no_pair_is_left_to_judge_are_proven() -> None:
+    robot = load_robot("ur5")
+    certifier = Certifier(robot, Scene())
+    home = np.array(robot.home)
+    names = {certifier.listed.names(k) for k in range(len(certifier.listed.pairs))}
+    path = JointPath(np.array([home, home + 0.1]))
+    assert certifier.certify(path, exempt=[ExemptInterval(0.0, path.length, tuple(names), "")]).certified
+
+
+def test_pieces_that_are_kilometres_apart_are_proven() -> None:
+    robot = load_robot("wxai")
+    row = Compound(tuple((Box((0.1, 0.1, 0.1)), Pose((x, 0.3, 0.9))) for x in np.linspace(-1000.0, 1000.0, 80)))
+    two = Scene((Obstacle("row", row, Pose((1000.0, 0.0, 0.0))),))
+    path = [np.array(robot.home), np.array(robot.home) + 0.1]
+    certifier = Certifier(robot, two)
+    assert len(certifier.listed.pairs) > certifier.listed.judged
+    assert certifier.certify(path).certified
+
+
+def test_many_pieces_in_the_hand_are_listed_at_once() -> None:
+    """Each with each would be a hundred million questions."""
+    robot = load_robot("planar2")
+    points = np.random.default_rng(3).uniform(-0.1, 0.1, (20_000, 3))
+    held = Attached("scan", PointCloud(points, 0.001), Pose())
+    found = parts.Parts(robot, Scene((), (held,)), padding=0.0, allowed=())
+    assert found.riding > 15_000
+    assert len(found.pairs) == len(pairs.ProofPairs(robot, Scene((), (held,)), ()).pairs)
+
+
+@pytest.mark.parametrize("lists", [CollisionChecker, Certifier])
+def test_more_pairs_than_memory_holds_are_refused(lists: type, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts, "MAX_PAIRS", 1000)
+    monkeypatch.setattr(pairs, "MAX_PAIRS", 1000)
+    with pytest.raises(InvalidRequest, match=r"scene: got .*; expected at most 1,000 pairs of pieces"):
+        lists(load_robot("wxai"), Scene((cloud(1.0),)))
+
+
+def tips(shape: Shape, T: FloatArray) -> FloatArray:
+    """Points of a shape at a pose that lie farthest in many directions."""
+    d = np.random.default_rng(2).normal(size=(200, 3))
+    d = np.concatenate([d, np.eye(3), -np.eye(3)])
+    found = shape.support(d @ T[:3, :3]) @ T[:3, :3].T + T[:3, 3]
+    return np.asarray(found)
+
+
+def depth_in(size: FloatArray, R: FloatArray, t: FloatArray, points: FloatArray) -> float:
+    """How deep in a box points are, the least deep one; negative if it is outside."""
+    return float((size / 2 - np.abs((points - t) @ R)).min())
+
+
+def stirred() -> Scene:
+    rng = np.random.default_rng(9)
+    pieces = tuple((shape(rng, 0.02), turned(rng, 0.3)) for _ in range(150))
+    return Scene((Obstacle("crowd", Compound(pieces), turned(rng, 0.5)),))
+
+
+def test_every_piece_is_inside_the_boxes_around_it() -> None:
+    robot, scene = load_robot("planar2"), stirred()
+    checker = CollisionChecker(robot, scene, padding=0.004)
+    crowds, listed = checker._prefilter._crowds, checker._parts
+    assert crowds is not None
+    groups = crowds._groups
+    for k, (start, count) in enumerate(zip(crowds._start.tolist(), crowds._size.tolist(), strict=True)):
+        for j in range(start, start + count):
+            points = tips(listed.shapes[j], listed.parts[j].T)
+            assert depth_in(2 * groups.solids.half[k], groups.R[k], groups.t[k], points) >= 0.0
+    assert crowds._size.sum() == 150
+
+
+def test_every_piece_is_inside_the_bundles_around_it_and_in_some_of_each_level() -> None:
+    scene = stirred()
+    solid = scene.obstacles[0].shape
+    assert isinstance(solid, Compound)
+    tree = bundled(solid.pieces, 0, 150)
+    inside = {k: [tips(s, T)] for k, (s, T) in enumerate(zip(solid.pieces.shapes, solid.pieces.frames, strict=True))}
+    for bundle in tree:
+        held = [points for k in range(bundle.first, bundle.first + bundle.count) for points in inside[k]]
+        frame = np.array(bundle.frame)
+        assert depth_in(np.array(bundle.box.size), frame[:, :3], frame[:, 3], np.concatenate(held)) >= 0.0
+        inside[bundle.number] = held
+    assert len(inside[tree[-1].number]) == 150
+    assert [len(inside[bundle.number]) for bundle in tree[:19]] == [8] * 18 + [6]
