@@ -307,6 +307,7 @@ class Kernel {
 }  // namespace
 
 NB_MODULE(_kernel, m) {
+    nb::set_leak_warnings(false);  // a checker that lives as long as the process is no leak
     m.def("instruction_sets", [] {
         std::vector<std::string> names;
         for (const auto* found : variants()) names.emplace_back(found->name);
