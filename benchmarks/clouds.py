@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from rich.table import Table
 
 from benchmarks.agreement import around_contacts, random_states
 from benchmarks.problems import JOINT_STEP, instants
-from benchmarks.report import Promise, Report, Row, p50, spread, table
+from benchmarks.report import Promise, Report, Row, least_seconds, p50, spread, table
 from planner_service import CollisionChecker, Obstacle, PlannerService, PlanRequest, PointCloud, Pose, Robot, Scene
 from planner_service.composite import Solid
 from planner_service.data import data_folder
@@ -85,17 +86,6 @@ def _anywhere(robot: Robot, chance: np.random.Generator, count: int) -> FloatArr
     return chance.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
 
 
-def _seconds(works: Sequence[Callable[[], Any]]) -> list[float]:
-    """CPU seconds of each, the least of some turns: what disturbs only adds."""
-    best = [math.inf] * len(works)
-    for _ in range(REPEATS):
-        for k, work in enumerate(works):
-            clock = time.process_time()
-            work()
-            best[k] = min(best[k], time.process_time() - clock)
-    return best
-
-
 def _cost(work: str, checkers: Sequence[CollisionChecker], ask: Callable[[CollisionChecker], Any]) -> Row:
     """Microseconds per judged state in both scenes."""
     judged = []
@@ -103,7 +93,7 @@ def _cost(work: str, checkers: Sequence[CollisionChecker], ask: Callable[[Collis
         before = checker.counts.states
         ask(checker)
         judged.append(checker.counts.states - before)
-    seconds = _seconds([lambda c=checker: ask(c) for checker in checkers])  # type: ignore[misc]
+    seconds = least_seconds(*(partial(ask, checker) for checker in checkers), turns=REPEATS)
     boxes, cloud = (1e6 * spent / states for spent, states in zip(seconds, judged, strict=True))
     return {"work": work, "states": judged[1], "boxes_us": boxes, "cloud_us": cloud, "ratio": cloud / boxes}
 

@@ -15,7 +15,7 @@ from benchmarks import queries
 from benchmarks.backends import case, checkers, compare, edges_of
 from benchmarks.naive_manager import NaiveManager
 from benchmarks.pairwise import PairwiseFcl
-from benchmarks.report import Promise, Report, p50, p95, spread, table
+from benchmarks.report import Promise, Report, least_seconds, p50, p95, spread, table
 from planner_service import CollisionChecker, JointStep, PlannerService, PlanRequest, RRTConnect
 from planner_service.collision.checker import Backend
 from planner_service.collision.edges import interior
@@ -39,17 +39,6 @@ EDGE_PAIRWISE, EDGE_MANAGER, STATE_PAIRWISE, STATE_MANAGER = 300.0, 10.0, 20.0, 
 """What the kernel is to be faster by, per configuration of the bin scene."""
 
 
-def _seconds(*works: Callable[[], Any]) -> list[float]:
-    """CPU seconds of each, the best of some turns."""
-    best = [float("inf")] * len(works)
-    for _ in range(REPEATS):
-        for k, work in enumerate(works):
-            clock = time.process_time()
-            work()
-            best[k] = min(best[k], time.process_time() - clock)
-    return best
-
-
 def _judging(name: str) -> dict[str, Any]:
     """Microseconds per configuration of free edges, and per free state, of the four contestants."""
     robot, scene = case(name)
@@ -68,17 +57,19 @@ def _judging(name: str) -> dict[str, Any]:
     def one_by_one(checker: PairwiseFcl | NaiveManager) -> Callable[[], Any]:
         return lambda: [checker.state_is_free(q.tolist()) for batch in batches for q in batch]
 
-    edge = _seconds(
+    edge = least_seconds(
         lambda: [native.edge_is_free(a, b) for a, b in free],
         lambda: [reference.edge_is_free(a, b) for a, b in few],
         one_by_one(pairwise),
         one_by_one(manager),
+        turns=REPEATS,
     )
-    state = _seconds(
+    state = least_seconds(
         lambda: [native.state_is_free(q) for q in states],
         lambda: [reference.state_is_free(q) for q in states],
         lambda: [pairwise.state_is_free(q) for q in lists],
         lambda: [manager.state_is_free(q) for q in lists],
+        turns=REPEATS,
     )
     edge_us = [s / judged(some) * 1e6 for s, some in zip(edge, (free, few, few, few), strict=True)]
     counts = (len(states), len(states), len(lists), len(lists))

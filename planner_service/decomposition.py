@@ -11,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -194,6 +193,8 @@ def _volume(vertices: FloatArray, faces: IntArray) -> float:
 
 def _cut(vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[FloatArray]:
     """Points of each piece, from disk or else from coacd: neither is trusted any further than that they are points."""
+    from importlib.metadata import PackageNotFoundError, version  # slower than all of this module
+
     try:
         release = version("coacd")
     except PackageNotFoundError:

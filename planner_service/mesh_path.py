@@ -47,15 +47,15 @@ class MeshShelf:
             self._read[key] = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
         return self._read[key]
 
-    def pieces(self, filename: str, scale: Sequence[float], most: int, tolerance: float = 0.01) -> tuple[Mesh, ...]:
-        """The mesh of that name as convex pieces, see ``decomposition.convex_pieces``.
+    def pieces(self, filename: str, scale: Sequence[float], most: int) -> tuple[Mesh, ...]:
+        """The mesh of that name as at most so many convex pieces, see ``decomposition.convex_pieces``.
 
         Raises:
             InvalidRequest: as for ``mesh``, or no pieces can be made of it, in words.
             MissingDependency: coacd is needed and not installed.
         """
         path, factors = self.path(filename), checked_scale("scale", scale)
-        return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most, tolerance=tolerance))
+        return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most))
 
     def cloud(self, filename: str, resolution: float) -> PointCloud:
         """The point cloud of that name.

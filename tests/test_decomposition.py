@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError
 from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
@@ -282,9 +282,9 @@ def test_what_the_library_prints_is_no_part_of_its_answer(fake: Fake) -> None:
 
 def test_without_the_library_the_extra_is_named(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
     def absent(name: str) -> str:
-        raise PackageNotFoundError(name)
+        raise importlib.metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr(decomposition, "version", absent)
+    monkeypatch.setattr(importlib.metadata, "version", absent)
     with pytest.raises(MissingDependency, match=r"coacd is not installed; pip install 'planner-service\[decompose\]'"):
         convex_pieces(*LETTER)
 

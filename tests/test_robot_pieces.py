@@ -66,8 +66,8 @@ def cut(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """What is asked of the decomposition, whose answer is two prongs."""
     asked: list[Any] = []
 
-    def pieces_of_file(path: Path, scale: Any, *, most: int, tolerance: float) -> tuple[Mesh, ...]:
-        asked.append((path.name, tuple(scale), most, tolerance))
+    def pieces_of_file(path: Path, scale: Any, *, most: int) -> tuple[Mesh, ...]:
+        asked.append((path.name, tuple(scale), most))
         return PRONGS
 
     monkeypatch.setattr(mesh_path, "pieces_of_file", pieces_of_file)
@@ -76,7 +76,7 @@ def cut(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def test_a_link_is_judged_by_its_pieces(folder: Path, cut: list[Any]) -> None:
     robot = Robot.from_urdf(folder / "arm.urdf", decompose={"fork": 4})
-    assert cut == [("fork.obj", (1.0, 1.0, 1.0), 4, 0.01)]
+    assert cut == [("fork.obj", (1.0, 1.0, 1.0), 4)]
     assert [item.shape for item in robot.shapes] == list(PRONGS)
     whole = Robot.from_urdf(folder / "arm.urdf")
     assert [item.shape for item in whole.shapes] == [Mesh(CUBE)]
@@ -126,7 +126,7 @@ def test_a_mesh_in_a_scene_is_cut_and_kept(folder: Path, cut: list[Any]) -> None
     text = '[[obstacle]]\nname = "fork"\nmesh = { file = "fork.obj", scale = [2, 2, 2], pieces = 5 }\n'
     (folder / "s.toml").write_text(text + "position = [0, 0, 0]\n")
     scene = load_scene(folder / "s.toml")
-    assert cut == [("fork.obj", (2.0, 2.0, 2.0), 5, 0.01)]
+    assert cut == [("fork.obj", (2.0, 2.0, 2.0), 5)]
     assert scene.obstacles[0].shape == Compound.of_pieces(PRONGS)
     save_scene(scene, folder / "again.toml")
     assert load_scene(folder / "again.toml") == scene != Scene()
