@@ -25,7 +25,7 @@ from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.robot import ExemptRetreat
 from planner_service.search import Planner, SearchProblem, SearchSpace, joint_distance
-from planner_service.smoothing import blended, shortcut, without_short_pieces
+from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from planner_service.stagebook import Entry, Limits, NoPlan, StageBook, not_certified
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
@@ -254,14 +254,18 @@ class Run:
             return roadmap
 
     def _shortened(self, points: FloatArray, oracle: SearchOracle) -> FloatArray:
-        """The path cut short, and without the corners that leave no room for a blend."""
+        """The path cut short, its corners pulled in, and without those that leave no room for a blend."""
         with self._book.during(Stage.SHORTCUT) as entry, self._optional(entry, "shortened"):
             entry.length = _length(points)
             points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
             entry.length = _length(points)
-        if self._request.blend > 0.0 and len(points) > 2:
+        if len(points) > 2:
             with self._book.during(Stage.POLISH) as entry, self._optional(entry, "tidied"):
-                points = without_short_pieces(points, oracle)
+                entry.length = _length(points)
+                points = pulled_in(points, oracle)
+                if self._request.blend > 0.0:
+                    points = without_short_pieces(points, oracle)
+                entry.length = _length(points)
         return points
 
     @contextmanager

@@ -188,7 +188,7 @@ def test_corners_are_blended_and_blends_cost_states_of_their_own(discs: PlannerS
     sharp, smooth = discs.plan(asked(blend=0.0)), discs.plan(asked())
     assert len(sharp.unwrap()[0].corners) > 0
     assert smooth.unwrap()[0].corners == ()
-    assert sharp.stage(Stage.POLISH).counts.states == 0 < smooth.stage(Stage.POLISH).counts.states
+    assert sharp.stage(Stage.POLISH).counts.states < smooth.stage(Stage.POLISH).counts.states
     assert sharp.stage(Stage.SHORTCUT).counts == smooth.stage(Stage.SHORTCUT).counts
 
 
@@ -204,7 +204,7 @@ def test_blends_make_every_law_faster(timing: Any) -> None:
 def test_blends_that_samples_wrongly_call_free_are_narrowed_until_they_are_proven(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    service, query = PlannerService("wxai", "post"), queries.load("post")[5]
+    service, query = PlannerService("wxai", "post"), queries.load("post")[3]
     second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / "post.toml")
     monkeypatch.setattr(CollisionChecker, "blend_is_free", lambda self, path, k: True)
     result = service.plan(asked(query.start, query.goal, seed=query.number))
