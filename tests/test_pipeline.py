@@ -335,6 +335,14 @@ def test_the_pace_of_a_given_polyline_is_held(discs: PlannerService) -> None:
         Pace("toppra")  # type: ignore[arg-type]
 
 
+def test_corners_pulled_in_too_far_to_be_proven_go_back_before_anything_is_searched_again() -> None:
+    service, query = PlannerService("wxai", "shelf", edge_step=JointStep(0.02)), queries.load("shelf")[5]
+    result = service.plan(asked(query.start, query.goal, seed=query.number))
+    assert [note for note in result.notes if note.startswith("corners put back where they were: finger_right")]
+    assert result.ok
+    assert result.attempts == 1
+
+
 # -- given polylines -------------------------------------------------------------------------------
 
 
