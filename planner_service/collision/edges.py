@@ -16,7 +16,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -24,7 +24,17 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, number
 
-__all__ = ["EdgeStep", "FinestStep", "JointStep", "Known", "MotionStep", "bisection_order", "first_samples", "interior"]
+__all__ = [
+    "EdgeStep",
+    "FinestStep",
+    "JointStep",
+    "Known",
+    "MotionStep",
+    "SampledEdge",
+    "bisection_order",
+    "first_samples",
+    "interior",
+]
 
 MAX_SEGMENTS = 1_000_000
 """More samples than this on one edge is a mistake in the step, not a plan."""
@@ -149,3 +159,37 @@ def interior(q1: Sequence[float], q2: Sequence[float], segments: int) -> FloatAr
     first, last = (q1, q2) if tuple(q1) <= tuple(q2) else (q2, q1)
     start = np.array(first, dtype=np.float64)
     return start + (np.array(last, dtype=np.float64) - start) * bisection_order(segments)
+
+
+@dataclass(frozen=True)
+class SampledEdge:
+    """The edge from a to b as rows of configurations: the ends that are judged, then the interior in bisection order.
+
+    Attributes:
+        ends: Which ends are judged: 1 for a, 2 for b, 3 for both.
+        segments: Equal parts it is split into.
+    """
+
+    a: Sequence[float]
+    b: Sequence[float]
+    ends: int
+    segments: int
+
+    @property
+    def first(self) -> int:
+        """Rows that are ends."""
+        return (self.ends + 1) // 2
+
+    @cached_property
+    def samples(self) -> FloatArray:
+        """All rows, shape (m, n)."""
+        ends = [q for q, bit in ((self.a, 1), (self.b, 2)) if self.ends & bit]
+        inside = interior(self.a, self.b, self.segments)
+        return np.concatenate([np.array(ends), inside]) if ends else inside
+
+    def fraction(self, row: int) -> float:
+        """Where on the edge a row is: 0 at a, 1 at b."""
+        if row < self.first:
+            return 0.0 if row == 0 and self.ends & 1 else 1.0
+        along = float(bisection_order(self.segments)[row - self.first, 0])
+        return along if tuple(self.a) <= tuple(self.b) else 1.0 - along
