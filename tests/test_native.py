@@ -163,11 +163,11 @@ def test_a_glance_and_the_rest_are_judged_and_counted_alike(known: Known) -> Non
     pair = checkers(*case("wxai clutter"))
     for a, b in edges_of(pair[0], 40, seed=14):
         before = [checker.counts for checker in pair]
-        hits = [(checker.edge_glance(a, b, known=known), checker.edge_rest(a, b)) for checker in pair]
-        lists = [checker.edge_glance(a.tolist(), b.tolist(), known=known) for checker in pair]
+        hits = [(checker.edge_seems_free(a, b, known=known), checker.edge_rest(a, b)) for checker in pair]
+        lists = [checker.edge_seems_free(a.tolist(), b.tolist(), known=known) for checker in pair]
         spent = [checker.counts - counts for checker, counts in zip(pair, before, strict=True)]
         assert hits[0] == hits[1]
-        assert lists == [glance for glance, _ in hits]
+        assert lists == [seems for seems, _ in hits]
         assert spent[0] == spent[1]
 
 

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision.contact import Contact, EdgeHit, deepest, rounded_down
 from planner_service.collision.edges import (
-    GLANCE,
     MAX_SEGMENTS,
     EdgeStep,
     FinestStep,
@@ -20,6 +19,7 @@ from planner_service.collision.edges import (
     SampledEdge,
     bisection_order,
     first_samples,
+    glance_of,
 )
 from planner_service.collision.judge import Backend, Compiled, Found, Judge, Looked, judge_for, listed
 from planner_service.collision.kernel import rules_of
@@ -84,6 +84,7 @@ class CollisionChecker:
         self.padding = float(padding)
         self.allowed = sorted_pairs(allowed)
         self.ledger = Ledger()
+        self._glance = glance_of(self.edge_step)
         self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
         self.backend = backend
         self._judge = judge_for(backend, robot, self._parts, lambda: self._prefilter)
@@ -215,22 +216,24 @@ class CollisionChecker:
         """
         return self._told(self._edge(q1, q2, known, 0))
 
-    def edge_glance(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> EdgeHit | None:
-        """As ``edge_hit``, but of the interior only the first samples are judged, which are far apart.
+    def edge_seems_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
+        """As ``edge_is_free``, but of the interior only the first samples are judged, which are far apart.
 
         An edge that collides mostly does so at one of these; ``edge_rest`` judges the others.
         """
-        return self._told(self._edge(q1, q2, known, GLANCE))
+        return self._edge(q1, q2, known, self._glance) is None
 
     def edge_rest(self, q1: ArrayLike, q2: ArrayLike) -> EdgeHit | None:
-        """Where an edge collides at a sample that ``edge_glance`` left out, None when all of these are free.
+        """Where an edge collides at a sample that ``edge_seems_free`` left out, None when all of these are free.
 
         Counts their states, and no edge: that was counted at the glance.
         """
         a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
         edge = SampledEdge(a, b, 0, self._segments(a, b))
         with self.ledger.lock:
-            found = self._counted(partial(self._judge.first_on, edge), edge.segments - 1, first_samples(edge.segments))
+            found = self._counted(
+                partial(self._judge.first_on, edge), edge.segments - 1, first_samples(edge.segments, self._glance)
+            )
         return self._told(found)
 
     def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int) -> Found | None:
@@ -244,7 +247,7 @@ class CollisionChecker:
         a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
         ends = _JUDGED_ENDS[known._value_ if a != b else known._value_ | _END]
         edge = SampledEdge(a, b, ends, self._segments(a, b))
-        inner = first_samples(edge.segments) if glance else edge.segments - 1
+        inner = first_samples(edge.segments, glance) if glance else edge.segments - 1
         with self.ledger.lock:
             self.ledger.edges += 1
             return self._counted(partial(self._judge.first_on, edge), edge.first + inner)

@@ -25,6 +25,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, number
 
 __all__ = [
+    "KNOWN_ENDS",
     "EdgeStep",
     "FinestStep",
     "JointStep",
@@ -33,6 +34,7 @@ __all__ = [
     "SampledEdge",
     "bisection_order",
     "first_samples",
+    "glance_of",
     "interior",
 ]
 
@@ -42,10 +44,13 @@ MAX_SEGMENTS = 1_000_000
 _SLACK = 1e-9
 """Keeps a quotient that is an integer but for rounding from costing one sample more."""
 
-
 GLANCE = 8
-"""Segments between two samples of a first look at an edge. In the tightest of the public seven-joint problems it left a
-quarter of the states, and one search in eight had to grow again because an edge of its path was not free after all."""
+"""Most segments between two samples of a first look at an edge. In the tightest of the public seven-joint problems it
+left a quarter of the states, and one search in eight had to grow again: an edge of its path was not free after all."""
+
+GLANCE_MOTION, GLANCE_ANGLE = 0.08, 0.16
+"""How far apart these samples may be, in metres of a ``MotionStep`` and in radians of a ``JointStep``: with a step of
+0.05 rad and eight segments, most paths of edges that were only looked at were not free."""
 
 
 class Known(enum.Flag):
@@ -55,6 +60,10 @@ class Known(enum.Flag):
     START = 1
     END = 2
     BOTH = 3
+
+
+KNOWN_ENDS = (Known.NEITHER, Known.START, Known.END, Known.BOTH)
+"""By value, 1 for the start and 2 for the end: arithmetic of flags takes as long as the rest of a question."""
 
 
 class EdgeStep(Protocol):
@@ -121,15 +130,24 @@ class FinestStep:
         return max(rule.segments(dq, reach) for rule in self.rules)
 
 
-def first_samples(segments: int) -> int:
-    """How many interior samples come first, in bisection order, that split an edge into about ``GLANCE`` segments each.
+def glance_of(step: EdgeStep) -> int:
+    """Segments between two samples of a first look at edges with that step."""
+    if isinstance(step, FinestStep):
+        return max(map(glance_of, step.rules))
+    if isinstance(step, JointStep):
+        return max(1, min(GLANCE, int(GLANCE_ANGLE / step.angle)))
+    return max(1, min(GLANCE, int(GLANCE_MOTION / step.distance))) if isinstance(step, MotionStep) else GLANCE
 
-    All of the first levels: one sample in the middle, three, seven, ...
+
+def first_samples(segments: int, glance: int) -> int:
+    """How many interior samples come first, in bisection order, that split an edge into about ``glance`` segments each.
+
+    All of the first levels: one sample in the middle, three, seven, ...; never more than there are.
     """
     parts = 1
-    while parts * GLANCE < segments:
+    while parts * glance < segments:
         parts *= 2
-    return parts - 1
+    return min(parts, segments) - 1
 
 
 @lru_cache(maxsize=1024)
