@@ -315,18 +315,22 @@ class JointPath:
 
     def on_pieces(self, piece: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
         """q or a derivative at s = ``at``, each continued from its own piece; (k,) and (k,) in, (k, n) out."""
-        lines, rows = self._lines.take(piece), self._rows.take(piece)
+        rows = self._rows.take(piece)
+        (on,) = (rows >= 0).nonzero()
+        if 0 < len(on) == len(rows):
+            return self._on_blends(rows, at, order)
         if order == 0:
-            out = self._between(lines, at)
+            out = self._between(self._lines.take(piece), at)
         elif order == 1:
-            out = self._polyline.tangents.take(lines, axis=0)
+            out = self._polyline.tangents.take(self._lines.take(piece), axis=0)
         else:
             out = np.zeros((len(at), self.n))
-        on = np.flatnonzero(rows >= 0)
         if len(on):
-            curve, row, s = self._curves, rows.take(on), at.take(on)
-            out[on] = curve.position(row, s) if order == 0 else curve.derivative(row, s, order)
+            out[on] = self._on_blends(rows.take(on), at.take(on), order)
         return out
+
+    def _on_blends(self, row: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
+        return self._curves.position(row, at) if order == 0 else self._curves.derivative(row, at, order)
 
     def _between(self, line: NDArray[np.intp], at: FloatArray) -> FloatArray:
         start, move, end = (table.take(line, axis=0) for table in self._polyline.lines)
@@ -353,7 +357,7 @@ class JointPath:
         rows = self._rows.take(piece)
         out = np.abs(self._polyline.tangents.take(self._lines.take(piece), axis=0))
         out *= (at - self.breaks.take(piece))[:, np.newaxis]
-        on = np.flatnonzero(rows >= 0)
+        (on,) = (rows >= 0).nonzero()
         if len(on):
             out[on] = self._curves.travel(rows.take(on), at.take(on))
         return out
