@@ -8,15 +8,16 @@ the points it looked at too, and time is stretched should it break one.
 
 from __future__ import annotations
 
+import importlib
 import logging
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry import FloatArray, number
@@ -282,66 +283,35 @@ def _constant_accelerations(
     """The motion with the given speed at each grid point and constant acceleration in between."""
     phases = []
     for part, grid, speed in zip(parts, grids, speeds, strict=True):
-        at = grid * part.length
-        for i in range(len(grid) - 1):
-            step, v0, v1 = float(at[i + 1] - at[i]), float(speed[i]), float(speed[i + 1])
+        steps = zip(pairwise((grid * part.length).tolist()), pairwise(speed.tolist()), strict=False)
+        for (before, after), (v0, v1) in steps:
             if not v0 + v1 > 0.0:
-                s = part.start + at[i : i + 2]
+                s = part.start + before, part.start + after
                 raise TimingFailed(f"TOPP-RA: speed 0 from s = {s[0]:.6g} to {s[1]:.6g}")
-            duration = 2.0 * step / (v0 + v1)
-            phases.append(Phase(duration, part.start + float(at[i]), v0, (v1 - v0) / duration, 0.0))
+            duration = 2.0 * (after - before) / (v0 + v1)
+            phases.append(Phase(duration, part.start + before, v0, (v1 - v0) / duration, 0.0))
     return phases
 
 
-@dataclass(frozen=True, eq=False)
-class _UnitCurve:
-    """A stretch over the parameter [0, 1], as toppra asks for a path; only of the joints that move."""
+class _UnitInterval:
+    """A path as toppra asks for one, over the parameter [0, 1]; what it bounds comes with the constraint."""
 
-    stretch: Stretch
-    joints: NDArray[np.intp]
-
-    @property
-    def dof(self) -> int:
-        return len(self.joints)
-
-    @property
-    def path_interval(self) -> tuple[float, float]:
-        return (0.0, 1.0)
-
-    def __call__(self, positions: FloatArray, order: int = 0) -> FloatArray:
-        s = self.stretch.start + np.asarray(positions, dtype=np.float64).reshape(-1) * self.stretch.length
-        q = self.stretch.derivative(s, order)[:, self.joints] * math.pow(self.stretch.length, order)
-        return q.reshape(*np.shape(positions), self.dof)
+    path_interval = (0.0, 1.0)
 
 
 def _toppra_speeds(
     stretch: Stretch, parts: Sequence[Part], grids: Sequence[FloatArray], unit: float
 ) -> list[FloatArray]:
     """ds/dt at each point of each part's grid by TOPP-RA."""
-    toppra = _toppra()
-    joints, length = stretch.moving, stretch.length
-    # toppra's tolerances are absolute: in units of the stretch and of about its time they suit every move
-    velocity, acceleration = stretch.limits.velocity[joints] * unit, stretch.limits.acceleration[joints] * (unit * unit)
-    scheme = toppra.constraint.DiscretizationType.Interpolation
-    bounds = [
-        toppra.constraint.JointVelocityConstraint(velocity),
-        toppra.constraint.JointAccelerationConstraint(acceleration, discretization_scheme=scheme),
+    length = stretch.length
+    shares = [
+        (part.start - stretch.start) / length + grid[:-1] * (part.length / length)
+        for part, grid in zip(parts, grids, strict=True)
     ]
-    points = np.array([1.0])
-    for part, grid in zip(reversed(parts), reversed(grids), strict=True):
-        points = np.append((part.start - stretch.start) / length + grid[:-1] * (part.length / length), points)
-    if stretch.speed_limit is not None:
-        bounds.append(_speed_bound(toppra, stretch.allowed(stretch.start + points * length) * (unit / length)))
-    try:
-        solver = toppra.algorithm.TOPPRA(
-            bounds,
-            _UnitCurve(stretch, joints),
-            gridpoints=points,
-            solver_wrapper="seidel",
-            parametrizer="ParametrizeConstAccel",
-        )
-    except ValueError as error:  # grid points of a tiny blend that coincide
-        raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {error}") from error
+    points = np.concatenate([*shares, [1.0]])
+    if not np.all(points[1:] > points[:-1]):
+        raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: grid points of a tiny blend coincide")
+    solver = _two_passes()(_bounds(stretch, points, unit), points)
     _, speeds, _ = solver.compute_parameterization(0.0, 0.0)
     if speeds is None or not np.all(np.isfinite(speeds)):
         raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {solver.problem_data.return_code.name}")
@@ -350,13 +320,63 @@ def _toppra_speeds(
     return [speeds[a : b + 1] for a, b in pairwise(ends.tolist())]
 
 
-def _speed_bound(toppra: Any, speeds: FloatArray) -> Any:
-    """A limit of ds/dt at each grid point, as toppra asks for a constraint."""
-    bound = toppra.constraint.LinearConstraint()
+def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
+    """All limits at the grid points as one constraint of toppra.
+
+    Its tolerances are absolute: in units of the stretch and of about its time they suit every move. Accelerations
+    are bounded at both ends of each interval (what toppra calls interpolation).
+    """
+    toppra = _toppra()
+    joints, length = stretch.moving, stretch.length
+    velocity, acceleration = stretch.limits.velocity[joints] * unit, stretch.limits.acceleration[joints] * (unit * unit)
+    s = stretch.start + points * length
+    first, second = (stretch.derivative(s, order)[:, joints] * math.pow(length, order) for order in (1, 2))
+    with np.errstate(divide="ignore", over="ignore"):
+        speeds = np.where(first != 0.0, velocity / np.abs(first), math.inf).min(axis=1)
+    if stretch.speed_limit is not None:
+        speeds = np.minimum(speeds, stretch.allowed(s) * (unit / length))
     squares = np.minimum(speeds, MAX_TOPPRA_SPEED) ** 2
+    both_ways = np.concatenate([np.eye(len(joints)), -np.eye(len(joints))])
+    linear = (first, second, np.zeros_like(first), both_ways, np.tile(acceleration, 2), None, None)
+    rows = toppra.constraint.canlinear_colloc_to_interpolate(*linear, points, identical=True)[:-2]
+    bound = toppra.constraint.LinearConstraint()
+    bound.identical = True
     columns = np.stack([np.zeros(len(squares)), squares], axis=1)
-    bound.compute_constraint_params = lambda path, gridpoints: (None, None, None, None, None, None, columns)
+    bound.compute_constraint_params = lambda *_: (*rows, None, columns)
     return bound
+
+
+@lru_cache(maxsize=1)
+def _two_passes() -> Any:
+    """toppra's algorithm and its solver, asked no more than the limits of a robot need.
+
+    They are symmetric: standing still is always possible, so the least controllable speed is 0 everywhere.
+    """
+    toppra = _toppra()
+    seidel = importlib.import_module("toppra.solverwrapper.cy_seidel_solverwrapper").seidelWrapper
+
+    class TwoPasses(toppra.algorithm.TOPPRA):  # type: ignore[misc]
+        def __init__(self, bound: Any, points: FloatArray) -> None:
+            path = _UnitInterval()
+            parametrizer = "ParametrizeConstAccel"
+            toppra.algorithm.ParameterizationAlgorithm.__init__(self, [bound], path, points, parametrizer)
+            self.solver_wrapper = seidel([bound], path, points, solve_lp1d=True)
+            self._steps = (-2.0 * (points[1:] - points[:-1])).tolist()
+
+        def compute_controllable_sets(self, sdmin: float, sdmax: float) -> FloatArray:
+            solve, objective = self.solver_wrapper.solve_stagewise_optim, np.array([1e-9, -1.0])
+            squares, high = [sdmax * sdmax], sdmax * sdmax
+            for i in range(len(self._steps) - 1, -1, -1):
+                if not math.isnan(high):  # nan is none, and stays none
+                    high = solve(i, None, objective, math.nan, math.nan, 0.0, high)[1]
+                squares.append(high)
+            return np.stack([np.zeros(len(squares)), squares[::-1]], axis=1)
+
+        def _forward_step(self, i: int, x: float, K_next: FloatArray) -> Any:
+            objective = np.array([self._steps[i], -1.0])
+            return self.solver_wrapper.solve_stagewise_optim(i, None, objective, x, x, 0.0, K_next[1])
+
+    return TwoPasses
 
 
 def _toppra() -> Any:
