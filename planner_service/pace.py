@@ -134,7 +134,7 @@ def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
     t = np.union1d(trajectory.knots, np.linspace(0.0, trajectory.duration, _SAMPLES))
     best = 0.0
     for _ in range(_CLOSER_LOOKS + 1):
-        speeds = tool_speeds(robot, trajectory(t), trajectory(t, 1))
+        speeds = tool_speeds(robot, *trajectory.moving(t))
         best = max(best, float(speeds.max()))
         rising, falling = speeds[1:] >= speeds[:-1], speeds[:-1] >= speeds[1:]
         tops = np.concatenate([[True], rising]) & np.concatenate([falling, [True]])
