@@ -29,8 +29,8 @@ STANDING = 1e-12
 EXACT = 1e-12
 """A peak on a blend is found to this relative error, a thousandth of the tolerance."""
 
-MAX_ROUNDS = 180
-"""Of splitting intervals of time; every third time they are halved, and after 60 halvings their ends are one number."""
+MAX_ROUNDS = 300
+"""Of splitting intervals of time; every fifth time they are halved, and after 60 halvings their ends are one number."""
 
 AT_ONCE = 24
 """Intervals split at once: those with the highest bounds first, since a peak found there rules out most of the rest."""
@@ -255,7 +255,7 @@ def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: Flo
         if len(open_) > AT_ONCE:
             open_ = open_[np.argsort(-bound[open_], kind="stable")]
         now, later = open_[:AT_ONCE], open_[AT_ONCE:]
-        share = np.full(len(now), 0.5) if turn % 3 == 2 else _where_to_split(b[:, now])
+        share = np.full(len(now), 0.5) if turn % 5 == 4 else _where_to_split(b[:, now])
         middle = low[now] + share * (high[now] - low[now])
         first, second = _split(b[:, now], share)
         best = better(np.abs(second[0]), row[now], middle)
@@ -273,9 +273,15 @@ def _where_to_split(b: FloatArray) -> FloatArray:
 
     Bernstein coefficients of each half then fall from there, and leave no room for a higher peak.
     """
+    n = len(b) - 1
     first, last = b[1] - b[0], b[-1] - b[-2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(first * last < 0.0, first / (first - last), 0.5)
+        share = first / (first - last)
+        if n > 1:  # Newton's step from the end where the slope is smaller
+            after, before = first / (2.0 * b[1] - b[0] - b[2]), last / (2.0 * b[-2] - b[-1] - b[-3])
+            near = np.where(np.abs(first) < np.abs(last), after, (n - 1) + before) / (n - 1)
+            share = np.where((near > 0.0) & (near < 1.0), near, share)
+        share = np.where(first * last < 0.0, share, 0.5)
     return np.minimum(np.maximum(share, EXACT), 1.0 - EXACT)
 
 
