@@ -14,12 +14,11 @@ from planner_service.geometry import FloatArray
 from planner_service.kinematics import tool_speeds
 from planner_service.outcome import Failure, MotionReport, Reason, Stage
 from planner_service.path import JointPath
-from planner_service.peaks import peaks
 from planner_service.request import PlanRequest, require_scale, require_timing, require_tool_speed
 from planner_service.robot import JointLimits, Robot
 from planner_service.stagebook import NoPlan, StageBook
 from planner_service.stretch import SpeedLimit
-from planner_service.timing import Timing, TimingFailed, held_limits, stop_duration
+from planner_service.timing import Timing, TimingFailed, held_limits, measured, stop_duration
 from planner_service.trajectory import Trajectory
 
 __all__ = ["Pace", "peak_tool_speed", "timed"]
@@ -82,17 +81,17 @@ def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[T
     limits = pace.limits(robot)
     with book.during(Stage.TIMING) as entry:
         try:
-            trajectory = pace.timing.time_path(path, limits, speed_limit=_speed_limit(path, pace, robot))
+            trajectory, found = measured(pace.timing, path, limits, _speed_limit(path, pace, robot))
             tool_speed = peak_tool_speed(robot, trajectory)
             if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
-                trajectory = trajectory.dilated(tool_speed / pace.max_tool_speed)
-                tool_speed = pace.max_tool_speed
-            stops = _stop_duration(trajectory, pace, robot)
+                factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
+                trajectory, found = trajectory.dilated(factor), found.dilated(factor)
+            stops = _stop_duration(trajectory, pace, robot, limits)
         except TimingFailed as failed:
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
         entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
         settle = robot.settle_time if path.length > 0.0 else 0.0
-        return trajectory, MotionReport(peaks(trajectory, limits), tool_speed, trajectory.duration, stops, settle)
+        return trajectory, MotionReport(found, tool_speed, trajectory.duration, stops, settle)
 
 
 def _speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
@@ -108,9 +107,9 @@ def _speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None
     return limit
 
 
-def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot) -> float:
+def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot, limits: JointLimits) -> float:
     """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
-    path, limits = trajectory.path, pace.limits(robot)
+    path = trajectory.path
     if not np.any(path.blended):
         return trajectory.duration
     try:

@@ -59,8 +59,8 @@ class LimitPeaks:
 
     def dilated(self, factor: float) -> LimitPeaks:
         """Those of the same motion ``factor`` times slower."""
-        by_order = zip((self.velocity, self.acceleration, self.jerk), (1, 2, 3), strict=True)
-        return LimitPeaks(*(Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for p, k in by_order))
+        by_order = enumerate((self.velocity, self.acceleration, self.jerk), start=1)
+        return LimitPeaks(*(Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for k, p in by_order))
 
 
 def require_usable(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
@@ -96,17 +96,18 @@ def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     if not len(trajectory.durations):
         return LimitPeaks(NONE, NONE, NONE)
     jump = _jump(trajectory)
+    orders = [getattr(limits, name) for name in (ORDERS if jump is None else ORDERS[:2])]
     blended = trajectory.path.blended[trajectory.geometry]
-    found = _straight_peaks(trajectory, limits, np.flatnonzero(~blended))
+    found = _straight_peaks(trajectory, orders, np.flatnonzero(~blended))
     if blended.any():
-        orders = ORDERS if jump is None else ORDERS[:2]
-        found = _blend_peaks(trajectory, limits, found, (np.flatnonzero(blended), orders))
-    return LimitPeaks(found[0], found[1], jump or found[2])
+        found = _blend_peaks(trajectory, orders, np.flatnonzero(blended), found)
+    return LimitPeaks(*found) if jump is None else LimitPeaks(*found, jump)
 
 
-def _straight_peaks(trajectory: Trajectory, limits: JointLimits, rows: NDArray[np.intp]) -> tuple[Peak, Peak, Peak]:
+def _straight_peaks(trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp]) -> list[Peak]:
+    """One for each of the limits: of velocity, acceleration and jerk, in this order, as many as there are."""
     if not len(rows):
-        return NONE, NONE, NONE
+        return [NONE] * len(limits)
     path, geometry = trajectory.path, trajectory.geometry[rows]
     share = np.abs(path.on_pieces(geometry, path.breaks[geometry], 1))
     share = np.where(share > STANDING, share, 0.0)
@@ -117,18 +118,21 @@ def _straight_peaks(trajectory: Trajectory, limits: JointLimits, rows: NDArray[n
     at = np.stack([np.zeros_like(h), turning, h], axis=1)
     speed = np.abs(c1[:, None] + at * (2.0 * c2[:, None] + 3.0 * c3[:, None] * at))
     rate = np.abs(2.0 * c2[:, None] + 6.0 * c3[:, None] * at)
-    velocity = _peak(speed, share, limits.velocity, starts[:, None] + at)
-    acceleration = _peak(rate, share, limits.acceleration, starts[:, None] + at)
-    return velocity, acceleration, _peak(np.abs(6.0 * c3)[:, None], share, limits.jerk, starts[:, None])
+    times = starts[:, None] + at
+    told = ((speed, times), (rate, times), (np.abs(6.0 * c3)[:, None], starts[:, None]))
+    return [_peak(rates, share, limit, when) for limit, (rates, when) in zip(limits, told, strict=False)]
 
 
 def _peak(rates: FloatArray, share: FloatArray, limit: FloatArray, times: FloatArray) -> Peak:
     """The largest of rate x share / limit; rates and times have a row per piece of time, share a column per joint."""
     with np.errstate(divide="ignore", invalid="ignore"):
         per_joint = np.where(share > 0.0, share / limit, 0.0)
-        ratios = np.nan_to_num(rates.max(axis=1)[:, None] * per_joint, nan=0.0, posinf=math.inf)  # nan is 0 x inf
-    piece, joint = np.unravel_index(int(ratios.argmax()), ratios.shape)
-    return Peak(float(ratios[piece, joint]), int(joint), float(times[piece, int(rates[piece].argmax())]))
+        ratios = rates.max(axis=1)[:, None] * per_joint
+    highest = ratios.max()
+    if not highest < math.inf:
+        ratios = np.nan_to_num(ratios, nan=0.0, posinf=math.inf)  # nan is 0 x inf
+    piece, joint = divmod(int(ratios.argmax()), ratios.shape[1])
+    return Peak(float(ratios[piece, joint]), joint, float(times[piece, int(rates[piece].argmax())]))
 
 
 def _jump(trajectory: Trajectory) -> Peak | None:
@@ -154,27 +158,23 @@ def _jump(trajectory: Trajectory) -> Peak | None:
 
 
 def _blend_peaks(
-    trajectory: Trajectory,
-    limits: JointLimits,
-    floor: tuple[Peak, Peak, Peak],
-    asked: tuple[NDArray[np.intp], Sequence[str]],
-) -> tuple[Peak, Peak, Peak]:
-    """The floor, or what blends have above it; asked are their rows of the trajectory, and which orders."""
-    rows, orders = asked
+    trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp], floor: Sequence[Peak]
+) -> list[Peak]:
+    """The floor, or what blends have above it; one for each of the limits."""
     path, pieces, h = trajectory.path, trajectory.geometry[rows], trajectory.durations[rows]
     before = path.on_pieces(pieces, path.breaks[pieces], 1)
     turn = path.on_pieces(pieces, path.breaks[pieces + 1], 1) - before
     rates = _rates(trajectory, rows)
     found = list(floor)
-    for order, name in enumerate(orders):
+    for order, limit in enumerate(limits):
         plain, turning = np.moveaxis(_bernstein(rates), 1, 0)[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratios = (before * plain + turn * turning) / getattr(limits, name)
+            ratios = (before * plain + turn * turning) / limit
         if not np.isfinite(ratios).all():
             ratios = np.nan_to_num(ratios, nan=0.0, posinf=math.inf, neginf=-math.inf)
         found[order] = _highest(ratios, found[order], trajectory.knots[rows], h)
         rates = _slope(rates) / h
-    return found[0], found[1], found[2]
+    return found
 
 
 def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> FloatArray:

@@ -22,7 +22,7 @@ from planner_service.profiles import Bounds, Part
 if TYPE_CHECKING:
     from planner_service.robot import JointLimits
 
-__all__ = ["SpeedLimit", "Stretch", "stretches"]
+__all__ = ["SpeedLimit", "Stretch", "straight_parts", "stretches"]
 
 SpeedLimit = Callable[[FloatArray], FloatArray]
 """The largest ds/dt allowed at each s, shape (m,) in and out; ``math.inf`` where there is none."""
@@ -146,3 +146,17 @@ def stretches(path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | No
         stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length])
         for first, end in pairwise(stops.tolist()):
             yield Stretch(path, range(first, end), limits, speed_limit)
+
+
+def straight_parts(path: JointPath, limits: JointLimits, *, jerk: bool) -> list[Part]:
+    """The parts between the stops of a path without blends, as the stretches between them have them, at once."""
+    if not path.length > 0.0:
+        return []
+    starts = [0.0, *path.knots[list(path.corners)].tolist()]
+    firsts = path.breaks.searchsorted(starts)
+    share = np.abs(path.on_pieces(firsts, path.breaks[firsts], 1))
+    share = np.where(share > STANDING, share, 0.0)
+    rows = [limits.velocity, limits.acceleration, *([limits.jerk] if jerk else [])]
+    bounds = [_least(row, share).tolist() for row in rows] + ([] if jerk else [[math.inf] * len(starts)])
+    lengths = [end - start for start, end in pairwise([*starts, path.length])]
+    return [Part(s, length, Bounds(*own), False) for s, length, *own in zip(starts, lengths, *bounds, strict=True)]

@@ -11,7 +11,8 @@ from __future__ import annotations
 import importlib
 import logging
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -22,9 +23,9 @@ import numpy as np
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry import FloatArray, number
 from planner_service.path import JointPath
-from planner_service.peaks import TOLERANCE, peaks, require_usable
+from planner_service.peaks import TOLERANCE, LimitPeaks, peaks, require_usable
 from planner_service.profiles import Part, Phase, chained, trapezoid
-from planner_service.stretch import SpeedLimit, Stretch, stretches
+from planner_service.stretch import SpeedLimit, Stretch, straight_parts, stretches
 from planner_service.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ __all__ = [
     "ToppRa",
     "Trapezoidal",
     "held_limits",
+    "measured",
     "stop_duration",
     "within_limits",
 ]
@@ -60,6 +62,11 @@ SPEED_SPACING = 0.1
 
 MAX_TOPPRA_SPEED = 1e4
 """In units of about 1, for toppra, which takes no infinite speed."""
+
+TAYLOR = np.array([1.0, 1.0, 2.0, 6.0])
+"""What turns position, speed, acceleration and jerk into coefficients of a cubic."""
+
+Measured = tuple[Trajectory, LimitPeaks]
 
 MIN_JERK, MAX_JERK = 1e-6, 1e6
 """rad/s^3. No arm is slower, and none feels more: at 1e9 a phase of jerk is so short that rounding is a jump."""
@@ -99,8 +106,12 @@ class Trapezoidal:
     name = "trapezoidal"
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        return self.measured(path, limits, speed_limit)[0]
+
+    def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
+        """The same with its peaks, which were measured to hold the limits."""
         require_usable(path, limits, jerk=False)
-        return within_limits(_timed(path, stretches(path, limits, speed_limit), _trapezoids), limits)
+        return _held(_timed(path, stretches(path, limits, speed_limit), _trapezoids), limits)
 
 
 @dataclass(frozen=True)
@@ -126,9 +137,13 @@ class SCurve:
             object.__setattr__(self, "jerk", number("jerk", self.jerk, expected, MIN_JERK, MAX_JERK))
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        return self.measured(path, limits, speed_limit)[0]
+
+    def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
+        """The same with its peaks, which were measured to hold the limits."""
         limits = held_limits(self, limits)
         require_usable(path, limits, jerk=True)
-        return within_limits(_timed(path, stretches(path, limits, speed_limit), _s_curves), limits, jerk=True)
+        return _held(_timed(path, stretches(path, limits, speed_limit), _s_curves), limits, jerk=True)
 
 
 @dataclass(frozen=True)
@@ -136,9 +151,10 @@ class ToppRa:
     """TOPP-RA (Pham & Pham, IEEE T-RO 34(3), 2018): time-optimal under velocity and acceleration limits.
 
     Its path speeds are used as they are, with constant acceleration between them, so the result stays on the path; a
-    parametrizer that fits a spline would not. Between two stops of a polyline the optimum is the trapezoid's. Limits
-    hold at the grid points, and are exceeded between them by some 0.3 % on blends, which dilation takes back. Between
-    stops where TOPP-RA fails on blends, or is slower than trapezoids, as with blends below 1e-4 rad, trapezoids it is.
+    parametrizer that fits a spline would not. Limits hold at the grid points, and are exceeded between them by some
+    0.3 % on blends, which dilation takes back. Between two stops on a straight line the optimum is the trapezoid, in
+    closed form, and that is taken. Where TOPP-RA fails on blends, or is slower than trapezoids, as with blends below
+    1e-4 rad, trapezoids it is, too.
 
     Args:
         gridpoints: Intervals between two stops, shared by the straight parts; blends have 24 each.
@@ -157,23 +173,27 @@ class ToppRa:
             raise InvalidRequest("gridpoints", count, f"an integer in [2, {MAX_GRIDPOINTS}]")
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        return self.measured(path, limits, speed_limit)[0]
+
+    def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
+        """The same with its peaks, which were measured to hold the limits."""
         require_usable(path, limits, jerk=False)
+        return _held(_timed(path, stretches(path, limits, speed_limit), self._between_stops), limits)
 
-        def law(stretch: Stretch) -> list[Phase]:
-            parts = stretch.parts(jerk=False)
-            steady = None if _blend_at_stop(parts) else chained(parts)
-            if steady is not None and stretch.length < SHORT_MOVE:
-                return steady
-            unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
-            try:
-                quick = _topp_ra(stretch, parts, self.gridpoints, unit)
-            except TimingFailed:
-                if steady is None or len(parts) == 1:
-                    raise
-                return steady
-            return quick if steady is None or len(parts) == 1 else min(quick, steady, key=_seconds)
-
-        return within_limits(_timed(path, stretches(path, limits, speed_limit), law), limits)
+    def _between_stops(self, stretch: Stretch) -> list[Phase]:
+        parts = stretch.parts(jerk=False)
+        steady = None if _blend_at_stop(parts) else chained(parts)
+        straight = len(parts) == 1 and stretch.speed_limit is None
+        if steady is not None and (straight or stretch.length < SHORT_MOVE):
+            return steady
+        unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
+        try:
+            quick = _topp_ra(stretch, parts, self.gridpoints, unit)
+        except TimingFailed:
+            if steady is None:
+                raise
+            return steady
+        return quick if steady is None else min(quick, steady, key=_seconds)
 
 
 def held_limits(timing: Timing, limits: JointLimits) -> JointLimits:
@@ -191,19 +211,49 @@ def stop_duration(path: JointPath, timing: Timing, limits: JointLimits) -> float
     Raises:
         InvalidRequest, TimingFailed: as ``Timing.time_path``.
     """
-    law = Trapezoidal() if isinstance(timing, ToppRa) else timing
-    return law.time_path(path.with_blends(None), limits).duration
+    sharp = path.with_blends(None)
+    if type(timing) not in (ToppRa, Trapezoidal, SCurve):
+        return timing.time_path(sharp, limits).duration
+    limits, jerk = held_limits(timing, limits), isinstance(timing, SCurve)
+    require_usable(sharp, limits, jerk=jerk)
+    with _failing():
+        phases = [phase for part in straight_parts(sharp, limits, jerk=jerk) for phase in chained([part])]
+    seconds = _seconds(phases) if phases else 0.0
+    if not math.isfinite(seconds):
+        raise TimingFailed(f"limits too extreme to compute with ({seconds} s)")
+    return seconds
+
+
+def measured(
+    timing: Timing, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
+) -> tuple[Trajectory, LimitPeaks]:
+    """What a law makes of a path, and how close to these limits that comes.
+
+    Raises:
+        InvalidRequest, TimingFailed: as ``Timing.time_path``.
+    """
+    if isinstance(timing, Trapezoidal | SCurve | ToppRa):
+        return timing.measured(path, limits, speed_limit)
+    trajectory = timing.time_path(path, limits, speed_limit=speed_limit)
+    return trajectory, peaks(trajectory, limits)
+
+
+@contextmanager
+def _failing() -> Iterator[None]:
+    """Within the block arithmetic that leaves the floats is a failure."""
+    try:
+        with np.errstate(over="raise"):
+            yield
+    except ArithmeticError as error:
+        raise TimingFailed(f"limits too extreme to compute with, or path ({error})") from error
 
 
 def _timed(path: JointPath, between_stops: Iterable[Stretch], law: Callable[[Stretch], list[Phase]]) -> Trajectory:
+    with _failing():
+        phases = [phase for stretch in between_stops for phase in law(stretch)]
+    table = np.array(phases).reshape(-1, 5)
     try:
-        with np.errstate(over="raise"):
-            phases = [phase for stretch in between_stops for phase in law(stretch)]
-        c = [(phase.position, phase.speed, phase.acceleration / 2.0, phase.jerk / 6.0) for phase in phases]
-    except ArithmeticError as error:
-        raise TimingFailed(f"limits too extreme to compute with, or path ({error})") from error
-    try:
-        return Trajectory(path, np.array([phase.duration for phase in phases]), np.array(c).reshape(-1, 4))
+        return Trajectory(path, table[:, 0], table[:, 1:] / TAYLOR)
     except InvalidRequest as error:  # a law of which rounding left nothing
         raise TimingFailed(f"limits too extreme to compute with ({error})") from error
 
@@ -250,14 +300,18 @@ def within_limits(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = F
         InvalidRequest: as ``peaks``.
         TimingFailed: jerk is asked for and acceleration jumps, which no slowing down mends.
     """
+    return _held(trajectory, limits, jerk=jerk)[0]
+
+
+def _held(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = False) -> Measured:
     found = peaks(trajectory, limits)
     ratios = [found.velocity.ratio, found.acceleration.ratio, *([found.jerk.ratio] if jerk else [])]
     if max(ratios) <= 1.0 + TOLERANCE:
-        return trajectory
+        return trajectory, found
     if not math.isfinite(max(ratios)):
         raise TimingFailed(f"acceleration of joint {found.jerk.joint} jumps at t = {found.jerk.time:.6g} s")
     factor = max(math.pow(ratio, 1.0 / power) for power, ratio in enumerate(ratios, start=1))
-    return trajectory.dilated(factor)
+    return trajectory.dilated(factor), found.dilated(factor)
 
 
 def _grid(part: Part, stretch: Stretch, gridpoints: int) -> FloatArray:
