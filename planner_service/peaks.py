@@ -192,7 +192,13 @@ def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> FloatArray:
     y = way / width  # since the piece began, without its constant term, which is 0; f is expanded there
     cube = y0 * y0 * y0
     share = np.stack([-0.125 * np.ones_like(h)])
-    for term in (-0.625 * y0, -1.25 * y0 * y0, -1.25 * cube, 0.625 * (1.0 - cube * y0), 0.5 + y0 * (5.0 - cube * y0) / 8.0):
+    for term in (
+        -0.625 * y0,
+        -1.25 * y0 * y0,
+        -1.25 * cube,
+        0.625 * (1.0 - cube * y0),
+        0.5 + y0 * (5.0 - cube * y0) / 8.0,
+    ):
         share = np.concatenate([term[None], _product(share, y)])
     speed = way * np.arange(1.0, terms + 1.0)[:, None] / h
     turning = _product(share, speed)

@@ -151,9 +151,7 @@ def _leaving(part: Part, speed: float) -> float:
 def _between(distance: float, v0: float, v1: float, bounds: Bounds) -> list[Phase]:
     """Speed up from v0, cruise if there is room, slow down to v1."""
     near = math.sqrt((v0 * v0 + v1 * v1) / 2.0 + bounds.acceleration * distance)
-    peak = _fastest(
-        distance, (max(v0, v1), near, bounds.speed), lambda v: _way(v0, v, bounds) + _way(v, v1, bounds)
-    )
+    peak = _fastest(distance, (max(v0, v1), near, bounds.speed), lambda v: _way(v0, v, bounds) + _way(v, v1, bounds))
     up, down = _way(v0, peak, bounds), _way(peak, v1, bounds)
     cruise = max(0.0, distance - up - down)
     phases = [

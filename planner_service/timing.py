@@ -433,6 +433,7 @@ def _two_passes() -> Any:
     return TwoPasses
 
 
+@lru_cache(maxsize=1)
 def _toppra() -> Any:
     """The toppra library, quiet: it imports matplotlib, whose complaints about its cache do not concern the caller."""
     plotting, own = logging.getLogger("matplotlib"), logging.getLogger("toppra")

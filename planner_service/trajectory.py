@@ -142,7 +142,9 @@ class Trajectory:
     def _located(self, t: ArrayLike) -> _Where:
         times = within("t", t, self.duration)
         if not len(self.durations):
-            return _Where(times, np.zeros(times.shape, dtype=np.intp), np.zeros(times.shape), np.zeros((*times.shape, 4)))
+            return _Where(
+                times, np.zeros(times.shape, dtype=np.intp), np.zeros(times.shape), np.zeros((*times.shape, 4))
+            )
         piece = np.asarray(np.minimum(self.knots.searchsorted(times, side="right"), len(self.durations)) - 1)
         x = np.minimum(np.maximum(times - self.knots[piece], 0.0), self.durations[piece])
         x = np.where(times == self.duration, self.durations[-1], x)
