@@ -311,14 +311,14 @@ class CollisionChecker:
         if not inside or not path.blends[k] > 0.0:
             raise InvalidRequest("k", k, "the index of a waypoint with a blend")
         start, length = float(path.knots[k] - path.blends[k]), float(2.0 * path.blends[k])
-        for q in path([start, start + length]):
-            self._configuration("path", q)
-        fastest = np.abs(path([start, start + length], 1)).max(axis=0)
+        ends = np.array([start, start + length])
+        fastest = np.abs(path(ends, 1)).max(axis=0)
         segments = self.edge_step.segments((fastest * length).tolist(), self._reach)
-        if segments == 1:
-            return True
         s = start + length * bisection_order(segments)[:, 0]
-        return self._first_collision(path(np.minimum(s, path.length))) is None
+        points = path(np.concatenate([ends, np.minimum(s, path.length)]))
+        for q in points[:2]:
+            self._configuration("path", q)
+        return segments == 1 or self._first_collision(points[2:]) is None
 
     def clearance(self, q: ArrayLike) -> float:
         """A proven lower bound in metres of the smallest gap at q (n,); negative when something overlaps.
