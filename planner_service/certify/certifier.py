@@ -5,20 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.certify.motion import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.tree import ProofTree, Span
+from planner_service.certify.proof import Prover, native_prover, numpy_prover
+from planner_service.certify.tree import Span
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import number, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
-__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]
+__all__ = ["MARGIN", "Backend", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]
+
+Backend = Literal["auto", "native", "numpy"]
 
 MARGIN = 2e-6
 """Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
@@ -116,20 +121,27 @@ class Certifier:
 
     Args:
         allowed: Pairs of links or objects that may touch, beside those that the robot and held objects allow.
+        backend: Who proves: "native", the compiled code; "numpy", the reference; "auto", the compiled code where it
+            was built. What they say is the same to the last bit.
 
     Attributes:
         listed: The pairs.
         motion: Poses and motion bounds of these.
+        prover: Who proves.
 
     Raises:
         UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an object is called like a link.
+        InvalidRequest: an object is called like a link, no such backend, or "native" where it was not built.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = ()) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: Backend = "auto"
+    ) -> None:
         self.robot = robot
         self.listed = ProofPairs(robot, scene, allowed)
         self.motion = Motion(robot, self.listed)
+        self.prover = _prover_of(backend, self.motion)
+        self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
 
     def certify(
         self,
@@ -159,13 +171,13 @@ class Certifier:
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         self._check_path(curve)
         self._check_exempt(curve.length, stretches)
-        tree = ProofTree(self.motion, curve, padding + MARGIN, charge or (lambda bounds: None))
-        obstruction = tree.run(*self.roots(curve.length, stretches))
+        proof = self.prover.prove(curve, padding + MARGIN, self.roots(curve.length, stretches), charge)
+        obstruction = proof.obstruction
         if obstruction is None:
-            return Certificate(_floored(tree.proven), tree.asked, padding, stretches)
+            return Certificate(_floored(proof.proven), proof.asked, padding, stretches)
         names = self.listed.names(obstruction.pair)
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, tree.asked, padding, stretches, refusal)
+        return Certificate(-math.inf, proof.asked, padding, stretches, refusal)
 
     def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
         """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span."""
@@ -173,12 +185,23 @@ class Certifier:
         cuts: dict[frozenset[str], list[Span]] = {}
         for interval in exempt:
             for names in interval.pairs:
-                cuts.setdefault(frozenset(names), []).append((interval.s_start, interval.s_end))
-        rows = []
-        for pair in self.listed.roots.tolist():
-            cut = [(low, min(high, length)) for low, high in cuts.get(frozenset(self.listed.names(pair)), ())]
-            rows += [(pair, spans.setdefault(span, len(spans))) for span in _left_over(length, cut)]
-        return list(spans), np.array(rows, dtype=np.intp).reshape(-1, 2)
+                cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, length)))
+        parts, after = [], 0
+        for row in sorted(row for names in cuts for row in self._rows_of.get(names, ())):
+            pair = int(self._whole[row, 0])
+            left = _left_over(length, cuts[frozenset(self.listed.names(pair))])
+            numbered = [(pair, spans.setdefault(span, len(spans))) for span in left]
+            parts += [self._whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
+            after = row + 1
+        return list(spans), np.concatenate([*parts, self._whole[after:]]) if parts else self._whole
+
+    @cached_property
+    def _rows_of(self) -> dict[frozenset[str], list[int]]:
+        """Which rows of the roots have the pairs of two names."""
+        found: dict[frozenset[str], list[int]] = {}
+        for row, pair in enumerate(self.listed.roots.tolist()):
+            found.setdefault(frozenset(self.listed.names(pair)), []).append(row)
+        return found
 
     def _check_path(self, path: JointPath) -> None:
         if path.n != self.robot.n:
@@ -212,6 +235,15 @@ def certify(
 ) -> Certificate:
     """The proof of a path from anywhere, or its refusal: a ``JointPath``, or waypoints (N, n); see ``Certifier``."""
     return Certifier(robot, scene, allowed=allowed).certify(path, padding=padding, exempt=exempt)
+
+
+def _prover_of(backend: object, motion: Motion) -> Prover:
+    if backend not in ("auto", "native", "numpy"):
+        raise InvalidRequest("backend", backend, '"auto", "native" or "numpy"')
+    native = None if backend == "numpy" else native_prover(motion)
+    if native is None and backend == "native":
+        raise InvalidRequest("backend", backend, '"auto" or "numpy": the compiled proof was not built')
+    return native or numpy_prover(motion)
 
 
 def _floored(gap: float) -> float:

@@ -65,6 +65,14 @@ class Corners:
         """The solids at ``rows``."""
         return Corners(self.rows[rows], self.table, self.radii)
 
+    def clouds(self) -> list[FloatArray]:
+        """The corners (v, 3) of each hull, each once."""
+        found = []
+        for cloud in self.table.transpose(1, 2, 0):
+            other = np.flatnonzero((cloud != cloud[0]).any(axis=1))
+            found.append(np.ascontiguousarray(cloud[: 1 + other.max(initial=0)]))
+        return found
+
     def extended(self, n: FloatArray, found: FloatArray) -> FloatArray:
         """Support values along n (..., 3, p) in local axes, (..., p): those of hulls put into ``found``."""
         if found.size == 0:  # how many directions there were cannot be told from that

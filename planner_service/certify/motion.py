@@ -37,6 +37,7 @@ class Motion:
     that carries both, together.
 
     Attributes:
+        n: Length of q.
         first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
         children: Of each pair, as ``ProofPairs`` has them.
         size: Radius of the second piece of each pair, (p,).
@@ -48,6 +49,7 @@ class Motion:
     def __init__(self, robot: Robot, listed: ProofPairs) -> None:
         bodies, riding = robot.bodies, listed.riding
         self.first, self.second = listed.pairs.T.copy()
+        self.n = robot.n
         self.riding = len(riding)
         self._rides = self.second < self.riding
         self.fixed = _table([_centred(piece) for piece in listed.standing])
@@ -61,11 +63,12 @@ class Motion:
         self._parents = [body.parent for body in bodies]
         self._joints = [np.stack(tables, axis=2)[:, :, None] for tables in zip(*map(_joint, bodies), strict=True)]
         self._axes = np.array([body.axis.tolist() for body in bodies]).T[:, None, :]
-        chains = [_chain(self._parents, piece.body) for piece in riding]
+        self._links = chains = [_chain(self._parents, piece.body) for piece in riding]
         self.depth = max(map(len, chains), default=0)
         padded = [chain + [0] * (self.depth - len(chain)) for chain in chains]  # with the base, which no joint moves
         self._chains = np.array(padded, dtype=np.intp).reshape(len(riding), self.depth).T
-        self._slides = np.array([body.prismatic for body in bodies])[self._chains]
+        self._sliding = np.array([body.prismatic for body in bodies])
+        self._slides = self._sliding[self._chains]
         self._radius = self._solids.radius()
         self._far = self._farthest(robot, chains)
         self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
@@ -74,6 +77,30 @@ class Motion:
             self._steps[:, k] = _steps(chains[self.first[k]], chains[self.second[k]])
         self.children: IntArray = listed.children
         self.size: FloatArray = self._every_radius[self.second]
+
+    @property
+    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray]]:
+        """All of this as numbers, for compiled code that does the same.
+
+        The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
+        (``_joint``), (bodies, 54); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
+        hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
+        piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
+        other, first child and how many, (p, 6); corners (v, 3) of the hulls.
+        """
+        columns = np.where(self._moved, self._columns, -1)
+        joints = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self._joints]
+        bodies = np.column_stack([self._parents, columns, self._sliding, self._axes[:, 0].T, *joints])
+        frames = np.concatenate([self._local[:, :, 0], self.fixed], axis=2).transpose(2, 0, 1).reshape(-1, 12)
+        every = self._every
+        on = np.full(len(frames), -1)
+        on[: self.riding] = self._body
+        hulls = np.full(len(frames), -1) if every.hulls is None else every.hulls.rows
+        pieces = np.column_stack([on, every.half.T, every.disc, every.ball, self._every_radius, hulls, frames])
+        links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
+        pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
+        corners = [] if every.hulls is None else every.hulls.clouds()
+        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners
 
     def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
         """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
