@@ -18,6 +18,7 @@ class Prover:
         links: NDArray[np.float64],
         pairs: NDArray[np.int64],
         hulls: Sequence[NDArray[np.float64]],
+        limits: NDArray[np.float64],
         variant: str = "",
     ) -> None: ...
     @property
@@ -38,3 +39,6 @@ class Prover:
         charge: Callable[[int], None] | None,
         /,
     ) -> tuple[int, int, float, int, int, float, float, float, float]: ...
+    def edge(
+        self, q1: NDArray[np.float64], q2: NDArray[np.float64], enough: float, nearer: float, slack: float, /
+    ) -> int | tuple[int, int, float] | None: ...

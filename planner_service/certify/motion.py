@@ -50,6 +50,7 @@ class Motion:
         bodies, riding = robot.bodies, listed.riding
         self.first, self.second = listed.pairs.T.copy()
         self.n = robot.n
+        self._limits = np.stack([robot.limits.lower, robot.limits.upper])
         self.riding = len(riding)
         self._rides = self.second < self.riding
         self.fixed = _table([_centred(piece) for piece in listed.standing])
@@ -79,14 +80,14 @@ class Motion:
         self.size: FloatArray = self._every_radius[self.second]
 
     @property
-    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray]]:
+    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:
         """All of this as numbers, for compiled code that does the same.
 
         The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
         (``_joint``), (bodies, 54); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
         hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
         piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
-        other, first child and how many, (p, 6); corners (v, 3) of the hulls.
+        other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of q, lower and upper, (2, n).
         """
         columns = np.where(self._moved, self._columns, -1)
         joints = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self._joints]
@@ -100,7 +101,7 @@ class Motion:
         links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
         pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
         corners = [] if every.hulls is None else every.hulls.clouds()
-        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners
+        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners, self._limits
 
     def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
         """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""

@@ -115,6 +115,7 @@ def _terms() -> list[float]:
         *(motion.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND),
         *(hulls.GAIN, hulls.SHARE, hulls.THIN, hulls.TINY),
         *(tree.FRACTION, tree.MAX_BOUNDS, tree.FAR, tree.BATCH, tree.NEAR, tree.CLOSE, tree.ROUNDS, tree.LAST_ROUNDS),
+        *(4096, 60, 1e-9),
     ]
 
 

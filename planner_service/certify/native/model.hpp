@@ -19,6 +19,7 @@ struct Terms {
     double tiny, shift, steps_per_round;           // separation.py
     double gain, share, thin, none;                // hulls.py
     double fraction, most, far, batch, near, close, rounds, last_rounds;  // tree.py
+    double edge_most, steps, certain;                                     // edge.py
 };
 
 // Corners about the centre: x's, y's and z's, the first corner repeated at the end of each; then those of a few corners
@@ -89,12 +90,16 @@ struct Facing {
     double x[3];
 };
 
+enum class Contact { apart, overlap, unclear };
+
 // The arithmetic on one pair, compiled for one instruction set; all give equal bits.
 struct Variant {
     const char* name;
     // hints: directions to try besides, xyz each, at most three.
     void (*rough)(const Terms& terms, const Facing& facing, const double* hints, int count, Bound& out);
     void (*refined)(const Terms& terms, const Facing& facing, int rounds, Bound& bound);
+    // Whether the pair is farther apart than ``enough`` or nearer than ``nearer``; the bound is improved on the way.
+    Contact (*settled)(const Terms& terms, const Facing& facing, double enough, double nearer, Bound& bound);
     // The largest of the heights of a hull's corners along u, v, w.
     double (*height)(const Hull& hull, double u, double v, double w);
 };

@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "edge.hpp"
 #include "tree.hpp"
 
 namespace nb = nanobind;
@@ -19,6 +20,7 @@ namespace proof {
 namespace {
 
 using Rows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Anything = nb::ndarray<nb::ro, nb::device::cpu>;
 using Numbers = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using WholeRows = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Wholes = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
@@ -93,7 +95,8 @@ std::vector<std::size_t> outermost(const Rows& corners) {
 class Prover {
   public:
     Prover(const std::vector<double>& terms, std::int64_t dof, const Rows& bodies, const Rows& pieces, std::int64_t riding,
-           const Rows& links, const WholeRows& pairs, const std::vector<Rows>& hulls, const std::string& variant) {
+           const Rows& links, const WholeRows& pairs, const std::vector<Rows>& hulls, const Rows& limits,
+           const std::string& variant) {
         for (const auto* found : variants())
             if (variant.empty() || variant == found->name) variant_ = found;
         require(variant_ != nullptr, "this processor has no such instruction set");
@@ -104,6 +107,8 @@ class Prover {
         add_pieces(pieces, riding);
         add_links(links);
         add_pairs(pairs);
+        require(limits.shape(0) == 2 && limits.shape(1) == static_cast<std::size_t>(model_.dof), "limits of another robot");
+        limits_.assign(limits.data(), limits.data() + 2 * limits.shape(1));
     }
 
     const char* variant() const { return variant_->name; }
@@ -134,9 +139,48 @@ class Prover {
                               out.span.end, out.s, out.gap);
     }
 
+    // The verdict on the straight edge between two configurations; None if one is not n doubles within the limits.
+    nb::object edge(const Anything& q1, const Anything& q2, double enough, double nearer, double slack) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        std::vector<double> points(2 * n), tangent(n), travelled(2 * n, 0.0);
+        if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return nb::none();
+        double square = 0.0;
+        for (std::size_t k = 0; k < n; ++k) {
+            const double step = points[n + k] - points[k];
+            square += step * step;
+        }
+        const double length = std::sqrt(square), knots[2] = {0.0, length};
+        if (!std::isfinite(length)) return nb::none();
+        for (std::size_t k = 0; k < n; ++k) tangent[k] = (points[n + k] - points[k]) / length;
+        const std::int64_t line = 0, blend = -1;
+        const std::size_t pieces = length > 0.0 ? 1 : 0;
+        const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, travelled.data(), &line,
+                              &blend, nullptr});
+        EdgeResult out;
+        {
+            nb::gil_scoped_release release;
+            out = Edge(model_, *variant_, curve, enough, nearer).run(roots_);
+        }
+        if (out.verdict == Verdict::free) return nb::int_(0);
+        return nb::make_tuple(static_cast<int>(out.verdict), out.pair, out.s);
+    }
+
   private:
     Model model_;
     const Variant* variant_ = nullptr;
+    std::vector<int> roots_;
+    std::vector<double> limits_;  // the lower ones, then the upper ones
+
+    bool read(const Anything& q, double slack, double* out) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        if (q.ndim() != 1 || q.shape(0) != n || q.dtype() != nb::dtype<double>()) return false;
+        const auto* values = static_cast<const double*>(q.data());
+        for (std::size_t k = 0; k < n; ++k) {
+            out[k] = values[static_cast<std::int64_t>(k) * q.stride(0)];
+            if (!(out[k] >= limits_[k] - slack && out[k] <= limits_[n + k] + slack)) return false;
+        }
+        return true;
+    }
 
     void add_terms(const std::vector<double>& terms) {
         require(terms.size() == sizeof(Terms) / sizeof(double), "other terms");
@@ -235,6 +279,11 @@ class Prover {
             pair.children = whole(row[5], 0, count - pair.child, "no such pair");
             model_.pairs.push_back(pair);
         }
+        std::vector<bool> child(model_.pairs.size(), false);
+        for (const Pair& pair : model_.pairs)
+            std::fill_n(child.begin() + pair.child, pair.children, true);
+        for (int k = 0; k < static_cast<int>(count); ++k)
+            if (!child[static_cast<std::size_t>(k)]) roots_.push_back(k);
     }
 
     std::uint16_t steps(std::int64_t value, int piece) const {
@@ -270,13 +319,14 @@ NB_MODULE(_proof, m) {
     });
     nb::class_<Prover>(m, "Prover")
         .def(nb::init<const std::vector<double>&, std::int64_t, const Rows&, const Rows&, std::int64_t, const Rows&, const WholeRows&,
-                      const std::vector<Rows>&, const std::string&>(),
+                      const std::vector<Rows>&, const Rows&, const std::string&>(),
              nb::arg("terms"), nb::arg("dof"), nb::arg("bodies"), nb::arg("pieces"), nb::arg("riding"), nb::arg("links"),
-             nb::arg("pairs"), nb::arg("hulls"), nb::arg("variant") = "")
+             nb::arg("pairs"), nb::arg("hulls"), nb::arg("limits"), nb::arg("variant") = "")
         .def_prop_ro("variant", &Prover::variant)
         .def("prove", &Prover::prove, nb::arg("waypoints"), nb::arg("knots"), nb::arg("tangents"), nb::arg("breaks"),
              nb::arg("lines"), nb::arg("blends"), nb::arg("travelled"), nb::arg("corners"), nb::arg("spans"),
-             nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none());
+             nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none())
+        .def("edge", &Prover::edge);
 }
 
 }  // namespace proof

@@ -172,6 +172,45 @@ double Places::spheres_apart(const Pair& pair, std::size_t node) {
     return std::sqrt(x * x + y * y + z * z) * (1.0 - model_.terms.rounding) - radii;
 }
 
+bool Places::spheres_clear(const Pair& pair, std::size_t node, double grown) {
+    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
+    const double x = A[3] - B[3], y = A[7] - B[7], z = A[11] - B[11];
+    const double within = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius +
+                          model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius + grown;
+    return (x * x + y * y + z * z) * (1.0 - model_.terms.rounding) > within * within;
+}
+
+void Places::begin_about(std::size_t node, const double* travel) {
+    about_node_ = node;
+    about_travel_ = travel;
+    about_.resize(model_.riding * (model_.depth + 1));
+    abouts_.assign(model_.riding, 0);
+}
+
+const double* Places::motions_about(std::size_t piece) {
+    double* out = about_.data() + piece * (model_.depth + 1);
+    if (abouts_[piece] != 0) return out;
+    abouts_[piece] = 1;
+    const Piece& found = model_.pieces[piece];
+    const double* here = radii(piece, about_node_);
+    out[0] = 0.0;
+    for (std::size_t k = 0; k < found.count; ++k) {
+        const Link& link = model_.links[found.first + k];
+        const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
+        out[k + 1] = out[k];
+        if (body.column < 0) continue;
+        const double radius = body.slides ? 1.0 : std::min(here[k] + out[k], link.far);
+        out[k + 1] = out[k] + radius * about_travel_[body.column];
+    }
+    return out;
+}
+
+double Places::motion_about(const Pair& pair) {
+    double out = motions_about(static_cast<std::size_t>(pair.first))[pair.own];
+    if (pair.other > 0) out += motions_about(static_cast<std::size_t>(pair.second))[pair.other];
+    return out;
+}
+
 void Places::begin_stretches(std::size_t count) {
     moved_.assign(count * model_.riding, -1);
     motions_.clear();

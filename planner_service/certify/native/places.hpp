@@ -31,6 +31,13 @@ class Places {
     void begin_stretches(std::size_t count);
     double pair_motion(const Pair& pair, std::size_t stretch, std::size_t a, std::size_t b);
 
+    // How far the pieces of a pair move against each other, at most, while each joint travels so far from a node, in
+    // whatever direction; the node and the travel (the caller's) are set first.
+    void begin_about(std::size_t node, const double* travel);
+    double motion_about(const Pair& pair);
+    // Whether bounding spheres, ``grown`` by so much, are apart.
+    bool spheres_clear(const Pair& pair, std::size_t node, double grown);
+
   private:
     const Model& model_;
     const Variant& variant_;
@@ -40,9 +47,15 @@ class Places {
     std::vector<double> motions_;      // of stretches and riding pieces, depth + 1 each
     std::vector<std::int32_t> moved_;  // where in these; -1: not yet
 
+    std::size_t about_node_ = 0;
+    const double* about_travel_ = nullptr;
+    std::vector<double> about_;         // of riding pieces, depth + 1 each
+    std::vector<std::uint8_t> abouts_;  // which of these are known
+
     const double* pose(int piece, std::size_t node);
     const double* radii(std::size_t piece, std::size_t node);
     void find_radii(std::size_t piece, std::size_t node, double* out);
+    const double* motions_about(std::size_t piece);
     const double* motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b);
 };
 
