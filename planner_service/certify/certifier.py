@@ -11,12 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner_service.certify.edge import EdgeProof, EdgeVerdict
 from planner_service.certify.motion import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.proof import Prover, native_prover, numpy_prover
+from planner_service.certify.proof import LIMIT_SLACK, Prover, native_prover, numpy_prover
 from planner_service.certify.tree import Span
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import number, numbers
+from planner_service.geometry import FloatArray, number, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -31,11 +32,10 @@ MARGIN = 2e-6
 MAX_PADDING = 0.1
 """Metres; more is a wrong unit."""
 
-LIMIT_SLACK = 1e-9
-"""Rounding by which a waypoint may lie outside a joint limit, rad or m."""
-
 END_SLACK = 1e-9
 """Rounding by which an exempt stretch may end beyond the path."""
+
+FREE_EDGE = EdgeProof(EdgeVerdict.FREE)
 
 NANO = 1e9
 """Bounds are told in whole nanometres, rounded to the safe side."""
@@ -179,6 +179,42 @@ class Certifier:
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
         return Certificate(-math.inf, proof.asked, padding, stretches, refusal)
 
+    def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
+        """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
+
+        Free means what it means of a path; colliding, that at some place of the edge a judged pair is proven nearer
+        than ``padding`` less ``MARGIN``, so that pieces overlap if it is 0. Fewer than one in a thousand edges of a
+        search are undecided. For single edges float64 arrays are the fastest to hand over.
+
+        Raises:
+            InvalidRequest: ends of another shape, not finite or outside the joint limits, or a padding outside
+                [0, 0.1].
+        """
+        padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        terms = (padding + MARGIN, padding - MARGIN)
+        found = self.prover.edge(q1, q2, *terms)
+        if found is None:
+            points = np.stack([self._configuration("q1", q1), self._configuration("q2", q2)])
+            found = self.prover.edge(points[0], points[1], *terms)
+            assert found is not None
+        if found.verdict is EdgeVerdict.FREE:
+            return FREE_EDGE
+        return EdgeProof(found.verdict, found.s, *self.listed.names(found.pair))
+
+    def clearances(self, Q: ArrayLike) -> FloatArray:
+        """Proven lower bounds (metres) of the smallest gap of any judged pair at configurations Q (m, n), (m,).
+
+        Negative where pieces may overlap, then by no more than that; infinite if no pair is judged.
+
+        Raises:
+            InvalidRequest: another shape, a number that is not finite or outside the joint limits.
+        """
+        rows = numbers("Q", Q, f"configurations of shape (m, {self.robot.n})")
+        if rows.ndim != 2 or rows.shape[1] != self.robot.n:
+            raise InvalidRequest("Q", rows.shape, f"configurations of shape (m, {self.robot.n})")
+        self._check_limits("Q", rows)
+        return self.prover.clearances(rows)
+
     def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
         """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span."""
         spans: dict[Span, int] = {(0.0, length): 0}
@@ -203,15 +239,26 @@ class Certifier:
             found.setdefault(frozenset(self.listed.names(pair)), []).append(row)
         return found
 
+    def _configuration(self, name: str, q: ArrayLike) -> FloatArray:
+        values = numbers(name, q, f"{self.robot.n} joint values")
+        if values.shape != (self.robot.n,):
+            raise InvalidRequest(name, values.shape, f"{self.robot.n} joint values")
+        self._check_limits(name, values[None])
+        return values
+
     def _check_path(self, path: JointPath) -> None:
         if path.n != self.robot.n:
             raise InvalidRequest("path", path.n, f"a path of {self.robot.n} joints")
+        self._check_limits("waypoints", path.waypoints)  # a blend stays in the triangle of its corner
+
+    def _check_limits(self, name: str, rows: FloatArray) -> None:
         lower, upper = self.robot.limits.lower, self.robot.limits.upper
-        outside = (path.waypoints < lower - LIMIT_SLACK) | (path.waypoints > upper + LIMIT_SLACK)
-        if np.any(outside):  # a blend stays in the triangle of its corner
-            row, joint = np.argwhere(outside)[0].tolist()
+        inside = (rows >= lower - LIMIT_SLACK) & (rows <= upper + LIMIT_SLACK)  # False for NaN
+        if not np.all(inside):
+            row, joint = np.argwhere(~inside)[0].tolist()
             expected = f"{self.robot.joint_names[joint]} in [{lower[joint]:.6g}, {upper[joint]:.6g}]"
-            raise InvalidRequest(f"waypoints[{row}][{joint}]", float(path.waypoints[row, joint]), expected)
+            where = f"{name}[{joint}]" if len(rows) == 1 and name != "waypoints" else f"{name}[{row}][{joint}]"
+            raise InvalidRequest(where, float(rows[row, joint]), expected)
 
     def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:
         for interval in exempt:

@@ -38,8 +38,9 @@ class Motion:
 
     Attributes:
         n: Length of q.
+        limits: Of q, lower and upper, (2, n).
         first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
-        children: Of each pair, as ``ProofPairs`` has them.
+        children, roots: Of the pairs, as ``ProofPairs`` has them.
         size: Radius of the second piece of each pair, (p,).
         riding: How many pieces ride.
         fixed: World poses of those that do not, (3, 4, k).
@@ -50,7 +51,7 @@ class Motion:
         bodies, riding = robot.bodies, listed.riding
         self.first, self.second = listed.pairs.T.copy()
         self.n = robot.n
-        self._limits = np.stack([robot.limits.lower, robot.limits.upper])
+        self.limits = np.stack([robot.limits.lower, robot.limits.upper])
         self.riding = len(riding)
         self._rides = self.second < self.riding
         self.fixed = _table([_centred(piece) for piece in listed.standing])
@@ -77,6 +78,7 @@ class Motion:
         for k in np.flatnonzero(self._rides).tolist():
             self._steps[:, k] = _steps(chains[self.first[k]], chains[self.second[k]])
         self.children: IntArray = listed.children
+        self.roots: IntArray = listed.roots
         self.size: FloatArray = self._every_radius[self.second]
 
     @property
@@ -101,7 +103,7 @@ class Motion:
         links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
         pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
         corners = [] if every.hulls is None else every.hulls.clouds()
-        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners, self._limits
+        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners, self.limits
 
     def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
         """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
@@ -178,6 +180,22 @@ class Motion:
             out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
         return out
 
+    def motions_about(self, radii: FloatArray, travel: FloatArray) -> FloatArray:
+        """The same, in either direction, while each joint travels so far from a node: (depth + 1, m, pieces).
+
+        ``r_k(x) <= r_k(a) + m(a, x)``: looser than what both ends tell, and one node is enough.
+
+        Args:
+            radii: Of m nodes, (m, depth, pieces).
+            travel: What the joints of q travel, (m, n).
+        """
+        per_body = np.where(self._moved, travel[:, self._columns], 0.0)
+        out = np.zeros((self.depth + 1, len(travel), self.riding))
+        for k, chain in enumerate(self._chains):
+            radius = np.minimum(radii[:, k] + out[k], self._far[k])
+            out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
+        return out
+
     def pair_motions(self, motions: FloatArray, pair: IntArray, stretch: IntArray) -> FloatArray:
         """How far the pieces of pairs move against each other on stretches, at most: picked from ``motions``."""
         own, other = self._steps[:, pair]
@@ -194,6 +212,13 @@ class Motion:
         x, y, z = poses[:, 3, a] - poses[:, 3, b]
         radii = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]]
         return np.asarray(np.sqrt(x * x + y * y + z * z) * (1.0 - ROUNDING) - radii)
+
+    def spheres_clear(self, poses: FloatArray, pair: IntArray, node: IntArray, grown: FloatArray) -> NDArray[np.bool_]:
+        """Whether the bounding spheres of pairs at nodes, grown by so much (k,), are apart; (k,)."""
+        a, b = self._in_poses(pair, node)
+        x, y, z = poses[:, 3, a] - poses[:, 3, b]
+        within = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]] + grown
+        return np.asarray((x * x + y * y + z * z) * (1.0 - ROUNDING) > within * within)
 
     def _in_poses(self, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
         """Where the two pieces of pairs at nodes are in the poses of everything."""

@@ -20,6 +20,7 @@ struct Terms {
     double gain, share, thin, none;                // hulls.py
     double fraction, most, far, batch, near, close, rounds, last_rounds;  // tree.py
     double edge_most, steps, certain;                                     // edge.py
+    double clearance_rounds;                                              // clearance.py
 };
 
 // Corners about the centre: x's, y's and z's, the first corner repeated at the end of each; then those of a few corners

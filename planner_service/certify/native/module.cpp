@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "clearance.hpp"
 #include "edge.hpp"
 #include "tree.hpp"
 
@@ -163,6 +164,18 @@ class Prover {
         }
         if (out.verdict == Verdict::free) return nb::int_(0);
         return nb::make_tuple(static_cast<int>(out.verdict), out.pair, out.s);
+    }
+
+    // Lower bounds of the smallest gap at each row of Q, into ``out``.
+    void clearances(const Rows& Q, const nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>& out) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        require(Q.shape(1) == n && out.shape(0) == Q.shape(0), "configurations of another robot");
+        const std::size_t count = Q.shape(0);
+        const double* q = Q.data();
+        double* found = out.data();
+        nb::gil_scoped_release release;
+        Clearance clearance(model_, *variant_);
+        for (std::size_t k = 0; k < count; ++k) found[k] = clearance.at(q + n * k, roots_);
     }
 
   private:
@@ -326,7 +339,8 @@ NB_MODULE(_proof, m) {
         .def("prove", &Prover::prove, nb::arg("waypoints"), nb::arg("knots"), nb::arg("tangents"), nb::arg("breaks"),
              nb::arg("lines"), nb::arg("blends"), nb::arg("travelled"), nb::arg("corners"), nb::arg("spans"),
              nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none())
-        .def("edge", &Prover::edge);
+        .def("edge", &Prover::edge)
+        .def("clearances", &Prover::clearances);
 }
 
 }  // namespace proof
