@@ -16,7 +16,7 @@ from planner_service.certify.motion import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.proof import LIMIT_SLACK, Prover, native_prover, numpy_prover
 from planner_service.certify.tree import Span
-from planner_service.errors import InvalidRequest
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry import FloatArray, number, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
@@ -196,7 +196,8 @@ class Certifier:
         if found is None:
             points = np.stack([self._configuration("q1", q1), self._configuration("q2", q2)])
             found = self.prover.edge(points[0], points[1], *terms)
-            assert found is not None
+            if found is None:
+                raise BrokenInvariant("a configuration that was checked is not taken")
         if found.verdict is EdgeVerdict.FREE:
             return FREE_EDGE
         return EdgeProof(found.verdict, found.s, *self.listed.names(found.pair))

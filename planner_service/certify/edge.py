@@ -8,6 +8,7 @@ ends, then the middle of what is left open.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -129,15 +130,12 @@ class EdgeTree:
 
     def run(self, roots: IntArray) -> Judged:
         """The verdict on the pairs ``roots``."""
-        try:
-            pair, gaps, n = self._middle(roots)
-            rows = self._ends(pair, gaps, n)
+        with suppress(_Over):
+            rows = self._ends(*self._middle(roots))
             while len(rows.pair):
                 rows = self._split(rows)
                 if len(rows.pair):
                     rows = self._halved(rows)
-        except _Over:
-            pass
         return self._found
 
     def _placed(self, s: list[float]) -> int:
