@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,14 @@ from planner_service.certify.proof import Proof, Prover, instruction_sets, nativ
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, FloatArray, Pose, Sphere
+from planner_service.mesh import Mesh
 from planner_service.path import JointPath
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Attached, Obstacle, Scene, load_scene
 from tests.hull_arm import HELD, NEEDLE, HullSetup, write_arm
 from tests.laws.test_certify_laws import CRANE, anywhere, curve
 from tests.laws.test_crowd_laws import Crowded
-from tests.test_certify import SLIDER, TWINS, ball_beyond, built
+from tests.test_certify import RIM, SLIDER, TWINS, ball_beyond, built
 
 WXAI, PLANAR = load_robot("wxai"), load_robot("planar2")
 BUILT = bool(instruction_sets())
@@ -120,6 +122,32 @@ def test_proofs_of_hulls_are_the_same(folder: Path) -> None:
     assert {proof.obstruction is None for proof in found} == {True, False}
 
 
+def test_of_corners_and_directions_that_are_equally_far_the_same_is_taken() -> None:
+    """A cube given as a hull, square to the planar arm, which has its ends at equal heights."""
+    cube = Mesh(np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]))
+    places = [(0.8, 0.8, 0.0), (-0.8, 0.8, 0.0), (0.0, -1.2, 0.1), (1.5, 0.8, 0.0)]
+    cubes = tuple(Obstacle(f"cube{k}", cube, Pose(place)) for k, place in enumerate(places))
+    certifier = Certifier(PLANAR, Scene(cubes))
+    quarter = math.pi / 2
+    turns = [(0.0, 0.0), (quarter, 0.0), (0.0, quarter), (-quarter, 0.0), (quarter, -quarter), (0.3, 0.1)]
+    Q = np.array(turns)
+    for a, b in zip(Q, np.roll(Q, 1, axis=0), strict=True):
+        agreed(certifier, JointPath(np.array([a, a + 0.2 * (b - a)])))
+    judged(certifier, list(zip(Q, Q + 0.05, strict=True)))
+    first, *others = [prover.clearances(Q) for prover in provers(certifier)]
+    assert all(np.array_equal(first, other) for other in others)
+
+
+def test_a_blend_that_reaches_to_the_end_of_its_path_is_the_same_curve() -> None:
+    rng = np.random.default_rng(16)
+    certifier = Certifier(WXAI, load_scene("bin"))
+    for _ in range(6):
+        points = WXAI.home + np.cumsum(rng.normal(size=(3, 6)) * 0.1, axis=0)
+        path = JointPath(np.clip(points, WXAI.limits.lower, WXAI.limits.upper))
+        width = float(np.diff(path.knots).min())
+        agreed(certifier, path.with_blends([0.0, width, 0.0]))
+
+
 def test_a_proof_of_one_configuration_or_of_nothing_is_the_same() -> None:
     rng = np.random.default_rng(8)
     certifier = Certifier(WXAI, load_scene("bin"))
@@ -164,7 +192,7 @@ def test_many_nodes_are_forgotten_without_a_trace() -> None:
 def test_a_path_of_another_class_is_proven_as_the_curve_it_says_it_is() -> None:
     class Elsewhere(JointPath):
         def __call__(self, s: Any, order: int = 0) -> FloatArray:
-            return super().__call__(s, order) + np.array([0.6, 0.0])
+            return np.asarray(super().__call__(s, order) + np.array([0.6, 0.0]))
 
     certifier = Certifier(PLANAR, ball_beyond(-0.01, 1.0))
     assert certifier.certify(JointPath(SWEEP)).certified
@@ -220,7 +248,8 @@ def test_what_charge_raises_comes_out_of_every_prover_unchanged(after: int) -> N
 
     certifier, path = Certifier(WXAI, load_scene("bin")), JointPath(np.array([WXAI.home, WXAI.home + 0.3]))
     for prover in provers(certifier):
-        enough, calls = Enough("so"), []
+        enough = Enough("so")
+        calls: list[int] = []
 
         def stop(bounds: int, enough: Enough = enough, calls: list[int] = calls) -> None:
             calls.append(bounds)
@@ -269,7 +298,7 @@ def said(certifier: Certifier) -> list[Any]:
     paths = [np.array([WXAI.home, WXAI.home + 0.2]), Q[:2]]
     return [
         *(certifier.certify(path) for path in paths),
-        *(certifier.certify_edge(a, a + 0.1 * (b - a)) for a, b in zip(Q[:-1], Q[1:], strict=True)),
+        *(certifier.certify_edge(a, a + 0.1 * (b - a)) for a, b in pairwise(Q)),
         certifier.clearances(Q).tolist(),
     ]
 
@@ -339,7 +368,13 @@ def test_verdicts_next_to_contact_are_the_same() -> None:
     found = []
     for gap in (0.0, 1e-6, -1e-6, 1.9e-6, 2.1e-6, -3e-6, 1e-5, -1e-5):
         found += judged(Certifier(PLANAR, ball_beyond(gap)), [(SWEEP[0], SWEEP[1]), (SWEEP[1], SWEEP[0])])
+        found += judged(Certifier(PLANAR, block_beyond(gap)), [(SWEEP[0], SWEEP[1]), (SWEEP[1], SWEEP[0])])
     assert set(found) == set(EdgeVerdict)
+
+
+def block_beyond(gap: float) -> Scene:
+    """A block whose face the end of the outstretched planar arm passes at about ``gap``, without a round edge in it."""
+    return Scene((Obstacle("block", Box((0.2, 0.2, 0.2)), Pose((RIM + gap + 0.1, 0.0, 0.0))),))
 
 
 def test_verdicts_of_hulls_are_the_same(folder: Path) -> None:

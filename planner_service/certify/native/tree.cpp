@@ -8,7 +8,7 @@ namespace proof {
 namespace {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
-constexpr std::size_t FEW = 256;  // nodes that are not worth forgetting
+constexpr std::size_t FEW = 64;  // nodes that are not worth forgetting
 
 }  // namespace
 
@@ -293,7 +293,7 @@ void Tree::keep() {
 
 // Nodes at which no open stretch ends.
 void Tree::forget() {
-    if (places_.count() < FEW || places_.count() < 4 * stretches_.size()) return;
+    if (places_.count() < FEW || places_.count() < 3 * stretches_.size()) return;
     std::vector<std::size_t> number(places_.count(), 0), nodes;
     for (const Stretch& stretch : stretches_) number[stretch.left] = number[stretch.right] = 1;
     for (std::size_t k = 0; k < number.size(); ++k)
