@@ -362,6 +362,19 @@ class JointPath:
             out[on] = self._curves.travel(rows.take(on), at.take(on))
         return out
 
+    @property
+    def tables(self) -> tuple[NDArray[Any], ...]:
+        """What ``__call__`` and ``travel`` look up, for compiled code that does the same, to the last bit.
+
+        Waypoints (N, n), knots (N,), tangents of the lines between (N - 1, n), breaks (m + 1,); of each piece between
+        breaks its line and its blend, or -1, (m,) each; what was travelled at each break, (m + 1, n); of each blend
+        its s, width, corner, tangent before and after, and where joints turn back, (k, 2 + 4 n).
+        """
+        c = self._curves
+        blends = np.column_stack([c.s, c.width, c.corner, c.before, c.after, c.turning])
+        lines = (self._lines, self._rows, self._travelled, blends)
+        return (self.waypoints, self.knots, self._tangents, self.breaks, *lines)
+
     def reversed(self) -> JointPath:
         """The same curve from its end to its start."""
         return JointPath(self.waypoints[::-1], self.blends[::-1])
