@@ -70,11 +70,18 @@ def random_states(robot: Robot, count: int, rng: np.random.Generator) -> FloatAr
     return np.asarray(lower + (upper - lower) * rng.random((count, robot.n)))
 
 
-def around_contacts(checker: CollisionChecker, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def around_contacts(
+    checker: CollisionChecker,
+    count: int,
+    rng: np.random.Generator,
+    jitters: Sequence[float] = JITTERS,
+    each: int = EACH,
+) -> tuple[FloatArray, FloatArray]:
     """Configurations (count, n) around first contacts, and how far any point was moved from there at most (count,)."""
-    robot, each = checker.robot, EACH * len(JITTERS)
+    robot, jittered = checker.robot, np.repeat(jitters, each)
+    each = len(jittered)
     contacts = _contacts(checker, math.ceil(count / each), rng)
-    sizes = np.tile(np.repeat(JITTERS, EACH), len(contacts))[:count] * rng.random(count)
+    sizes = np.tile(jittered, len(contacts))[:count] * rng.random(count)
     ways = rng.normal(size=(count, robot.n))
     ways *= (sizes / (np.abs(ways) * robot.reach()).sum(axis=1))[:, None]
     Q = np.repeat(contacts, each, axis=0)[:count] + ways
