@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Literal, TypeGuard
+from typing import Literal, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +37,7 @@ from planner_service.scene import Scene
 
 __all__ = ["Backend", "CollisionChecker", "Contact", "EdgeHit"]
 
-Backend = Literal["auto", "native", "fcl"]
+Backend = Literal["auto", "native", "numpy", "fcl"]
 
 MAX_PADDING = 0.1
 """Metres; more padding than this is a unit mistake."""
@@ -110,8 +110,9 @@ class CollisionChecker:
         edge_step: How finely edges are sampled.
         padding: Distance in metres that every pair must keep; verdicts of a plan use 0.
         allowed: Pairs of link or object names that may touch, beside those the robot allows.
-        backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "fcl", numpy alone;
-            "auto", the kernel where it was built. Verdicts, counts and names are the same.
+        backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "numpy", sieves in
+            numpy; "auto", the kernel where it was built, else numpy; "fcl", nothing: the reference, which puts every
+            pair to FCL, one by one in their order. Verdicts, counts and names are the same.
 
     Raises:
         UnknownName: ``allowed`` names nothing that is there.
@@ -195,7 +196,7 @@ class CollisionChecker:
 
     @property
     def instruction_set(self) -> str | None:
-        """What the compiled kernel uses; None when numpy stands in for it."""
+        """What the compiled kernel uses; None where it is not asked."""
         return None if self._kernel is None else self._kernel.variant
 
     @property
@@ -444,8 +445,10 @@ class CollisionChecker:
                 raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in [{low:.4f}, {high:.4f}]")
         return array
 
-    def _candidates(self, q: FloatArray) -> list[int]:
-        """The pairs at q (n,) that are not proven apart."""
+    def _candidates(self, q: FloatArray) -> Sequence[int]:
+        """The pairs at q (n,) that are not proven apart; for the reference all there are."""
+        if self.backend == "fcl":
+            return range(self.pair_count)
         if self._kernel is not None:
             return self._kernel.candidates(q[None])[1]
         numbers: list[int] = self._prefilter.candidates(q[None])[1].tolist()
@@ -532,6 +535,12 @@ class CollisionChecker:
                     yield doubt[0], touching
                 start = doubt[0] + 1
             return
+        if self.backend == "fcl":
+            for row, q in enumerate(Q.tolist()):
+                pair = next(self._colliding_pairs(q, range(self.pair_count)), None)
+                if pair is not None:
+                    yield row, pair
+            return
         rows, pairs = self._prefilter.candidates(Q)
         doubtful: dict[int, list[int]] = {}
         for row, pair in zip(rows.tolist(), pairs.tolist(), strict=True):
@@ -572,11 +581,11 @@ def _are_floats(q: ArrayLike) -> TypeGuard[FloatArray]:
 
 
 def _kernel_of(backend: object, robot: Robot, parts: Parts) -> Kernel | None:
-    if backend not in ("auto", "native", "fcl"):
-        raise InvalidRequest("backend", backend, '"auto", "native" or "fcl"')
-    kernel = None if backend == "fcl" else build_kernel(robot, parts, prefilter.MARGIN)
+    if backend not in get_args(Backend):
+        raise InvalidRequest("backend", backend, '"auto", "native", "numpy" or "fcl"')
+    kernel = build_kernel(robot, parts, prefilter.MARGIN) if backend in ("auto", "native") else None
     if kernel is None and backend == "native":
-        raise InvalidRequest("backend", backend, '"auto" or "fcl": the compiled kernel was not built')
+        raise InvalidRequest("backend", backend, '"auto", "numpy" or "fcl": the compiled kernel was not built')
     return kernel
 
 
