@@ -46,6 +46,9 @@ AROUND_BASE = 0.15
 EDGES, LONGEST, ROOM = 24, 0.8, 0.02
 """Edges that stay free in all scenes, their length (rad) at most, and the metres that every box keeps from them."""
 
+DRAWN = 50
+"""Boxes drawn at once at least."""
+
 STATES, FEW = 1_000, 10
 """States at random; states and edges for numpy."""
 
@@ -78,13 +81,13 @@ def _above_table(robot: Robot, q: FloatArray) -> bool:
 
 def spread_scenes(robot: Robot, sizes: Sequence[int] = SIZES) -> Iterator[Scene]:
     """Cubes at random over the workspace, none near the arm on any of ``free_edges``."""
-    keep_out = [q for a, b in free_edges(robot) for q in _samples(a, b)]
+    keep_out = np.concatenate([_samples(a, b) for a, b in free_edges(robot)])
     for size in sizes:
         rng, side = np.random.default_rng([SEED, size]), (VOLUME / size) ** (1.0 / 3.0)
         kept: list[Obstacle] = []
         names = count()
         while len(kept) < size:
-            drawn = [Obstacle(f"box {next(names)}", Box((side,) * 3), pose) for pose in _poses(rng, size)]
+            drawn = [Obstacle(f"box {next(names)}", Box((side,) * 3), pose) for pose in _poses(rng, max(size, DRAWN))]
             kept += _apart(robot, drawn, keep_out)
         yield Scene(tuple(kept[:size]), name=f"{size} boxes")
 
@@ -104,11 +107,13 @@ def _samples(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a + (b - a) * (np.arange(parts + 1) / parts)[:, None])
 
 
-def _apart(robot: Robot, drawn: Sequence[Obstacle], keep_out: Sequence[FloatArray]) -> list[Obstacle]:
+def _apart(robot: Robot, drawn: Sequence[Obstacle], keep_out: FloatArray) -> Iterator[Obstacle]:
     """The obstacles that no moving part of the arm comes near in any of the configurations."""
-    checker = CollisionChecker(robot, Scene(tuple(drawn)), padding=ROOM)
-    near = {name for q in keep_out for contact in checker.contacts(q) for name in (contact.a, contact.b)}
-    return [obstacle for obstacle in drawn if obstacle.name not in near]
+    own = [(a, b) for a, b in robot.link_pairs]
+    for obstacle in drawn:
+        checker = CollisionChecker(robot, Scene((obstacle,)), padding=ROOM, allowed=own)
+        if checker.states_are_free(keep_out).all():
+            yield obstacle
 
 
 def cut(scene: Scene, size: int) -> Scene:
