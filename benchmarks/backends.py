@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.collision.checker import Backend
+from planner_service.collision.judge import Backend
 from planner_service.composite import PointCloud
 from planner_service.geometry import Cylinder, FloatArray, Pose
 from planner_service.robot import Robot, load_robot

@@ -22,6 +22,7 @@ from benchmarks.backends import STEP, case
 from benchmarks.report import Promise, Report, Row, table
 from benchmarks.speed import Recorder
 from planner_service import CollisionChecker, JointStep, Known, Robot, RRTConnect, Scene
+from planner_service.collision.judge import Compiled
 from planner_service.collision.kernel import build_kernel, instruction_sets
 from planner_service.collision.ledger import SearchStopped
 from planner_service.collision.prefilter import MARGIN
@@ -94,13 +95,20 @@ class Tally:
         del self.words[SHOWN:]
 
 
-def kernels(robot: Robot, scene: Scene) -> dict[str, CollisionChecker]:
-    """A checker for every instruction set the kernel can use here, by its name."""
+def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, CollisionChecker]:
+    """A checker for every instruction set the kernel can use here, by its name.
+
+    Args:
+        margin: Metres by which the kernel proves pairs apart; another than its own is a mistake to be found.
+    """
     found = {}
     for name in instruction_sets():
         checker = CollisionChecker(robot, scene, edge_step=JointStep(STEP), backend="native")
-        checker._kernel = build_kernel(robot, checker._parts, MARGIN, name)
-        checker._quick = checker._agreed()
+        kernel = build_kernel(robot, checker._parts, margin, name)
+        if not isinstance(checker._judge, Compiled) or kernel is None:
+            raise AssertionError(f"{name}: the kernel is there and is not used")
+        checker._judge.kernel = kernel
+        checker._quick = checker._agreed(checker._judge)
         found[name] = checker
     return found
 

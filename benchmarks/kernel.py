@@ -18,8 +18,8 @@ from benchmarks.naive_manager import NaiveManager
 from benchmarks.pairwise import PairwiseFcl
 from benchmarks.report import Promise, Report, least_seconds, spread, table
 from planner_service import CollisionChecker, JointStep, RRTConnect
-from planner_service.collision.checker import Backend
 from planner_service.collision.edges import interior
+from planner_service.collision.judge import Backend
 from planner_service.oracle import SearchOracle
 from planner_service.robot import load_robot
 from planner_service.scene import load_scene

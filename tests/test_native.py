@@ -18,9 +18,10 @@ from benchmarks.backends import CASES, case, checkers, compare, edges_of, states
 from planner_service.collision import CheckCounts, CollisionChecker, EdgeStep, JointStep, Known, MotionStep
 from planner_service.collision import kernel as kernels
 from planner_service.collision.bounds import Solids
-from planner_service.collision.checker import Backend, EdgeHit
+from planner_service.collision.checker import EdgeHit
 from planner_service.collision.edges import FinestStep, interior
 from planner_service.collision.fcl import FclJudge
+from planner_service.collision.judge import Backend, Compiled, FclQuestions
 from planner_service.collision.kernel import Kernel, build_kernel, instruction_sets
 from planner_service.collision.ledger import CheckBudgetSpent, TimeBoxSpent
 from planner_service.collision.prefilter import MARGIN
@@ -67,7 +68,7 @@ def test_both_backends_agree_on_states_and_edges_at_random_as_planned_and_next_t
 @pytest.mark.parametrize("name", ["wxai bin", "panda shelf"])
 def test_the_reference_puts_every_pair_to_fcl_in_its_order_up_to_the_first_that_touches(name: str) -> None:
     checker = CollisionChecker(*case(name), backend="fcl")
-    judge = checker._judge = Judge(checker._judge, lambda i, j: False)  # type: ignore[assignment]
+    judge = questions(checker).fcl = Judge(questions(checker).fcl, lambda i, j: False)  # type: ignore[assignment]
     every = [(i, j) for i, j in checker._parts.pairs.tolist()]
     free = []
     for q in states_of(checkers(*case(name))[0], 40, seed=21):
@@ -86,7 +87,11 @@ def test_both_backends_agree_with_carried_objects_and_padding() -> None:
 @pytest.mark.parametrize("wrong", [-0.003, -0.0003])
 def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> None:
     first, second = checkers(*case("wxai bin"))
-    first._kernel = build_kernel(first.robot, first._parts, wrong)
+    if isinstance(first._judge, Compiled):
+        wrongly = build_kernel(first.robot, first._parts, wrong)
+        assert wrongly is not None
+        first._judge.kernel = wrongly
+        first._quick = first._agreed(first._judge)
     assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT
 
 
@@ -102,8 +107,7 @@ def test_every_instruction_set_leaves_every_pair_that_touches_and_hardly_another
 
 
 def touching_pairs(checker: CollisionChecker, q: Any) -> list[int]:
-    numbers = checker._prefilter.candidates(q[None])[1]
-    return list(checker._colliding_pairs(q.tolist(), numbers.tolist()))
+    return checker._judge.touching(np.array(q))
 
 
 def test_every_instruction_set_tells_the_same_doubt_of_an_edge() -> None:
@@ -159,11 +163,11 @@ def test_a_glance_and_the_rest_are_judged_and_counted_alike(known: Known) -> Non
     pair = checkers(*case("wxai clutter"))
     for a, b in edges_of(pair[0], 40, seed=14):
         before = [checker.counts for checker in pair]
-        hits = [(checker.edge_glance(a, b, known=known), checker.edge_rest(a, b)) for checker in pair]
-        lists = [checker.edge_glance(a.tolist(), b.tolist(), known=known) for checker in pair]
+        hits = [(checker.edge_seems_free(a, b, known=known), checker.edge_rest(a, b)) for checker in pair]
+        lists = [checker.edge_seems_free(a.tolist(), b.tolist(), known=known) for checker in pair]
         spent = [checker.counts - counts for checker, counts in zip(pair, before, strict=True)]
         assert hits[0] == hits[1]
-        assert lists == [glance for glance, _ in hits]
+        assert lists == [seems for seems, _ in hits]
         assert spent[0] == spent[1]
 
 
@@ -191,6 +195,12 @@ def test_a_budget_ends_both_at_the_same_count(budget: int) -> None:
                     said.append(None)
         told.append((said, checker.counts - before))
     assert told[0] == told[1]
+
+
+def questions(checker: CollisionChecker) -> FclQuestions:
+    judge: Any = checker._judge
+    found: FclQuestions = judge.questions
+    return found
 
 
 class Judge:
@@ -230,9 +240,9 @@ def test_what_fcl_finds_free_although_in_doubt_is_free_and_the_rest_is_still_jud
     pair = checkers(*case("wxai clutter"))
     edges = list(edges_of(checkers(*case("wxai clutter"))[1], 40, seed=4))
     for checker in pair:
-        checker._judge = Judge(checker._judge, free)  # type: ignore[assignment]
-        if checker._kernel is not None:
-            checker._kernel, checker._quick = Unsure(checker._kernel), None  # type: ignore[assignment]
+        questions(checker).fcl = Judge(questions(checker).fcl, free)  # type: ignore[assignment]
+        if isinstance(checker._judge, Compiled):
+            checker._judge.kernel, checker._quick = Unsure(checker._judge.kernel), None  # type: ignore[assignment]
     for a, b in edges:
         hits: list[EdgeHit | None] = [checker.edge_hit(a, b) for checker in pair]
         assert hits[0] == hits[1]
