@@ -234,13 +234,13 @@ def _states_told(checker: CollisionChecker, Q: FloatArray, *, every_way: bool) -
 
 
 def _edge_told(checker: CollisionChecker, edge: Asked) -> Told:
-    """Where an edge collides and what was counted; after a glance, if one is asked for, both answers if both exist."""
+    """Where an edge collides and what was counted; of one that is glanced at whether it seems free, and the rest."""
     before = checker.counts
     said: Any
     if edge.glance:
-        said = checker.edge_glance(edge.q1, edge.q2, known=edge.known)
-        if said is None and (rest := checker.edge_rest(edge.q1, edge.q2)) is not None:
-            said = (said, rest)
+        free = checker.edge_seems_free(edge.q1, edge.q2, known=edge.known)
+        said = (free, checker.edge_rest(edge.q1, edge.q2)) if free else False
+        said = None if said == (True, None) else said
     else:
         said = checker.edge_hit(edge.q1, edge.q2, known=edge.known)
     spent = checker.counts - before
