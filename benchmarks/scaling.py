@@ -32,7 +32,7 @@ __all__ = ["SIZES", "cut", "free_edges", "promises", "run", "spread_rows", "spre
 SIZES = (10, 100, 1_000, 10_000)
 SEED = 2026
 STEP = JointStep(0.02)
-TURNS = 3
+TURNS = 9
 
 VOLUME = 10 * 0.12**3
 """Cubic metres of all boxes together: ten cubes of 12 cm."""
