@@ -406,14 +406,14 @@ def _two_passes() -> Any:
 
     They are symmetric: standing still is always possible, so the least controllable speed is 0 everywhere.
     """
-    toppra = _toppra()
+    algorithm: Any = _toppra().algorithm
     seidel = importlib.import_module("toppra.solverwrapper.cy_seidel_solverwrapper").seidelWrapper
 
-    class TwoPasses(toppra.algorithm.TOPPRA):  # type: ignore[misc]
+    class TwoPasses(algorithm.TOPPRA):  # type: ignore[misc]
         def __init__(self, bound: Any, points: FloatArray) -> None:
             path = _UnitInterval()
             parametrizer = "ParametrizeConstAccel"
-            toppra.algorithm.ParameterizationAlgorithm.__init__(self, [bound], path, points, parametrizer)
+            algorithm.ParameterizationAlgorithm.__init__(self, [bound], path, points, parametrizer)
             self.solver_wrapper = seidel([bound], path, points, solve_lp1d=True)
             self._steps = (-2.0 * (points[1:] - points[:-1])).tolist()
 
