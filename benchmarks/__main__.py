@@ -13,7 +13,7 @@ from benchmarks.report import Report, show, write_json
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
-    *("problems", "clouds", "agreement", "kernel"),
+    *("problems", "clouds", "agreement", "kernel", "certificates"),
 )
 
 USAGE = """\
@@ -29,6 +29,7 @@ problems  the public Panda problems of MotionBenchMaker, audited by Coal, and wh
 clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans audited by Coal
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
+certificates  the compiled proof against the reference: whole plans, straight edges, clearances
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them
 readme    the outputs in the README are what is printed; --write puts them there
