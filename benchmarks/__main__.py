@@ -32,15 +32,12 @@ problems  the public Panda problems of MotionBenchMaker, audited by Coal, and wh
 clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans audited by Coal
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
-<<<<<<< HEAD
 latency   whole plans of a service that has planned before, the first one, and free straight lines
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
 panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
 differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
-=======
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances
->>>>>>> p_b
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them
 readme    the outputs in the README are what is printed; --write puts them there
