@@ -45,6 +45,12 @@ def test_the_wheel_carries_every_robot_and_scene(wheel: Path) -> None:
         assert {f"planner_service/_data/{path.as_posix()}" for path in files} <= inside
 
 
+def test_the_wheel_carries_stubs_of_compiled_code_and_not_its_sources(wheel: Path) -> None:
+    inside = zipfile.ZipFile(wheel).namelist()
+    assert {"planner_service/collision/_kernel.pyi", "planner_service/certify/_proof.pyi"} <= set(inside)
+    assert not [name for name in inside if "/native/" in name or name.endswith((".cpp", ".hpp", ".inc"))]
+
+
 def test_an_installed_wheel_plans_from_the_root_folder(wheel: Path, tmp_path: Path) -> None:
     zipfile.ZipFile(wheel).extractall(tmp_path)
     program = (
