@@ -45,12 +45,13 @@ def test_the_wheel_carries_every_robot_and_scene(wheel: Path) -> None:
         assert {f"planner_service/_data/{path.as_posix()}" for path in files} <= inside
 
 
-def test_the_wheel_carries_the_kernel_for_this_platform_and_none_of_its_source(wheel: Path) -> None:
-    inside = [name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("planner_service/collision/")]
-    built = [name for name in inside if Path(name).name.startswith("_kernel.") and Path(name).suffix in (".so", ".pyd")]
-    assert len(built) == 1
+def test_the_wheel_carries_compiled_code_for_this_platform_and_its_stubs_and_none_of_its_sources(wheel: Path) -> None:
+    inside = zipfile.ZipFile(wheel).namelist()
+    built = [name.split(".")[0] for name in inside if Path(name).suffix in (".so", ".pyd")]
+    assert sorted(built) == ["planner_service/certify/_proof", "planner_service/collision/_kernel"]
     assert not wheel.stem.endswith("-any")
-    assert [name for name in inside if "/native/" in name] == []
+    assert {f"{name}.pyi" for name in built} <= set(inside)
+    assert not [name for name in inside if "/native/" in name or name.endswith((".cpp", ".hpp", ".inc"))]
 
 
 def test_an_installed_wheel_plans_from_the_root_folder_with_its_kernel_and_without_a_compiler(
