@@ -108,7 +108,7 @@ def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, Col
         if not isinstance(checker._judge, Compiled) or kernel is None:
             raise AssertionError(f"{name}: the kernel is there and is not used")
         checker._judge.kernel = kernel
-        checker._quick = checker._agreed(checker._judge)
+        checker._quick = checker._agreed()
         found[name] = checker
     return found
 
