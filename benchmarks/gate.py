@@ -88,7 +88,9 @@ def differences(then: Baseline, now: Baseline) -> list[Difference]:
     return found + [Difference(run, "run", row["outcome"], "gone") for run, row in then.items() if run not in now]
 
 
-def verdicts(then: Baseline, now: Baseline, found: Sequence[Row], ceilings: Mapping[str, int]) -> list[tuple[str, bool]]:
+def verdicts(
+    then: Baseline, now: Baseline, found: Sequence[Row], ceilings: Mapping[str, int]
+) -> list[tuple[str, bool]]:
     """The gates that hold everywhere, in words, and whether each is kept."""
     out = []
     for planner, pairs in _totals(then, now, found).items():
@@ -99,7 +101,9 @@ def verdicts(then: Baseline, now: Baseline, found: Sequence[Row], ceilings: Mapp
     for planner, ceiling in ceilings.items():
         states = [rows.states_of(row) for row in found if row["planner"] == planner]
         if states:
-            out.append((f"{planner}: p95 of the states {p95(states):,.0f}, at most {ceiling:,}", p95(states) <= ceiling))
+            out.append(
+                (f"{planner}: p95 of the states {p95(states):,.0f}, at most {ceiling:,}", p95(states) <= ceiling)
+            )
     lost = [run for run, row in now.items() if row["outcome"] != "planned" and _outcome(then, run) == "planned"]
     out.append((f"plans lost: {', '.join(lost[:5]) or 'none'}", not lost))
     hit = [f"{r['problem']} {r['planner']} {r['audit']['pair']}" for r in found if r["ok"] and not _free(r)]
@@ -195,7 +199,8 @@ def _text(now: Baseline) -> str:
 def _read(file: Path) -> Baseline:
     if not file.exists():
         raise InvalidFile(file, [f"there is no baseline; store one: {REGENERATE}"])
-    runs = Node("", read_json(file), problems := []).at("runs")
+    problems: list[str] = []
+    runs = Node("", read_json(file), problems).at("runs")
     for run in list(runs.value) if isinstance(runs.value, dict) else ():
         row = runs.at(run)
         row.at("outcome").text()
@@ -205,4 +210,3 @@ def _read(file: Path) -> Baseline:
     if problems or not isinstance(runs.value, dict):
         raise InvalidFile(file, problems or ["runs: expected an object"])
     return runs.value
-
