@@ -80,7 +80,7 @@ def along(curve: Callable[[FloatArray], FloatArray], start: float, end: float, s
     """Configurations (m, n) of a curve from start to end, no joint moving more than ``step`` from one to the next."""
     count = 2 + math.ceil((end - start) / step)
     while True:
-        Q = curve(np.linspace(start, end, count))
+        Q: FloatArray = curve(np.linspace(start, end, count))
         if float(np.abs(np.diff(Q, axis=0)).max(initial=0.0)) <= step:
             return np.asarray(Q)
         count *= 2
