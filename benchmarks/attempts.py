@@ -31,7 +31,7 @@ from planner_service.search import SearchProblem
 from planner_service.smoothing import shortcut
 from planner_service.task import Handling, Segment, TaskResult
 
-__all__ = ["Ask", "attempt", "forget", "warm"]
+__all__ = ["Ask", "attempt", "warm"]
 
 INSIDE = 1e-9
 """Path length left out on both sides of where pairs begin to be allowed to touch."""
@@ -76,11 +76,6 @@ def _service(robot: str, scene: Scene) -> PlannerService:
 def warm(problem: Problem, ask: Ask) -> None:
     """Plan once for nobody: what is imported and built once in a process is not charged to the first row."""
     _planned(problem, ask)
-
-
-def forget() -> None:
-    """Drop the services kept."""
-    _service.cache_clear()
 
 
 class _Clock:

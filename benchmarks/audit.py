@@ -76,7 +76,7 @@ class Auditor:
         return min((min(self._checker.gaps(q).values(), default=math.inf) for q in Q), default=math.inf)
 
 
-def along(curve: Callable[[FloatArray], FloatArray], start: float, end: float, step: float = JOINT_STEP) -> FloatArray:
+def along(curve: Callable[[Any], FloatArray], start: float, end: float, step: float = JOINT_STEP) -> FloatArray:
     """Configurations (m, n) of a curve from start to end, no joint moving more than ``step`` from one to the next."""
     count = 2 + math.ceil((end - start) / step)
     while True:
