@@ -92,3 +92,11 @@ def across(
 def length(waypoints: FloatArray) -> float:
     """Sum of the L2 lengths of the pieces."""
     return float(np.sqrt(((waypoints[1:] - waypoints[:-1]) ** 2).sum(axis=1)).sum())
+
+
+class GlancingWorld(DiscWorld):
+    """The same, that can also look at both ends and the middle of an edge only."""
+
+    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+        ends = [q for q, end in ((q1, Known.START), (q2, Known.END)) if end not in known]
+        return all(self.state_is_free(q) for q in [*ends, 0.5 * (q1 + q2)])

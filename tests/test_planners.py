@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import weakref
+from collections import Counter
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from planner_service import ompl_bridge
 from planner_service.collision.edges import Known
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest, UnknownName
@@ -35,6 +37,7 @@ from planner_service.planners import (
     SORRTstar,
     planner_by_name,
 )
+from planner_service.search import Configuration
 from tests.discs import SEALED, WALL, DiscWorld, Stop, across, length
 
 QUICK: dict[str, Any] = {
@@ -404,7 +407,13 @@ class GlancingWorld(DiscWorld):
         super().__init__()
         self.glances = 0
 
-    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+    def state_is_free(self, q: Any) -> bool:
+        return super().state_is_free(np.asarray(q))
+
+    def edge_is_free(self, q1: Any, q2: Any, *, known: Known = Known.NEITHER) -> bool:
+        return super().edge_is_free(np.asarray(q1), np.asarray(q2), known=known)
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         self.glances += 1
         return self.state_is_free(q1) and self.state_is_free(q2)
 
@@ -421,6 +430,21 @@ def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_ed
         assert worlds[0].judged == worlds[1].judged
         refuted += len(worlds[0].edges) - len(worlds[0].free_edges)
     assert refuted > 5
+
+
+def test_after_some_paths_that_were_not_free_edges_are_only_judged_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, seeds = ompl_bridge._path, list[int]()
+
+    def counted(problem: SearchProblem, *asked: Any) -> Any:
+        seeds.append(problem.seed)
+        return whole(problem, *asked)
+
+    monkeypatch.setattr(ompl_bridge, "_path", counted)
+    for seed in range(10):
+        assert RRTConnect(range=2.0).search(across(GlancingWorld(), seed=seed)).waypoints is not None
+    assert max(Counter(seeds).values()) == ompl_bridge.MAX_REFUTED + 1
 
 
 def test_planners_that_improve_a_path_judge_every_edge_at_once() -> None:
