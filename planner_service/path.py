@@ -371,9 +371,10 @@ class JointPath:
         its s, width, corner, tangent before and after, and where joints turn back, (k, 2 + 4 n).
         """
         c = self._curves
-        blends = np.column_stack([c.s, c.width, c.corner, c.before, c.after, c.turning])
+        corners = self.waypoints[self.blends > 0.0]
+        blends = np.column_stack([c.s, c.width, corners, c.before, c.after, c.turning])
         lines = (self._lines, self._rows, self._travelled, blends)
-        return (self.waypoints, self.knots, self._tangents, self.breaks, *lines)
+        return (self.waypoints, self.knots, self._polyline.tangents, self.breaks, *lines)
 
     def reversed(self) -> JointPath:
         """The same curve from its end to its start."""

@@ -21,11 +21,10 @@ from planner_service.collision.edges import Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, read_only
 from planner_service.path import JointPath
-from planner_service.search import GlancingOracle, Oracle, joint_distance
+from planner_service.search import Configuration, GlancingOracle, Oracle, joint_distance
 
 __all__ = ["LEAST_BLEND", "blended", "pulled_in", "shortcut", "without_short_pieces"]
 
-Configuration = tuple[float, ...]
 Edge = tuple[Configuration, Configuration]
 Corner = tuple[Configuration, Configuration, Configuration]
 
@@ -33,7 +32,7 @@ Corner = tuple[Configuration, Configuration, Configuration]
 class Judge(Protocol):
     """How an oracle is asked about an edge."""
 
-    def __call__(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool: ...
+    def __call__(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool: ...
 
 
 MIN_GAIN = 0.02
@@ -230,7 +229,6 @@ def _pulled(corner: Corner, oracle: GlancingOracle, least: float) -> Configurati
     def detour(q: Configuration) -> float:
         return joint_distance(before, q) + joint_distance(q, after)
 
-    ends = np.array(before), np.array(after)
     share = joint_distance(before, here) / detour(here)
     target = [a + (c - a) * share for a, c in zip(before, after, strict=True)]
     joints = sorted(range(len(here)), key=lambda joint: -abs(target[joint] - here[joint]))
@@ -242,15 +240,14 @@ def _pulled(corner: Corner, oracle: GlancingOracle, least: float) -> Configurati
         there = tuple(moved)
         if there not in tried and detour(places[-1]) - detour(there) >= least:
             tried.add(there)
-            if _free(oracle.edge_seems_free, ends, there):
+            if _free(oracle.edge_seems_free, corner, there):
                 places.append(there)
-    return next(q for q in reversed(places) if q == here or _free(oracle.edge_is_free, ends, q))
+    return next(q for q in reversed(places) if q == here or _free(oracle.edge_is_free, corner, q))
 
 
-def _free(judge: Judge, ends: tuple[FloatArray, FloatArray], q: Sequence[float]) -> bool:
-    """Whether the edges from both ends, which are free, to q are."""
-    here = np.array(q)
-    return judge(ends[0], here, known=Known.START) and judge(here, ends[1], known=Known.BOTH)
+def _free(judge: Judge, corner: Corner, q: Configuration) -> bool:
+    """Whether the edges from both neighbours of a corner, which are free, to q are."""
+    return judge(corner[0], q, known=Known.START) and judge(q, corner[2], known=Known.BOTH)
 
 
 def _point_at(chain: list[Configuration], lengths: list[float], distance: float) -> tuple[int, Configuration, float]:

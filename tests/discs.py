@@ -95,8 +95,18 @@ def length(waypoints: FloatArray) -> float:
 
 
 class GlancingWorld(DiscWorld):
-    """The same, that can also look at both ends and the middle of an edge only."""
+    """One that takes tuples, too; a first look judges the ends alone: almost any edge seems free."""
 
-    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
-        ends = [q for q, end in ((q1, Known.START), (q2, Known.END)) if end not in known]
-        return all(self.state_is_free(q) for q in [*ends, 0.5 * (q1 + q2)])
+    glances = 0
+
+    def state_is_free(self, q: FloatArray | Configuration) -> bool:
+        return super().state_is_free(np.asarray(q))
+
+    def edge_is_free(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> bool:
+        return super().edge_is_free(np.asarray(q1), np.asarray(q2), known=known)
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        self.glances += 1
+        return all(self.state_is_free(q) for q, end in ((q1, Known.START), (q2, Known.END)) if end not in known)

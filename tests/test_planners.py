@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from planner_service import ompl_bridge
-from planner_service.collision.edges import Known
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray
@@ -37,8 +36,7 @@ from planner_service.planners import (
     SORRTstar,
     planner_by_name,
 )
-from planner_service.search import Configuration
-from tests.discs import SEALED, WALL, DiscWorld, Stop, across, length
+from tests.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
 
 QUICK: dict[str, Any] = {
     **{name: planner() for name, planner in PLANNERS.items()},
@@ -398,24 +396,6 @@ def test_a_child_forked_during_a_search_can_search() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "0"
-
-
-class GlancingWorld(DiscWorld):
-    """A first look judges the two ends alone: almost any edge seems free."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.glances = 0
-
-    def state_is_free(self, q: Any) -> bool:
-        return super().state_is_free(np.asarray(q))
-
-    def edge_is_free(self, q1: Any, q2: Any, *, known: Known = Known.NEITHER) -> bool:
-        return super().edge_is_free(np.asarray(q1), np.asarray(q2), known=known)
-
-    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
-        self.glances += 1
-        return self.state_is_free(q1) and self.state_is_free(q2)
 
 
 def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free() -> None:
