@@ -50,6 +50,8 @@ template <class Closes>
 Edge::Found Edge::judge(int number, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes) {
     const Pair& pair = pair_of(number);
     const Facing facing = places_.facing(pair, node);
+    bound.gap = variant_.glance(facing);
+    if (closes(bound)) return Found::closed;  // so would be what ``rough`` finds
     variant_.rough(terms_, facing, hints, count, bound);
     if (closes(bound)) return Found::closed;
     if (!pair.leaf()) return Found::open;
@@ -74,10 +76,8 @@ bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
     for (std::size_t k = 0; k < half.size(); ++k) half[k] = std::max(half[k], travel_[k] - half[k]);
     places_.begin_about(node, half.data());
     std::vector<Middle> asks;
-    for (const int number : roots) {
-        const Pair& pair = pair_of(number);
-        if (!places_.spheres_clear(pair, node, places_.motion_about(pair) + enough_)) asks.push_back({number, {}});
-    }
+    for (const int number : roots)
+        if (!places_.spheres_clear(pair_of(number), enough_)) asks.push_back({number, {}});
     for (std::size_t first = 0; first < asks.size();) {  // those of bundles are added at the end
         const std::size_t last = asks.size();
         if (!charge(last - first, asks[first].pair, places_.s(node))) return false;

@@ -96,6 +96,8 @@ enum class Contact { apart, overlap, unclear };
 // The arithmetic on one pair, compiled for one instruction set; all give equal bits.
 struct Variant {
     const char* name;
+    // A cheap bound, no larger than that of ``rough``.
+    double (*glance)(const Facing& facing);
     // hints: directions to try besides, xyz each, at most three.
     void (*rough)(const Terms& terms, const Facing& facing, const double* hints, int count, Bound& out);
     void (*refined)(const Terms& terms, const Facing& facing, int rounds, Bound& bound);

@@ -172,11 +172,11 @@ double Places::spheres_apart(const Pair& pair, std::size_t node) {
     return std::sqrt(x * x + y * y + z * z) * (1.0 - model_.terms.rounding) - radii;
 }
 
-bool Places::spheres_clear(const Pair& pair, std::size_t node, double grown) {
-    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
-    const double x = A[3] - B[3], y = A[7] - B[7], z = A[11] - B[11];
-    const double within = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius +
-                          model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius + grown;
+bool Places::spheres_clear(const Pair& pair, double enough) {
+    const double* a = spheres_.data() + 4 * static_cast<std::size_t>(pair.first);
+    const double* b = spheres_.data() + 4 * static_cast<std::size_t>(pair.second);
+    const double x = a[0] - b[0], y = a[1] - b[1], z = a[2] - b[2];
+    const double within = a[3] + b[3] + (motion_about(pair) + enough);
     return (x * x + y * y + z * z) * (1.0 - model_.terms.rounding) > within * within;
 }
 
@@ -185,6 +185,13 @@ void Places::begin_about(std::size_t node, const double* travel) {
     about_travel_ = travel;
     about_.resize(model_.riding * (model_.depth + 1));
     abouts_.assign(model_.riding, 0);
+    spheres_.resize(4 * model_.pieces.size());
+    for (std::size_t k = 0; k < model_.pieces.size(); ++k) {
+        const double* placed = pose(static_cast<int>(k), node);
+        double* out = spheres_.data() + 4 * k;
+        for (std::size_t i = 0; i < 3; ++i) out[i] = placed[4 * i + 3];
+        out[3] = model_.pieces[k].solid.radius;
+    }
 }
 
 const double* Places::motions_about(std::size_t piece) {

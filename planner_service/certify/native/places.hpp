@@ -35,8 +35,8 @@ class Places {
     // whatever direction; the node and the travel (the caller's) are set first.
     void begin_about(std::size_t node, const double* travel);
     double motion_about(const Pair& pair);
-    // Whether bounding spheres, ``grown`` by so much, are apart.
-    bool spheres_clear(const Pair& pair, std::size_t node, double grown);
+    // Whether their bounding spheres are farther apart there than they move, and than ``enough``.
+    bool spheres_clear(const Pair& pair, double enough);
 
   private:
     const Model& model_;
@@ -49,6 +49,7 @@ class Places {
 
     std::size_t about_node_ = 0;
     const double* about_travel_ = nullptr;
+    std::vector<double> spheres_;       // at that node, of all pieces: centre and radius
     std::vector<double> about_;         // of riding pieces, depth + 1 each
     std::vector<std::uint8_t> abouts_;  // which of these are known
 
