@@ -10,7 +10,7 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -150,26 +150,33 @@ class Mesh:
     def grown(self, margin: float) -> Mesh:
         """A mesh that holds every point within ``margin`` of this one, and none farther than 1.74 times that.
 
-        A direction u to which a corner v is farthest is a sum of the normals of v's faces, with no negative weight.
-        If v moves by w and ``n . w >= margin`` for each of these normals, the support value along u grows by at least
-        that share of them: the margin. A corner too sharp for that becomes the eight corners of a cube around it.
+        The links of a robot are grown again for every scene: the last 1,024 that were made are remembered.
         """
-        if margin == 0.0:
-            return self
-        reach = margin * (1.0 + ROUNDING) + 1e-15
-        mean = np.zeros(self.vertices.shape)
-        for k in range(3):
-            np.add.at(mean, self.faces[:, k], self.normals)
-        mean /= np.sqrt((mean * mean).sum(axis=-1, keepdims=True))
-        least = np.ones(len(mean))
-        for k in range(3):
-            np.minimum.at(least, self.faces[:, k], (mean[self.faces[:, k]] * self.normals).sum(axis=-1))
-        blunt = least >= 1.0 / np.sqrt(3.0)
-        moved = self.vertices[blunt] + mean[blunt] * (reach / least[blunt])[:, None]
-        cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * reach
-        out = object.__new__(Mesh)  # of a hull with many sharp corners the grown one may have more than may be given
-        out._become(np.unique(np.concatenate([moved, (self.vertices[~blunt, None] + cube).reshape(-1, 3)]), axis=0))
-        return out
+        return self if margin == 0.0 else _grown(self, margin)
+
+
+@lru_cache(maxsize=1024)
+def _grown(mesh: Mesh, margin: float) -> Mesh:
+    """See ``Mesh.grown``.
+
+    A direction u to which a corner v is farthest is a sum of the normals of v's faces, with no negative weight.
+    If v moves by w and ``n . w >= margin`` for each of these normals, the support value along u grows by at least
+    that share of them: the margin. A corner too sharp for that becomes the eight corners of a cube around it.
+    """
+    reach = margin * (1.0 + ROUNDING) + 1e-15
+    mean = np.zeros(mesh.vertices.shape)
+    for k in range(3):
+        np.add.at(mean, mesh.faces[:, k], mesh.normals)
+    mean /= np.sqrt((mean * mean).sum(axis=-1, keepdims=True))
+    least = np.ones(len(mean))
+    for k in range(3):
+        np.minimum.at(least, mesh.faces[:, k], (mean[mesh.faces[:, k]] * mesh.normals).sum(axis=-1))
+    blunt = least >= 1.0 / np.sqrt(3.0)
+    moved = mesh.vertices[blunt] + mean[blunt] * (reach / least[blunt])[:, None]
+    cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * reach
+    out = object.__new__(Mesh)  # of a hull with many sharp corners the grown one may have more than may be given
+    out._become(np.unique(np.concatenate([moved, (mesh.vertices[~blunt, None] + cube).reshape(-1, 3)]), axis=0))
+    return out
 
 
 def checked_scale(field_name: str, scale: Any) -> tuple[float, float, float]:
