@@ -66,7 +66,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     "timing": ({"timing", "two_passes", "profiles", "peaks", "stretch"}, {"errors", "shapes", "robot", "path"}),
     "certify": ({"certify"}, {"errors", "shapes", "robot", "scene", "path"}),
     "import": (
-        {"contact_table", "robot_import"},
+        {"contact_table", "health", "robot_import"},
         {"errors", "shapes", "robot", "scene", "path", "collision", "certify"},
     ),
     "search": (

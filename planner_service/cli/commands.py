@@ -23,6 +23,7 @@ from planner_service.cli.tables import (
     UNATTENDED_WIDTH,
     console,
     emit,
+    health_words,
     motion_words,
     plan_rows,
     proof_words,
@@ -31,8 +32,8 @@ from planner_service.cli.tables import (
     task_rows,
 )
 from planner_service.collision import CollisionChecker
-from planner_service.collision.health import examine
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
+from planner_service.health import examine
 from planner_service.interchange import csv_text, joint_trajectory, load_world
 from planner_service.outcome import Failure
 from planner_service.path import JointPath
@@ -304,23 +305,13 @@ def doctor(
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Say which instruction set collision checks use, and compare with FCL asked of every pair, on random states."""
+    """Say which instruction sets checks and proofs use, and compare both with their references, on random states."""
     with _bad_input_exits():
         health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
     if as_json:
         emit(_json({**asdict(health), "agrees": health.agrees}))
     else:
-        kernel = health.instruction_set
-        emit(
-            render(
-                "kernel: not built, numpy stands in for it; plans are the same and take longer"
-                if kernel is None
-                else f"kernel: {kernel}; this processor can run {', '.join(health.available)}",
-                f"compared on {health.states:,} random states of {robot} in {scene} ({health.colliding:,} collide): "
-                f"{health.differences:,} differences",
-                f"a state takes {health.kernel_us:.1f} us, {health.reference_us:.1f} us by the reference",
-            )
-        )
+        emit(render(*health_words(health, f"{robot} in {scene}")))
     raise typer.Exit(0 if health.agrees else OUR_BUG)
 
 

@@ -13,6 +13,7 @@ from rich.console import Console, RenderableType
 from rich.text import Text
 
 from planner_service.collision import CheckCounts
+from planner_service.health import Health
 from planner_service.outcome import MotionReport, PlanResult, Stage, StageReport
 from planner_service.plan_file import SavedTask
 from planner_service.stagebook import in_words
@@ -22,6 +23,7 @@ __all__ = [
     "Row",
     "console",
     "emit",
+    "health_words",
     "motion_words",
     "plan_rows",
     "proof_words",
@@ -130,6 +132,24 @@ def motion_words(motion: MotionReport) -> str:
     return (
         f"motion: {motion.duration:.2f} s{stops}; used of the limits: {peaks}; tool up to {motion.tool_speed:.2f} m/s"
     )
+
+
+def health_words(health: Health, where: str) -> list[str]:
+    """What is compiled, how it compares, and how fast it is."""
+    asked = (
+        ("checks", health.checks, f"random states of {where}", "collide", "a state"),
+        ("proofs", health.proofs, "short edges between them", "are refused", "an edge"),
+    )
+    lines = []
+    for name, told, questions, refused, one in asked:
+        lines += [
+            f"{name}: not compiled, numpy stands in; plans are the same and take longer"
+            if told.instruction_set is None
+            else f"{name}: {told.instruction_set}; this processor can run {', '.join(told.available)}",
+            f"  compared on {told.asked:,} {questions} ({told.refused:,} {refused}): {told.differences:,} differences",
+            f"  {one} takes {told.us:.1f} us, {told.reference_us:.1f} us by the reference",
+        ]
+    return lines
 
 
 def _total(counts: CheckCounts, seconds: float, results: Sequence[PlanResult], *, ok: bool) -> Row:
