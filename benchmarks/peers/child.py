@@ -12,6 +12,7 @@ import queue
 import signal
 import subprocess
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,7 @@ class Reply:
         versions: Of the peer's packages; empty if it never got ready.
         failure: ``crashed``, ``hung`` or ``garbled`` where there is no answer, else None.
         detail: More about that.
+        waited: Seconds after which that was known.
     """
 
     problem: Mapping[str, Any]
@@ -46,6 +48,7 @@ class Reply:
     versions: Mapping[str, str]
     failure: str | None = None
     detail: str = ""
+    waited: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -116,11 +119,13 @@ class Child:
             yield from (Reply(problem, None, versions, failure[0], detail) for problem in problems)
             return
         for problem in problems:
+            began = time.monotonic()
             answer, failure = self._next(lines, process, self.problem_seconds)
             if failure is None and not _fits(answer, problem):
                 failure = ("garbled", f"answered {str(answer)[:80]!r} instead of {problem['problem']}")
             if failure is not None:
-                yield Reply(problem, None, versions, failure[0], _quoted(failure[1], errors))
+                waited = time.monotonic() - began
+                yield Reply(problem, None, versions, failure[0], _quoted(failure[1], errors), waited)
                 return
             yield Reply(problem, answer, versions)
 

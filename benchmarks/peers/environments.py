@@ -184,6 +184,6 @@ _PIP = ("-m", "pip", "--disable-pip-version-check", "--no-input")
 def _reason(output: str) -> str:
     """What of the output says why: lines that tell of errors, the last lines if there are none."""
     lines = [line.strip() for line in output.splitlines() if line.strip()]
-    marks = ("error:", "could not", "not found", "importerror", "no matching")
+    marks = ("error:", "from url", "could not", "not found", "importerror", "no matching")
     telling = [line for line in dict.fromkeys(lines) if any(mark in line.lower() for mark in marks)]
     return " | ".join((telling or lines)[:TOLD])[:2000]

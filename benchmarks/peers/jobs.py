@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +49,7 @@ def placed_robot(robot: Robot, folder: Path) -> dict[str, Any]:
     if not urdf.is_file():
         raise InvalidRequest("robot", robot.name, "a robot whose URDF and meshes are in its own folder, as panda_mbm's are")
     shutil.copytree(source, folder, dirs_exist_ok=True)
+    _limit(folder / urdf.name, robot)
     pairs = sorted(sorted(contact.links) for contact in robot.allowed_contacts)
     base = list(robot.base_links)
     srdf = folder / f"{robot.name}.srdf"
@@ -65,6 +67,18 @@ def placed_robot(robot: Robot, folder: Path) -> dict[str, Any]:
             key: getattr(limits, key).tolist() for key in ("lower", "upper", "velocity", "acceleration", "jerk")
         },
     }
+
+
+def _limit(urdf: Path, robot: Robot) -> None:
+    """Write the limits of robot.toml into a copy of its URDF: some peers look for them nowhere else."""
+    tree = ElementTree.parse(urdf)
+    limits = robot.limits
+    for k, name in enumerate(robot.joint_names):
+        limit = tree.find(f"./joint[@name='{name}']/limit")
+        assert limit is not None
+        for key, values in (("lower", limits.lower), ("upper", limits.upper), ("velocity", limits.velocity)):
+            limit.set(key, repr(float(values[k])))
+    tree.write(urdf, encoding="utf-8")
 
 
 def job_of(peer: Peer, planner: str, robot: dict[str, Any], tasks: Sequence[Task], time_limit: float) -> dict[str, Any]:
@@ -132,6 +146,4 @@ def _srdf(robot: Robot, base: str, pairs: Sequence[Sequence[str]]) -> str:
 
 def _name(robot: Robot) -> str:
     """What the URDF calls the robot."""
-    import xml.etree.ElementTree as ElementTree
-
     return ElementTree.parse(data_folder("robots") / robot.name / f"{robot.name}.urdf").getroot().get("name", robot.name)

@@ -111,7 +111,7 @@ def row_of(run: Run, reply: Reply, problem: Problem) -> results.Row:
             for stage, count in (answer.get("checks") or {}).items()
         },
         "seconds": seconds,
-        "total_seconds": math.fsum(spent for stage, spent in seconds.items() if stage != "setup"),
+        "total_seconds": reply.waited + math.fsum(spent for stage, spent in seconds.items() if stage != "setup"),
         "cpu_seconds": float(answer.get("cpu_seconds") or 0.0),
         "raw_length": _length(_array(answer.get("raw"), run.robot.n)),
         "length": None if path is None else _length(path),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,12 @@ def _rows(found: Any) -> Any:
 def _rewritten(robot: Table) -> tuple[Path, Path]:
     """The URDF with hulls asked for and files named by URL, the SRDF with its plugins."""
     urdf, srdf = Path(robot["urdf"]), Path(robot["srdf"])
-    text = urdf.read_text("utf-8")
+    tree = ElementTree.parse(urdf)
+    for name, most in zip(robot["joints"], robot["acceleration"], strict=True):
+        limit = tree.find(f"./joint[@name='{name}']/limit")
+        assert limit is not None
+        limit.set("acceleration", repr(most))  # its own attribute; half the velocity limit without it
+    text = ElementTree.tostring(tree.getroot(), encoding="unicode")
     text = re.sub(r'filename="(?!file:)([^"]+)"', lambda found: f'filename="file://{urdf.parent / found[1]}"', text)
     attributes = 'xmlns:tesseract="https://github.com/tesseract-robotics/tesseract" tesseract:make_convex="true"'
     text = re.sub(r"<robot\b", f"<robot {attributes}", text, count=1)
