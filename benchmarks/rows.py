@@ -1,0 +1,195 @@
+"""Results files: a line that says where and how they were made, then a line for each run, failures among them.
+
+A row is a JSON object: one problem, planned by one planner of one tool with one seed. What ``KEYS`` names is always
+there; further keys are a tool's own.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from planner_service.errors import InvalidFile
+from planner_service.json_file import Node
+from planner_service.regular_file import read_bytes
+from planner_service.scene_file import write_whole
+
+__all__ = ["KEYS", "VERSION", "Key", "Results", "Row", "appending", "key_of", "line_of", "read", "states_of"]
+
+VERSION = 1
+
+Row = dict[str, Any]
+Key = tuple[str, str, str, str, int]
+"""Suite, tool, planner, problem and seed: what makes two rows rows of the same run."""
+
+MAX_BYTES = 500_000_000
+"""A row takes about a kilobyte: half a million of them."""
+
+MAX_PROBLEMS = 20
+"""Problems of a file that are told; after these it is clear that it is another kind of file."""
+
+VERDICTS = ("free", "colliding", "outside_limits", "not_asked")
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """A results file: its header, and its rows in the order in which they were finished."""
+
+    header: dict[str, Any]
+    rows: tuple[Row, ...]
+
+
+def key_of(row: Row) -> Key:
+    """What the row is a run of."""
+    return (row["suite"], row["tool"], row["planner"], row["problem"], row["seed"])
+
+
+def states_of(row: Row, stage: str | None = None) -> int:
+    """Configurations judged in a stage, in all stages if None."""
+    told = row["checks"].values() if stage is None else [row["checks"].get(stage, {})]
+    return sum(counts.get("states", 0) for counts in told)
+
+
+def read(path: Path) -> Results:
+    """The results in a file; a last line that was torn by an interruption is left out.
+
+    Raises:
+        InvalidFile: unreadable, not a results file, or rows that are not; with the first problems found.
+    """
+    lines = read_bytes(path, MAX_BYTES).split(b"\n")
+    problems: list[str] = []
+    whole = lines[:-1]  # what follows the last line feed was never finished, or is empty
+    found = [_parsed(k, line, problems) for k, line in enumerate(whole, 1) if line.strip()]
+    if not found:
+        raise InvalidFile(path, ["no results: the first line is missing"])
+    header = Node("line 1: header", found[0].get("header") if isinstance(found[0], dict) else None, problems)
+    _check_header(header)
+    for number, row in enumerate(found[1:], 2):
+        if len(problems) >= MAX_PROBLEMS:
+            break
+        _check_row(Node(f"line {number}", row, problems))
+    if problems:
+        raise InvalidFile(path, problems[:MAX_PROBLEMS])
+    return Results(header.value, tuple(found[1:]))
+
+
+def line_of(content: Mapping[str, Any]) -> str:
+    """A line of a file; no number in it may be infinite or NaN."""
+    return json.dumps(content, separators=(",", ":"), allow_nan=False) + "\n"
+
+
+@contextmanager
+def appending(path: Path, results: Results) -> Iterator[Callable[[Row], None]]:
+    """Begin a file with a header, or go on after what there is in it; each row handed over is on disk when it returns.
+
+    Args:
+        results: The header, and the rows that are in the file already: a torn last line is cut off.
+    """
+    write_whole(path, "".join(map(line_of, [{"header": results.header}, *results.rows])))
+    with open(path, "a", encoding="utf-8") as file:
+        yield lambda row: _put(file, row)
+
+
+def _put(file: IO[str], row: Row) -> None:
+    file.write(line_of(row))
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _parsed(number: int, line: bytes, problems: list[str]) -> Any:
+    try:
+        return json.loads(line.decode("utf-8"), parse_constant=_refused)
+    except (ValueError, RecursionError) as error:
+        problems.append(f"line {number}: malformed JSON: {error}")
+        return {}
+
+
+def _refused(name: str) -> float:
+    raise ValueError(f"{name} is not a number")
+
+
+def _check_header(header: Node) -> None:
+    if header.at("version").whole() != VERSION and not header.problems:
+        header.problem(f"version {header.value['version']} is not {VERSION}, the one that is understood")
+    header.at("suite").text()
+    environment = header.at("environment")
+    for key in ("python", "platform", "cpu"):
+        environment.at(key).text()
+    environment.at("cores").whole()
+    if not isinstance(environment.at("versions").value, dict):
+        environment.at("versions").wrong("an object")
+
+
+def _check_row(row: Node) -> None:
+    for key, check in KEYS.items():
+        check(row.at(key))
+
+
+def _text(node: Node) -> None:
+    node.text()
+
+
+def _number(node: Node) -> None:
+    node.number()
+
+
+def _maybe(check: Callable[[Node], None]) -> Callable[[Node], None]:
+    return lambda node: None if node.value is None else check(node)
+
+
+def _counts(node: Node) -> None:
+    for stage in _names(node):
+        counts = node.at(stage)
+        for kind in ("states", "edges", "distances"):
+            counts.at(kind).whole()
+
+
+def _seconds(node: Node) -> None:
+    for stage in _names(node):
+        node.at(stage).number()
+
+
+def _peaks(node: Node) -> None:
+    for kind in ("velocity", "acceleration", "jerk"):
+        node.at(kind).optional(Node.number)
+
+
+def _audit(node: Node) -> None:
+    if node.at("verdict").text() not in VERDICTS:
+        node.at("verdict").wrong(f"one of {', '.join(VERDICTS)}")
+    node.at("step").optional(Node.number)
+    node.at("depth").optional(Node.number)
+    pair = node.at("pair")
+    if pair.value is not None and len([item.text() for item in pair.items()]) != 2:
+        pair.wrong("two names, or null")
+
+
+def _names(node: Node) -> Iterable[str]:
+    if isinstance(node.value, dict):
+        return list(node.value)
+    node.wrong("an object")
+    return ()
+
+
+KEYS: Mapping[str, Callable[[Node], None]] = {
+    **{key: _text for key in ("suite", "problem", "kind", "robot", "tool", "planner", "detail")},
+    "seed": lambda node: None if node.whole() >= 0 else None,
+    "ok": lambda node: None if node.flag() else None,
+    "failure": _maybe(_text),
+    "checks": _counts,
+    "seconds": _seconds,
+    "total_seconds": _number,
+    "cpu_seconds": _number,
+    **{key: _maybe(_number) for key in ("raw_length", "length", "duration", "clearance")},
+    "peaks": _maybe(_peaks),
+    "path_hash": _maybe(_text),
+    "audit": _audit,
+}
+"""What every row has, and what is wrong with it if it is."""
+

@@ -1,0 +1,138 @@
+"""``run``: every problem of a suite by every planner with every seed, each row on disk as soon as it is there."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from benchmarks import rows
+from benchmarks.attempts import Ask, attempt, warm
+from benchmarks.environment import environment
+from benchmarks.rows import Key, Results, Row
+from benchmarks.suite import LESSON, Problem, Suite, load_suite, require_planner, seeds_of, suite_names
+from planner_service.errors import InvalidRequest
+from planner_service.scene_file import require_writable
+
+__all__ = ["Job", "jobs_of", "made", "main", "run"]
+
+INTERRUPTED = 130
+"""The exit code of a program that was ended by Ctrl-C."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One row to be made."""
+
+    suite: str
+    problem: Problem
+    ask: Ask
+
+    @property
+    def key(self) -> Key:
+        """The key of its row."""
+        tool = LESSON if self.ask.planner == LESSON else "planner_service"
+        return (self.suite, tool, self.ask.planner, self.problem.id, self.ask.seed)
+
+    def row(self) -> Row:
+        """Plan, audit, tell."""
+        return {"suite": self.suite, **attempt(self.problem, self.ask)}
+
+
+def jobs_of(suite: Suite, planners: Sequence[str] = (), seeds: Sequence[int] = ()) -> list[Job]:
+    """All jobs of a suite, problem by problem: what a scene needs is made once.
+
+    Raises:
+        UnknownName, InvalidRequest: no such planner, or a setting it does not have.
+    """
+    for text in planners:
+        require_planner(text)
+    asks = [Ask(p, s, suite.max_checks) for p in planners or suite.planners for s in seeds or suite.seeds]
+    return [Job(suite.name, problem, ask) for problem in suite.problems for ask in asks]
+
+
+def made(jobs: Iterable[Job], console: Console | None = None) -> Iterator[Row]:
+    """The row of each job, in their order; progress is shown on the console."""
+    waiting = list(jobs)
+    if waiting:
+        warm(waiting[0].problem, waiting[0].ask)
+    with _bar(console) as bar:
+        task = bar.add_task("", total=len(waiting))
+        for job in waiting:
+            bar.update(task, description=f"{job.problem.id} {job.ask.planner} seed {job.ask.seed}")
+            yield job.row()
+            bar.advance(task)
+
+
+def _bar(console: Console | None) -> Progress:
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    return Progress(*columns, TextColumn("{task.description}"), console=console, disable=console is None)
+
+
+def run(jobs: Sequence[Job], out: Path, command: Sequence[str], console: Console) -> Results:
+    """Make the rows that are not in the file yet, and return all that are in it.
+
+    Raises:
+        InvalidRequest: the file holds rows of another suite, environment or commit.
+    """
+    header = {"version": rows.VERSION, "suite": jobs[0].suite, "environment": environment(), "command": list(command)}
+    before = rows.read(out) if out.exists() else Results(header, ())
+    _require_same(before.header, header, out)
+    done = {rows.key_of(row) for row in before.rows}
+    left = [job for job in jobs if job.key not in done]
+    if len(left) < len(jobs):
+        console.print(f"{len(jobs) - len(left)} of {len(jobs)} rows are in {out} already")
+    new: list[Row] = []
+    with rows.appending(out, before) as put:
+        for row in made(left, console):
+            put(row)
+            new.append(row)
+    return Results(before.header, (*before.rows, *new))
+
+
+def _require_same(old: dict[str, Any], new: dict[str, Any], out: Path) -> None:
+    """Refuse to put rows beside others that were made elsewhere or by other code."""
+    then, now = old["environment"], new["environment"]
+    changed = [f"{key} {then.get(key)} is now {now[key]}" for key in now if then.get(key) != now[key]]
+    if old["suite"] != new["suite"]:
+        changed.insert(0, f"suite {old['suite']} is now {new['suite']}")
+    if changed:
+        message = f"--out: {out} holds rows made elsewhere: {'; '.join(changed)}. Name another file, or remove it"
+        raise InvalidRequest("--out", str(out), "a new file, or one made by the same code in the same place", message=message)
+
+
+def main(arguments: Sequence[str], console: Console) -> int:
+    """Exit code 0 when all rows are there, whatever they tell; 130 when interrupted."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks run", description=__doc__)
+    parser.add_argument("--suite", required=True, metavar="NAME", help=f"{', '.join(suite_names())}, or a TOML file")
+    parser.add_argument(
+        "--planner", action="append", default=[], metavar="NAME[:SETTING=VALUE,...]", help="several may be given"
+    )
+    parser.add_argument("--seeds", metavar="A:B", help="seeds A to B - 1, or one")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="results/SUITE.jsonl if not given; gone on with")
+    asked = parser.parse_args(arguments)
+    suite = load_suite(asked.suite)
+    jobs = jobs_of(suite, asked.planner, seeds_of(asked.seeds) if asked.seeds else ())
+    out = asked.out or Path("results") / f"{suite.name}.jsonl"
+    if asked.out is None:
+        out.parent.mkdir(exist_ok=True)
+    require_writable(out)
+    try:
+        results = run(jobs, out, ["run", *arguments], console)
+    except KeyboardInterrupt:
+        count = len(rows.read(out).rows) if out.exists() else 0
+        console.print(f"interrupted: {count} finished rows are in {out}; the same command goes on from there")
+        return INTERRUPTED
+    from benchmarks.comparison import exercise, overview
+
+    console.print(*overview(results), *exercise(results), sep="\n\n")
+    console.print(f"{len(results.rows)} rows in {out}")
+    return 0
+
+
