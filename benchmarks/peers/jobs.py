@@ -17,11 +17,11 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from benchmarks.peers.catalogue import Peer
+from benchmarks.suite import Motion
 from planner_service.composite import Solid
 from planner_service.data import data_folder
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, Capsule, Cylinder, Sphere
-from planner_service.interchange import Problem
 from planner_service.robot import Robot
 from planner_service.scene_file import write_whole
 
@@ -34,7 +34,7 @@ VERSION = 1
 class Task:
     """A problem and a seed: what a row is about."""
 
-    problem: Problem
+    problem: Motion
     seed: int
 
 
@@ -42,7 +42,8 @@ def placed_robot(robot: Robot, folder: Path) -> dict[str, Any]:
     """A job's ``robot``, with its files put into a folder.
 
     Raises:
-        InvalidRequest: the robot's URDF is not in its folder of ``robots/``, as those of other packages are.
+        InvalidRequest: the robot's URDF is not in its folder of ``robots/``, as those of other packages are, or it has
+            joints that the robot does not plan with.
     """
     source = data_folder("robots") / robot.name
     urdf = source / f"{robot.name}.urdf"
@@ -73,6 +74,10 @@ def _limit(urdf: Path, robot: Robot) -> None:
     """Write the limits of robot.toml into a copy of its URDF: some peers look for them nowhere else."""
     tree = ElementTree.parse(urdf)
     limits = robot.limits
+    moving = {joint.get("name") for joint in tree.iterfind("./joint") if joint.get("type") != "fixed"}
+    if moving != set(robot.joint_names):
+        others = ", ".join(sorted(str(name) for name in moving - set(robot.joint_names)))
+        raise InvalidRequest("robot", robot.name, f"a robot all of whose joints are planned with; others are {others}")
     for k, name in enumerate(robot.joint_names):
         limit = tree.find(f"./joint[@name='{name}']/limit")
         assert limit is not None

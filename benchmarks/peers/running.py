@@ -10,33 +10,28 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from benchmarks import rows as results
+from benchmarks.audit import NOT_ASKED, Auditor, between, worst
 from benchmarks.environment import environment
-from benchmarks.peers.audit import STEPS, Finding, audited
 from benchmarks.peers.catalogue import PEERS, Peer, peer_named
 from benchmarks.peers.child import Child, Reply
 from benchmarks.peers.environments import Environment
 from benchmarks.peers.jobs import Task, job_of, placed_robot
-from benchmarks.problems import ROBOT, kind_of, public_problems
 from benchmarks.report import table
-from planner_service.data import data_folder
-from planner_service.errors import InvalidRequest, UnknownName
+from benchmarks.suite import Motion, load_suite, seeds_of
+from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
-from planner_service.interchange import Problem
 from planner_service.robot import Robot, load_robot
 
-if TYPE_CHECKING:
-    from tests.independent import IndependentChecker
+__all__ = ["STEPS", "Run", "main", "row_of", "run_into", "tasks_of"]
 
-__all__ = ["Run", "arguments", "main", "row_of", "tasks_of"]
-
-SUITES = ("panda",)
-"""Suites whose robot and obstacles a peer can be given."""
+STEPS = (0.01, 0.005)
+"""Radians that a joint turns between two audited configurations at most, the coarser first."""
 
 TIME_LIMIT = 10.0
 """Seconds a peer may take for a problem, where it can be told."""
@@ -68,7 +63,7 @@ class Run:
         return row_of(self, reply, self._problems[reply.problem["problem"]])
 
     @cached_property
-    def _problems(self) -> Mapping[str, Problem]:
+    def _problems(self) -> Mapping[str, Motion]:
         return {task.problem.id: task.problem for task in self.tasks}
 
 
@@ -79,17 +74,19 @@ def tasks_of(suite: str, seeds: Sequence[int], only: int | None = None) -> tuple
         only: So many problems, spread over the suite; all if None.
 
     Raises:
-        UnknownName: there is no such suite, or not for peers.
+        UnknownName: there is no such suite.
+        InvalidRequest: its problems are of several robots, or other than from one configuration to another.
     """
-    if suite not in SUITES:
-        raise UnknownName("suite", suite, SUITES)
-    problems = public_problems().problems
+    problems = load_suite(suite).problems
+    motions = [problem for problem in problems if isinstance(problem, Motion)]
+    if len(motions) < len(problems) or len({motion.robot for motion in motions}) != 1:
+        raise InvalidRequest("suite", suite, "a suite of motions of one robot, such as panda")
     if only is not None:
-        problems = tuple(problems[math.floor(k * len(problems) / only)] for k in range(min(only, len(problems))))
-    return load_robot(ROBOT), tuple(Task(problem, seed) for seed in seeds for problem in problems)
+        motions = [motions[k * len(motions) // only] for k in range(min(only, len(motions)))]
+    return load_robot(motions[0].robot), tuple(Task(motion, seed) for seed in seeds for motion in motions)
 
 
-def row_of(run: Run, reply: Reply, problem: Problem) -> results.Row:
+def row_of(run: Run, reply: Reply, problem: Motion) -> results.Row:
     """What became of a problem, judged by the independent checker."""
     answer = reply.answer or {}
     path = _array(answer.get("waypoints"), run.robot.n)
@@ -98,8 +95,8 @@ def row_of(run: Run, reply: Reply, problem: Problem) -> results.Row:
     row: results.Row = {
         "suite": run.suite,
         "problem": problem.id,
-        "kind": kind_of(problem),
-        "robot": run.robot.name,
+        "kind": problem.kind,
+        "robot": problem.robot,
         "tool": run.peer.name,
         "planner": run.planner,
         "seed": int(reply.problem["seed"]),
@@ -119,13 +116,16 @@ def row_of(run: Run, reply: Reply, problem: Problem) -> results.Row:
         "clearance": None,
         "peaks": None,
         "path_hash": None if path is None else hashlib.sha256(path.tobytes()).hexdigest(),
-        "audit": {"step": None, "verdict": "not_asked", "depth": None, "pair": None},
+        "audit": dict(NOT_ASKED),
         "versions": dict(reply.versions),
     }
-    return row if path is None else row | _motion(run.robot, answer) | _judged(run, problem, path, answer)
+    if path is None:
+        return row
+    samples = _array(answer.get("samples"), run.robot.n)
+    return row | _motion(run.robot, answer) | _judged(problem, path, samples)
 
 
-def _failure(reply: Reply, path: FloatArray | None, problem: Problem) -> tuple[str | None, str]:
+def _failure(reply: Reply, path: FloatArray | None, problem: Motion) -> tuple[str | None, str]:
     if reply.answer is None:
         return reply.failure, reply.detail
     if path is None:
@@ -137,29 +137,28 @@ def _failure(reply: Reply, path: FloatArray | None, problem: Problem) -> tuple[s
     return ("wrong_goal", f"the path ends {missed:.2g} rad from the goal") if missed > ENDS else (None, "")
 
 
-def _judged(run: Run, problem: Problem, path: FloatArray, answer: Mapping[str, Any]) -> results.Row:
+def _judged(problem: Motion, path: FloatArray, samples: FloatArray | None) -> results.Row:
     """Audits of the path and of the motion, the worse of which is the row's."""
-    checker = _checker(run.robot.name, problem)
-    findings = {"path": audited(checker, path, clearance=True)}
-    samples = _array(answer.get("samples"), run.robot.n)
+    auditor = Auditor(problem.robot, problem.scene)
+    audits = {"path": _audited(auditor, path)}
     if samples is not None:
-        findings["motion"] = audited(checker, samples)
-    worst = max(findings.values(), key=_badness)
+        audits["motion"] = _audited(auditor, samples)
+    clearance = auditor.clearance(between(path, STEPS[0]))
     return {
-        "clearance": findings["path"].clearance,
-        "audit": worst.row(),
-        "audits": {name: finding.row() for name, finding in findings.items()},
+        "clearance": clearance if math.isfinite(clearance) else None,
+        "audit": worst(list(audits.values())),
+        "audits": audits,
     }
 
 
-def _badness(finding: Finding) -> tuple[int, float]:
-    return ("free", "outside_limits", "colliding").index(finding.verdict), finding.depth or 0.0
-
-
-def _checker(robot: str, problem: Problem) -> IndependentChecker:
-    from tests.independent import IndependentChecker, tables_of
-
-    return IndependentChecker(data_folder("robots") / robot, tables_of(problem.scene))
+def _audited(auditor: Auditor, rows: FloatArray) -> dict[str, Any]:
+    """The audit at the first step at which anything is wrong, at the finest if nothing is."""
+    audit: dict[str, Any] = {}
+    for step in STEPS:
+        audit = auditor.judge(between(rows, step), step)
+        if audit["verdict"] != "free":
+            break
+    return audit
 
 
 def _motion(robot: Robot, answer: Mapping[str, Any]) -> results.Row:
@@ -240,46 +239,53 @@ def _line(row: results.Row) -> str:
     return f"{row['problem']} seed {row['seed']}: {told}, {row['total_seconds'] * 1e3:.0f} ms"
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
-    """Put the command's arguments on a parser."""
-    which = parser.add_subparsers(dest="peers_command", required=True)
-    install = which.add_parser("install", help="make environments for these peers")
-    install.add_argument("peers", nargs="+", metavar="PEER", help=", ".join(PEERS))
-    install.add_argument("--python", type=Path, help="the interpreter to make them with; else one on the path")
-    which.add_parser("list", help="the peers, and whether they are installed")
-    run = which.add_parser("run", help="run a peer on a suite")
-    run.add_argument("--peer", required=True, metavar="PEER")
-    run.add_argument("--planner", help="one of the peer's; its first if not given")
-    run.add_argument("--suite", default="panda", help=", ".join(SUITES))
-    run.add_argument("--seeds", default="0:1", metavar="A:B", help="from A up to, but without B")
-    run.add_argument("--problems", type=int, metavar="N", help="only N of them, spread over the suite")
-    run.add_argument("--time-limit", type=float, default=TIME_LIMIT, metavar="S")
-    run.add_argument("--out", type=Path, required=True, metavar="FILE.jsonl")
-
-
-def main(asked: argparse.Namespace, console: Console) -> int:
+def main(arguments: Sequence[str], console: Console) -> int:
     """Exit code 0; 1 if an installation failed."""
-    if asked.peers_command == "list":
-        cells = [(peer.name, " ".join(peer.requirements), Environment.of(peer).state, peer.note) for peer in PEERS.values()]
+    asked = _asked(arguments)
+    if asked.command == "list":
+        cells = [
+            (peer.name, " ".join(peer.requirements), Environment.of(peer).state, peer.note) for peer in PEERS.values()
+        ]
         console.print(table("Peers", ("peer", "requirements", "state", "note"), cells))
         return 0
-    if asked.peers_command == "install":
-        peers = [peer_named(name) for name in asked.peers]
-        states = {}
-        for peer in peers:
-            console.print(f"{peer.name}: {peer.note}", markup=False)
-            states[peer.name] = Environment.of(peer).install(asked.python)
-            console.print(f"{peer.name}: {states[peer.name]}", markup=False)
-        return 0 if set(states.values()) == {"installed"} else 1
+    if asked.command == "install":
+        return _install([peer_named(name) for name in asked.peers], asked.python, console)
     peer = peer_named(asked.peer)
-    robot, tasks = tasks_of(asked.suite, _seeds(asked.seeds), asked.problems)
+    robot, tasks = tasks_of(asked.suite, seeds_of(asked.seeds), asked.problems)
     planner = asked.planner or next(iter(peer.planners))
     run_into(Run(peer, planner, asked.suite, robot, tasks, asked.time_limit), asked.out, Environment.of(peer), console)
     return 0
 
 
-def _seeds(text: str) -> range:
-    first, colon, last = text.partition(":")
-    if not (first.isdigit() and (last.isdigit() or not colon)):
-        raise InvalidRequest("seeds", text, "A:B, such as 0:3 for 0, 1 and 2")
-    return range(int(first), int(last) if colon else int(first) + 1)
+def _install(peers: Sequence[Peer], python: Path | None, console: Console) -> int:
+    states = []
+    for peer in peers:
+        console.print(f"{peer.name}: {peer.note}", markup=False)
+        states.append(Environment.of(peer).install(python))
+        console.print(f"{peer.name}: {states[-1]}", markup=False, soft_wrap=True)
+    return 0 if set(states) == {"installed"} else 1
+
+
+def _asked(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks peers")
+    which = parser.add_subparsers(dest="command", required=True)
+    install = which.add_parser("install", help="make environments for these peers")
+    install.add_argument("peers", nargs="+", metavar="PEER", help=", ".join(PEERS))
+    install.add_argument("--python", type=Path, help="the interpreter to make them with; else one on the path")
+    which.add_parser("list", help="the peers, and whether they are installed")
+    run = which.add_parser("run", help="run a peer on a suite")
+    run.add_argument("--peer", required=True, metavar="PEER", help=", ".join(PEERS))
+    run.add_argument("--planner", help="one of the peer's; its first if not given")
+    run.add_argument("--suite", default="panda", help="a suite of motions of one robot")
+    run.add_argument("--seeds", default="0", metavar="A:B", help="A to B - 1")
+    run.add_argument("--problems", type=int, metavar="N", help="only N of them, spread over the suite")
+    run.add_argument("--time-limit", type=_seconds, default=TIME_LIMIT, metavar="S")
+    run.add_argument("--out", type=Path, required=True, metavar="FILE.jsonl")
+    return parser.parse_args(arguments)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds <= 3600.0:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0 to 3600 s")
+    return seconds
