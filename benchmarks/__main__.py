@@ -5,18 +5,35 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
 from benchmarks.report import Report, show, write_json
+from planner_service.errors import InvalidRequest
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel"),
 )
 
+COMMANDS = {
+    "run": "runner",
+    "compare": "comparison",
+    "check": "gate",
+    "export": "ompl_log",
+    "cold": "cold",
+}
+"""Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
+
 USAGE = """\
+run       plan a suite: --suite NAME --planner P --seeds A:B --out FILE; goes on where it was interrupted
+compare   two results files, or the planners within one
+check     the gate: the smoke suite's counts against those stored; --write stores them
+export    a results file in another format: --ompl-log FILE
+cold      from the start of a process to its first plan, then plan after plan
+
 all       all of the measures below (the default)
 toy       the lesson's two-joint program: seed 7 and the 50 seeds of its exercise
 states    states by stage on the stored queries, next to the lesson's program
@@ -39,7 +56,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden", "readme"])
+    parser.add_argument("what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden", "readme", *COMMANDS])
     parser.add_argument("--write", action="store_true", help="store instead of compare (queries, golden, readme)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
     parser.add_argument("--robot", metavar="NAME", help="the only robot to look at (agreement); all if not given")
@@ -47,9 +64,21 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
+def _commanded(name: str, arguments: Sequence[str], console: Console) -> int:
+    """The exit code of a subcommand; 2 with the reason where its caller made a mistake."""
+    try:
+        return int(importlib.import_module(f"benchmarks.{COMMANDS[name]}").main(arguments, console))
+    except InvalidRequest as error:
+        console.print(f"{name}: {error}", markup=False, highlight=False, soft_wrap=True)
+        return 2
+
+
 def main() -> int:
     """Exit code 0 if every promise was kept, else 1."""
-    arguments, console = _arguments(), Console(width=None if sys.stdout.isatty() else 200)
+    console = Console(width=None if sys.stdout.isatty() else 200)
+    if sys.argv[1:2] and sys.argv[1] in COMMANDS:
+        return _commanded(sys.argv[1], sys.argv[2:], console)
+    arguments = _arguments()
     if arguments.what in ("queries", "golden"):
         stored = importlib.import_module("benchmarks.stored")
         return int(stored.main(arguments.what, write=arguments.write, console=console))

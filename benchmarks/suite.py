@@ -6,6 +6,7 @@
     planners = ["rrtconnect", "prm:milestones=200"]      # when a run names none: settings after a colon
     seeds = "0:5"                                        # when a run names none: 0, 1, 2, 3, 4
     max_checks = 50000                                   # optional: states a plan may judge
+    ceilings = { rrtconnect = 8000 }                     # optional: p95 of a planner's states that the gate allows
 
     [[queries]]                                          # the stored queries of the WidowX AI
     scenes = ["bin", "shelf"]
@@ -142,6 +143,7 @@ class Suite:
 
     Attributes:
         max_checks: States a plan may judge.
+        ceilings: By planner, the most that p95 of its states may be.
     """
 
     name: str
@@ -150,6 +152,7 @@ class Suite:
     planners: tuple[str, ...]
     seeds: range
     max_checks: int
+    ceilings: Mapping[str, int]
 
 
 def suite_names() -> tuple[str, ...]:
@@ -170,13 +173,17 @@ def load_suite(name_or_path: str) -> Suite:
             raise UnknownName("suite", name_or_path, suite_names())
         path = SUITES / f"{name_or_path}.toml"
     root = Node("", read_tables(path), [])
-    _allow_only(root, ("about", "planners", "seeds", "max_checks", *_SOURCES))
+    _allow_only(root, ("about", "planners", "seeds", "max_checks", "ceilings", *_SOURCES))
     about, seeds = root.at("about").text(), root.at("seeds")
     span = _attempt(seeds, seeds_of, seeds.text())
     planners = tuple(item.text() for item in _listed(root.at("planners")))
     for text in planners:
         _attempt(root, require_planner, text)
     max_checks = _whole(root.at("max_checks"), 10**9) if root.has("max_checks") else MAX_CHECKS
+    limits = root.at("ceilings") if root.has("ceilings") else Node("ceilings", {}, root.problems)
+    ceilings = {name: _whole(limits.at(name), 10**9) for name in (limits.value if isinstance(limits.value, dict) else ())}
+    if not set(ceilings) <= set(planners):
+        limits.wrong(f"a table of planners of this suite: {', '.join(planners)}")
     makers = [_SOURCES[key](item) for key in _SOURCES if root.has(key) for item in _at_most(root.at(key))]
     if not root.problems and not makers:
         root.problem(f"no problems; expected at least one of {', '.join(f'[[{key}]]' for key in _SOURCES)}")
@@ -187,7 +194,7 @@ def load_suite(name_or_path: str) -> Suite:
     twice = sorted({id for id in ids if ids.count(id) > 1})
     if twice:
         raise InvalidFile(path, [f"problem {id!r} is there twice" for id in twice])
-    return Suite(path.stem, about, found, planners, span or range(0), max_checks)
+    return Suite(path.stem, about, found, planners, span or range(0), max_checks, ceilings)
 
 
 def require_planner(text: str) -> None:
