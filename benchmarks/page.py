@@ -28,11 +28,7 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 
 
 def page_of(sheets: Sequence[Sheet]) -> str:
-    """The page.
-
-    Raises:
-        MissingDependency: matplotlib is not there.
-    """
+    """The page."""
     style = (Path(__file__).parent / "page.css").read_text("utf-8")
     title = f"Planners compared: {', '.join(sheet.suite for sheet in sheets)}"
     links = "".join(f'<a href="#{_anchor(sheet)}">{html.escape(sheet.suite)}</a>' for sheet in sheets)
@@ -79,7 +75,11 @@ def _section(sheet: Sheet) -> Iterator[str]:
 
 def _item(sentence: tables.Sentence) -> str:
     first, point, rest = sentence.text.partition(": ")
-    strong = f"<strong>{html.escape(first)}</strong>{point}{html.escape(rest)}" if sentence.theirs else html.escape(sentence.text)
+    strong = (
+        f"<strong>{html.escape(first)}</strong>{point}{html.escape(rest)}"
+        if sentence.theirs
+        else html.escape(sentence.text)
+    )
     return f"<li{' class=theirs' if sentence.theirs else ''}>{strong}</li>\n"
 
 

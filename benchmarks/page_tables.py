@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.page_numbers import OURS, Group, Pace, Sheet, paces, rejected, seconds, states
+from benchmarks.page_numbers import OURS, Group, Pace, Sheet, paces, planning_seconds, rejected, seconds, states
 from benchmarks.statistics import Estimate
 
 __all__ = ["Cell", "Sentence", "Sheaf", "by_kind", "environments", "failures", "overall", "rejects", "statements"]
@@ -98,38 +98,40 @@ def overall(sheet: Sheet) -> Sheaf:
     heads = (
         Cell(sheet.suite, "95 % intervals in brackets"),
         Cell("solved", "Wilson"),
+        Cell("refused", "by the auditor"),
         Cell("states", "p50 / p95"),
         Cell("ms", "p50 / p95"),
+        Cell("ms, path alone", "p50"),
         Cell("rad", "raw → final, p50"),
         Cell("motion s", "p50"),
         Cell("clearance mm", "p50, least"),
-        Cell("refused", "by the independent checker"),
     )
     caption = (
-        "States and ms: failures with what they spent; the rest: rows with a path. Clearance: of ours the proven lower "
-        "bound along the whole curve, of a peer the smallest that the independent checker measured on samples of its path."
+        "States and ms: failures with what they spent; path alone: without proof and timing; the rest: rows with a "
+        "path. Refused: by the independent checker, of the path or the timed motion. Clearance: proven lower bound of "
     )
-    if not sheet.several_tools:
-        caption = caption.partition(" Clearance:")[0] + " Clearance: proven lower bound."
+    measured = "ours; of a peer's path the smallest that the independent checker measured."
+    caption += measured if sheet.several_tools else "the whole curve."
     return Sheaf("All problems", heads, tuple(_overall_row(group) for group in sheet.groups), caption)
 
 
 def _overall_row(group: Group) -> tuple[Cell, ...]:
     if group.absent:
-        return (Cell(group.name), Cell("could not be run here", bad=True), *[Cell(NOTHING)] * 6)
+        return (Cell(group.name), Cell("not run", bad=True), *[Cell(NOTHING)] * 7)
     refused, worst = group.rejects, max((row["audit"]["depth"] or 0.0 for row in group.rejects), default=0.0)
     share = group.solved
     under = f"[{100 * share.low:.0f}, {100 * share.high:.0f}] %"
-    depth = f"up to {_millimetres(worst)} mm deep" if worst else ""
+    depth = f"≤ {_millimetres(worst)} mm deep" if worst else ""
     return (
         Cell(group.name),
         Cell(f"{len(group.done)}/{len(group.rows)}", under),
+        Cell(f"{len(refused)}/{group.audited}", depth, bad=bool(refused)),
         _spread(group, states) if group.counts else Cell("not told"),
         _spread(group, lambda row: 1e3 * seconds(row)),
+        _middle(group, lambda row: 1e3 * planning_seconds(row)),
         Cell(f"{_median(group, 'raw_length')} → {_median(group, 'length')}"),
         Cell(_median(group, "duration")),
         Cell(_median(group, "clearance", 1e3), _least(group)),
-        Cell(f"{len(refused)}/{group.audited}", depth, bad=bool(refused)),
     )
 
 
@@ -137,7 +139,12 @@ def _spread(group: Group, measure: Any) -> Cell:
     middle, high = (group.quantile(measure, share, charged=True) for share in (0.5, 0.95))
     if middle is None or high is None:
         return Cell(NOTHING)
-    return Cell(f"{_short(middle.value)} / {_short(high.value)}", f"{_range(middle)} / {_range(high)}")
+    return Cell(f"{_short(middle.value)} / {_short(high.value)}", f"{_range(middle)}\n{_range(high)}")
+
+
+def _middle(group: Group, measure: Any) -> Cell:
+    middle = group.quantile(measure, 0.5, charged=True)
+    return Cell(NOTHING) if middle is None else Cell(_short(middle.value), _range(middle))
 
 
 def _median(group: Group, key: str, scale: float = 1.0) -> str:
@@ -177,13 +184,15 @@ def by_kind(sheet: Sheet) -> Sheaf:
             cells.append(Cell(f"{len(here.done)}/{len(here.rows)}", told, bad=missed))
         rows.append((Cell(group.name), *cells))
     heads = (Cell("", "solved, ms p50"), *(Cell(kind) for kind in kinds))
-    return Sheaf("By kind of problem", heads, tuple(rows), "Milliseconds of the whole call, failures with what they spent.")
+    return Sheaf(
+        "By kind of problem", heads, tuple(rows), "Milliseconds of the whole call, failures with what they spent."
+    )
 
 
 def statements(sheet: Sheet) -> list[Sentence]:
     """What peers do better and worse than our first planner, in plain words."""
     groups = {group.name: group for group in sheet.groups}
-    found = [_statement(pace, groups) for pace in paces(sheet)]
+    found: list[Sentence | None] = [_statement(pace, groups) for pace in paces(sheet)]
     found += [_better(sheet, *each) for each in _QUALITIES]
     return [sentence for sentence in found if sentence is not None]
 
@@ -191,11 +200,11 @@ def statements(sheet: Sheet) -> list[Sentence]:
 def _statement(pace: Pace, groups: Mapping[str, Group]) -> Sentence:
     ours, peer = groups[pace.ours], groups[pace.peer]
     found = {
-        "faster": f"{pace.peer} is faster than {pace.ours}: it takes {_times(pace.ratio)} the time",
-        "slower": f"{pace.peer} is slower than {pace.ours}: it takes {_times(pace.ratio)} the time",
-        "not shown": f"Between {pace.peer} and {pace.ours} no difference in time is shown: {_times(pace.ratio)} the time",
+        "faster": f"{pace.peer} is faster than {pace.ours}",
+        "slower": f"{pace.peer} is slower than {pace.ours}",
+        "not shown": f"Between {pace.peer} and {pace.ours} no difference in time is shown",
     }[pace.verdict]
-    found += f" (median of the {pace.problems} problems both solved; less on {pace.faster} of them)."
+    found += f": it takes {_times(pace.ratio)} the time (median of the {pace.problems} problems both solved; less on {pace.faster} of them)."
     found += f" Of search and shortening alone, without proof and timing, it takes {_times(pace.planning)} the time."
     found += f" The independent checker refuses {len(peer.rejects)} of its {peer.audited} results,"
     found += f" and {len(ours.rejects)} of {ours.audited} of ours."
@@ -206,7 +215,7 @@ def _times(estimate: Estimate) -> str:
     return f"{estimate.value:.3g} times [{estimate.low:.3g}, {estimate.high:.3g}]"
 
 
-_QUALITIES = (("length", "rad", "paths are shorter"), ("duration", "s", "motions take less time"))
+_QUALITIES = (("length", "rad", "Shorter paths"), ("duration", "s", "Shorter motions"))
 
 
 def _better(sheet: Sheet, key: str, unit: str, text: str) -> Sentence | None:
@@ -222,7 +231,7 @@ def _better(sheet: Sheet, key: str, unit: str, text: str) -> Sentence | None:
         a, b = (sorted(values)[len(values) // 2] for values in zip(*both, strict=True)) if both else (0.0, 0.0)
         if b < a:
             found.append(f"{peer.name} ({b:.2f} {unit} to our {a:.2f} {unit}, {len(both)} problems)")
-    return Sentence(f"Whose {text} than ours, by the median: {'; '.join(found)}.", theirs=True) if found else None
+    return Sentence(f"{text} than ours, by the median: {'; '.join(found)}.", theirs=True) if found else None
 
 
 def failures(sheet: Sheet) -> Sheaf | None:
@@ -254,7 +263,9 @@ def rejects(sheet: Sheet) -> Sheaf | None:
             refused = [name for name, each in row.get("audits", {}).items() if rejected({"audit": each})]
             what = " and ".join(refused) or "path or motion"
             where = f"{row['problem']} seed {row['seed']}"
-            rows.append((Cell(group.name), Cell(where), Cell(what), Cell(pair), Cell(depth, bad=True), Cell(f"{audit['step']}")))
+            rows.append(
+                (Cell(group.name), Cell(where), Cell(what), Cell(pair), Cell(depth, bad=True), Cell(f"{audit['step']}"))
+            )
     heads = (Cell("whose"), Cell("where"), Cell("what"), Cell("who touches whom"), Cell("mm deep"), Cell("step, rad"))
     return Sheaf("Refused by the independent checker", heads, tuple(rows)) if rows else None
 
@@ -273,4 +284,4 @@ def explained(sheets: Sequence[Sheet]) -> Iterator[str]:
         if steps
         else "No result was put before the independent checker."
     )
-    yield "Times are wall clock of one call on a machine that may have been busy; counts are exact and the same everywhere."
+    yield "Times are wall clock of one call on a machine that may have been busy; counts are exact, and equal anywhere."

@@ -2,44 +2,41 @@
 
 from __future__ import annotations
 
-import io
-import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from benchmarks.page_numbers import Group, Sheet, rejected, seconds, stage_order, states
 from benchmarks.rows import Row, states_of
-from planner_service import MissingDependency
+from benchmarks.svg import INK, WIDTH, drawn_as_svg
+from planner_service import Stage
 
 __all__ = ["COLOURS", "pictures_of"]
 
 COLOURS = ("#3d85c6", "#d9722b", "#2a9d72", "#b565a7", "#b8922b", "#7d6fd1", "#5f9e2f", "#d0544f", "#2f9fa8", "#8a8a8a")
 """Readable on white and on near black."""
 
-STAGE_COLOURS = (
-    *("#8a8a8a", "#5aa9a0", "#3d85c6", "#d9722b", "#b8922b", "#7d6fd1", "#b565a7", "#5f9e2f", "#d0544f", "#2f9fa8"),
-)
+STAGE_COLOURS = {
+    Stage.ENDPOINTS.value: "#8a8a8a",
+    Stage.STRAIGHT_LINE.value: "#5aa9a0",
+    Stage.ROADMAP.value: "#5f9e2f",
+    Stage.SEARCH.value: "#3d85c6",
+    Stage.SHORTCUT.value: "#d9722b",
+    Stage.POLISH.value: "#b8922b",
+    Stage.CERTIFY.value: "#7d6fd1",
+    Stage.TIMING.value: "#b565a7",
+}
+"""The same in every picture."""
+
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)), (0, (8, 2, 2, 2)))
 
-WIDTH = 5.2
-"""Inches; half a wide screen, and still legible scaled down to a phone's."""
-
-INK, GRID = "#010203", "#040506"
-"""Stand-ins while drawing, of what the page's own colours take the place."""
-
-SVG, XLINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+SEEN = 0.004
+"""Share of the longest bar below which a stage is left out: a line in the picture, and a box in its legend."""
 
 
 def pictures_of(sheet: Sheet) -> Iterator[tuple[str, str, str]]:
-    """Name, caption and SVG of each picture that the rows of a suite allow.
-
-    Raises:
-        MissingDependency: matplotlib is not there.
-    """
+    """Name, caption and SVG of each picture that the rows of a suite allow."""
     groups, counting = sheet.present, [group for group in sheet.present if group.counts]
     colours = {group.name: COLOURS[k % len(COLOURS)] for k, group in enumerate(sheet.groups)}
     drawn: list[tuple[str, str, Callable[[Any], bool]]] = []
@@ -48,21 +45,35 @@ def pictures_of(sheet: Sheet) -> Iterator[tuple[str, str, str]]:
         drawn.append((name, caption, draw))
 
     whiskers = "Box: quartiles; line: median; whiskers: 5 % and 95 %."
-    add("box-states", f"States judged per query, failures included. {whiskers}", _boxes(counting, states, colours, log=True))
-    add("box-ms", f"Milliseconds per query, failures included. {whiskers}", _boxes(groups, _ms, colours, log=True))
-    add("box-length", f"Length of the final path in rad. {whiskers}", _boxes(groups, _of("length"), colours))
-    add("box-duration", f"Duration of the motion in s, where it is timed. {whiskers}", _boxes(groups, _of("duration"), colours))
-    add("ecdf-states", "Share of the queries solved within so many states.", _shares(counting, states, colours, "states"))
+    boxes = {
+        "states": ("States judged per query, failures included.", counting, states, "states"),
+        "ms": ("Milliseconds per query, failures included.", groups, _ms, "ms"),
+        "length": ("Length of the final path.", groups, _of("length"), "rad"),
+        "duration": ("Duration of the motion, where it is timed.", groups, _of("duration"), "s"),
+    }
+    for name, (caption, who, measure, unit) in boxes.items():
+        add(f"box-{name}", f"{caption} {whiskers}", _boxes(who, measure, colours, unit))
+    add(
+        "ecdf-states",
+        "Share of the queries solved within so many states.",
+        _shares(counting, states, colours, "states"),
+    )
     add("ecdf-ms", "Share of the queries solved within so many milliseconds.", _shares(groups, _ms, colours, "ms"))
-    profile = "Performance profile (Dolan and Moré, 2002): share of the problems solved within so many times the {} of the best."
-    add("profile-states", profile.format("states"), _profiles(counting, states, colours))
+    profile = (
+        "Performance profile (Dolan and Moré, 2002): share of the problems solved within a multiple of the best {}."
+    )
+    add("profile-states", profile.format("count of states"), _profiles(counting, states, colours))
     add("profile-ms", profile.format("time"), _profiles(groups, _ms, colours))
     add("stages-states", "States judged per query by stage, mean.", _stages(counting, "checks"))
-    add("stages-ms", "Milliseconds per query by stage, mean; a peer's set-up of its world is left out.", _stages(groups, "seconds"))
+    add(
+        "stages-ms",
+        "Milliseconds per query by stage, mean; a peer's set-up of its world is left out.",
+        _stages(groups, "seconds"),
+    )
     caption = "Smallest clearance against length of the final path; crosses: refused by the independent checker."
     add("clearance-length", caption, _scatter(groups, colours))
     for name, caption, draw in drawn:
-        picture = _drawn(f"{sheet.suite}-{name}", draw)
+        picture = drawn_as_svg(f"{sheet.suite}-{name}", draw)
         if picture is not None:
             yield name, caption, picture
 
@@ -75,81 +86,21 @@ def _of(key: str) -> Callable[[Row], float | None]:
     return lambda row: None if row[key] is None else float(row[key])
 
 
-# --- one picture
-
-
-def _drawn(name: str, draw: Callable[[Any], bool]) -> str | None:
-    """A picture as SVG, None if there is nothing to draw."""
-    with _style(name) as figure:
-        if not draw(figure):
-            return None
-        file = io.StringIO()
-        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return _inlined(file.getvalue(), re.sub(r"\W", "-", name))
-
-
-@contextmanager
-def _style(name: str) -> Iterator[Any]:
-    try:
-        import matplotlib
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise MissingDependency("matplotlib", "dev") from None
-    settings = {
-        "svg.fonttype": "none",
-        "svg.hashsalt": name,
-        "font.size": 9.5,
-        "font.family": "sans-serif",
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "axes.axisbelow": True,
-        "grid.linewidth": 0.6,
-        "legend.frameon": False,
-        "legend.fontsize": 9,
-        **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color", "axes.edgecolor"), INK),
-        "grid.color": GRID,
-    }
-    with matplotlib.rc_context(settings):
-        yield Figure(figsize=(WIDTH, 2.8), layout="constrained")
-
-
-def _inlined(text: str, prefix: str) -> str:
-    """The SVG element alone: no prologue, no metadata, names that no other picture of the page has, the page's colours."""
-    ElementTree.register_namespace("", SVG)
-    ElementTree.register_namespace("xlink", XLINK)
-    root = ElementTree.fromstring(text)
-    for part in (f"{{{SVG}}}metadata", f"{{{SVG}}}defs"):
-        for found in root.findall(part):
-            if part.endswith("metadata") or found.find(f"{{{SVG}}}style") is not None:
-                root.remove(found)
-    for element in root.iter():
-        for key, value in element.attrib.items():
-            value = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", value)
-            if key == "id":
-                value = f"{prefix}-{value}"
-            elif key == f"{{{XLINK}}}href" and value.startswith("#"):
-                value = f"#{prefix}-{value[1:]}"
-            element.set(key, value.replace(INK, "currentColor").replace(GRID, "var(--grid)"))
-    for size in ("width", "height"):
-        root.attrib.pop(size, None)
-    root.set("role", "img")
-    return ElementTree.tostring(root, encoding="unicode")
-
-
 # --- what is in it
 
 
 def _boxes(
-    groups: Sequence[Group], measure: Callable[[Row], float | None], colours: Mapping[str, str], *, log: bool = False
+    groups: Sequence[Group], measure: Callable[[Row], float | None], colours: Mapping[str, str], unit: str
 ) -> Callable[[Any], bool]:
+    log = unit in ("states", "ms")  # which span decades, and which failures cost, too
+
     def draw(figure: Any) -> bool:
         found = [(group, group.values(measure, charged=log)) for group in groups]
         found = [(group, [v for v in values if v > 0.0 or not log]) for group, values in found]
         found = [(group, values) for group, values in found if values]
         if not found:
             return False
-        figure.set_size_inches(WIDTH, 0.75 + 0.34 * len(found))
+        figure.set_size_inches(WIDTH, 0.95 + 0.34 * len(found))
         axes = figure.subplots()
         boxes = axes.boxplot(
             [values for _, values in found],
@@ -167,6 +118,7 @@ def _boxes(
             for line in (*boxes["whiskers"][2 * k : 2 * k + 2], *boxes["caps"][2 * k : 2 * k + 2]):
                 line.set(color=colour, linewidth=1.2)
         axes.invert_yaxis()
+        axes.set_xlabel(unit)
         axes.grid(axis="y", visible=False)
         if log:
             _log(axes, [value for _, values in found for value in values])
@@ -237,17 +189,19 @@ def _stages(groups: Sequence[Group], part: str) -> Callable[[Any], bool]:
     def draw(figure: Any) -> bool:
         stages = [stage for stage in stage_order(groups, part) if stage != "setup"]
         means = {stage: [_mean(group, part, stage) for group in groups] for stage in stages}
-        means = {stage: values for stage, values in means.items() if any(values)}
+        most = max((sum(values) for values in zip(*means.values(), strict=True)), default=0.0)
+        means = {stage: values for stage, values in means.items() if max(values) > SEEN * most}
         if not groups or not means:
             return False
-        figure.set_size_inches(WIDTH, 1.2 + 0.34 * len(groups))
+        figure.set_size_inches(WIDTH, 1.4 + 0.34 * len(groups))
         axes = figure.subplots()
         left = np.zeros(len(groups))
         for k, (stage, values) in enumerate(means.items()):
-            colour = STAGE_COLOURS[k % len(STAGE_COLOURS)]
+            colour = STAGE_COLOURS.get(stage, COLOURS[-3 + k % 3])
             axes.barh([group.name for group in groups], values, left=left, color=colour, height=0.66, label=stage)
             left += values
         axes.invert_yaxis()
+        axes.set_xlabel("states" if part == "checks" else "ms")
         axes.grid(axis="y", visible=False)
         _thousands(axes.xaxis)
         _legend(figure, axes, columns=4)
@@ -275,11 +229,15 @@ def _scatter(groups: Sequence[Group], colours: Mapping[str, str]) -> Callable[[A
                     x, y = zip(*points, strict=True)
                     filled = {"facecolors": _faint(colours[group.name])} if not refused else {}
                     label = group.name if not refused else None
-                    axes.scatter(x, y, s=size, marker=marker, color=colours[group.name], linewidths=1.0, label=label, **filled)
+                    axes.scatter(
+                        x, y, s=size, marker=marker, color=colours[group.name], linewidths=1.0, label=label, **filled
+                    )
             if all(rejected(row) for row in rows):  # else the legend would not name it
                 axes.scatter([], [], s=24, marker="x", color=colours[group.name], linewidths=1.0, label=group.name)
         axes.axhline(0.0, color=INK, linewidth=0.8)
+        heights = [1e3 * row["clearance"] for _, rows in found for row in rows]
         axes.set_yscale("symlog", linthresh=1.0)
+        axes.set_ylim(min(0.0, 1.6 * min(heights)) - 0.1, 1.6 * max(0.5, *heights))
         axes.set_xlabel("length, rad")
         axes.set_ylabel("clearance, mm")
         _plain(axes.yaxis)
@@ -315,9 +273,13 @@ def _log(axes: Any, values: Sequence[float]) -> None:
 
     axes.set_xscale("log")
     spans = np.log10(max(values) / min(values)) if min(values) > 0.0 else 3.0
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if spans > 2.5 else (1.0, 3.0) if spans > 1.2 else (1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if spans > 2.5 else (1.0, 3.0) if spans > 1.2 else FEW))
     axes.xaxis.set_minor_formatter(NullFormatter())
     _plain(axes.xaxis)
+
+
+FEW = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0)
+"""Where numbers stand on a logarithmic axis that spans little more than a decade."""
 
 
 def _plain(axis: Any) -> None:

@@ -14,6 +14,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -155,10 +156,8 @@ def _listen(pipe: IO[bytes], lines: queue.Queue[bytes | None]) -> None:
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End the process and what it has started."""
-    try:
+    with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass
     process.wait()
 
 

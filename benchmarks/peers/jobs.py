@@ -48,7 +48,9 @@ def placed_robot(robot: Robot, folder: Path) -> dict[str, Any]:
     source = data_folder("robots") / robot.name
     urdf = source / f"{robot.name}.urdf"
     if not urdf.is_file():
-        raise InvalidRequest("robot", robot.name, "a robot whose URDF and meshes are in its own folder, as panda_mbm's are")
+        raise InvalidRequest(
+            "robot", robot.name, "a robot whose URDF and meshes are in its own folder, as panda_mbm's are"
+        )
     shutil.copytree(source, folder, dirs_exist_ok=True)
     _limit(folder / urdf.name, robot)
     pairs = sorted(sorted(contact.links) for contact in robot.allowed_contacts)
@@ -64,9 +66,7 @@ def placed_robot(robot: Robot, folder: Path) -> dict[str, Any]:
         "tool_frame": robot.tool_frame,
         "base_links": base,
         "disabled_pairs": pairs,
-        **{
-            key: getattr(limits, key).tolist() for key in ("lower", "upper", "velocity", "acceleration", "jerk")
-        },
+        **{key: getattr(limits, key).tolist() for key in ("lower", "upper", "velocity", "acceleration", "jerk")},
     }
 
 
@@ -151,4 +151,6 @@ def _srdf(robot: Robot, base: str, pairs: Sequence[Sequence[str]]) -> str:
 
 def _name(robot: Robot) -> str:
     """What the URDF calls the robot."""
-    return ElementTree.parse(data_folder("robots") / robot.name / f"{robot.name}.urdf").getroot().get("name", robot.name)
+    return (
+        ElementTree.parse(data_folder("robots") / robot.name / f"{robot.name}.urdf").getroot().get("name", robot.name)
+    )

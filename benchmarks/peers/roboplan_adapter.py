@@ -79,7 +79,7 @@ class Roboplan:
 
 
 def _add(scene: Any, body: Table) -> None:
-    kind, where = body["kind"], ("universe", )
+    kind, where = body["kind"], ("universe",)
     placed = (np.array(matrix_of(body)), COLOUR)
     if kind == "box":
         scene.addBoxGeometry(body["name"], *where, core.Box(*body["size"]), *placed)

@@ -196,9 +196,7 @@ def _rows(run: Run, child: Environment, todo: Sequence[Task]) -> Iterator[result
         robot = placed_robot(run.robot, Path(folder) / "robot")
         job = job_of(run.peer, run.planner, robot, todo, run.time_limit)
         command = (str(child.python), "-m", run.peer.adapter)
-        started = Child(
-            command, child.surroundings(), Path(folder), problem_seconds=run.time_limit + GRACE
-        )
+        started = Child(command, child.surroundings(), Path(folder), problem_seconds=run.time_limit + GRACE)
         for reply in started.replies(job):
             yield run.row(reply)
 

@@ -12,9 +12,18 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from tesseract_robotics.planning import JointTarget, MotionProgram, Pose, Robot, TaskComposer, profiles
-from tesseract_robotics.planning import box, create_obstacle, cylinder, sphere
+from tesseract_robotics.planning import (
+    JointTarget,
+    MotionProgram,
+    Pose,
+    Robot,
+    TaskComposer,
+    box,
+    create_obstacle,
+    cylinder,
+    profiles,
+    sphere,
+)
 
 from benchmarks.peers.adapter_protocol import Answer, Table, serve, xyzw
 
