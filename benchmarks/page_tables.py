@@ -204,7 +204,8 @@ def _statement(pace: Pace, groups: Mapping[str, Group]) -> Sentence:
         "slower": f"{pace.peer} is slower than {pace.ours}",
         "not shown": f"Between {pace.peer} and {pace.ours} no difference in time is shown",
     }[pace.verdict]
-    found += f": it takes {_times(pace.ratio)} the time (median of the {pace.problems} problems both solved; less on {pace.faster} of them)."
+    found += f": it takes {_times(pace.ratio)} the time"
+    found += f" (median of the {pace.problems} problems both solved; less on {pace.faster} of them)."
     found += f" Of search and shortening alone, without proof and timing, it takes {_times(pace.planning)} the time."
     found += f" The independent checker refuses {len(peer.rejects)} of its {peer.audited} results,"
     found += f" and {len(ours.rejects)} of {ours.audited} of ours."
