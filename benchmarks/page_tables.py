@@ -167,7 +167,7 @@ def _short(value: float) -> str:
 
 
 def _millimetres(metres: float) -> str:
-    return f"{1e3 * metres:.2g}" if metres < 0.01 else f"{1e3 * metres:.0f}"
+    return f"{1e3 * metres:.3g}"
 
 
 def by_kind(sheet: Sheet) -> Sheaf:

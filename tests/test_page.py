@@ -329,7 +329,7 @@ def test_the_command_writes_the_page(tmp_path: Path) -> None:
 
 def test_the_command_renews_the_generated_part_of_a_text_and_nothing_else(tmp_path: Path) -> None:
     text = tmp_path / "benchmarks.md"
-    text.write_text("# Ours\n\n<!-- generated: some -->\nold\n<!-- end of some -->\n\nThe end.\n", "utf-8")
+    text.write_text("# Ours\n\n<!-- generated: some -->\nyesterday\n<!-- end of some -->\n\nThe end.\n", "utf-8")
     results = results_file(tmp_path, *many())
     for _ in range(2):
         assert page.main([str(results), "--markdown", str(text)], Console(file=StringIO())) == 0
@@ -337,7 +337,7 @@ def test_the_command_renews_the_generated_part_of_a_text_and_nothing_else(tmp_pa
         assert told.startswith("# Ours\n\n<!-- generated: some -->\n")
         assert told.endswith("<!-- end of some -->\n\nThe end.\n")
         assert told.count("| planner_service rrtconnect |") == 1
-        assert "old" not in told
+        assert "yesterday" not in told
         assert "fast rrt is faster" in told
         assert "`python -m benchmarks run --suite some`" in told
 
