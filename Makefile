@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint types bench clean
+.PHONY: demo test lint types bench measures micro clean
 .DEFAULT_GOAL := demo
 
 NATIVE := CMakeLists.txt $(wildcard planner_service/collision/native/*)
@@ -29,8 +29,14 @@ lint: $(BIN)/.ready
 types: $(BIN)/.ready
 	$(BIN)/mypy
 
-bench: $(BIN)/.ready  ## the tables of the README, printed
+bench: $(BIN)/.ready  ## the gate: what the smoke suite costs is what is stored
+	$(BIN)/python -m benchmarks check
+
+measures: $(BIN)/.ready  ## the tables of the README, printed
 	$(BIN)/python -m benchmarks
+
+micro: $(BIN)/.ready  ## what the parts of a plan take, by pytest-benchmark
+	$(BIN)/python -m pytest benchmarks/micro --benchmark-columns=min,median,iqr,rounds
 
 clean:
 	rm -rf $(VENV)

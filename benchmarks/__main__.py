@@ -60,7 +60,9 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden", "readme", *COMMANDS])
+    parser.add_argument(
+        "what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden", "readme", *COMMANDS]
+    )
     parser.add_argument("--write", action="store_true", help="store instead of compare (queries, golden, readme)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
     parser.add_argument("--robot", metavar="NAME", help="the only robot to look at (agreement); all if not given")

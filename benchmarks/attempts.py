@@ -25,12 +25,13 @@ from planner_service.geometry import FloatArray
 from planner_service.grasps import top_grasps
 from planner_service.outcome import Failure
 from planner_service.primitives import pick, place
+from planner_service.request import Goal
 from planner_service.scene import Scene
 from planner_service.search import SearchProblem
 from planner_service.smoothing import shortcut
 from planner_service.task import Handling, Segment, TaskResult
 
-__all__ = ["Ask", "attempt", "forget", "warm"]
+__all__ = ["Ask", "attempt", "warm"]
 
 INSIDE = 1e-9
 """Path length left out on both sides of where pairs begin to be allowed to touch."""
@@ -43,6 +44,11 @@ class Ask:
     planner: str
     seed: int
     max_checks: int
+
+    def request(self, start: FloatArray, goal: Goal) -> PlanRequest:
+        """What to ask a service: no clock has a say."""
+        planner = planner_of(self.planner)
+        return PlanRequest(start, goal, planner, seed=self.seed, max_checks=self.max_checks, time_limit=None)
 
 
 def attempt(problem: Problem, ask: Ask) -> Row:
@@ -72,11 +78,6 @@ def warm(problem: Problem, ask: Ask) -> None:
     _planned(problem, ask)
 
 
-def forget() -> None:
-    """Drop the services kept."""
-    _service.cache_clear()
-
-
 class _Clock:
     """Wall and CPU seconds of a block."""
 
@@ -100,8 +101,7 @@ def _motion(problem: Motion, ask: Ask) -> Row:
     if ask.planner == LESSON:
         return _lesson(problem, ask, service)
     goal = problem.goals[0] if len(problem.goals) == 1 else problem.goals
-    settings = {"planner": planner_of(ask.planner), "seed": ask.seed, "max_checks": ask.max_checks}
-    request = PlanRequest(problem.start, goal, **settings, time_limit=None)
+    request = ask.request(problem.start, goal)
     with _Clock() as clock:
         result = service.plan(request)
     told = {"robot": service.robot.name, **clock.told, **_told([result], result.failure)}
@@ -164,8 +164,7 @@ def _audit(robot: str, scene: Scene, result: PlanResult, width: float | None = N
         pairs = [pair for e in result.exempt if e.s_start <= middle <= e.s_end for pair in e.pairs]
         first = start + (INSIDE if start > 0.0 else 0.0)
         last = max(first, end - (INSIDE if end < path.length else 0.0))
-        Q = along(lambda s, first=first: path(np.minimum(first + s, path.length)), last - first)
-        told.append(_auditor(robot, scene, width, tuple(pairs)).judge(Q))
+        told.append(_auditor(robot, scene, width, tuple(pairs)).judge(along(path, first, last)))
     return worst(told)
 
 
@@ -203,12 +202,11 @@ def _states(states: int, edges: int = 0) -> Row:
 @_planned.register
 def _task(problem: Task, ask: Ask) -> Row:
     service = _service(problem.robot, problem.scene)
-    settings = {"planner": planner_of(ask.planner), "seed": ask.seed, "max_checks": ask.max_checks}
     home = service.robot.home
     with _Clock() as clock:
-        parts = list(_parts(problem, service, PlanRequest(home, home, **settings, time_limit=None)))
+        parts = list(_parts(problem, service, ask.request(home, home)))
     failure = next((part.failure for part in parts if part.failure is not None), None)
-    told = {"robot": service.robot.name, **clock.told}
+    told: Row = {"robot": service.robot.name, **clock.told}
     told |= _told([segment.result for part in parts for segment in part.segments], failure)
     told["checks"]["choosing"] = vars(sum((part.choosing for part in parts), CheckCounts()))
     audits = [_audit(problem.robot, scene, *judged) for scene, judged in _judged(service, parts)]

@@ -76,11 +76,11 @@ class Auditor:
         return min((min(self._checker.gaps(q).values(), default=math.inf) for q in Q), default=math.inf)
 
 
-def along(curve: Callable[[Any], FloatArray], end: float, step: float = JOINT_STEP) -> FloatArray:
-    """Configurations (m, n) of a curve of [0, end], no joint moving more than ``step`` from one to the next."""
-    count = 2 + math.ceil(end / step)
+def along(curve: Callable[[Any], FloatArray], start: float, end: float, step: float = JOINT_STEP) -> FloatArray:
+    """Configurations (m, n) of a curve from start to end, no joint moving more than ``step`` from one to the next."""
+    count = 2 + math.ceil((end - start) / step)
     while True:
-        Q = curve(np.linspace(0.0, end, count))
+        Q: FloatArray = curve(np.linspace(start, end, count))
         if float(np.abs(np.diff(Q, axis=0)).max(initial=0.0)) <= step:
             return np.asarray(Q)
         count *= 2

@@ -65,9 +65,9 @@ def overview(results: Results) -> list[RenderableType]:
     lines = [line for contender, here in found.items() for line in _spread_lines(contender, here)]
     suite = f"Suite {results.header['suite']}"
     caption = (
-        "Solved with Wilson's 95% interval; p50 / p95 of the other figures. Rejected: paths that the independent checker "
-        "finds in collision or outside the limits. Counts and times of failed runs are in, with what they spent; lengths "
-        "and motions are of solved runs."
+        "Solved with Wilson's 95% interval; p50 / p95 of the other figures. Rejected: paths that the independent "
+        "checker finds in collision or outside the limits. Counts and times of failed runs are in, with what they "
+        "spent; lengths and motions are of solved runs."
     )
     columns = ("contender", "problems", "runs", "solved", "rejected", *_SHOWN)
     quantiles = ("contender", "", "runs", "p25", "p50", "p95")
@@ -132,8 +132,8 @@ def compare(title: str, first: Iterable[Row], second: Iterable[Row]) -> Table:
     problems = len({problem for problem, _ in pairs})
     caption = (
         f"{problems} problems, {len(pairs)} runs of the same problem and seed. Median of the paired ratios with its "
-        "bootstrapped 95% interval; Wilcoxon's signed-rank test on their logarithms, averaged by problem where there are "
-        "at least six; Holm's correction over the rows. Not significant does not mean equal."
+        "bootstrapped 95% interval; Wilcoxon's signed-rank test on their logarithms, averaged by problem where there "
+        "are at least six; Holm's correction over the rows. Not significant does not mean equal."
     )
     return table(title, columns, lines, caption=caption)
 
@@ -227,11 +227,11 @@ def _explained(found: Sequence[Row]) -> str:
     stops = [p50(row[key] - 1 for row in found) for key in ("raw_waypoints", "waypoints")]
     halting, passing = 2.0 * math.sqrt(STEP / 5.0), STEP / 1.57
     return (
-        f"Shortcutting leaves {length:.0%} of the length but {motion:.0%} of the motion time, because the motion stops at "
-        f"every waypoint: {stops[0]:.0f} pieces become {stops[1]:.0f}. A piece of {STEP:g} rad takes up to {halting:.2f} s "
-        f"from stop to stop, all of it spent on gaining and losing speed, and {passing:.2f} s in passing at 1.57 rad/s: "
-        "the raw path's time is that of its stops, of which shortcutting removes nearly all; its length was never the "
-        "cost."
+        f"Shortcutting leaves {length:.0%} of the length but {motion:.0%} of the motion time, because the motion stops "
+        f"at every waypoint: {stops[0]:.0f} pieces become {stops[1]:.0f}. A piece of {STEP:g} rad takes up to "
+        f"{halting:.2f} s from stop to stop, all of it gaining and losing speed, and {passing:.2f} s in passing "
+        "at 1.57 rad/s: the raw path's time is that of its stops, of which shortcutting removes nearly all; its length "
+        "was never the cost."
     )
 
 
@@ -281,4 +281,3 @@ def _matches(
         message = f"the files have no planner in common: {', '.join(ours)} and {', '.join(theirs)}; name two"
         raise InvalidRequest("--planner", planners, "--planner A --planner B", message=message)
     return [(name, ours[name], theirs[name]) for name in both]
-

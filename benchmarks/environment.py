@@ -51,7 +51,7 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str | None:
-    """The commit of the checkout; where files differ from it, with a fingerprint of the difference; None without git."""
+    """The commit of the checkout; where files differ from it, a fingerprint of the difference too; None without git."""
     head = _git("rev-parse", "HEAD")
     changed = _git("diff", "HEAD")
     if head is None or changed is None:
@@ -68,7 +68,9 @@ def pinned() -> Mapping[str, str]:
 def unpinned() -> list[str]:
     """How this environment is not the one in which counts are pinned; empty if it is."""
     wanted, found = pinned(), versions()
-    different = [f"{name} {found.get(name)} is not {wanted[name]}" for name in COUNTED if found.get(name) != wanted[name]]
+    different = [
+        f"{name} {found.get(name)} is not {wanted[name]}" for name in COUNTED if found.get(name) != wanted[name]
+    ]
     if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
         different.append(f"{platform.system()} on {platform.machine()} is not Linux on x86_64")
     return different

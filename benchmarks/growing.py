@@ -62,8 +62,8 @@ def planar_robot(joints: int) -> str:
     contacts = "".join(f'[[allowed_contacts]]\nlinks = ["{a}", "{b}"]\nreason = "in a plane"\n' for a, b in pairs)
     file = folder / "robot.toml"
     file.write_text(
-        f'name = "planar{joints}"\nurdf = "planar.urdf"\njoints = {names!r}\ntool_frame = "tip"\nbase_links = ["base"]\n'
-        f"[poses]\nhome = {[0.0] * joints}\n{_limits(joints)}{contacts}",
+        f'name = "planar{joints}"\nurdf = "planar.urdf"\njoints = {names!r}\ntool_frame = "tip"\n'
+        f'base_links = ["base"]\n[poses]\nhome = {[0.0] * joints}\n{_limits(joints)}{contacts}',
         "utf-8",
     )
     return str(file)

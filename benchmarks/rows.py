@@ -7,7 +7,6 @@ there; further keys are a tool's own.
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -131,16 +130,8 @@ def _check_row(row: Node) -> None:
         check(row.at(key))
 
 
-def _text(node: Node) -> None:
-    node.text()
-
-
-def _number(node: Node) -> None:
-    node.number()
-
-
-def _maybe(check: Callable[[Node], None]) -> Callable[[Node], None]:
-    return lambda node: None if node.value is None else check(node)
+def _maybe(read: Callable[[Node], object]) -> Callable[[Node], object]:
+    return lambda node: node.optional(read)
 
 
 def _counts(node: Node) -> None:
@@ -177,19 +168,18 @@ def _names(node: Node) -> Iterable[str]:
     return ()
 
 
-KEYS: Mapping[str, Callable[[Node], None]] = {
-    **{key: _text for key in ("suite", "problem", "kind", "robot", "tool", "planner", "detail")},
-    "seed": lambda node: None if node.whole() >= 0 else None,
-    "ok": lambda node: None if node.flag() else None,
-    "failure": _maybe(_text),
+KEYS: Mapping[str, Callable[[Node], object]] = {
+    **dict.fromkeys(("suite", "problem", "kind", "robot", "tool", "planner", "detail"), Node.text),
+    "seed": Node.whole,
+    "ok": Node.flag,
+    "failure": _maybe(Node.text),
     "checks": _counts,
     "seconds": _seconds,
-    "total_seconds": _number,
-    "cpu_seconds": _number,
-    **{key: _maybe(_number) for key in ("raw_length", "length", "duration", "clearance")},
+    "total_seconds": Node.number,
+    "cpu_seconds": Node.number,
+    **dict.fromkeys(("raw_length", "length", "duration", "clearance"), _maybe(Node.number)),
     "peaks": _maybe(_peaks),
-    "path_hash": _maybe(_text),
+    "path_hash": _maybe(Node.text),
     "audit": _audit,
 }
 """What every row has, and what is wrong with it if it is."""
-

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,7 +103,7 @@ def _require_same(old: dict[str, Any], new: dict[str, Any], out: Path) -> None:
         changed.insert(0, f"suite {old['suite']} is now {new['suite']}")
     if changed:
         message = f"--out: {out} holds rows made elsewhere: {'; '.join(changed)}. Name another file, or remove it"
-        raise InvalidRequest("--out", str(out), "a new file, or one made by the same code in the same place", message=message)
+        raise InvalidRequest("--out", str(out), "a file of the same code, made in the same place", message=message)
 
 
 def main(arguments: Sequence[str], console: Console) -> int:
@@ -134,5 +133,3 @@ def main(arguments: Sequence[str], console: Console) -> int:
     console.print(*overview(results), *exercise(results), sep="\n\n")
     console.print(f"{len(results.rows)} rows in {out}")
     return 0
-
-

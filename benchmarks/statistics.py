@@ -83,7 +83,8 @@ def wilson(successes: int, runs: int) -> Estimate:
     share, square = successes / runs, Z * Z
     middle = (share + square / (2 * runs)) / (1 + square / runs)
     half = Z / (1 + square / runs) * math.sqrt(share * (1 - share) / runs + square / (4 * runs * runs))
-    return Estimate(share, max(0.0, middle - half), min(1.0, middle + half))
+    low, high = (share if share == end else middle + side for end, side in ((0.0, -half), (1.0, half)))
+    return Estimate(share, low, high)
 
 
 @dataclass(frozen=True)

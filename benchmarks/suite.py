@@ -180,10 +180,7 @@ def load_suite(name_or_path: str) -> Suite:
     for text in planners:
         _attempt(root, require_planner, text)
     max_checks = _whole(root.at("max_checks"), 10**9) if root.has("max_checks") else MAX_CHECKS
-    limits = root.at("ceilings") if root.has("ceilings") else Node("ceilings", {}, root.problems)
-    ceilings = {name: _whole(limits.at(name), 10**9) for name in (limits.value if isinstance(limits.value, dict) else ())}
-    if not set(ceilings) <= set(planners):
-        limits.wrong(f"a table of planners of this suite: {', '.join(planners)}")
+    ceilings = _ceilings(root.at("ceilings"), planners) if root.has("ceilings") else {}
     makers = [_SOURCES[key](item) for key in _SOURCES if root.has(key) for item in _at_most(root.at(key))]
     if not root.problems and not makers:
         root.problem(f"no problems; expected at least one of {', '.join(f'[[{key}]]' for key in _SOURCES)}")
@@ -389,6 +386,13 @@ def _numbers(node: Node) -> Sequence[int]:
     if any(k >= queries.PER_SCENE for k in found):
         node.at("numbers").wrong(f"numbers below {queries.PER_SCENE}")
     return found
+
+
+def _ceilings(node: Node, planners: Sequence[str]) -> dict[str, int]:
+    if not isinstance(node.value, dict) or not set(node.value) <= set(planners):
+        node.wrong(f"a table of planners of this suite: {', '.join(planners)}")
+        return {}
+    return {name: _whole(node.at(name), 10**9) for name in node.value}
 
 
 def _whole(node: Node, most: int) -> int:
