@@ -31,6 +31,9 @@ OURS = "planner_service"
 ABSENT = "not_installed"
 """The failure of rows that only say that a peer could not be run here."""
 
+NOT_PATH = ("setup", "certify", "timing")
+"""Stages that neither find nor shorten a path."""
+
 Measure = Callable[[Row], "float | None"]
 
 
@@ -153,8 +156,14 @@ def rejected(row: Row) -> bool:
 
 
 def seconds(row: Row) -> float:
-    """Wall clock of the call."""
-    return float(row["total_seconds"])
+    """Processor time of the call: on a machine that others use, too, wall clock says how busy these were."""
+    return float(row["cpu_seconds"])
+
+
+def stage_seconds(row: Row, stage: str) -> float:
+    """Processor time of a stage: its share of the wall clock, which is what rows tell."""
+    wall = math.fsum(spent for name, spent in row["seconds"].items() if name != "setup")
+    return seconds(row) * row["seconds"].get(stage, 0.0) / wall if wall > 0.0 else 0.0
 
 
 def states(row: Row) -> float | None:
@@ -213,8 +222,8 @@ def _pace(ours: Group, peer: Group) -> Pace | None:
 
 
 def planning_seconds(row: Row) -> float:
-    """Of these what finding and shortening the path took: neither a peer's set-up, nor proof, nor timing."""
-    return math.fsum(spent for stage, spent in row["seconds"].items() if stage not in ("setup", "certify", "timing"))
+    """Of these what finding and shortening the path took: neither proof nor timing; nor is a peer's set-up in it."""
+    return math.fsum(stage_seconds(row, stage) for stage in row["seconds"] if stage not in NOT_PATH)
 
 
 def _ratios(ours: Group, peer: Group, measure: Callable[[Row], float]) -> dict[str, float]:

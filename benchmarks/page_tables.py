@@ -185,7 +185,7 @@ def by_kind(sheet: Sheet) -> Sheaf:
         rows.append((Cell(group.name), *cells))
     heads = (Cell("", "solved, ms p50"), *(Cell(kind) for kind in kinds))
     return Sheaf(
-        "By kind of problem", heads, tuple(rows), "Milliseconds of the whole call, failures with what they spent."
+        "By kind of problem", heads, tuple(rows), "Processor time of the whole call, failures with what they spent."
     )
 
 
@@ -202,11 +202,11 @@ def _statement(pace: Pace, groups: Mapping[str, Group]) -> Sentence:
     found = {
         "faster": f"{pace.peer} is faster than {pace.ours}",
         "slower": f"{pace.peer} is slower than {pace.ours}",
-        "not shown": f"Between {pace.peer} and {pace.ours} no difference in time is shown",
+        "not shown": f"Between {pace.peer} and {pace.ours} no difference is shown",
     }[pace.verdict]
-    found += f": it takes {_times(pace.ratio)} the time"
+    found += f": it takes {_times(pace.ratio)} our processor time"
     found += f" (median of the {pace.problems} problems both solved; less on {pace.faster} of them)."
-    found += f" Of search and shortening alone, without proof and timing, it takes {_times(pace.planning)} the time."
+    found += f" For the path alone, without proof and timing, it takes {_times(pace.planning)} ours."
     found += f" The independent checker refuses {len(peer.rejects)} of its {peer.audited} results,"
     found += f" and {len(ours.rejects)} of {ours.audited} of ours."
     return Sentence(found, theirs=pace.verdict == "faster" or pace.planning.high < 1.0)
@@ -285,4 +285,7 @@ def explained(sheets: Sequence[Sheet]) -> Iterator[str]:
         if steps
         else "No result was put before the independent checker."
     )
-    yield "Times are wall clock of one call on a machine that may have been busy; counts are exact, and equal anywhere."
+    yield (
+        "Milliseconds are processor time of one call, its world being built already; those of a stage are its share of "
+        "the call's wall clock. Counts are exact, and equal on any machine."
+    )

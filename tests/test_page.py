@@ -47,7 +47,13 @@ def row(problem: int = 0, tool: str = "planner_service", planner: str = "rrtconn
         "seconds": {"search": 0.01 * (problem + 1), "timing": 0.005},
         "total_seconds": 0.01 * (problem + 1) + 0.005,
     }
-    made |= {"cpu_seconds": 0.01, "raw_length": 9.0, "length": 5.0 + problem, "duration": 2.5, "clearance": 0.004}
+    made |= {
+        "cpu_seconds": 0.01 * (problem + 1) + 0.005,
+        "raw_length": 9.0,
+        "length": 5.0 + problem,
+        "duration": 2.5,
+        "clearance": 0.004,
+    }
     made |= {"peaks": None, "path_hash": "00", "audit": FREE}
     return {**made, **changes}
 
@@ -74,9 +80,9 @@ def sheet(*found: Row) -> Sheet:
 def many() -> tuple[Row, ...]:
     """Two planners of ours, a peer that is faster, one that is refused, and one that is not there."""
     found = [row(k, planner=planner) for k in range(8) for planner in ("rrtconnect", "prm")]
-    quick = {"seconds": {"search": 0.001}, "total_seconds": 0.001, "checks": {}, "duration": None, "length": 4.0}
+    quick = {"seconds": {"search": 0.001}, "cpu_seconds": 0.001, "checks": {}, "duration": None, "length": 4.0}
     found += [row(k, "fast", "rrt", **quick) for k in range(8)]
-    found += [colliding(k, tool="loose", planner="rrt", checks={}, total_seconds=1.0) for k in range(7)]
+    found += [colliding(k, tool="loose", planner="rrt", checks={}, cpu_seconds=1.0) for k in range(7)]
     found += [failed(7, tool="loose", planner="rrt", checks={})]
     found += [
         failed(k, "not_installed", "no compiler", tool="gone", planner="x", checks={}, seconds={}) for k in range(8)
@@ -227,15 +233,15 @@ def test_a_faster_peer_is_said_to_be_faster_with_what_its_results_are_worth() ->
 
 
 def test_peers_are_compared_on_problems_that_both_solved() -> None:
-    ours = [row(k, total_seconds=1.0) for k in range(3)] + [failed(3, total_seconds=0.001)]
-    theirs = [row(k, "peer", total_seconds=4.0) for k in range(1, 4)]
+    ours = [row(k, cpu_seconds=1.0) for k in range(3)] + [failed(3, cpu_seconds=0.001)]
+    theirs = [row(k, "peer", cpu_seconds=4.0) for k in range(1, 4)]
     (pace,) = paces(sheet(*ours, *theirs))
     assert (pace.problems, pace.ratio.value, pace.faster, pace.verdict) == (2, 4.0, 0, "slower")
 
 
 def test_where_times_overlap_no_difference_is_shown() -> None:
-    ours = [row(k, total_seconds=1.0) for k in range(8)]
-    theirs = [row(k, "peer", total_seconds=0.5 if k % 2 else 2.0) for k in range(8)]
+    ours = [row(k, cpu_seconds=1.0) for k in range(8)]
+    theirs = [row(k, "peer", cpu_seconds=0.5 if k % 2 else 2.0) for k in range(8)]
     (pace,) = paces(sheet(*ours, *theirs))
     assert pace.verdict == "not shown"
     assert pace.faster == 4
@@ -244,8 +250,8 @@ def test_where_times_overlap_no_difference_is_shown() -> None:
 def test_the_time_of_the_path_alone_leaves_out_set_up_proof_and_timing() -> None:
     ours = {"search": 0.01, "polish": 0.01, "certify": 5.0, "timing": 5.0}
     theirs = {"setup": 9.0, "search": 0.04}
-    found = [row(k, seconds=ours, total_seconds=10.02) for k in range(3)]
-    found += [row(k, "peer", seconds=theirs, total_seconds=0.04) for k in range(3)]
+    found = [row(k, seconds=ours, cpu_seconds=10.02) for k in range(3)]
+    found += [row(k, "peer", seconds=theirs, cpu_seconds=0.04) for k in range(3)]
     (pace,) = paces(sheet(*found))
     assert pace.planning.value == pytest.approx(2.0)
     assert pace.ratio.value == pytest.approx(0.04 / 10.02)
