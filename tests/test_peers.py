@@ -404,6 +404,15 @@ def test_an_installation_that_fails_says_why_from_then_on(tmp_path: Path) -> Non
     assert not environment.ready
 
 
+def test_what_is_no_environment_is_never_removed(tmp_path: Path) -> None:
+    environment = Environment.of(PEERS["vamp"], tmp_path)
+    environment.folder.mkdir()
+    (environment.folder / "thesis.txt").write_text("years of work", "utf-8")
+    with pytest.raises(InvalidRequest, match="an environment of a peer"):
+        environment.install(Path(sys.executable))
+    assert (environment.folder / "thesis.txt").is_file()
+
+
 def test_an_environment_of_other_versions_is_not_ready(tmp_path: Path) -> None:
     environment = Environment.of(PEERS["vamp"], tmp_path)
     environment.folder.mkdir()

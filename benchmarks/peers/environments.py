@@ -21,6 +21,9 @@ __all__ = ["FOLDER_VARIABLE", "Environment", "environments_folder", "interpreter
 FOLDER_VARIABLE = "PLANNER_SERVICE_PEERS"
 """The environment variable that names the folder of the environments."""
 
+STATE = "state.json"
+"""The file by which an environment is known to be one."""
+
 INSTALL_SECONDS = 1800.0
 """After which an installation is given up: the slowest compiles for about ten minutes."""
 
@@ -95,7 +98,7 @@ class Environment:
     def state(self) -> str:
         """``installed``, ``not installed``, or why it could not be."""
         try:
-            told = json.loads((self.folder / "state.json").read_text("utf-8"))
+            told = json.loads((self.folder / STATE).read_text("utf-8"))
         except (OSError, ValueError):
             return "not installed"
         if told.get("requirements") != list(self.peer.requirements):
@@ -117,14 +120,27 @@ class Environment:
         return kept | threads | {"PYTHONNOUSERSITE": "1"}
 
     def install(self, python: Path | None = None) -> str:
-        """Make it anew; ``installed``, or why it could not be, which is also what ``state`` says from then on."""
+        """Make it anew; ``installed``, or why it could not be, which is also what ``state`` says from then on.
+
+        Raises:
+            InvalidRequest: something else is in its place, or there is no interpreter for it.
+        """
+        chosen = interpreter(self.peer) if python is None else Path(shutil.which(python) or python).absolute()
+        if self.folder.exists() and any(self.folder.iterdir()) and not (self.folder / STATE).is_file():
+            raise InvalidRequest(
+                FOLDER_VARIABLE, str(self.folder), "a folder that is empty, or an environment of a peer"
+            )
         if self.folder.exists():
             shutil.rmtree(self.folder)
         self.folder.mkdir(parents=True)
-        state = self._installed(interpreter(self.peer) if python is None else python)
-        told = {"state": state, "requirements": list(self.peer.requirements)}
-        write_whole(self.folder / "state.json", json.dumps(told, indent=1) + "\n")
+        self._note("interrupted while it was installed")
+        state = self._installed(chosen)
+        self._note(state)
         return state
+
+    def _note(self, state: str) -> None:
+        told = {"state": state, "requirements": list(self.peer.requirements)}
+        write_whole(self.folder / STATE, json.dumps(told, indent=1) + "\n")
 
     def _installed(self, python: Path) -> str:
         failed = self._call([str(python), "-m", "venv", str(self.folder)], "venv")
