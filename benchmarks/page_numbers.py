@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from benchmarks import statistics
 from benchmarks.rows import Results, Row, states_of
-from benchmarks.statistics import Estimate
+from benchmarks.statistics import FEW, Estimate
 from planner_service import Stage
 
 __all__ = [
@@ -143,11 +145,15 @@ def sheets_of(found: Iterable[Results]) -> tuple[Sheet, ...]:
     for suite, groups in rows.items():
         several = len({tool for tool, _ in groups}) > 1
         named = [
-            Group(f"{tool} {planner}" if several else planner, tool, planner, tuple(found.values()))
+            Group(_name(tool, planner, several), tool, planner, tuple(found.values()))
             for (tool, planner), found in groups.items()
         ]
         sheets.append(Sheet(suite, tuple(named), tuple(headers[suite])))
     return tuple(sheets)
+
+
+def _name(tool: str, planner: str, several: bool) -> str:
+    return f"{tool} {planner}" if several and tool != planner else planner
 
 
 def rejected(row: Row) -> bool:
@@ -164,6 +170,12 @@ def stage_seconds(row: Row, stage: str) -> float:
     """Processor time of a stage: its share of the wall clock, which is what rows tell."""
     wall = math.fsum(spent for name, spent in row["seconds"].items() if name != "setup")
     return seconds(row) * row["seconds"].get(stage, 0.0) / wall if wall > 0.0 else 0.0
+
+
+def planning_seconds(row: Row) -> float | None:
+    """Of these what finding and shortening the path took, without proof, timing and set-up; None if not told."""
+    told = [stage for stage in row["seconds"] if stage not in NOT_PATH]
+    return math.fsum(stage_seconds(row, stage) for stage in told) if told else None
 
 
 def states(row: Row) -> float | None:
@@ -183,22 +195,28 @@ class Pace:
     """How long a peer takes next to us.
 
     Attributes:
-        ratio: Median over the problems both solved of its seconds over ours.
-        planning: The same of the stages that find and shorten the path alone: not proof, not timing.
-        problems: How many problems those are.
+        ratio: Median of its seconds over ours, over the problems both solved; where these are fewer than ``FEW``, over
+            the runs of the same problem and seed.
+        planning: The same of the stages that find and shorten the path alone: not proof, not timing; None where a side
+            does not tell its stages.
+        units: How many problems or runs those are.
+        unit: What they are.
         faster: On how many of them it takes less than we do.
     """
 
     ours: str
     peer: str
     ratio: Estimate
-    planning: Estimate
-    problems: int
+    planning: Estimate | None
+    units: int
+    unit: str
     faster: int
 
     @property
     def verdict(self) -> str:
         """``faster``, ``slower`` or ``not shown``, by the interval of the ratio."""
+        if self.units < FEW:
+            return "not shown"
         if self.ratio.high < 1.0:
             return "faster"
         return "slower" if self.ratio.low > 1.0 else "not shown"
@@ -213,32 +231,42 @@ def paces(sheet: Sheet) -> tuple[Pace, ...]:
 
 
 def _pace(ours: Group, peer: Group) -> Pace | None:
-    whole = _ratios(ours, peer, seconds)
+    unit, key = "problems", _problem
+    whole = _ratios(ours, peer, seconds, key)
+    if len(whole) < FEW:
+        unit, key = "runs", _run
+        whole = _ratios(ours, peer, seconds, key)
     if not whole:
         return None
-    planning = _ratios(ours, peer, planning_seconds)
+    planning = _ratios(ours, peer, planning_seconds, key)
+    path = _median(planning) if planning else None
     faster = sum(ratio < 1.0 for ratio in whole.values())
-    return Pace(ours.name, peer.name, _median(whole), _median(planning), len(whole), faster)
+    return Pace(ours.name, peer.name, _median(whole), path, len(whole), unit, faster)
 
 
-def planning_seconds(row: Row) -> float:
-    """Of these what finding and shortening the path took: neither proof nor timing; nor is a peer's set-up in it."""
-    return math.fsum(stage_seconds(row, stage) for stage in row["seconds"] if stage not in NOT_PATH)
+def _problem(row: Row) -> str:
+    return str(row["problem"])
 
 
-def _ratios(ours: Group, peer: Group, measure: Callable[[Row], float]) -> dict[str, float]:
-    """By problem that both solved: the peer's median over its seeds, over ours."""
-    first, second = _by_problem(ours.done, measure), _by_problem(peer.done, measure)
-    both = [problem for problem in first if problem in second]
-    return {p: second[p] / first[p] for p in both if first[p] > 0.0 and second[p] > 0.0}
+def _run(row: Row) -> str:
+    return f"{row['problem']} seed {row['seed']}"
 
 
-def _by_problem(rows: Sequence[Row], measure: Callable[[Row], float]) -> dict[str, float]:
+def _ratios(ours: Group, peer: Group, measure: Measure, key: Callable[[Row], str]) -> dict[str, float]:
+    """The peer's median over ours, of the rows of both that have the same key."""
+    first, second = _medians(ours.done, measure, key), _medians(peer.done, measure, key)
+    both = [unit for unit in first if unit in second]
+    return {unit: second[unit] / first[unit] for unit in both if first[unit] > 0.0 and second[unit] > 0.0}
+
+
+def _medians(rows: Sequence[Row], measure: Measure, key: Callable[[Row], str]) -> dict[str, float]:
     values: dict[str, list[float]] = {}
     for row in rows:
-        values.setdefault(row["problem"], []).append(measure(row))
-    return {problem: sorted(found)[len(found) // 2] for problem, found in values.items()}
+        value = measure(row)
+        if value is not None:
+            values.setdefault(key(row), []).append(value)
+    return {unit: float(np.median(found)) for unit, found in values.items()}
 
 
 def _median(ratios: Mapping[str, float]) -> Estimate:
-    return statistics.quantile({problem: [ratio] for problem, ratio in ratios.items()}, 0.5)
+    return statistics.quantile({unit: [ratio] for unit, ratio in ratios.items()}, 0.5)

@@ -7,7 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from benchmarks.page_numbers import OURS, Group, Pace, Sheet, paces, planning_seconds, rejected, seconds, states
+from benchmarks.rows import Row
 from benchmarks.statistics import Estimate
 
 __all__ = ["Cell", "Sentence", "Sheaf", "by_kind", "environments", "failures", "overall", "rejects", "statements"]
@@ -128,7 +131,7 @@ def _overall_row(group: Group) -> tuple[Cell, ...]:
         Cell(f"{len(refused)}/{group.audited}", depth, bad=bool(refused)),
         _spread(group, states) if group.counts else Cell("not told"),
         _spread(group, lambda row: 1e3 * seconds(row)),
-        _middle(group, lambda row: 1e3 * planning_seconds(row)),
+        _middle(group, _path_ms),
         Cell(f"{_median(group, 'raw_length')} → {_median(group, 'length')}"),
         Cell(_median(group, "duration")),
         Cell(_median(group, "clearance", 1e3), _least(group)),
@@ -140,6 +143,11 @@ def _spread(group: Group, measure: Any) -> Cell:
     if middle is None or high is None:
         return Cell(NOTHING)
     return Cell(f"{_short(middle.value)} / {_short(high.value)}", f"{_range(middle)}\n{_range(high)}")
+
+
+def _path_ms(row: Row) -> float | None:
+    spent = planning_seconds(row)
+    return None if spent is None else 1e3 * spent
 
 
 def _middle(group: Group, measure: Any) -> Cell:
@@ -205,11 +213,12 @@ def _statement(pace: Pace, groups: Mapping[str, Group]) -> Sentence:
         "not shown": f"Between {pace.peer} and {pace.ours} no difference is shown",
     }[pace.verdict]
     found += f": it takes {_times(pace.ratio)} our processor time"
-    found += f" (median of the {pace.problems} problems both solved; less on {pace.faster} of them)."
-    found += f" For the path alone, without proof and timing, it takes {_times(pace.planning)} ours."
+    found += f" (median of the {pace.units} {pace.unit} both solved; less on {pace.faster} of them)."
+    if pace.planning is not None:
+        found += f" For the path alone, without proof and timing, it takes {_times(pace.planning)} ours."
     found += f" The independent checker refuses {len(peer.rejects)} of its {peer.audited} results,"
     found += f" and {len(ours.rejects)} of {ours.audited} of ours."
-    return Sentence(found, theirs=pace.verdict == "faster" or pace.planning.high < 1.0)
+    return Sentence(found, theirs=pace.verdict == "faster" or (pace.planning is not None and pace.planning.high < 1.0))
 
 
 def _times(estimate: Estimate) -> str:
@@ -224,15 +233,19 @@ def _better(sheet: Sheet, key: str, unit: str, text: str) -> Sentence | None:
     ours = next((group for group in sheet.present if group.tool == OURS), None)
     if ours is None or not sheet.several_tools:
         return None
-    first = {row["problem"]: row[key] for row in ours.done}
     found = []
     for peer in (group for group in sheet.present if group.tool != OURS):
-        pairs = [(first.get(row["problem"]), row[key]) for row in peer.done]
-        both = [(a, b) for a, b in pairs if a is not None and b is not None]
-        a, b = (sorted(values)[len(values) // 2] for values in zip(*both, strict=True)) if both else (0.0, 0.0)
-        if b < a:
-            found.append(f"{peer.name} ({b:.2f} {unit} to our {a:.2f} {unit}, {len(both)} problems)")
+        both = {row["problem"] for row in ours.done} & {row["problem"] for row in peer.done}
+        sides = [[row[key] for row in group.done if row["problem"] in both] for group in (ours, peer)]
+        if all(sides) and not any(None in side for side in sides):
+            a, b = (float(np.median(side)) for side in sides)
+            if b < a:
+                found.append(f"{peer.name} ({b:.2f} {unit} to our {a:.2f} {unit}, {_number(len(both), 'problem')})")
     return Sentence(f"{text} than ours, by the median: {'; '.join(found)}.", theirs=True) if found else None
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def failures(sheet: Sheet) -> Sheaf | None:

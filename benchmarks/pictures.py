@@ -125,7 +125,7 @@ def _boxes(
         axes.set_xlabel(unit)
         axes.grid(axis="y", visible=False)
         if log:
-            _log(axes, [value for _, values in found for value in values])
+            _log(axes)
         return True
 
     return draw
@@ -146,7 +146,7 @@ def _shares(
             heights = np.arange(1, len(values) + 1) / len(group.rows)
             _step(axes, [*values, last], [*heights.tolist(), float(heights[-1])], group, colours, k)
         axes.set_xlabel(unit)
-        _log(axes, [value for _, values in found for value in values])
+        _log(axes)
         _legend(figure, axes)
         return True
 
@@ -173,7 +173,7 @@ def _profiles(
             heights = [(n + 1) / len(common) for n in range(len(row))]
             _step(axes, [1.0, *row, last], [0.0, *heights, heights[-1] if heights else 0.0], group, colours, k)
         axes.set_xlabel("times the best")
-        _log(axes, [1.0, last])
+        _log(axes)
         _legend(figure, axes)
         return True
 
@@ -271,18 +271,20 @@ def _legend(figure: Any, axes: Any, columns: int = 2) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=2.2, columnspacing=1.2)
 
 
-def _log(axes: Any, values: Sequence[float]) -> None:
+def _log(axes: Any) -> None:
     """A logarithmic x axis with plain numbers, more of them where it spans little."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axes.set_xscale("log")
-    spans = np.log10(max(values) / min(values)) if min(values) > 0.0 else 3.0
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if spans > 2.5 else (1.0, 3.0) if spans > 1.2 else FEW))
+    low, high = axes.get_xlim()
+    decades = float(np.log10(high / low))
+    subs = (1.0,) if decades > 2.5 else (1.0, 3.0) if decades > 1.4 else FEW
+    axes.xaxis.set_major_locator(LogLocator(subs=subs))
     axes.xaxis.set_minor_formatter(NullFormatter())
     _plain(axes.xaxis)
 
 
-FEW = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0)
+FEW = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
 """Where numbers stand on a logarithmic axis that spans little more than a decade."""
 
 

@@ -233,10 +233,20 @@ def test_a_faster_peer_is_said_to_be_faster_with_what_its_results_are_worth() ->
 
 
 def test_peers_are_compared_on_problems_that_both_solved() -> None:
-    ours = [row(k, cpu_seconds=1.0) for k in range(3)] + [failed(3, cpu_seconds=0.001)]
-    theirs = [row(k, "peer", cpu_seconds=4.0) for k in range(1, 4)]
+    ours = [row(k, cpu_seconds=1.0) for k in range(8)] + [failed(8, cpu_seconds=0.001)]
+    theirs = [row(k, "peer", cpu_seconds=4.0) for k in range(1, 9)]
     (pace,) = paces(sheet(*ours, *theirs))
-    assert (pace.problems, pace.ratio.value, pace.faster, pace.verdict) == (2, 4.0, 0, "slower")
+    assert (pace.units, pace.unit, pace.ratio.value, pace.faster, pace.verdict) == (7, "problems", 4.0, 0, "slower")
+
+
+def test_of_few_problems_runs_are_compared_and_of_few_runs_nothing_is_said() -> None:
+    ours = [row(0, seed=seed, cpu_seconds=1.0 + seed) for seed in range(6)]
+    theirs = [row(0, "peer", seed=seed, cpu_seconds=3.0 * (1.0 + seed)) for seed in range(6)]
+    (pace,) = paces(sheet(*ours, *theirs))
+    assert (pace.units, pace.unit, pace.verdict) == (6, "runs", "slower")
+    assert pace.ratio.value == pytest.approx(3.0)
+    (pace,) = paces(sheet(*ours[:5], *theirs[:5]))
+    assert (pace.units, pace.verdict) == (5, "not shown")
 
 
 def test_where_times_overlap_no_difference_is_shown() -> None:
@@ -253,14 +263,25 @@ def test_the_time_of_the_path_alone_leaves_out_set_up_proof_and_timing() -> None
     found = [row(k, seconds=ours, cpu_seconds=10.02) for k in range(3)]
     found += [row(k, "peer", seconds=theirs, cpu_seconds=0.04) for k in range(3)]
     (pace,) = paces(sheet(*found))
+    assert pace.planning is not None
     assert pace.planning.value == pytest.approx(2.0)
     assert pace.ratio.value == pytest.approx(0.04 / 10.02)
+
+
+def test_a_side_that_does_not_tell_its_stages_is_compared_as_a_whole() -> None:
+    rows = [row(k, tool="lesson", planner="lesson", seconds={}, cpu_seconds=0.001) for k in range(6)]
+    made = sheet(*map(row, range(6)), *rows)
+    (pace,) = paces(made)
+    assert (pace.peer, pace.planning, pace.verdict) == ("lesson", None, "faster")
+    (told,) = statements(made)
+    assert "For the path alone" not in told.text
+    assert [cell.text for cell in overall(made).rows[1]][5] == "–"
 
 
 def test_shorter_paths_of_a_peer_are_admitted() -> None:
     told = [sentence.text for sentence in statements(sheet(*many())) if sentence.theirs]
     assert any(
-        text.startswith("Shorter paths than ours") and "fast rrt (4.00 rad to our 9.00 rad" in text for text in told
+        text.startswith("Shorter paths than ours") and "fast rrt (4.00 rad to our 8.50 rad" in text for text in told
     )
     assert statements(sheet(row(), row(1, planner="prm"))) == []
 
