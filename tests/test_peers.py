@@ -458,4 +458,5 @@ def test_the_command_writes_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     out = tmp_path / "vamp.jsonl"
     asked = ["run", "--peer", "vamp", "--planner", "fcit", "--problems", "2", "--seeds", "1:3", "--out", str(out)]
     assert running.main(asked, Console(file=StringIO())) == 0
+    assert rows.read(out).header["command"] == ["peers", *asked]
     assert [(row["planner"], row["seed"]) for row in rows.read(out).rows] == [("fcit", 1)] * 2 + [("fcit", 2)] * 2

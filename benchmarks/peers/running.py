@@ -208,13 +208,20 @@ def _unavailable(run: Run, state: str, todo: Sequence[Task]) -> Iterator[results
         yield run.row(Reply(problem, None, {}, "not_installed", state))
 
 
-def run_into(run: Run, out: Path, child: Environment, console: Console) -> None:
-    """Append the rows that are not yet in a results file."""
+def run_into(run: Run, out: Path, child: Environment, console: Console, command: Sequence[str] = ()) -> None:
+    """Append the rows that are not yet in a results file.
+
+    Args:
+        command: What was asked for, for the header of a new file.
+
+    Raises:
+        InvalidRequest: the file's rows are from another environment or commit.
+    """
     header = {
         "version": results.VERSION,
         "suite": run.suite,
         "environment": environment(),
-        "command": ["peers", "run", "--peer", run.peer.name, "--planner", run.planner, "--suite", run.suite],
+        "command": ["peers", *command],
         "settings": {**run.peer.planners[run.planner], "time_limit": run.time_limit, "audit_steps": list(STEPS)},
     }
     found = results.read(out) if out.exists() else results.Results(header, ())
@@ -251,7 +258,8 @@ def main(arguments: Sequence[str], console: Console) -> int:
     peer = peer_named(asked.peer)
     robot, tasks = tasks_of(asked.suite, seeds_of(asked.seeds), asked.problems)
     planner = asked.planner or next(iter(peer.planners))
-    run_into(Run(peer, planner, asked.suite, robot, tasks, asked.time_limit), asked.out, Environment.of(peer), console)
+    run = Run(peer, planner, asked.suite, robot, tasks, asked.time_limit)
+    run_into(run, asked.out, Environment.of(peer), console, arguments)
     return 0
 
 
