@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: demo test lint types bench measures micro clean
 .DEFAULT_GOAL := demo
 
-NATIVE := CMakeLists.txt $(wildcard planner_service/collision/native/*)
+NATIVE := CMakeLists.txt $(wildcard planner_service/*/native/*)
 
 $(BIN)/.ready: pyproject.toml constraints.txt $(NATIVE)
 	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 13) else "Python 3.10 to 3.13 is needed, this is " + sys.version.split()[0] + "; name another with: make PYTHON=python3.12")'

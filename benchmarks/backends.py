@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.collision.checker import Backend
+from planner_service.collision.judge import Backend
 from planner_service.composite import PointCloud
 from planner_service.geometry import Cylinder, FloatArray, Pose
 from planner_service.robot import Robot, load_robot
@@ -64,10 +64,12 @@ def _cloud(scene: Scene) -> Scene:
     return scene.with_obstacle(Obstacle("wall", wall))
 
 
-def checkers(robot: Robot, scene: Scene, padding: float = 0.0) -> tuple[CollisionChecker, CollisionChecker]:
-    """One that uses the kernel if it was built, and the reference."""
+def checkers(
+    robot: Robot, scene: Scene, *, padding: float = 0.0, reference: Backend = "fcl"
+) -> tuple[CollisionChecker, CollisionChecker]:
+    """One that uses the kernel if it was built, and a reference: FCL pair by pair, or "numpy", which takes a tenth."""
     step = JointStep(STEP)
-    backends: tuple[Backend, Backend] = ("auto", "fcl")
+    backends: tuple[Backend, Backend] = ("auto", reference)
     first, second = (CollisionChecker(robot, scene, edge_step=step, padding=padding, backend=b) for b in backends)
     return first, second
 

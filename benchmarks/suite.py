@@ -333,8 +333,8 @@ def _crowds(node: Node) -> Maker | None:
     def make() -> Iterator[Problem]:
         for query in (queries.load(scenes[0])[k] for k in numbers):
             for size in sizes:
-                kind, scene = f"{size} obstacles", crowd(query, size)
-                id = f"{size} obstacles/{query.name}"
+                kind, scene = f"{size} obstacle{'s' * (size != 1)}", crowd(query, size)
+                id = f"{kind}/{query.name}"
                 yield Motion(id, kind, queries.ROBOT, scene, query.start, (query.goal,))
 
     return make

@@ -9,7 +9,7 @@
     print(result.counts, result.trajectory.duration)
 """
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
+from planner_service.certify import Certificate, Certifier, EdgeProof, EdgeVerdict, ExemptInterval, Refusal
 from planner_service.collision import (
     CancelToken,
     CheckCounts,
@@ -87,6 +87,8 @@ __all__ = [
     "Compound",
     "Contact",
     "Cylinder",
+    "EdgeProof",
+    "EdgeVerdict",
     "ExemptInterval",
     "Failure",
     "Handling",

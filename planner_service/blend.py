@@ -14,11 +14,12 @@ every joint limit. Functions here take k blends at once, and one s for each.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry import FloatArray, read_only
+from planner_service.geometry import FloatArray
 
 __all__ = ["STEEPEST", "STEEPEST_SLOPE", "Blends"]
 
@@ -27,8 +28,8 @@ IntArray = NDArray[np.intp]
 STEEPEST, STEEPEST_SLOPE = 0.625, 2.5
 """Largest df/dy, at y = 0, and largest abs of its own slope, at y = -1 and 1."""
 
-BISECTIONS = 60
-"""An interval of length 2 is then shorter than the rounding of its ends."""
+NEWTON_STEPS = 6
+"""From the start chosen here five reach rounding."""
 
 
 def _share(y: FloatArray) -> FloatArray:
@@ -45,40 +46,46 @@ def _integral(y: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Blends:
-    """The blends of a path in order: s of the corners and d, (k,); the corners, u and v, (k, n).
+    """The blends of a path in order: s of the corners and d, (k,); where they begin and end, u and v, (k, n).
 
-    ``turning`` is y where each joint turns back, shape (k, n); 1 where it does not.
+    ``low`` and ``high`` are the box of each corner's three points, (k, n).
     """
 
     s: FloatArray
     width: FloatArray
-    corner: FloatArray
+    start: FloatArray
+    low: FloatArray
+    high: FloatArray
     before: FloatArray
     after: FloatArray
-    turning: FloatArray
 
     @classmethod
     def at(
         cls, s: FloatArray, width: FloatArray, corner: FloatArray, tangents: tuple[FloatArray, FloatArray]
     ) -> Blends:
         """Blends around corners at arc length s, with the tangents before and after them."""
-        parts = (s, width, corner, *tangents, _turning(*tangents))
-        return cls(*(read_only(part) for part in parts))
+        before, after = tangents
+        start, end = corner - before * width[:, None], corner + after * width[:, None]
+        low, high = np.minimum(np.minimum(start, corner), end), np.maximum(np.maximum(start, corner), end)
+        return cls(s, width, start, low, high, before, after)
+
+    @cached_property
+    def turning(self) -> FloatArray:
+        """y where each joint turns back, shape (k, n); 1 where it does not."""
+        return _turning(self.before, self.after)
 
     def position(self, row: IntArray, s: FloatArray) -> FloatArray:
         """Configurations, shape (k, n); never outside the box of the corner's three points."""
-        width, corner = self.width[row, None], self.corner[row]
-        start, end = corner - self.before[row] * width, corner + self.after[row] * width
-        q = start + self._moved(row, self._y(row, s)[:, None])
-        low, high = np.minimum(np.minimum(start, corner), end), np.maximum(np.maximum(start, corner), end)
-        return np.asarray(np.minimum(np.maximum(q, low), high))
+        q = self.start.take(row, axis=0) + self._moved(row, self._y(row, s)[:, None])
+        return np.minimum(np.maximum(q, self.low.take(row, axis=0)), self.high.take(row, axis=0))
 
     def derivative(self, row: IntArray, s: FloatArray, order: int) -> FloatArray:
         """dq/ds (order 1) and its derivatives (2, 3), shape (k, n)."""
-        y = self._y(row, s)[:, None]
-        before, turn, width = self.before[row], self.after[row] - self.before[row], self.width[row, None]
+        y, before = self._y(row, s)[:, None], self.before.take(row, axis=0)
+        turn = self.after.take(row, axis=0) - before
         if order == 1:
             return np.asarray(before + turn * _share(y))
+        width = self.width.take(row)[:, None]
         if order == 2:
             return np.asarray(turn * (STEEPEST * (1.0 - y * y * y * y)) / width)
         return np.asarray(turn * (-STEEPEST_SLOPE * y * y * y) / (width * width))
@@ -86,30 +93,35 @@ class Blends:
     def travel(self, row: IntArray, s: FloatArray) -> FloatArray:
         """What each joint has moved in total since the start of its blend, there and back, shape (k, n)."""
         y = self._y(row, s)[:, None]
-        there = self._moved(row, np.minimum(y, self.turning[row]))
+        there = self._moved(row, np.minimum(y, self.turning.take(row, axis=0)))
         return np.asarray(np.abs(there) + np.abs(self._moved(row, y) - there))
 
     def _y(self, row: IntArray, s: FloatArray) -> FloatArray:
-        y = (s - self.s[row]) / self.width[row]
-        return np.asarray(np.minimum(np.maximum(y, -1.0), 1.0))
+        y = (s - self.s.take(row)) / self.width.take(row)
+        return np.minimum(np.maximum(y, -1.0), 1.0)
 
     def _moved(self, row: IntArray, y: FloatArray) -> FloatArray:
         """q at y, of shape (k, 1) or (k, n), less q at -1."""
         turned = _integral(y)
-        along = self.before[row] * (y + 1.0 - turned) + self.after[row] * turned
-        return np.asarray(along * self.width[row, None])
+        along = self.before.take(row, axis=0) * (y + 1.0 - turned) + self.after.take(row, axis=0) * turned
+        return np.asarray(along * self.width.take(row)[:, None])
 
 
 def _turning(before: FloatArray, after: FloatArray) -> FloatArray:
-    """y at which u + (v - u) f(y) is zero where u and v have different signs, else 1."""
+    """y at which u + (v - u) f(y) is zero where u and v have different signs, else 1.
+
+    f(-y) = 1 - f(y), and with y = z - 1 the root of f(y) is z times the root of a polynomial that is positive where
+    y <= 0: Newton's method on that, which has no double root as f has, starts with the root of its first term.
+    """
     out = np.ones_like(before)
     turns = np.nonzero(before * after < 0.0)
     share = before[turns] / (before[turns] - after[turns])
-    low: FloatArray = np.full(len(share), -1.0)
-    high: FloatArray = np.ones(len(share))
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2.0
-        before_it = _share(middle) < share
-        low, high = np.where(before_it, middle, low), np.where(before_it, high, middle)
-    out[turns] = low
+    wanted = np.sqrt(np.minimum(share, 1.0 - share))
+    z = np.minimum(wanted / np.sqrt(1.25), 1.0)
+    for _ in range(NEWTON_STEPS):
+        rest = 1.25 + z * (-1.25 + z * (0.625 - 0.125 * z))
+        slope = rest + z * (-0.625 + z * (0.625 - 0.1875 * z))
+        root = np.sqrt(rest)
+        z = np.minimum(z + (wanted - z * root) * root / slope, 1.0)
+    out[turns] = np.where(share > 0.5, 1.0 - z, z - 1.0)
     return out

@@ -72,6 +72,8 @@ def numbers(field: str, values: object, expected: str) -> FloatArray:
         array = None
     if array is None or array.dtype.kind not in "iuf":
         raise InvalidRequest(field, values, expected)
+    if array.dtype.itemsize == 8 and array.dtype.kind == "f":
+        return read_only(array)
     with np.errstate(over="ignore"):  # a longer float that becomes infinite is found where finite ones are asked for
         return read_only(array)
 
@@ -79,7 +81,8 @@ def numbers(field: str, values: object, expected: str) -> FloatArray:
 def _disguised(values: object) -> bool:
     """Whether numpy would take something in ``values`` for a number that is none: a boolean or a hidden entry."""
     if isinstance(values, np.ndarray):
-        return values.dtype.kind == "b" or bool(np.any(getattr(values, "mask", False)))
+        mask = getattr(values, "mask", False)
+        return values.dtype.kind == "b" or (mask is not False and bool(np.any(mask)))
     if isinstance(values, (list, tuple)):
         return any(map(_disguised, values))
     return isinstance(values, (bool, np.bool_))

@@ -210,15 +210,27 @@ def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
     R, t = robot.body_poses_batch(Q)
     x, y, z = robot.tool_placement[:3, 3].tolist()
     at = t[:, robot.tool_body] + _turned(R[:, robot.tool_body], (x, y, z))
-    velocity = np.zeros_like(at)
-    index = robot.tool_body
+    chain = _chain(robot)
+    if not chain:
+        return np.zeros(len(t))
+    bodies = [robot.bodies[index] for index in chain]
+    axes = np.array([body.axis for body in bodies])[:, :, None, None]  # here a row per joint, a column per sample
+    columns, origins = R.transpose(1, 3, 2, 0)[chain], t.transpose(1, 2, 0)[chain]
+    moves = columns[:, 0] * axes[:, 0] + columns[:, 1] * axes[:, 1] + columns[:, 2] * axes[:, 2]
+    turns = [not body.prismatic for body in bodies]
+    moves[turns] = _cross(moves[turns], at.T - origins[turns])
+    moves *= Qd.T[[body.q_index for body in bodies], None]
+    velocity = np.add.accumulate(moves, axis=0)[-1]  # in one order: durations depend on it
+    return np.asarray(np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2))
+
+
+def _chain(robot: Robot) -> list[int]:
+    """Moving bodies from the tool's inwards."""
+    chain, index = [], robot.tool_body
     while index > 0:
-        body = robot.bodies[index]
-        u, v, w = body.axis.tolist()
-        axis, rate = _turned(R[:, index], (u, v, w)), Qd[:, body.q_index, None]
-        velocity += rate * (axis if body.prismatic else _cross(axis, at - t[:, index]))
-        index = body.parent
-    return np.asarray(np.sqrt(velocity[:, 0] ** 2 + velocity[:, 1] ** 2 + velocity[:, 2] ** 2))
+        chain.append(index)
+        index = robot.bodies[index].parent
+    return chain
 
 
 def _turned(R: FloatArray, vector: tuple[float, float, float]) -> FloatArray:
@@ -228,7 +240,7 @@ def _turned(R: FloatArray, vector: tuple[float, float, float]) -> FloatArray:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Row by row, in plain arithmetic: durations depend on it."""
+    """Of vectors along the second axis, in plain arithmetic."""
     x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
     return np.stack([x, y, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], axis=1)

@@ -24,16 +24,22 @@ import ompl.base as ob
 import ompl.geometric as og
 import ompl.util as ou
 
-from planner_service.collision.edges import Known
+from planner_service.collision.edges import KNOWN_ENDS, Known
 from planner_service.collision.ledger import SearchStopped
 from planner_service.geometry import FloatArray
-from planner_service.search import GlancingOracle, Oracle, SearchProblem, SearchResult, Space, distances
+from planner_service.search import (
+    Configuration,
+    GlancingOracle,
+    Oracle,
+    SearchProblem,
+    SearchResult,
+    Space,
+    distances,
+)
 
 __all__ = ["Setting", "grow", "solve", "solve_in_batches"]
 
 Setting = float | int | bool
-Configuration = tuple[float, ...]
-
 MAX_SAMPLES = 200_000
 """Samples of one batch planner at most; its neighbourhoods would fill the memory first."""
 
@@ -44,6 +50,10 @@ be going in circles (measured: BITstar 6,732 near its optimum, all others below 
 MAX_REPEATS = 200
 """Known edges asked in a row without a look at the termination condition. OMPL 2.0.1's AORRTC extends a
 tree for ever over known edges once its bound on the length excludes the rest; a "no" frees it."""
+
+MAX_REFUTED = 3
+"""Paths with an edge that was not free after all, after which no edge is only looked at: where the samples of a first
+look are too far apart for a scene, thousands of such paths may follow each other."""
 
 # OMPL's seed source is global to the process, and so is the lock that makes queries repeatable.
 _turn = threading.Lock()
@@ -72,13 +82,15 @@ class _Judge:
     """
 
     def __init__(self, space: Space, free: Iterable[Configuration] = (), *, glance: bool = False) -> None:
-        self._oracle: Oracle = space.oracle
-        self._glancing = self._oracle if glance and isinstance(self._oracle, GlancingOracle) else None
+        oracle = space.oracle
+        self._oracle = oracle if isinstance(oracle, GlancingOracle) else _OfArrays(oracle)
+        self._glances = glance and isinstance(oracle, GlancingOracle)
+        self._look = self._oracle.edge_seems_free if self._glances else self._oracle.edge_is_free
         self._poll = space.poll
         self._span = slice(0, len(space.lower))
         self._free = set(free)
         self._edges: dict[tuple[Configuration, Configuration], bool] = {}
-        self._idle = self._repeats = self._looks = 0
+        self._idle = self._repeats = self._looks = self._refuted = 0
         self.held: Exception | None = None
 
     @property
@@ -94,7 +106,7 @@ class _Judge:
             return False
         try:
             self._idle = self._repeats = 0
-            free = bool(self._oracle.state_is_free(np.array(q)))
+            free = bool(self._oracle.state_is_free(q))
         except Exception as error:
             self._hold(error)
             return False
@@ -123,28 +135,35 @@ class _Judge:
 
     def between(self, a: Configuration, b: Configuration) -> bool:
         """The verdict on one edge, from memory if it was judged before, in either direction."""
-        key = _key(a, b)
-        if key not in self._edges:
+        key = (a, b) if a <= b else (b, a)
+        free = self._edges.get(key)
+        if free is None:
             self._idle = self._repeats = 0
-            known = (Known.START if a in self._free else Known.NEITHER) | (
-                Known.END if b in self._free else Known.NEITHER
-            )
-            judge = self._oracle.edge_is_free if self._glancing is None else self._glancing.edge_seems_free
-            self._edges[key] = bool(judge(np.array(a), np.array(b), known=known))
-            if self._edges[key]:
-                self._free.update(key)
-        return self._edges[key]
+            known = KNOWN_ENDS[(a in self._free) + 2 * (b in self._free)]
+            free = self._edges[key] = bool(self._look(a, b, known=known))
+            if free:
+                self._free.add(a)
+                self._free.add(b)
+        return free
 
     def confirmed(self, points: list[Configuration]) -> bool:
         """Whether every piece of a path is free, of which some were only looked at so far; one that is not is kept."""
         for a, b in pairwise(points):
             if not self.between(a, b):
                 return False
-            if self._glancing is not None and not self._oracle.edge_is_free(np.array(a), np.array(b), known=Known.BOTH):
+            if self._glances and not self._oracle.edge_is_free(a, b, known=Known.BOTH):
                 self._edges[_key(a, b)] = False
                 self._idle, self._looks = -self._looks, 0  # growing again asks nothing new for as long as it took
+                self._refute()
                 return False
         return True
+
+    def _refute(self) -> None:
+        """Note that a path had an edge that is not free; look no more, and no more trust looks, after too many."""
+        self._refuted += 1
+        if self._refuted == MAX_REFUTED:
+            self._look = self._oracle.edge_is_free
+            self._edges = {key: free for key, free in self._edges.items() if not free}
 
     def over(self) -> bool:
         """Whether a limit was reached, asking ``poll`` too: some planners spin without judging anything."""
@@ -170,7 +189,26 @@ class _Judge:
 
     def close(self) -> None:
         """Let go of the oracle: OMPL's objects live as long as a traceback does, and they hold this judge."""
-        del self._oracle, self._glancing, self._poll
+        del self._oracle, self._look, self._poll
+
+
+class _OfArrays:
+    """An oracle that takes arrays, asked with tuples."""
+
+    def __init__(self, oracle: Oracle) -> None:
+        self._oracle = oracle
+
+    @property
+    def states(self) -> int:
+        return self._oracle.states
+
+    def state_is_free(self, q: Configuration) -> bool:
+        return self._oracle.state_is_free(np.array(q))
+
+    def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        return self._oracle.edge_is_free(np.array(q1), np.array(q2), known=known)
+
+    edge_seems_free = edge_is_free
 
 
 class _Motions(ob.MotionValidator):  # type: ignore[misc]

@@ -8,13 +8,12 @@ from collections.abc import Iterable
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
 from planner_service.geometry import FloatArray
+from planner_service.search import Configuration
 
 __all__ = ["SearchOracle"]
 
 TELLING_MOTIONS = 20
 """Motions tried at an end, all in vain, before a user is told that it is boxed in."""
-
-Configuration = tuple[float, ...]
 
 
 class SearchOracle:
@@ -27,59 +26,63 @@ class SearchOracle:
         self, checker: CollisionChecker, starts: Iterable[FloatArray] = (), goals: Iterable[FloatArray] = ()
     ) -> None:
         self._checker = checker
-        self._free_edges: set[tuple[Configuration, Configuration]] = set()
-        self._glanced: set[tuple[Configuration, Configuration]] = set()
+        self._edges: dict[tuple[Configuration, Configuration], bool] = {}
+        """Those not found to collide, in either direction, and whether all their samples were judged."""
         self._starts: set[Configuration] = {tuple(start.tolist()) for start in starts}
         self._goals: set[Configuration] = {tuple(goal.tolist()) for goal in goals}
+        self._ends = self._starts | self._goals
         self._motions = {"start": Counter[bool](), "goal": Counter[bool]()}
 
     @property
     def states(self) -> int:
         """States counted so far."""
-        return self._checker.counts.states
+        return self._checker.ledger.states
 
-    def state_is_free(self, q: FloatArray) -> bool:
+    def state_is_free(self, q: FloatArray | Configuration) -> bool:
         """Whether q (n,) is free with the padding of the search."""
         return self._checker.state_is_free(q)
 
-    def edge_is_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+    def edge_is_free(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> bool:
         """Whether the edge is free with the padding of the search."""
         return self.edge_hit(q1, q2, known=known) is None
 
-    def edge_hit(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> EdgeHit | None:
+    def edge_hit(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> EdgeHit | None:
         """Where the edge collides with the padding of the search, None when it is free; a free edge is judged once."""
-        if self.proved(q1, q2):
+        a, b = _tuple(q1), _tuple(q2)
+        key = (a, b) if a <= b else (b, a)
+        judged = self._edges.get(key)
+        if judged:
             return None
-        key = _key(q1, q2)
-        if key in self._glanced:
-            self._glanced.discard(key)
-            hit = self._checker.edge_rest(q1, q2)
+        if judged is None:
+            hit = self._checker.edge_hit(a, b, known=known)
+            self._note(a, b, free=hit is None)
         else:
-            hit = self._checker.edge_hit(q1, q2, known=known)
-            self._note(key, free=hit is None)
+            del self._edges[key]
+            hit = self._checker.edge_rest(a, b)
         if hit is None:
-            self._free_edges.add(key)
+            self._edges[key] = True
         return hit
 
-    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """Whether a first look at a few samples of the edge finds no collision; ``edge_is_free`` judges the others."""
-        key = _key(q1, q2)
-        if key in self._free_edges or key in self._glanced:
+        key = (q1, q2) if q1 <= q2 else (q2, q1)
+        if key in self._edges:
             return True
-        free = self._checker.edge_glance(q1, q2, known=known) is None
+        free = self._checker.edge_seems_free(q1, q2, known=known)
         if free:
-            self._glanced.add(key)
-        self._note(key, free=free)
+            self._edges[key] = False
+        self._note(q1, q2, free=free)
         return free
 
-    def _note(self, key: tuple[Configuration, Configuration], *, free: bool) -> None:
-        for end, configurations in (("start", self._starts), ("goal", self._goals)):
-            if configurations.intersection(key):
-                self._motions[end][free] += 1
-
-    def proved(self, q1: FloatArray, q2: FloatArray) -> bool:
-        """Whether this very edge was found free before, in either direction."""
-        return _key(q1, q2) in self._free_edges
+    def _note(self, a: Configuration, b: Configuration, *, free: bool) -> None:
+        """Remember how a motion at an end fared."""
+        if a in self._ends or b in self._ends:
+            for end, configurations in (("start", self._starts), ("goal", self._goals)):
+                self._motions[end][free] += a in configurations or b in configurations
 
     def boxed_in(self) -> str:
         """Which end no motion could leave, as the end of a sentence; empty when both could be left."""
@@ -90,7 +93,5 @@ class SearchOracle:
         )
 
 
-def _key(q1: FloatArray, q2: FloatArray) -> tuple[Configuration, Configuration]:
-    """An edge and its reverse alike."""
-    a, b = tuple(q1.tolist()), tuple(q2.tolist())
-    return (a, b) if a <= b else (b, a)
+def _tuple(q: FloatArray | Configuration) -> Configuration:
+    return q if isinstance(q, tuple) else tuple(q.tolist())

@@ -14,21 +14,25 @@ from planner_service.geometry import FloatArray
 from planner_service.kinematics import tool_speeds
 from planner_service.outcome import Failure, MotionReport, Reason, Stage
 from planner_service.path import JointPath
-from planner_service.peaks import peaks
 from planner_service.request import PlanRequest, require_scale, require_timing, require_tool_speed
 from planner_service.robot import JointLimits, Robot
 from planner_service.stagebook import NoPlan, StageBook
 from planner_service.stretch import SpeedLimit
-from planner_service.timing import Timing, TimingFailed, held_limits, stop_duration
+from planner_service.timing import Timing, TimingFailed, held_limits, measured, stop_duration
 from planner_service.trajectory import Trajectory
 
 __all__ = ["Pace", "peak_tool_speed", "timed"]
 
-_SAMPLES = 400
+_SPACING = 0.04
+"""Radians of path between first samples, on average: joints that turn so little bend the tool's way by as little."""
+
 _CLOSER_LOOKS = 4
-_HIGH = 0.99
-"""Part of the highest sample: lower peaks are not looked at more closely."""
-_SPLITS = 16
+
+_SPLITS = np.arange(8) / 8
+
+_MISSED, _CLOSER = 0.01, 64.0
+"""Share by which speed may be higher between two first samples than at them, at most, and by how much less between
+samples eight times closer: it is smooth between the ends of pieces of time, which are sampled themselves."""
 
 
 @dataclass(frozen=True)
@@ -82,17 +86,17 @@ def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[T
     limits = pace.limits(robot)
     with book.during(Stage.TIMING) as entry:
         try:
-            trajectory = pace.timing.time_path(path, limits, speed_limit=_speed_limit(path, pace, robot))
+            trajectory, found = measured(pace.timing, path, limits, _speed_limit(path, pace, robot))
             tool_speed = peak_tool_speed(robot, trajectory)
             if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
-                trajectory = trajectory.dilated(tool_speed / pace.max_tool_speed)
-                tool_speed = pace.max_tool_speed
-            stops = _stop_duration(trajectory, pace, robot)
+                factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
+                trajectory, found = trajectory.dilated(factor), found.dilated(factor)
+            stops = _stop_duration(trajectory, pace, robot, limits)
         except TimingFailed as failed:
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
         entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
         settle = robot.settle_time if path.length > 0.0 else 0.0
-        return trajectory, MotionReport(peaks(trajectory, limits), tool_speed, trajectory.duration, stops, settle)
+        return trajectory, MotionReport(found, tool_speed, trajectory.duration, stops, settle)
 
 
 def _speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
@@ -108,9 +112,9 @@ def _speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None
     return limit
 
 
-def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot) -> float:
+def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot, limits: JointLimits) -> float:
     """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
-    path, limits = trajectory.path, pace.limits(robot)
+    path = trajectory.path
     if not np.any(path.blended):
         return trajectory.duration
     try:
@@ -131,14 +135,22 @@ def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
     """The largest speed in m/s of the tool frame's origin, to about nine digits."""
     if not len(trajectory.durations):
         return 0.0
-    t = np.union1d(trajectory.knots, np.linspace(0.0, trajectory.duration, _SAMPLES))
-    best = 0.0
+    t, best, missed = _instants(trajectory), 0.0, _MISSED
     for _ in range(_CLOSER_LOOKS + 1):
-        speeds = tool_speeds(robot, trajectory(t), trajectory(t, 1))
+        speeds = tool_speeds(robot, *trajectory.moving(t))
         best = max(best, float(speeds.max()))
-        rising, falling = speeds[1:] >= speeds[:-1], speeds[:-1] >= speeds[1:]
-        tops = np.concatenate([[True], rising]) & np.concatenate([falling, [True]])
-        near = np.flatnonzero(tops & (speeds > best * _HIGH))
-        before, after = t[np.maximum(near - 1, 0)], t[np.minimum(near + 1, len(t) - 1)]
-        t = np.unique(before[:, None] + (after - before)[:, None] * (np.arange(_SPLITS + 1) / _SPLITS))
+        (near,) = (np.maximum(speeds[1:], speeds[:-1]) > best * (1.0 - missed)).nonzero()
+        closer = t[near, None] + (t[near + 1] - t[near])[:, None] * _SPLITS
+        t, missed = np.unique(np.concatenate([closer.reshape(-1), t[near + 1]])), missed / _CLOSER
     return best
+
+
+def _instants(trajectory: Trajectory) -> FloatArray:
+    """Where a look at a trajectory begins: the ends of its pieces of time, and between them where it moves far."""
+    starts = trajectory.coefficients[:, 0]
+    lengths = np.concatenate([starts[1:], [trajectory.path.length]]) - starts
+    counts = np.maximum(np.ceil(lengths / _SPACING), 1.0).astype(np.intp)
+    piece = np.repeat(np.arange(len(counts)), counts)
+    within = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
+    t = trajectory.knots[piece] + trajectory.durations[piece] * (within / counts[piece])
+    return np.minimum(np.concatenate([t, [trajectory.duration]]), trajectory.duration)

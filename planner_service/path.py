@@ -7,9 +7,10 @@ along the polyline through the waypoints, also where corners are blended.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -42,21 +43,26 @@ degrees, the path parameter would run on while the robot stands still."""
 
 ORDERS = range(4)
 
+FLOAT64 = np.dtype(np.float64)
+
 
 def _distances(points: FloatArray) -> FloatArray:
     """L2 distance between successive rows, summed joint by joint (equal bits on every processor)."""
     with np.errstate(over="ignore"):  # an infinite length is found where it is asked for
         steps = points[1:] - points[:-1]
-        total = np.zeros(len(steps))
-        for i in range(points.shape[1]):
-            total += steps[:, i] * steps[:, i]
-        return np.sqrt(total)
+        return np.asarray(np.sqrt(np.add.accumulate(steps * steps, axis=1)[:, -1]))
 
 
 def within(name: str, value: ArrayLike, end: float) -> FloatArray:
-    """``value`` as an array inside [0, end], forgiving an overshoot of rounding size."""
-    x = numbers(name, value, f"numbers in [0, {end:.9g}]")
-    if not np.all((x >= -OVERSHOOT) & (x <= end + OVERSHOOT)):  # also False for NaN
+    """``value`` as an array inside [0, end], forgiving an overshoot of rounding size; not copied if it is one."""
+    plain = type(value) is np.ndarray and value.dtype is FLOAT64
+    x = value if plain else numbers(name, value, f"numbers in [0, {end:.9g}]")
+    if not x.size:
+        return x
+    low, high = x.min(), x.max()
+    if low >= 0.0 and high <= end:
+        return x
+    if not (low >= -OVERSHOOT and high <= end + OVERSHOOT):  # also for NaN
         raise InvalidRequest(name, value, f"numbers in [0, {end:.9g}]")
     return np.clip(x, 0.0, end)
 
@@ -78,15 +84,16 @@ def _waypoints(values: Any) -> FloatArray:
     return points
 
 
-def _widths(values: Any, count: int) -> FloatArray:
+def _widths(values: Any, count: int) -> list[float]:
     """Blend widths for ``count`` waypoints; none given are all 0."""
     expected = f"{count} finite numbers, each 0 or at least {NARROWEST:g}, the first and the last 0, or none"
-    widths = numbers("blends", values, expected)
-    if widths.shape == (0,):
-        return np.zeros(count)
-    good = widths.shape == (count,) and np.all(np.isfinite(widths) & ((widths == 0.0) | (widths >= NARROWEST)))
+    given = numbers("blends", values, expected)
+    if given.shape == (0,):
+        return [0.0] * count
+    widths: list[float] = given.tolist()
+    good = given.shape == (count,) and all(width == 0.0 or NARROWEST <= width < math.inf for width in widths)
     if not good or widths[0] > 0.0 or widths[-1] > 0.0:
-        raise InvalidRequest("blends", widths.tolist(), expected)
+        raise InvalidRequest("blends", widths, expected)
     return widths
 
 
@@ -97,7 +104,7 @@ def _merged(points: FloatArray) -> FloatArray:
     if not math.isfinite(total):
         raise InvalidRequest("waypoints", float(np.abs(points).max()), "joint values whose path has a finite length")
     near = max(MERGE, 2e-15 * total)  # so that arc length grows with every waypoint in spite of rounding
-    if not np.any(steps <= near):
+    if not steps.size or steps.min() > near:
         return points
     kept = [0]
     for k in range(1, len(points)):
@@ -110,6 +117,71 @@ def _merged(points: FloatArray) -> FloatArray:
         if _distances(points[[kept[-1], last]])[0] > 0.0:
             kept.append(last)
     return points[kept]
+
+
+@dataclass(frozen=True, eq=False)
+class _Polyline:
+    """What a path has whatever its blends: points (N, n), s at each, and of the pieces lengths and unit tangents.
+
+    ``lines`` are a start, a difference and an end for each piece, (N - 1, n) each; ``turns`` the indices of the inner
+    points where the direction changes by more than rounding.
+    """
+
+    points: FloatArray
+    knots: FloatArray
+    lengths: FloatArray
+    tangents: FloatArray
+    lines: tuple[FloatArray, FloatArray, FloatArray]
+    turns: tuple[int, ...]
+
+    @classmethod
+    def through(cls, points: FloatArray) -> _Polyline:
+        """The polyline through points of which none coincides with the one before it."""
+        steps = _distances(points)
+        knots = read_only(list(accumulate(steps.tolist(), initial=0.0)))
+        lengths, moves = knots[1:] - knots[:-1], points[1:] - points[:-1]
+        tangents = moves / steps[:, np.newaxis]
+        turns: tuple[int, ...] = ()
+        if len(points) > 2:
+            change = np.abs(tangents[1:] - tangents[:-1]).max(axis=1)
+            inverse = 1.0 / lengths
+            noise = ROUNDING * np.abs(points).max() * (inverse[1:] + inverse[:-1])
+            turns = tuple(k + 1 for k in np.flatnonzero(change > COLLINEAR + noise).tolist())
+        return cls(read_only(points), knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
+
+    def turns_back(self, k: int) -> bool:
+        """Whether the corner at inner point k all but turns back."""
+        forward = self.tangents[k - 1] + self.tangents[k]
+        return math.fsum((forward * forward).tolist()) < FORWARD * FORWARD
+
+
+def _allowed_blends(polyline: _Polyline, widths: Sequence[float]) -> list[float]:
+    """The widths at corners, 0 elsewhere."""
+    kept, lengths = [0.0] * len(widths), polyline.lengths.tolist()
+    for k in polyline.turns:
+        kept[k] = widths[k]
+        if kept[k] > 0.0 and polyline.turns_back(k):
+            raise InvalidRequest(f"blends[{k}]", kept[k], "0 at a corner that turns back")
+    over = [a + b - length for (a, b), length in zip(pairwise(kept), lengths, strict=True)]
+    if any(excess > OVERSHOOT * max(pair) for excess, pair in zip(over, pairwise(kept), strict=True)):
+        k = over.index(max(over))
+        expected = "no more together than the piece between them is long"
+        raise InvalidRequest(f"blends[{k}:{k + 2}]", kept[k : k + 2], expected)
+    return kept
+
+
+def _pieces(knots: Sequence[float], blends: Sequence[float]) -> Iterator[tuple[float, int, int]]:
+    """Each piece between breaks: where it starts, the line it is part of, and the row of its blend or -1."""
+    row, at = -1, 0.0
+    for k in range(len(knots) - 1):
+        if blends[k] > 0.0:
+            row += 1
+            yield at, k, row
+            at = knots[k] + blends[k]
+        end = knots[k + 1] - blends[k + 1]
+        if end > at:
+            yield at, k, -1
+            at = end
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,62 +213,51 @@ class JointPath:
     knots: FloatArray = field(init=False)
     breaks: FloatArray = field(init=False)
     blended: NDArray[np.bool_] = field(init=False)
-    _tangents: FloatArray = field(init=False)
+    _polyline: _Polyline = field(init=False)
     _lines: NDArray[np.intp] = field(init=False)
     _rows: NDArray[np.intp] = field(init=False)
-    _curves: Blends = field(init=False)
-    _travelled: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         given = _waypoints(self.waypoints)
         points = _merged(given)
-        steps = _distances(points)
         widths = _widths(self.blends, len(given))
         if len(points) < len(given):
-            if np.any(widths > 0.0):
+            if any(widths):
                 raise InvalidRequest("blends", len(given) - len(points), "waypoints that do not coincide")
-            widths = np.zeros(len(points))
-        object.__setattr__(self, "waypoints", read_only(points))
-        object.__setattr__(self, "knots", read_only(list(accumulate(steps.tolist(), initial=0.0))))
-        object.__setattr__(self, "_tangents", read_only((points[1:] - points[:-1]) / steps[:, np.newaxis]))
-        object.__setattr__(self, "blends", read_only(self._allowed_blends(widths)))
+            widths = widths[: len(points)]
+        self._lay(_Polyline.through(points), widths)
+
+    def _lay(self, polyline: _Polyline, widths: Sequence[float]) -> None:
+        """Become the curve along a polyline with blends as wide as that."""
+        blends = _allowed_blends(polyline, widths)
+        pieces = list(_pieces(polyline.knots.tolist(), blends))
+        rows = np.array([piece[2] for piece in pieces], dtype=np.intp)
+        told = {
+            "waypoints": polyline.points,
+            "blends": read_only(blends),
+            "knots": polyline.knots,
+            "breaks": read_only([*(piece[0] for piece in pieces), polyline.knots[-1]]),
+            "blended": rows >= 0,
+            "_polyline": polyline,
+            "_lines": np.array([piece[1] for piece in pieces], dtype=np.intp),
+            "_rows": rows,
+        }
+        for name, value in told.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def _curves(self) -> Blends:
         rows = np.flatnonzero(self.blends > 0.0)
-        tangents = (self._tangents[rows - 1], self._tangents[rows])
-        object.__setattr__(self, "_curves", Blends.at(self.knots[rows], self.blends[rows], points[rows], tangents))
-        pieces = list(self._pieces())
-        object.__setattr__(self, "breaks", read_only([*(piece[0] for piece in pieces), self.length]))
-        object.__setattr__(self, "_lines", np.array([piece[1] for piece in pieces], dtype=np.intp))
-        object.__setattr__(self, "_rows", np.array([piece[2] for piece in pieces], dtype=np.intp))
-        object.__setattr__(self, "blended", self._rows >= 0)
-        moves = self._moved(np.arange(len(pieces)), self.breaks[1:])
-        object.__setattr__(self, "_travelled", np.concatenate([np.zeros((1, self.n)), np.cumsum(moves, axis=0)]))
+        tangents = self._polyline.tangents
+        return Blends.at(
+            self.knots[rows], self.blends[rows], self.waypoints[rows], (tangents[rows - 1], tangents[rows])
+        )
 
-    def _allowed_blends(self, widths: FloatArray) -> FloatArray:
-        kept = np.zeros(len(widths))
-        turning = list(self._turns())
-        kept[turning] = widths[turning]
-        for k in turning:
-            if kept[k] > 0.0 and self.turns_back(k):
-                raise InvalidRequest(f"blends[{k}]", float(kept[k]), "0 at a corner that turns back")
-        over = kept[:-1] + kept[1:] - (self.knots[1:] - self.knots[:-1])
-        if np.any(over > OVERSHOOT * np.maximum(kept[:-1], kept[1:])):
-            k = int(over.argmax())
-            found = [float(kept[k]), float(kept[k + 1])]
-            raise InvalidRequest(f"blends[{k}:{k + 2}]", found, "no more together than the piece between them is long")
-        return kept
-
-    def _pieces(self) -> Iterator[tuple[float, int, int]]:
-        """Each piece between breaks: where it starts, the line it is part of, and the row of its blend or -1."""
-        row, at = -1, 0.0
-        for k in range(len(self.waypoints) - 1):
-            if self.blends[k] > 0.0:
-                row += 1
-                yield at, k, row
-                at = float(self.knots[k] + self.blends[k])
-            end = float(self.knots[k + 1] - self.blends[k + 1])
-            if end > at:
-                yield at, k, -1
-                at = end
+    @cached_property
+    def _travelled(self) -> FloatArray:
+        """What each joint has moved in total up to each break, (m + 1, n)."""
+        moves = self._moved(np.arange(len(self._lines)), self.breaks[1:])
+        return np.concatenate([np.zeros((1, self.n)), np.cumsum(moves, axis=0)])
 
     def __repr__(self) -> str:
         blended = f", {int(self.blended.sum())} blends" if np.any(self.blended) else ""
@@ -215,23 +276,18 @@ class JointPath:
     @property
     def corners(self) -> tuple[int, ...]:
         """Indices of the inner waypoints where the direction jumps: no finite acceleration passes them at speed."""
-        return tuple(k for k in self._turns() if not self.blends[k] > 0.0)
-
-    def _turns(self) -> tuple[int, ...]:
-        """Indices of the inner waypoints where the polyline's direction changes by more than rounding."""
-        turns = np.abs(self._tangents[1:] - self._tangents[:-1]).max(axis=1, initial=0.0)
-        lengths = self.knots[1:] - self.knots[:-1]
-        noise = ROUNDING * np.abs(self.waypoints).max() * (1.0 / lengths[1:] + 1.0 / lengths[:-1])
-        return tuple(int(k) + 1 for k in np.flatnonzero(turns > COLLINEAR + noise))
+        blends = self.blends.tolist()
+        return tuple(k for k in self._polyline.turns if not blends[k] > 0.0)
 
     def turns_back(self, k: int) -> bool:
         """Whether the corner at inner waypoint k all but turns back, so that it cannot be blended."""
-        forward = self._tangents[k - 1] + self._tangents[k]
-        return math.fsum((forward * forward).tolist()) < FORWARD * FORWARD
+        return self._polyline.turns_back(k)
 
     def with_blends(self, blends: ArrayLike | None) -> JointPath:
         """The same polyline with other blends, shape (N,); with a stop at every corner if None."""
-        return JointPath(self.waypoints, np.zeros(0) if blends is None else numbers("blends", blends, "shape (N,)"))
+        path = object.__new__(JointPath)
+        path._lay(self._polyline, _widths(() if blends is None else blends, len(self.waypoints)))
+        return path
 
     def __call__(self, s: ArrayLike, order: int = 0) -> FloatArray:
         """Configurations (order 0), tangents dq/ds (1), their derivatives (2, 3), shape (..., n) for s of shape (...).
@@ -249,35 +305,38 @@ class JointPath:
             return np.broadcast_to(value, (*at.shape, self.n)).copy()
         flat = at.reshape(-1)
         out = self.on_pieces(self.pieces_at(flat), flat, order)
-        if order == 0:  # bit for bit, also where a blend reaches to an end
+        if order == 0 and (self.blended[0] or self.blended[-1]):  # bit for bit, also where a blend reaches to an end
             out[flat == 0.0], out[flat == self.length] = self.waypoints[0], self.waypoints[-1]
         return out.reshape(*at.shape, self.n)
 
     def pieces_at(self, s: FloatArray) -> NDArray[np.intp]:
         """The piece between breaks in which each s of [0, length] lies, the later one at a break."""
-        return np.minimum(np.searchsorted(self.breaks, s, side="right") - 1, len(self._lines) - 1)
+        return np.minimum(self.breaks.searchsorted(s, side="right") - 1, len(self._lines) - 1)
 
     def on_pieces(self, piece: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
         """q or a derivative at s = ``at``, each continued from its own piece; (k,) and (k,) in, (k, n) out."""
-        lines, rows = self._lines[piece], self._rows[piece]
+        rows = self._rows.take(piece)
+        (on,) = (rows >= 0).nonzero()
+        if 0 < len(on) == len(rows):
+            return self._on_blends(rows, at, order)
         if order == 0:
-            out = self._between(lines, at)
+            out = self._between(self._lines.take(piece), at)
         elif order == 1:
-            out = self._tangents[lines]
+            out = self._polyline.tangents.take(self._lines.take(piece), axis=0)
         else:
             out = np.zeros((len(at), self.n))
-        on = np.flatnonzero(rows >= 0)
         if len(on):
-            curve, row, s = self._curves, rows[on], at[on]
-            out[on] = curve.position(row, s) if order == 0 else curve.derivative(row, s, order)
+            out[on] = self._on_blends(rows.take(on), at.take(on), order)
         return out
 
+    def _on_blends(self, row: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
+        return self._curves.position(row, at) if order == 0 else self._curves.derivative(row, at, order)
+
     def _between(self, line: NDArray[np.intp], at: FloatArray) -> FloatArray:
-        a, b = self.waypoints[line], self.waypoints[line + 1]
-        start, end = self.knots[line], self.knots[line + 1]
-        share = ((at - start) / (end - start))[..., np.newaxis]
-        # share < 1 keeps the rounded product below b - a, so no joint passes its waypoint, which may be a limit
-        return np.where(share < 1.0, a + (b - a) * share, b)
+        start, move, end = (table.take(line, axis=0) for table in self._polyline.lines)
+        share = ((at - self.knots.take(line)) / self._polyline.lengths.take(line))[..., np.newaxis]
+        # share < 1 keeps the rounded product below the move, so no joint passes its waypoint, which may be a limit
+        return np.where(share < 1.0, start + move * share, end)
 
     def travel(self, s: ArrayLike) -> FloatArray:
         """What each joint has moved in total from the start to s, there and back, shape (..., n) for s of shape (...).
@@ -290,16 +349,32 @@ class JointPath:
             return np.zeros((*at.shape, self.n))
         flat = at.reshape(-1)
         piece = self.pieces_at(flat)
-        total: FloatArray = self._travelled[piece] + self._moved(piece, flat)
+        total: FloatArray = self._travelled.take(piece, axis=0) + self._moved(piece, flat)
         return total.reshape(*at.shape, self.n)
 
     def _moved(self, piece: NDArray[np.intp], at: FloatArray) -> FloatArray:
         """What each joint has moved from the start of a piece to s = ``at``; (k,) and (k,) in, (k, n) out."""
-        out = np.abs(self._tangents[self._lines[piece]]) * (at - self.breaks[piece])[:, np.newaxis]
-        on = np.flatnonzero(self._rows[piece] >= 0)
+        rows = self._rows.take(piece)
+        out = np.abs(self._polyline.tangents.take(self._lines.take(piece), axis=0))
+        out *= (at - self.breaks.take(piece))[:, np.newaxis]
+        (on,) = (rows >= 0).nonzero()
         if len(on):
-            out[on] = self._curves.travel(self._rows[piece[on]], at[on])
-        return np.asarray(out)
+            out[on] = self._curves.travel(rows.take(on), at.take(on))
+        return out
+
+    @property
+    def tables(self) -> tuple[NDArray[Any], ...]:
+        """What ``__call__`` and ``travel`` look up, for compiled code that does the same, to the last bit.
+
+        Waypoints (N, n), knots (N,), tangents of the lines between (N - 1, n), breaks (m + 1,); of each piece between
+        breaks its line and its blend, or -1, (m,) each; what was travelled at each break, (m + 1, n); of each blend
+        its s, width, corner, tangent before and after, and where joints turn back, (k, 2 + 4 n).
+        """
+        c = self._curves
+        corners = self.waypoints[self.blends > 0.0]
+        blends = np.column_stack([c.s, c.width, corners, c.before, c.after, c.turning])
+        lines = (self._lines, self._rows, self._travelled, blends)
+        return (self.waypoints, self.knots, self._polyline.tangents, self.breaks, *lines)
 
     def reversed(self) -> JointPath:
         """The same curve from its end to its start."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -28,8 +29,11 @@ STANDING = 1e-12
 EXACT = 1e-12
 """A peak on a blend is found to this relative error, a thousandth of the tolerance."""
 
-MAX_SPLITS = 60
-"""Of an interval of time in two: beyond, its ends are the same number."""
+MAX_ROUNDS = 300
+"""Of splitting intervals of time; every fifth time they are halved, and after 60 halvings their ends are one number."""
+
+AT_ONCE = 24
+"""Intervals split at once: those with the highest bounds first, since a peak found there rules out most of the rest."""
 
 
 class Peak(NamedTuple):
@@ -40,6 +44,11 @@ class Peak(NamedTuple):
     time: float
 
 
+NONE = Peak(0.0, 0, 0.0)
+
+ORDERS = ("velocity", "acceleration", "jerk")
+
+
 @dataclass(frozen=True)
 class LimitPeaks:
     """How close a trajectory comes to each kind of limit; a ratio above 1 breaks it."""
@@ -47,6 +56,11 @@ class LimitPeaks:
     velocity: Peak
     acceleration: Peak
     jerk: Peak
+
+    def dilated(self, factor: float) -> LimitPeaks:
+        """Those of the same motion ``factor`` times slower."""
+        by_order = enumerate((self.velocity, self.acceleration, self.jerk), start=1)
+        return LimitPeaks(*(Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for k, p in by_order))
 
 
 def require_usable(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
@@ -80,35 +94,45 @@ def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     """
     require_usable(trajectory.path, limits, jerk=False)
     if not len(trajectory.durations):
-        return LimitPeaks(Peak(0.0, 0, 0.0), Peak(0.0, 0, 0.0), Peak(0.0, 0, 0.0))
-    straight = _straight_peaks(trajectory, limits)
-    velocity, acceleration, jerk = _blend_peaks(trajectory, limits, straight)
-    return LimitPeaks(velocity, acceleration, _jump(trajectory) or jerk)
+        return LimitPeaks(NONE, NONE, NONE)
+    jump = _jump(trajectory)
+    orders = [getattr(limits, name) for name in (ORDERS if jump is None else ORDERS[:2])]
+    blended = trajectory.path.blended[trajectory.geometry]
+    found = _straight_peaks(trajectory, orders, np.flatnonzero(~blended))
+    if blended.any():
+        found = _blend_peaks(trajectory, orders, np.flatnonzero(blended), found)
+    return LimitPeaks(*found) if jump is None else LimitPeaks(*found, jump)
 
 
-def _straight_peaks(trajectory: Trajectory, limits: JointLimits) -> tuple[Peak, Peak, Peak]:
-    path, geometry = trajectory.path, trajectory.geometry
+def _straight_peaks(trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp]) -> list[Peak]:
+    """One for each of the limits: of velocity, acceleration and jerk, in this order, as many as there are."""
+    if not len(rows):
+        return [NONE] * len(limits)
+    path, geometry = trajectory.path, trajectory.geometry[rows]
     share = np.abs(path.on_pieces(geometry, path.breaks[geometry], 1))
-    share = np.where((share > STANDING) & ~path.blended[geometry][:, None], share, 0.0)
-    h, starts = trajectory.durations, trajectory.knots[:-1]
-    _, c1, c2, c3 = trajectory.coefficients.T
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        turning = np.clip(np.where(c3 != 0.0, -c2 / (3.0 * c3), 0.0), 0.0, h)
+    share = np.where(share > STANDING, share, 0.0)
+    h, starts = trajectory.durations[rows], trajectory.knots[rows]
+    _, c1, c2, c3 = trajectory.coefficients[rows].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turning = np.minimum(np.maximum(np.where(c3 != 0.0, -c2 / (3.0 * c3), 0.0), 0.0), h)
     at = np.stack([np.zeros_like(h), turning, h], axis=1)
     speed = np.abs(c1[:, None] + at * (2.0 * c2[:, None] + 3.0 * c3[:, None] * at))
     rate = np.abs(2.0 * c2[:, None] + 6.0 * c3[:, None] * at)
-    velocity = _peak(speed, share, limits.velocity, starts[:, None] + at)
-    acceleration = _peak(rate, share, limits.acceleration, starts[:, None] + at)
-    return velocity, acceleration, _peak(np.abs(6.0 * c3)[:, None], share, limits.jerk, starts[:, None])
+    times = starts[:, None] + at
+    told = ((speed, times), (rate, times), (np.abs(6.0 * c3)[:, None], starts[:, None]))
+    return [_peak(rates, share, limit, when) for limit, (rates, when) in zip(limits, told, strict=False)]
 
 
 def _peak(rates: FloatArray, share: FloatArray, limit: FloatArray, times: FloatArray) -> Peak:
     """The largest of rate x share / limit; rates and times have a row per piece of time, share a column per joint."""
     with np.errstate(divide="ignore", invalid="ignore"):
         per_joint = np.where(share > 0.0, share / limit, 0.0)
-        ratios = np.nan_to_num(rates.max(axis=1)[:, None] * per_joint, nan=0.0, posinf=math.inf)  # nan is 0 x inf
-    piece, joint = np.unravel_index(int(ratios.argmax()), ratios.shape)
-    return Peak(float(ratios[piece, joint]), int(joint), float(times[piece, int(rates[piece].argmax())]))
+        ratios = rates.max(axis=1)[:, None] * per_joint
+    highest = ratios.max()
+    if not highest < math.inf:
+        ratios = np.nan_to_num(ratios, nan=0.0, posinf=math.inf)  # nan is 0 x inf
+    piece, joint = divmod(int(ratios.argmax()), ratios.shape[1])
+    return Peak(float(ratios[piece, joint]), joint, float(times[piece, int(rates[piece].argmax())]))
 
 
 def _jump(trajectory: Trajectory) -> Peak | None:
@@ -134,111 +158,144 @@ def _jump(trajectory: Trajectory) -> Peak | None:
 
 
 def _blend_peaks(
-    trajectory: Trajectory, limits: JointLimits, floor: tuple[Peak, Peak, Peak]
-) -> tuple[Peak, Peak, Peak]:
-    """The floor, or what blends have above it."""
-    path, rows = trajectory.path, np.flatnonzero(trajectory.path.blended[trajectory.geometry])
-    if not len(rows):
-        return floor
-    pieces, h = trajectory.geometry[rows], trajectory.durations[rows]
+    trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp], floor: Sequence[Peak]
+) -> list[Peak]:
+    """The floor, or what blends have above it; one for each of the limits."""
+    path, pieces, h = trajectory.path, trajectory.geometry[rows], trajectory.durations[rows]
     before = path.on_pieces(pieces, path.breaks[pieces], 1)
     turn = path.on_pieces(pieces, path.breaks[pieces + 1], 1) - before
-    plain, turning = _rates(trajectory, rows)
+    rates = _rates(trajectory, rows)
     found = list(floor)
-    for order, limit in enumerate((limits.velocity, limits.acceleration, limits.jerk)):
-        a, b = _bernstein(plain), _bernstein(turning)
+    for order, limit in enumerate(limits):
+        plain, turning = np.moveaxis(_bernstein(rates), 1, 0)[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratios = before[:, :, None] * a[:, None, :] + turn[:, :, None] * b[:, None, :]
-            ratios = np.nan_to_num(ratios / limit[:, None], nan=0.0, posinf=math.inf, neginf=-math.inf)
+            ratios = (before * plain + turn * turning) / limit
+        if not np.isfinite(ratios).all():
+            ratios = np.nan_to_num(ratios, nan=0.0, posinf=math.inf, neginf=-math.inf)
         found[order] = _highest(ratios, found[order], trajectory.knots[rows], h)
-        plain, turning = (_slope(rate) / h[:, None] for rate in (plain, turning))
-    return found[0], found[1], found[2]
+        rates = _slope(rates) / h
+    return found
 
 
-def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """ds/dt, and the same times f(y(s)), on each row's piece of time.
+def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> FloatArray:
+    """ds/dt, and the same times f(y(s)), on each row's piece of time, (degree + 1, 2, rows).
 
-    Polynomials of time as its share of the piece, a row of coefficients each. With u and v the tangents before and
-    after the corner, u ds/dt + (v - u) f ds/dt is the velocity.
+    Polynomials of time as its share of the piece. With u and v the tangents before and after the corner,
+    u ds/dt + (v - u) f ds/dt is the velocity.
     """
-    path, h = trajectory.path, trajectory.durations[rows, None]
+    path, h = trajectory.path, trajectory.durations[rows]
     corners = np.flatnonzero(path.blends > 0.0)[np.cumsum(path.blended)[trajectory.geometry[rows]] - 1]
-    width = path.blends[corners, None]
-    c = trajectory.coefficients[rows]
-    y0 = (c[:, :1] - path.knots[corners, None]) / width
-    way = np.concatenate([np.zeros_like(h), c[:, 1:2] * h, c[:, 2:3] * h * h, c[:, 3:4] * h * h * h], axis=1)
-    speed = _slope(way) / h
-    y = way / width  # since the piece began; f = 1/2 + (5 y - y^5) / 8 is expanded there
-    square = _product(y, y)
-    share = -_product(_product(square, square), y) / 8.0
-    share[:, :13] -= 0.625 * y0 * _product(square, square)
-    share[:, :10] -= 1.25 * y0 * y0 * _product(square, y)
-    share[:, :7] -= 1.25 * y0 * y0 * y0 * square
-    share[:, :4] += 0.625 * (1.0 - y0 * y0 * y0 * y0) * y
-    share[:, :1] += 0.5 + y0 * (5.0 - y0 * y0 * y0 * y0) / 8.0
+    width, c = path.blends[corners], trajectory.coefficients[rows].T
+    y0 = (c[0] - path.knots[corners]) / width
+    terms = 1 + int(np.flatnonzero(np.any(c[1:] != 0.0, axis=1)).max(initial=0))  # fewer where s(t) has no jerk
+    way = c[1 : terms + 1] * np.multiply.accumulate(np.broadcast_to(h, (terms, len(h))), axis=0)
+    y = way / width  # since the piece began, without its constant term, which is 0; f is expanded there
+    cube = y0 * y0 * y0
+    share = np.stack([-0.125 * np.ones_like(h)])
+    for term in (
+        -0.625 * y0,
+        -1.25 * y0 * y0,
+        -1.25 * cube,
+        0.625 * (1.0 - cube * y0),
+        0.5 + y0 * (5.0 - cube * y0) / 8.0,
+    ):
+        share = np.concatenate([term[None], _product(share, y)])
+    speed = way * np.arange(1.0, terms + 1.0)[:, None] / h
     turning = _product(share, speed)
-    degree = int(np.flatnonzero(np.any(turning != 0.0, axis=0)).max(initial=2))  # lower where s(t) has no jerk
-    turning = turning[:, : degree + 1]
-    return np.pad(speed, ((0, 0), (0, turning.shape[1] - speed.shape[1]))), turning
+    rates = np.zeros((len(turning), 2, len(h)))
+    rates[:terms, 0], rates[:, 1] = speed, turning
+    return rates
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Products of polynomials, row by row."""
-    out = np.zeros((len(a), a.shape[1] + b.shape[1] - 1))
-    for i in range(b.shape[1]):
-        out[:, i : i + a.shape[1]] += a * b[:, i : i + 1]
+    """Products of polynomials, column by column."""
+    out = np.zeros((len(a) + len(b) - 1, a.shape[1]))
+    for i, row in enumerate(b):
+        out[i : i + len(a)] += a * row
     return out
 
 
 def _slope(a: FloatArray) -> FloatArray:
-    """Derivatives of polynomials, row by row."""
-    return a[:, 1:] * np.arange(1.0, a.shape[1])
+    """Derivatives of polynomials, column by column."""
+    return a[1:] * np.arange(1.0, len(a))[:, None, None]
 
 
 def _bernstein(a: FloatArray) -> FloatArray:
-    """Bernstein coefficients over [0, 1] of polynomials, row by row: their range holds the polynomial's."""
-    n = a.shape[1] - 1
-    columns = np.ascontiguousarray(a.T)
-    out = np.zeros_like(columns)
-    for j in range(n + 1):
-        for i in range(j + 1):
-            out[j] += (math.comb(j, i) / math.comb(n, i)) * columns[i]
-    return np.ascontiguousarray(out.T)
+    """Bernstein coefficients over [0, 1] of polynomials, column by column: their range holds the polynomial's.
+
+    Coefficient i over the binomial of the degree is the i-th difference of what is looked for, hence the sums.
+    """
+    n = len(a) - 1
+    out = a / np.array([float(math.comb(n, i)) for i in range(n + 1)])[:, None, None]
+    for i in range(n - 1, -1, -1):
+        np.add.accumulate(out[i:], axis=0, out=out[i:])
+    return out
 
 
 def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: FloatArray) -> Peak:
     """The floor, or the largest abs of polynomials if that is above it.
 
-    Bernstein coefficients over each piece of time, of each joint, shape (pieces, joints, degree + 1). What cannot
-    exceed the best value found is dropped, the rest halved (de Casteljau), until nothing is left.
+    Bernstein coefficients over each piece of time, of each joint, shape (degree + 1, pieces, joints). What cannot
+    exceed the best value found is dropped, the rest split (de Casteljau), until nothing is left.
     """
-    joints, size = ratios.shape[1:]
-    b: FloatArray = ratios.reshape(-1, size)
-    row: NDArray[np.intp] = np.arange(len(b))
-    at: FloatArray = np.zeros(len(b))
-    width = 1.0
+    joints = ratios.shape[2]
+    b: FloatArray = ratios.reshape(len(ratios), -1)
     best = floor
-    for _ in range(MAX_SPLITS):
-        for column, offset in ((0, 0.0), (size - 1, width)):
-            k = int(np.abs(b[:, column]).argmax())
-            if abs(b[k, column]) > best.ratio:
-                piece, joint = divmod(int(row[k]), joints)
-                time = float(starts[piece] + (at[k] + offset) * durations[piece])
-                best = Peak(float(abs(b[k, column])), joint, time)
-        open_ = np.flatnonzero(np.abs(b).max(axis=1) > best.ratio * (1.0 + EXACT))
+
+    def better(values: FloatArray, row: NDArray[np.intp], at: FloatArray) -> Peak:
+        k = int(values.argmax())
+        if not values[k] > best.ratio:
+            return best
+        piece, joint = divmod(int(row[k]), joints)
+        return Peak(float(values[k]), joint, float(starts[piece] + at[k] * durations[piece]))
+
+    size = np.abs(b)
+    row: NDArray[np.intp] = np.arange(b.shape[1])
+    for values, end in ((size[0], np.zeros(len(row))), (size[-1], np.ones(len(row)))):
+        best = better(values, row, end)
+    bound, low, high = size.max(axis=0), np.zeros(len(row)), np.ones(len(row))
+    for turn in range(MAX_ROUNDS):
+        (open_,) = (bound > best.ratio * (1.0 + EXACT)).nonzero()
         if not len(open_):
             break
-        width /= 2.0
-        row, at = np.tile(row[open_], 2), np.concatenate([at[open_], at[open_] + width])
-        b = _halves(b[open_])
+        if len(open_) > AT_ONCE:
+            open_ = open_[np.argsort(-bound[open_], kind="stable")]
+        now, later = open_[:AT_ONCE], open_[AT_ONCE:]
+        share = np.full(len(now), 0.5) if turn % 5 == 4 else _where_to_split(b[:, now])
+        middle = low[now] + share * (high[now] - low[now])
+        first, second = _split(b[:, now], share)
+        best = better(np.abs(second[0]), row[now], middle)
+        low = np.concatenate([low[now], middle, low[later]])
+        high = np.concatenate([middle, high[now], high[later]])
+        row = np.concatenate([row[now], row[now], row[later]])
+        halves = np.concatenate([first, second], axis=1)
+        bound = np.concatenate([np.abs(halves).max(axis=0), bound[later]])
+        b = np.concatenate([halves, b[:, later]], axis=1)
     return best
 
 
-def _halves(b: FloatArray) -> FloatArray:
-    """Bernstein coefficients over the first halves of the intervals, and then those over the second halves."""
+def _where_to_split(b: FloatArray) -> FloatArray:
+    """Shares of intervals: about where each polynomial's slope is zero, if it has different signs at the ends.
+
+    Bernstein coefficients of each half then fall from there, and leave no room for a higher peak.
+    """
+    n = len(b) - 1
+    first, last = b[1] - b[0], b[-1] - b[-2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = first / (first - last)
+        if n > 1:  # Newton's step from the end where the slope is smaller
+            after, before = first / (2.0 * b[1] - b[0] - b[2]), last / (2.0 * b[-2] - b[-1] - b[-3])
+            near = np.where(np.abs(first) < np.abs(last), after, (n - 1) + before) / (n - 1)
+            share = np.where((near > 0.0) & (near < 1.0), near, share)
+        share = np.where(first * last < 0.0, share, 0.5)
+    return np.minimum(np.maximum(share, EXACT), 1.0 - EXACT)
+
+
+def _split(b: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bernstein coefficients over both parts of intervals split at a share of each."""
     first, second = np.empty_like(b), b.copy()
-    first[:, 0] = b[:, 0]
-    for k in range(1, b.shape[1]):
-        second[:, :-k] = (second[:, :-k] + second[:, 1 : b.shape[1] - k + 1]) / 2.0
-        first[:, k] = second[:, 0]
-    return np.concatenate([first, second])
+    first[0] = b[0]
+    for k in range(1, len(b)):
+        second[:-k] += share * (second[1 : len(b) - k + 1] - second[:-k])
+        first[k] = second[0]
+    return first, second

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,7 +25,7 @@ from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.robot import ExemptRetreat
 from planner_service.search import Planner, SearchProblem, SearchSpace, joint_distance
-from planner_service.smoothing import blended, shortcut, without_short_pieces
+from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from planner_service.stagebook import Entry, Limits, NoPlan, StageBook, not_certified
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
@@ -82,22 +82,22 @@ class Run:
         if ends.arrived_at is not None:
             return self._nowhere_to_go(ends, ends.arrived_at)
         points = self._straight_line(ends)
-        if points is None:
-            points = self._searched(ends)
+        found = self._searched(ends) if points is None else [points]
         refused: Certificate | None = None
         roomier = dict.fromkeys(max(padding, self._request.padding) for padding in (ROOMIER, LEAST))
         for padding in (None, *roomier):
             if padding is not None and refused is not None:
-                points = self._searched_again(ends, padding, refused)
-            if points is None:
-                continue
-            route = self._route(points, ends)
-            path, certificate = book.certified(self._certifier, self._polished(route), route.exempt)
-            if certificate.refusal is None:
-                return self._closed(path, certificate, route.goal_index)
-            refused = certificate
-            if certificate.refusal.spent:
-                break
+                found = self._searched_again(ends, padding, refused)
+            for turn, points in enumerate(found):
+                if turn and refused is not None:
+                    book.notes.append(f"corners put back where they were: {refused.refusal}")
+                route = self._route(points, ends)
+                path, certificate = book.certified(self._certifier, self._polished(route), route.exempt)
+                if certificate.refusal is None:
+                    return self._closed(path, certificate, route.goal_index)
+                refused = certificate
+                if certificate.refusal.spent:
+                    raise NoPlan(not_certified(refused), refused)
         if refused is None:
             raise BrokenInvariant("a path was neither proven nor refused")
         raise NoPlan(not_certified(refused), refused)
@@ -145,8 +145,10 @@ class Run:
                 entry.note = entry.note or f"blocked at {hit.fraction:.0%}: {hit.a} x {hit.b}"
         return None
 
-    def _searched(self, ends: Ends) -> FloatArray:
-        """A path searched with the full padding; an end that is closer to something is left on a short line first."""
+    def _searched(self, ends: Ends) -> list[FloatArray]:
+        """A path searched with the full padding, and what it was before its corners were pulled in, should that be
+        easier to prove; an end that is closer to something is left on a short line first.
+        """
         book, padding = self._book, self._padding
         with book.during(Stage.SEARCH):
             leads = None if ends.padding == padding else self._leads(ends)
@@ -156,12 +158,11 @@ class Run:
         book.padding = ends.padding if leads is None else padding
         oracle = self._oracle(book.padding, start, goals)
         found = self._shortened(self._search(start, goals, oracle), oracle)
-        goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == found[-1].tolist())
-        points = [ends.start, *found, goal]
-        return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
+        goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == found[0][-1].tolist())
+        return [_without_repeats([ends.start, *points, goal]) for points in found]
 
-    def _searched_again(self, ends: Ends, padding: float, refused: Certificate) -> FloatArray | None:
-        """Another path, whose edges are sampled so closely that their padding proves them; None if none is found."""
+    def _searched_again(self, ends: Ends, padding: float, refused: Certificate) -> list[FloatArray]:
+        """Another path, whose edges are sampled so closely that their padding proves them, if one is found."""
         self._book.notes.append(f"searched again with {padding * 1000:g} mm of padding: {refused.refusal}")
         self._padding = self._motion_step = padding
         self._rounds += 1
@@ -175,7 +176,7 @@ class Run:
             if no_plan.failure.reason is not Reason.PLANNING_FAILED:
                 raise
             self._book.notes.append("no other path was found")
-        return None
+        return []
 
     def _leads(self, ends: Ends) -> tuple[FloatArray, tuple[FloatArray, ...]] | None:
         """Configurations near the ends that keep the full padding, a free line away; None if an end has none."""
@@ -253,16 +254,23 @@ class Run:
             entry.note = f"{planner.name}: {len(roadmap.milestones)} milestones, {len(roadmap.edges)} edges"
             return roadmap
 
-    def _shortened(self, points: FloatArray, oracle: SearchOracle) -> FloatArray:
-        """The path cut short, and without the corners that leave no room for a blend."""
+    def _shortened(self, points: FloatArray, oracle: SearchOracle) -> list[FloatArray]:
+        """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""
         with self._book.during(Stage.SHORTCUT) as entry, self._optional(entry, "shortened"):
             entry.length = _length(points)
             points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
             entry.length = _length(points)
-        if self._request.blend > 0.0 and len(points) > 2:
+        found = [points]
+        if len(points) > 2:
             with self._book.during(Stage.POLISH) as entry, self._optional(entry, "tidied"):
-                points = without_short_pieces(points, oracle)
-        return points
+                entry.length = _length(points)
+                pulled = pulled_in(points, oracle)
+                if self._request.blend > 0.0:
+                    pulled = without_short_pieces(pulled, oracle)
+                entry.length = _length(pulled)
+                if pulled.tolist() != points.tolist():
+                    found.insert(0, pulled)
+        return found
 
     @contextmanager
     def _optional(self, entry: Entry, what: str) -> Iterator[None]:
@@ -304,6 +312,10 @@ class Run:
             corners, stops = len(route.path.corners), len(path.corners)
             entry.note = f"{corners - stops} of {corners} corners blended"
         return path
+
+
+def _without_repeats(points: Sequence[FloatArray]) -> FloatArray:
+    return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
 
 
 def _exempt(s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:

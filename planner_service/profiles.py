@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 __all__ = ["Bounds", "Part", "Phase", "chained", "s_curve", "trapezoid"]
 
+CLOSE = 2e-15
+"""Relative: about what rounding makes of a speed computed in closed form."""
+
 
 class Phase(NamedTuple):
     """A stretch of time with constant jerk: what holds at its start, and how long it lasts (seconds)."""
@@ -138,13 +141,17 @@ def _meeting(parts: Sequence[Part]) -> list[float]:
 
 def _leaving(part: Part, speed: float) -> float:
     """The largest speed at the other end of a part, whichever way it is passed, with ``speed`` at one."""
-    return speed if part.blended else _fastest(part.length, speed, part.bounds, lambda v: _way(speed, v, part.bounds))
+    if part.blended:
+        return speed
+    length, bounds = part.length, part.bounds
+    near = math.sqrt(speed * speed + 2.0 * bounds.acceleration * length)
+    return _fastest(length, (speed, near, bounds.speed), lambda v: _way(speed, v, bounds))
 
 
 def _between(distance: float, v0: float, v1: float, bounds: Bounds) -> list[Phase]:
     """Speed up from v0, cruise if there is room, slow down to v1."""
-    low = max(v0, v1)
-    peak = _fastest(distance, low, bounds, lambda v: _way(v0, v, bounds) + _way(v, v1, bounds))
+    near = math.sqrt((v0 * v0 + v1 * v1) / 2.0 + bounds.acceleration * distance)
+    peak = _fastest(distance, (max(v0, v1), near, bounds.speed), lambda v: _way(v0, v, bounds) + _way(v, v1, bounds))
     up, down = _way(v0, peak, bounds), _way(peak, v1, bounds)
     cruise = max(0.0, distance - up - down)
     phases = [
@@ -155,13 +162,21 @@ def _between(distance: float, v0: float, v1: float, bounds: Bounds) -> list[Phas
     return [phase for phase in phases if phase.duration > 0.0]
 
 
-def _fastest(distance: float, low: float, bounds: Bounds, way: Callable[[float], float]) -> float:
-    """The largest speed from ``low`` to the bound whose ``way``, growing with it, is no longer than ``distance``."""
-    high = max(low, bounds.speed)
+def _fastest(distance: float, speeds: tuple[float, float, float], way: Callable[[float], float]) -> float:
+    """The largest speed between two bounds whose ``way``, growing with it, is no longer than ``distance``.
+
+    Args:
+        speeds: The lowest, about the one looked for, which it is where jerk is not bounded, and the highest.
+    """
+    low, near, high = speeds
+    high = max(low, high)
     if way(high) <= distance:
         return high
+    for guess in (near * (1.0 - CLOSE), near * (1.0 + CLOSE)):
+        if low < guess < high:
+            low, high = (guess, high) if way(guess) <= distance else (low, guess)
     middle = low + (high - low) / 2.0
-    while low < middle < high:  # some 55 times, until no number is left in between
+    while low < middle < high:  # until no number is left in between: some 5 times if the guess was good, else 55
         low, high = (middle, high) if way(middle) <= distance else (low, middle)
         middle = low + (high - low) / 2.0
     return low

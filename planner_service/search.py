@@ -20,6 +20,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, read_only
 
 __all__ = [
+    "Configuration",
     "GlancingOracle",
     "Oracle",
     "Planner",
@@ -31,6 +32,8 @@ __all__ = [
     "joint_distance",
     "require_seed",
 ]
+
+Configuration = tuple[float, ...]
 
 
 class Oracle(Protocol):
@@ -48,10 +51,23 @@ class Oracle(Protocol):
 
 
 @runtime_checkable
-class GlancingOracle(Oracle, Protocol):
-    """An oracle that can also look at an edge less closely than it judges it: for edges of which few will be used."""
+class GlancingOracle(Protocol):
+    """An oracle that can also look at an edge less closely than it judges it: for edges of which few will be used.
 
-    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+    It takes configurations as tuples, as a search has them: arrays would be a large part of what an edge costs.
+    """
+
+    @property
+    def states(self) -> int:
+        """Configurations judged so far."""
+
+    def state_is_free(self, q: Configuration) -> bool:
+        """Whether configuration q is free."""
+
+    def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """False if the edge collides; if True, ``edge_is_free`` has the last word, and judges only what is left."""
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from planner_service.profiles import Bounds, Part
 if TYPE_CHECKING:
     from planner_service.robot import JointLimits
 
-__all__ = ["SpeedLimit", "Stretch", "stretches"]
+__all__ = ["SpeedLimit", "Stretch", "straight_parts", "stretches"]
 
 SpeedLimit = Callable[[FloatArray], FloatArray]
 """The largest ds/dt allowed at each s, shape (m,) in and out; ``math.inf`` where there is none."""
@@ -52,11 +53,10 @@ class Stretch:
         """Its arc length."""
         return float(self.path.breaks[self.pieces[-1] + 1]) - self.start
 
-    @property
+    @cached_property
     def moving(self) -> NDArray[np.intp]:
         """Indices of the joints that do not stand still all along it."""
-        ends = np.concatenate([self._tangents(piece) for piece in self.pieces])
-        return np.flatnonzero(np.abs(ends).max(axis=0) > 0.0)
+        return np.flatnonzero(np.abs(self._tangents).max(axis=(0, 1)) > 0.0)
 
     def parts(self, *, jerk: bool) -> list[Part]:
         """Straight parts, whatever waypoints lie on them, and blends, with the bounds of ds/dt along each.
@@ -64,21 +64,25 @@ class Stretch:
         Of a blend the speed is bounded so that no limit breaks while it is constant. Without ``jerk`` its limits are
         not asked.
         """
-        blended, found = self.path.blended, []
-        for first, end in pairwise([*self._firsts(), self.pieces[-1] + 1]):
-            start = float(self.path.breaks[first])
-            length = float(self.path.breaks[end]) - start
-            bounds = self._blend_bounds(first, length, jerk) if blended[first] else self._straight_bounds(first, jerk)
-            if self.speed_limit is not None:
-                count = max(SAMPLES, math.ceil(length / SPACING))
-                samples = np.minimum(start + length * (np.arange(count + 1) / count), start + length)
-                bounds = bounds._replace(speed=min(bounds.speed, float(self.allowed(samples).min())))
-            found.append(Part(start, length, bounds, bool(blended[first])))
-        return found
+        firsts, breaks = self._firsts, self.path.breaks.tolist()
+        starts = [breaks[k] for k in firsts]
+        lengths = [breaks[end] - breaks[first] for first, end in pairwise([*firsts, self.pieces[-1] + 1])]
+        blended = self.path.blended[firsts].tolist()
+        bounds = self._bounds(blended, lengths, jerk)
+        if self.speed_limit is not None:
+            bounds = list(map(self._slowed, starts, lengths, bounds))
+        return list(map(Part, starts, lengths, bounds, blended))
 
+    def _slowed(self, start: float, length: float, bounds: Bounds) -> Bounds:
+        """The bounds of a part with what the speed limit leaves of its speed."""
+        count = max(SAMPLES, math.ceil(length / SPACING))
+        samples = np.minimum(start + length * (np.arange(count + 1) / count), start + length)
+        return bounds._replace(speed=min(bounds.speed, float(self.allowed(samples).min())))
+
+    @cached_property
     def _firsts(self) -> list[int]:
         """The first piece of each part."""
-        blended = self.path.blended
+        blended = self.path.blended.tolist()
         return [k for k in self.pieces if k == self.pieces[0] or blended[k] or blended[k - 1]]
 
     def derivative(self, s: FloatArray, order: int) -> FloatArray:
@@ -86,7 +90,7 @@ class Stretch:
 
         A straight part has one direction, that of its first piece, whatever rounding makes of short ones.
         """
-        firsts = np.array(self._firsts())
+        firsts = np.array(self._firsts)
         return self.path.on_pieces(firsts[np.searchsorted(self.path.breaks[firsts[1:]], s, side="right")], s, order)
 
     def allowed(self, s: FloatArray) -> FloatArray:
@@ -105,35 +109,35 @@ class Stretch:
             raise InvalidRequest("speed_limit", found, expected)
         return speeds * (1.0 - BETWEEN)
 
-    def _tangents(self, piece: int) -> FloatArray:
-        """dq/ds at both ends of a piece of the path, shape (2, n), with exact zeros for joints that stand still."""
-        ends = self.path.on_pieces(np.array([piece, piece]), self.path.breaks[piece : piece + 2], 1)
-        return np.where(np.abs(ends) > STANDING, ends, 0.0)
+    @cached_property
+    def _tangents(self) -> FloatArray:
+        """dq/ds at both ends of each piece, shape (2, m, n), with exact zeros for joints that stand still."""
+        pieces = np.arange(self.pieces.start, self.pieces.stop)
+        at = self.path.breaks[pieces[0] : pieces[-1] + 2]
+        ends = self.path.on_pieces(np.concatenate([pieces, pieces]), np.concatenate([at[:-1], at[1:]]), 1)
+        return np.where(np.abs(ends) > STANDING, ends, 0.0).reshape(2, len(pieces), -1)
 
-    def _straight_bounds(self, piece: int, jerk: bool) -> Bounds:
-        share = np.abs(self._tangents(piece)[0])
-        limits = self.limits
-        v, a = _least(limits.velocity, share), _least(limits.acceleration, share)
-        return Bounds(v, a, _least(limits.jerk, share) if jerk else math.inf)
-
-    def _blend_bounds(self, piece: int, length: float, jerk: bool) -> Bounds:
-        """With the largest slopes that a blend has; dq/ds is largest at an end."""
-        before, after = self._tangents(piece)
-        share, turn = np.maximum(np.abs(before), np.abs(after)), np.abs(after - before)
-        slowest = _least(self.limits.velocity, share)
-        slowest = min(slowest, math.sqrt(_least(self.limits.acceleration, turn * 2.0 * STEEPEST / length)))
+    def _bounds(self, blended: Sequence[bool], lengths: Sequence[float], jerk: bool) -> list[Bounds]:
+        """Of each part; on blends with the largest slopes that one has, dq/ds being largest at an end."""
+        limits, rows = self.limits, [first - self.pieces.start for first in self._firsts]
+        on, length = np.array(blended)[:, None], np.array(lengths)[:, None]
+        before, after = self._tangents[:, rows]
+        share, turn = np.abs(before), np.where(on, np.abs(after - before), 0.0)
+        share = np.where(on, np.maximum(share, np.abs(after)), share)
+        speed, acceleration = _least(limits.velocity, share), _least(limits.acceleration, share)
+        speed = np.minimum(speed, np.sqrt(_least(limits.acceleration, turn * 2.0 * STEEPEST / length)))
+        jerks = [math.inf] * len(rows)
         if jerk:
-            slowest = min(
-                slowest, math.pow(_least(self.limits.jerk, turn * 4.0 * STEEPEST_SLOPE / (length * length)), 1.0 / 3.0)
-            )
-        return Bounds(slowest, _least(self.limits.acceleration, share), math.inf)
+            least = _least(limits.jerk, turn * 4.0 * STEEPEST_SLOPE / (length * length)).tolist()
+            speed = np.minimum(speed, [math.pow(value, 1.0 / 3.0) for value in least])
+            jerks = np.where(on[:, 0], math.inf, _least(limits.jerk, share)).tolist()
+        return list(map(Bounds, speed.tolist(), acceleration.tolist(), jerks))
 
 
-def _least(limits: FloatArray, shares: FloatArray) -> float:
-    """The smallest limit / share of the joints that have a share, infinity if none has."""
-    some = shares > 0.0
-    with np.errstate(over="ignore"):  # a law may not use that limit
-        return float((limits[some] / shares[some]).min(initial=math.inf))
+def _least(limits: FloatArray, shares: FloatArray) -> FloatArray:
+    """Of each row of shares the smallest limit / share of the joints that have a share, infinity if none has."""
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a law may not use that limit
+        return np.asarray(np.where(shares > 0.0, limits / shares, math.inf).min(axis=1))
 
 
 def stretches(path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Iterator[Stretch]:
@@ -142,3 +146,17 @@ def stretches(path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | No
         stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length])
         for first, end in pairwise(stops.tolist()):
             yield Stretch(path, range(first, end), limits, speed_limit)
+
+
+def straight_parts(path: JointPath, limits: JointLimits, *, jerk: bool) -> list[Part]:
+    """The parts between the stops of a path without blends, as the stretches between them have them, at once."""
+    if not path.length > 0.0:
+        return []
+    starts = [0.0, *path.knots[list(path.corners)].tolist()]
+    firsts = path.breaks.searchsorted(starts)
+    share = np.abs(path.on_pieces(firsts, path.breaks[firsts], 1))
+    share = np.where(share > STANDING, share, 0.0)
+    rows = [limits.velocity, limits.acceleration, *([limits.jerk] if jerk else [])]
+    bounds = [_least(row, share).tolist() for row in rows] + ([] if jerk else [[math.inf] * len(starts)])
+    lengths = [end - start for start, end in pairwise([*starts, path.length])]
+    return [Part(s, length, Bounds(*own), False) for s, length, *own in zip(starts, lengths, *bounds, strict=True)]

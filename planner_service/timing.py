@@ -8,22 +8,24 @@ the points it looked at too, and time is stretched should it break one.
 
 from __future__ import annotations
 
+import importlib
 import logging
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry import FloatArray, number
 from planner_service.path import JointPath
-from planner_service.peaks import TOLERANCE, peaks, require_usable
+from planner_service.peaks import TOLERANCE, LimitPeaks, peaks, require_usable
 from planner_service.profiles import Part, Phase, chained, trapezoid
-from planner_service.stretch import SpeedLimit, Stretch, stretches
+from planner_service.stretch import SpeedLimit, Stretch, straight_parts, stretches
 from planner_service.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ __all__ = [
     "ToppRa",
     "Trapezoidal",
     "held_limits",
+    "measured",
     "stop_duration",
     "within_limits",
 ]
@@ -59,6 +62,11 @@ SPEED_SPACING = 0.1
 
 MAX_TOPPRA_SPEED = 1e4
 """In units of about 1, for toppra, which takes no infinite speed."""
+
+TAYLOR = np.array([1.0, 1.0, 2.0, 6.0])
+"""What turns position, speed, acceleration and jerk into coefficients of a cubic."""
+
+Measured = tuple[Trajectory, LimitPeaks]
 
 MIN_JERK, MAX_JERK = 1e-6, 1e6
 """rad/s^3. No arm is slower, and none feels more: at 1e9 a phase of jerk is so short that rounding is a jump."""
@@ -98,8 +106,12 @@ class Trapezoidal:
     name = "trapezoidal"
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        return self.measured(path, limits, speed_limit)[0]
+
+    def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
+        """The same with its peaks, which were measured to hold the limits."""
         require_usable(path, limits, jerk=False)
-        return within_limits(_timed(path, stretches(path, limits, speed_limit), _trapezoids), limits)
+        return _held(_timed(path, stretches(path, limits, speed_limit), _trapezoids), limits)
 
 
 @dataclass(frozen=True)
@@ -125,9 +137,13 @@ class SCurve:
             object.__setattr__(self, "jerk", number("jerk", self.jerk, expected, MIN_JERK, MAX_JERK))
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        return self.measured(path, limits, speed_limit)[0]
+
+    def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
+        """The same with its peaks, which were measured to hold the limits."""
         limits = held_limits(self, limits)
         require_usable(path, limits, jerk=True)
-        return within_limits(_timed(path, stretches(path, limits, speed_limit), _s_curves), limits, jerk=True)
+        return _held(_timed(path, stretches(path, limits, speed_limit), _s_curves), limits, jerk=True)
 
 
 @dataclass(frozen=True)
@@ -135,9 +151,10 @@ class ToppRa:
     """TOPP-RA (Pham & Pham, IEEE T-RO 34(3), 2018): time-optimal under velocity and acceleration limits.
 
     Its path speeds are used as they are, with constant acceleration between them, so the result stays on the path; a
-    parametrizer that fits a spline would not. Between two stops of a polyline the optimum is the trapezoid's. Limits
-    hold at the grid points, and are exceeded between them by some 0.3 % on blends, which dilation takes back. Between
-    stops where TOPP-RA fails on blends, or is slower than trapezoids, as with blends below 1e-4 rad, trapezoids it is.
+    parametrizer that fits a spline would not. Limits hold at the grid points, and are exceeded between them by some
+    0.3 % on blends, which dilation takes back. Between two stops on a straight line the optimum is the trapezoid, in
+    closed form, and that is taken. Where TOPP-RA fails on blends, or is slower than trapezoids, as with blends below
+    1e-4 rad, trapezoids it is, too.
 
     Args:
         gridpoints: Intervals between two stops, shared by the straight parts; blends have 24 each.
@@ -156,23 +173,27 @@ class ToppRa:
             raise InvalidRequest("gridpoints", count, f"an integer in [2, {MAX_GRIDPOINTS}]")
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        return self.measured(path, limits, speed_limit)[0]
+
+    def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
+        """The same with its peaks, which were measured to hold the limits."""
         require_usable(path, limits, jerk=False)
+        return _held(_timed(path, stretches(path, limits, speed_limit), self._between_stops), limits)
 
-        def law(stretch: Stretch) -> list[Phase]:
-            parts = stretch.parts(jerk=False)
-            steady = None if _blend_at_stop(parts) else chained(parts)
-            if steady is not None and stretch.length < SHORT_MOVE:
-                return steady
-            unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
-            try:
-                quick = _topp_ra(stretch, parts, self.gridpoints, unit)
-            except TimingFailed:
-                if steady is None or len(parts) == 1:
-                    raise
-                return steady
-            return quick if steady is None or len(parts) == 1 else min(quick, steady, key=_seconds)
-
-        return within_limits(_timed(path, stretches(path, limits, speed_limit), law), limits)
+    def _between_stops(self, stretch: Stretch) -> list[Phase]:
+        parts = stretch.parts(jerk=False)
+        steady = None if _blend_at_stop(parts) else chained(parts)
+        straight = len(parts) == 1 and stretch.speed_limit is None
+        if steady is not None and (straight or stretch.length < SHORT_MOVE):
+            return steady
+        unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
+        try:
+            quick = _topp_ra(stretch, parts, self.gridpoints, unit)
+        except TimingFailed:
+            if steady is None:
+                raise
+            return steady
+        return quick if steady is None else min(quick, steady, key=_seconds)
 
 
 def held_limits(timing: Timing, limits: JointLimits) -> JointLimits:
@@ -190,19 +211,49 @@ def stop_duration(path: JointPath, timing: Timing, limits: JointLimits) -> float
     Raises:
         InvalidRequest, TimingFailed: as ``Timing.time_path``.
     """
-    law = Trapezoidal() if isinstance(timing, ToppRa) else timing
-    return law.time_path(path.with_blends(None), limits).duration
+    sharp = path.with_blends(None)
+    if type(timing) not in (ToppRa, Trapezoidal, SCurve):
+        return timing.time_path(sharp, limits).duration
+    limits, jerk = held_limits(timing, limits), isinstance(timing, SCurve)
+    require_usable(sharp, limits, jerk=jerk)
+    with _failing():
+        phases = [phase for part in straight_parts(sharp, limits, jerk=jerk) for phase in chained([part])]
+    seconds = _seconds(phases) if phases else 0.0
+    if not math.isfinite(seconds):
+        raise TimingFailed(f"limits too extreme to compute with ({seconds} s)")
+    return seconds
+
+
+def measured(
+    timing: Timing, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
+) -> tuple[Trajectory, LimitPeaks]:
+    """What a law makes of a path, and how close to these limits that comes.
+
+    Raises:
+        InvalidRequest, TimingFailed: as ``Timing.time_path``.
+    """
+    if isinstance(timing, Trapezoidal | SCurve | ToppRa):
+        return timing.measured(path, limits, speed_limit)
+    trajectory = timing.time_path(path, limits, speed_limit=speed_limit)
+    return trajectory, peaks(trajectory, limits)
+
+
+@contextmanager
+def _failing() -> Iterator[None]:
+    """Within the block arithmetic that leaves the floats is a failure."""
+    try:
+        with np.errstate(over="raise"):
+            yield
+    except ArithmeticError as error:
+        raise TimingFailed(f"limits too extreme to compute with, or path ({error})") from error
 
 
 def _timed(path: JointPath, between_stops: Iterable[Stretch], law: Callable[[Stretch], list[Phase]]) -> Trajectory:
+    with _failing():
+        phases = [phase for stretch in between_stops for phase in law(stretch)]
+    table = np.array(phases).reshape(-1, 5)
     try:
-        with np.errstate(over="raise"):
-            phases = [phase for stretch in between_stops for phase in law(stretch)]
-        c = [(phase.position, phase.speed, phase.acceleration / 2.0, phase.jerk / 6.0) for phase in phases]
-    except ArithmeticError as error:
-        raise TimingFailed(f"limits too extreme to compute with, or path ({error})") from error
-    try:
-        return Trajectory(path, np.array([phase.duration for phase in phases]), np.array(c).reshape(-1, 4))
+        return Trajectory(path, table[:, 0], table[:, 1:] / TAYLOR)
     except InvalidRequest as error:  # a law of which rounding left nothing
         raise TimingFailed(f"limits too extreme to compute with ({error})") from error
 
@@ -249,14 +300,18 @@ def within_limits(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = F
         InvalidRequest: as ``peaks``.
         TimingFailed: jerk is asked for and acceleration jumps, which no slowing down mends.
     """
+    return _held(trajectory, limits, jerk=jerk)[0]
+
+
+def _held(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = False) -> Measured:
     found = peaks(trajectory, limits)
     ratios = [found.velocity.ratio, found.acceleration.ratio, *([found.jerk.ratio] if jerk else [])]
     if max(ratios) <= 1.0 + TOLERANCE:
-        return trajectory
+        return trajectory, found
     if not math.isfinite(max(ratios)):
         raise TimingFailed(f"acceleration of joint {found.jerk.joint} jumps at t = {found.jerk.time:.6g} s")
     factor = max(math.pow(ratio, 1.0 / power) for power, ratio in enumerate(ratios, start=1))
-    return trajectory.dilated(factor)
+    return trajectory.dilated(factor), found.dilated(factor)
 
 
 def _grid(part: Part, stretch: Stretch, gridpoints: int) -> FloatArray:
@@ -282,66 +337,35 @@ def _constant_accelerations(
     """The motion with the given speed at each grid point and constant acceleration in between."""
     phases = []
     for part, grid, speed in zip(parts, grids, speeds, strict=True):
-        at = grid * part.length
-        for i in range(len(grid) - 1):
-            step, v0, v1 = float(at[i + 1] - at[i]), float(speed[i]), float(speed[i + 1])
+        steps = zip(pairwise((grid * part.length).tolist()), pairwise(speed.tolist()), strict=False)
+        for (before, after), (v0, v1) in steps:
             if not v0 + v1 > 0.0:
-                s = part.start + at[i : i + 2]
+                s = part.start + before, part.start + after
                 raise TimingFailed(f"TOPP-RA: speed 0 from s = {s[0]:.6g} to {s[1]:.6g}")
-            duration = 2.0 * step / (v0 + v1)
-            phases.append(Phase(duration, part.start + float(at[i]), v0, (v1 - v0) / duration, 0.0))
+            duration = 2.0 * (after - before) / (v0 + v1)
+            phases.append(Phase(duration, part.start + before, v0, (v1 - v0) / duration, 0.0))
     return phases
 
 
-@dataclass(frozen=True, eq=False)
-class _UnitCurve:
-    """A stretch over the parameter [0, 1], as toppra asks for a path; only of the joints that move."""
+class _UnitInterval:
+    """A path as toppra asks for one, over the parameter [0, 1]; what it bounds comes with the constraint."""
 
-    stretch: Stretch
-    joints: NDArray[np.intp]
-
-    @property
-    def dof(self) -> int:
-        return len(self.joints)
-
-    @property
-    def path_interval(self) -> tuple[float, float]:
-        return (0.0, 1.0)
-
-    def __call__(self, positions: FloatArray, order: int = 0) -> FloatArray:
-        s = self.stretch.start + np.asarray(positions, dtype=np.float64).reshape(-1) * self.stretch.length
-        q = self.stretch.derivative(s, order)[:, self.joints] * math.pow(self.stretch.length, order)
-        return q.reshape(*np.shape(positions), self.dof)
+    path_interval = (0.0, 1.0)
 
 
 def _toppra_speeds(
     stretch: Stretch, parts: Sequence[Part], grids: Sequence[FloatArray], unit: float
 ) -> list[FloatArray]:
     """ds/dt at each point of each part's grid by TOPP-RA."""
-    toppra = _toppra()
-    joints, length = stretch.moving, stretch.length
-    # toppra's tolerances are absolute: in units of the stretch and of about its time they suit every move
-    velocity, acceleration = stretch.limits.velocity[joints] * unit, stretch.limits.acceleration[joints] * (unit * unit)
-    scheme = toppra.constraint.DiscretizationType.Interpolation
-    bounds = [
-        toppra.constraint.JointVelocityConstraint(velocity),
-        toppra.constraint.JointAccelerationConstraint(acceleration, discretization_scheme=scheme),
+    length = stretch.length
+    shares = [
+        (part.start - stretch.start) / length + grid[:-1] * (part.length / length)
+        for part, grid in zip(parts, grids, strict=True)
     ]
-    points = np.array([1.0])
-    for part, grid in zip(reversed(parts), reversed(grids), strict=True):
-        points = np.append((part.start - stretch.start) / length + grid[:-1] * (part.length / length), points)
-    if stretch.speed_limit is not None:
-        bounds.append(_speed_bound(toppra, stretch.allowed(stretch.start + points * length) * (unit / length)))
-    try:
-        solver = toppra.algorithm.TOPPRA(
-            bounds,
-            _UnitCurve(stretch, joints),
-            gridpoints=points,
-            solver_wrapper="seidel",
-            parametrizer="ParametrizeConstAccel",
-        )
-    except ValueError as error:  # grid points of a tiny blend that coincide
-        raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {error}") from error
+    points = np.concatenate([*shares, [1.0]])
+    if not np.all(points[1:] > points[:-1]):
+        raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: grid points of a tiny blend coincide")
+    solver = _two_passes()(_bounds(stretch, points, unit), points)
     _, speeds, _ = solver.compute_parameterization(0.0, 0.0)
     if speeds is None or not np.all(np.isfinite(speeds)):
         raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {solver.problem_data.return_code.name}")
@@ -350,15 +374,66 @@ def _toppra_speeds(
     return [speeds[a : b + 1] for a, b in pairwise(ends.tolist())]
 
 
-def _speed_bound(toppra: Any, speeds: FloatArray) -> Any:
-    """A limit of ds/dt at each grid point, as toppra asks for a constraint."""
-    bound = toppra.constraint.LinearConstraint()
+def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
+    """All limits at the grid points as one constraint of toppra.
+
+    Its tolerances are absolute: in units of the stretch and of about its time they suit every move. Accelerations
+    are bounded at both ends of each interval (what toppra calls interpolation).
+    """
+    toppra = _toppra()
+    joints, length = stretch.moving, stretch.length
+    velocity, acceleration = stretch.limits.velocity[joints] * unit, stretch.limits.acceleration[joints] * (unit * unit)
+    s = stretch.start + points * length
+    first, second = (stretch.derivative(s, order)[:, joints] * math.pow(length, order) for order in (1, 2))
+    with np.errstate(divide="ignore", over="ignore"):
+        speeds = np.where(first != 0.0, velocity / np.abs(first), math.inf).min(axis=1)
+    if stretch.speed_limit is not None:
+        speeds = np.minimum(speeds, stretch.allowed(s) * (unit / length))
     squares = np.minimum(speeds, MAX_TOPPRA_SPEED) ** 2
+    both_ways = np.concatenate([np.eye(len(joints)), -np.eye(len(joints))])
+    linear = (first, second, np.zeros_like(first), both_ways, np.tile(acceleration, 2), None, None)
+    rows = toppra.constraint.canlinear_colloc_to_interpolate(*linear, points, identical=True)[:-2]
+    bound = toppra.constraint.LinearConstraint()
+    bound.identical = True
     columns = np.stack([np.zeros(len(squares)), squares], axis=1)
-    bound.compute_constraint_params = lambda path, gridpoints: (None, None, None, None, None, None, columns)
+    bound.compute_constraint_params = lambda *_: (*rows, None, columns)
     return bound
 
 
+@lru_cache(maxsize=1)
+def _two_passes() -> Any:
+    """toppra's algorithm and its solver, asked no more than the limits of a robot need.
+
+    They are symmetric: standing still is always possible, so the least controllable speed is 0 everywhere.
+    """
+    toppra = _toppra()
+    seidel = importlib.import_module("toppra.solverwrapper.cy_seidel_solverwrapper").seidelWrapper
+
+    class TwoPasses(toppra.algorithm.TOPPRA):  # type: ignore[misc]
+        def __init__(self, bound: Any, points: FloatArray) -> None:
+            path = _UnitInterval()
+            parametrizer = "ParametrizeConstAccel"
+            toppra.algorithm.ParameterizationAlgorithm.__init__(self, [bound], path, points, parametrizer)
+            self.solver_wrapper = seidel([bound], path, points, solve_lp1d=True)
+            self._steps = (-2.0 * (points[1:] - points[:-1])).tolist()
+
+        def compute_controllable_sets(self, sdmin: float, sdmax: float) -> FloatArray:
+            solve, objective = self.solver_wrapper.solve_stagewise_optim, np.array([1e-9, -1.0])
+            squares, high = [sdmax * sdmax], sdmax * sdmax
+            for i in range(len(self._steps) - 1, -1, -1):
+                if not math.isnan(high):  # nan is none, and stays none
+                    high = solve(i, None, objective, math.nan, math.nan, 0.0, high)[1]
+                squares.append(high)
+            return np.stack([np.zeros(len(squares)), squares[::-1]], axis=1)
+
+        def _forward_step(self, i: int, x: float, K_next: FloatArray) -> Any:
+            objective = np.array([self._steps[i], -1.0])
+            return self.solver_wrapper.solve_stagewise_optim(i, None, objective, x, x, 0.0, K_next[1])
+
+    return TwoPasses
+
+
+@lru_cache(maxsize=1)
 def _toppra() -> Any:
     """The toppra library, quiet: it imports matplotlib, whose complaints about its cache do not concern the caller."""
     plotting, own = logging.getLogger("matplotlib"), logging.getLogger("toppra")

@@ -36,6 +36,15 @@ class Samples(NamedTuple):
     qdd: FloatArray
 
 
+class _Where(NamedTuple):
+    """Instants, the pieces of s(t) they lie in, the time since these began, and their coefficients (..., 4)."""
+
+    times: FloatArray
+    piece: NDArray[np.intp]
+    x: FloatArray
+    c: FloatArray
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A path with a time law, ``trajectory(t)`` for t in [0, ``duration``]; at rest at both ends and at corners.
@@ -90,7 +99,8 @@ class Trajectory:
         Raises:
             InvalidRequest: t outside [0, duration] by more than 1e-9, or another order.
         """
-        return self._evaluate(t, order)[1]
+        require_order(order)
+        return self._law(self._located(t), order)
 
     def __call__(self, t: ArrayLike, order: int = 0) -> FloatArray:
         """Positions (order 0), velocities (1), accelerations (2), jerks (3) at t, shape (..., n) for t of shape (...).
@@ -101,36 +111,57 @@ class Trajectory:
         Raises:
             InvalidRequest: t outside [0, duration] by more than 1e-9, or another order.
         """
-        piece, value = self._evaluate(t, order)
-        if order == 0:
-            return self.path(value)
-        if not len(self.durations):
-            return np.zeros((*value.shape, self.path.n))
-        geometry, at = self.geometry[piece].reshape(-1), self.s(t).reshape(-1)
-        q1, q2, q3 = (self.path.on_pieces(geometry, at, k) if k <= order else np.zeros(0) for k in (1, 2, 3))
-        v, a = self.s(t, 1).reshape(-1, 1), self.s(t, 2).reshape(-1, 1)
-        out = q1 * value.reshape(-1, 1)
-        if order == 2:
-            out += q2 * v * v
-        elif order == 3:
-            out += 3.0 * q2 * v * a + q3 * v * v * v
-        return out.reshape(*value.shape, self.path.n)
-
-    def _evaluate(self, t: ArrayLike, order: int) -> tuple[NDArray[np.intp], FloatArray]:
-        times = within("t", t, self.duration)
         require_order(order)
-        if not len(self.durations):
-            return np.zeros(times.shape, dtype=np.intp), np.zeros(times.shape)
-        piece = np.asarray(np.minimum(np.searchsorted(self.knots, times, side="right"), len(self.durations)) - 1)
-        x = np.clip(times - self.knots[piece], 0.0, self.durations[piece])
-        x = np.where(times == self.duration, self.durations[-1], x)
-        value = _derivative(self.coefficients[piece], x, order)
+        return self._derivative(self._located(t), order)
+
+    def moving(self, t: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Positions and velocities at t, as calling with order 0 and 1 gives them.
+
+        Raises:
+            InvalidRequest: t outside [0, duration] by more than 1e-9.
+        """
+        where = self._located(t)
+        return self._derivative(where, 0), self._derivative(where, 1)
+
+    def _derivative(self, where: _Where, order: int) -> FloatArray:
+        at = self._law(where, 0)
         if order == 0:
-            value = np.clip(value, self.coefficients[piece, 0], self._ends[piece])
+            return self.path(at)
+        shape = (*at.shape, self.path.n)
+        if not len(self.durations):
+            return np.zeros(shape)
+        geometry, at = self.geometry[where.piece].reshape(-1), at.reshape(-1)
+        v, a, j = (self._law(where, k).reshape(-1, 1) if k <= order else np.zeros(0) for k in (1, 2, 3))
+        q1, q2, q3 = (self.path.on_pieces(geometry, at, k) if k <= order else np.zeros(0) for k in (1, 2, 3))
+        if order == 1:
+            return (q1 * v).reshape(shape)
+        if order == 2:
+            return (q1 * a + q2 * v * v).reshape(shape)
+        return (q1 * j + (3.0 * q2 * v * a + q3 * v * v * v)).reshape(shape)
+
+    def _located(self, t: ArrayLike) -> _Where:
+        times = within("t", t, self.duration)
+        if not len(self.durations):
+            return _Where(
+                times, np.zeros(times.shape, dtype=np.intp), np.zeros(times.shape), np.zeros((*times.shape, 4))
+            )
+        piece = np.asarray(np.minimum(self.knots.searchsorted(times, side="right"), len(self.durations)) - 1)
+        x = np.minimum(np.maximum(times - self.knots[piece], 0.0), self.durations[piece])
+        x = np.where(times == self.duration, self.durations[-1], x)
+        return _Where(times, piece, x, self.coefficients[piece])
+
+    def _law(self, where: _Where, order: int) -> FloatArray:
+        """s or a derivative of it there."""
+        times, piece, x, c = where
+        if not len(self.durations):
+            return np.zeros(times.shape)
+        value = _derivative(c, x, order)
+        if order == 0:
+            value = np.minimum(np.maximum(value, c[..., 0]), self._ends[piece])
             value = np.where(times == self.duration, self.path.length, value)
         elif order == 1:
             value = np.where(times == self.duration, 0.0, np.maximum(value, 0.0))
-        return piece, value
+        return value
 
     def sample(self, dt: float) -> Samples:
         """Time, position, velocity and acceleration every ``dt`` seconds from 0, and at the exact end.
@@ -144,7 +175,8 @@ class Trajectory:
             raise InvalidRequest("dt", dt, expected)
         steps = np.arange(math.ceil(self.duration / dt)) * dt
         t = np.append(steps[steps < self.duration - 1e-9 * dt], self.duration)
-        return Samples(t, self(t), self(t, 1), self(t, 2))
+        where = self._located(t)
+        return Samples(t, *(self._derivative(where, order) for order in (0, 1, 2)))
 
     def dilated(self, factor: float) -> Trajectory:
         """The same motion ``factor`` times slower: velocities fall by it, accelerations by its square.
@@ -205,8 +237,8 @@ def _check_law(path: JointPath, h: FloatArray, c: FloatArray, ends: FloatArray) 
         raise InvalidRequest("coefficients", float(slowest.min()), "s(t) that never turns back")
     if np.any(np.abs(arrivals[:-1] - speeds[1:]) > slack) or max(speeds[0], arrivals[-1]) > slack:
         raise InvalidRequest("coefficients", float(speeds[0]), "a speed ds/dt without jumps, 0 at both ends")
-    stops = c[speeds <= slack, 0]
-    passed = path.knots[list(path.corners)]
-    passed = passed[~np.isin(passed, stops)]
-    if len(passed):
-        raise InvalidRequest("coefficients", float(passed[0]), f"a stop at the path's corner at s = {passed[0]:.9g}")
+    corners = path.corners
+    stops = set(c[speeds <= slack, 0].tolist()) if corners else set()
+    for s in path.knots[list(corners)].tolist():
+        if s not in stops:
+            raise InvalidRequest("coefficients", s, f"a stop at the path's corner at s = {s:.9g}")

@@ -461,7 +461,7 @@ def own_modules() -> dict[str, ast.Module]:
 
 
 def test_the_proof_shares_no_code_with_the_search() -> None:
-    may = {"errors", "geometry", "mesh", "composite", "robot", "scene", "path"} | {
+    may = {"errors", "geometry", "mesh", "composite", "robot", "scene", "path", "certify"} | {
         f"certify.{name}" for name in own_modules()
     }
     assert len(own_modules()) > 3
@@ -472,6 +472,15 @@ def test_the_proof_shares_no_code_with_the_search() -> None:
         assert "planner_service" not in {
             a.name.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names
         }
+
+
+def test_the_compiled_proof_includes_nothing_of_the_search() -> None:
+    sources = list((ROOT / "planner_service" / "certify" / "native").iterdir())
+    lines = [line for path in sources for line in path.read_text("utf-8").splitlines()]
+    ours = {line.split('"')[1] for line in lines if line.startswith('#include "')}
+    assert len(sources) > 5
+    assert ours <= {path.name for path in sources}
+    assert not [line for line in lines if "kernel" in line]
 
 
 def test_the_proof_asks_the_robot_for_data_only() -> None:

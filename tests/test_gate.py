@@ -17,7 +17,6 @@ from benchmarks import environment, gate, runner
 from benchmarks.rows import Row
 from benchmarks.suite import Suite, load_suite
 from planner_service.errors import InvalidFile
-from planner_service.geometry import FloatArray
 from planner_service.oracle import SearchOracle
 
 ROOT = Path(__file__).parent.parent
@@ -66,7 +65,7 @@ def asks_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """Plant a mutation: every edge that is judged costs one state more."""
     honest = SearchOracle.edge_hit
 
-    def dear(self: SearchOracle, q1: FloatArray, q2: FloatArray, **known: Any) -> Any:
+    def dear(self: SearchOracle, q1: Any, q2: Any, **known: Any) -> Any:
         self.state_is_free(q1)
         return honest(self, q1, q2, **known)
 

@@ -122,6 +122,16 @@ def test_a_motion_through_blends_is_slowed_down_until_it_just_holds_its_limits(s
     assert 1 - 1e-9 <= max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_peaks_of_a_slower_motion_are_those_measured_on_it(seed: int) -> None:
+    path = rounded_corners(seed)
+    trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
+    assert peaks(trajectory, given_limits).dilated(1.7).jerk.time == peaks(trajectory, given_limits).jerk.time * 1.7
+    told, measured = peaks(trajectory, given_limits).dilated(1.7), peaks(trajectory.dilated(1.7), given_limits)
+    for kind in ORDERS:
+        assert getattr(told, kind).ratio == pytest.approx(getattr(measured, kind).ratio, rel=1e-11)
+
+
 @pytest.mark.parametrize(("jerk", "expected"), [(math.inf, 0.0), (0.0, math.inf)])
 def test_a_jerk_limit_that_no_law_asked_for_may_be_anything_on_blends(jerk: float, expected: float) -> None:
     path = rounded_corners(1)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import weakref
+from collections import Counter
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from planner_service.collision.edges import Known
+from planner_service import ompl_bridge
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray
@@ -35,7 +36,7 @@ from planner_service.planners import (
     SORRTstar,
     planner_by_name,
 )
-from tests.discs import SEALED, WALL, DiscWorld, Stop, across, length
+from tests.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
 
 QUICK: dict[str, Any] = {
     **{name: planner() for name, planner in PLANNERS.items()},
@@ -397,18 +398,6 @@ def test_a_child_forked_during_a_search_can_search() -> None:
     assert done.stdout.strip() == "0"
 
 
-class GlancingWorld(DiscWorld):
-    """A first look judges the two ends alone: almost any edge seems free."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.glances = 0
-
-    def edge_seems_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
-        self.glances += 1
-        return self.state_is_free(q1) and self.state_is_free(q2)
-
-
 def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free() -> None:
     refuted = 0
     for seed in range(5):
@@ -421,6 +410,21 @@ def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_ed
         assert worlds[0].judged == worlds[1].judged
         refuted += len(worlds[0].edges) - len(worlds[0].free_edges)
     assert refuted > 5
+
+
+def test_after_some_paths_that_were_not_free_edges_are_only_judged_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, seeds = ompl_bridge._path, list[int]()
+
+    def counted(problem: SearchProblem, *asked: Any) -> Any:
+        seeds.append(problem.seed)
+        return whole(problem, *asked)
+
+    monkeypatch.setattr(ompl_bridge, "_path", counted)
+    for seed in range(10):
+        assert RRTConnect(range=2.0).search(across(GlancingWorld(), seed=seed)).waypoints is not None
+    assert max(Counter(seeds).values()) == ompl_bridge.MAX_REFUTED + 1
 
 
 def test_planners_that_improve_a_path_judge_every_edge_at_once() -> None:

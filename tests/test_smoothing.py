@@ -9,8 +9,8 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.path import JointPath
 from planner_service.planners import RRTConnect
-from planner_service.smoothing import blended, shortcut, without_short_pieces
-from tests.discs import WALL, DiscWorld, Stop, across, length
+from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
+from tests.discs import WALL, DiscWorld, GlancingWorld, Stop, across, length
 
 NOTHING: tuple[tuple[float, float, float], ...] = ()
 
@@ -189,6 +189,45 @@ def test_blended_paths_around_discs_are_free_and_keep_their_ends(seed: int) -> N
     path = blended(JointPath(short), is_free, np.full(len(short), 0.4))
     assert all(world.state_is_free(q) for q in path(np.linspace(0.0, path.length, 800)))
     assert path([0.0, path.length]).tolist() == [short[0].tolist(), short[-1].tolist()]
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6), n=st.sampled_from([2, 3, 6]), step=st.sampled_from([0.02, 0.05, 0.3]))
+def test_the_laws_of_pulling_corners_in(seed: int, n: int, step: float) -> None:
+    world = GlancingWorld(step=step)
+    path = shortcut(found(world, n=n, seed=seed), world, np.random.default_rng(seed))
+    short = pulled_in(path, world)
+    assert short.shape == path.shape
+    assert short[0].tolist() == path[0].tolist()
+    assert short[-1].tolist() == path[-1].tolist()
+    assert length(short) <= length(path) * (1 + 1e-12), "rounding of sums only"
+    assert world.found_free(short)
+
+
+def test_a_corner_in_the_open_is_pulled_onto_the_line_between_its_neighbours() -> None:
+    short = pulled_in([[0.0, 0.0], [1.0, 0.8], [2.0, 0.0]], GlancingWorld(NOTHING))
+    assert short == pytest.approx(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
+
+
+def test_a_joint_that_an_obstacle_holds_does_not_hold_the_others() -> None:
+    world = GlancingWorld(((1.0, 0.0, 0.9),))
+    short = pulled_in([[-0.5, 0.0, 0.0], [1.0, 1.2, 0.8], [2.5, 0.0, 0.0]], world)
+    assert short[1][1] > 1.1
+    assert short[1][2] == pytest.approx(0.0)
+
+
+def test_a_corner_whose_first_look_was_too_hopeful_goes_no_farther_than_is_free() -> None:
+    world = GlancingWorld(((0.5, 0.0, 0.06),))
+    short = pulled_in([[0.0, 0.0], [2.0, 0.8], [4.0, 0.0]], world)
+    assert world.found_free(short)
+    assert 0.0 < short[1][1] < 0.8
+
+
+def test_a_corner_that_nothing_new_can_pull_is_not_asked_about_again() -> None:
+    world = GlancingWorld(((1.0, 0.0, 0.99),))
+    points = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
+    assert pulled_in(points, world).tolist() == points
+    assert len(set(world.judged)) == len(world.judged)
 
 
 def test_corners_of_short_pieces_are_left_out_where_a_free_edge_can() -> None:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planner_service import timing
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.path import JointPath
 from planner_service.peaks import peaks
+from planner_service.profiles import Phase, chained
 from planner_service.robot import JointLimits
+from planner_service.stretch import Stretch, stretches
 from planner_service.timing import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration, within_limits
 from planner_service.trajectory import Trajectory
 from tests.test_peaks import blended, rounded_corners
@@ -106,6 +111,13 @@ def test_what_the_stops_take_is_the_sum_of_the_straight_pieces(law: Timing) -> N
     closed = Trapezoidal() if isinstance(law, ToppRa) else law
     alone = 2 * closed.time_path(line(1.0), limits(1)).duration
     assert stop_duration(right_angle(0.3), law, limits(2)) == pytest.approx(alone, rel=1e-12)
+
+
+@law_cases
+def test_what_the_stops_take_is_what_the_law_takes_for_the_polyline(law: Timing) -> None:
+    path = rounded_corners(3)
+    sharp = law.time_path(path.with_blends(None), limits(path.n)).duration
+    assert stop_duration(path, law, limits(path.n)) == pytest.approx(sharp, rel=1e-12)
 
 
 @law_cases
@@ -249,6 +261,49 @@ def test_toppra_is_never_slower_than_trapezoids(seed: int) -> None:
 @pytest.mark.parametrize("width", [0.05, 0.2, 0.45])
 def test_toppra_hardly_exceeds_limits_between_grid_points(width: float) -> None:
     assert ToppRa().time_path(right_angle(width), limits(2)).dilation < 1.0025  # half of 0.5 % of acceleration
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_our_passes_of_toppra_give_what_its_own_give(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    import toppra
+
+    path = rounded_corners(seed)
+    given_limits = mixed_limits(path, seed)
+    told: dict[str, Any] = {}
+    honest = toppra.algorithm.TOPPRA.compute_parameterization
+
+    def recorded(self: Any, start: float, end: float) -> Any:
+        told["points"], told["speeds"] = self.gridpoints, honest(self, start, end)
+        return told["speeds"]
+
+    monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", recorded)
+    (stretch,) = stretches(path, given_limits, None)
+    ToppRa().time_path(path, given_limits)
+    monkeypatch.undo()
+    unit = min(timing._seconds(found) for found in (chained(stretch.parts(jerk=False)), slowest(stretch)))
+    bounds = [
+        toppra.constraint.JointVelocityConstraint(given_limits.velocity * unit),
+        toppra.constraint.JointAccelerationConstraint(given_limits.acceleration * unit * unit),
+    ]
+    own = toppra.algorithm.TOPPRA(bounds, UnitCurve(path), gridpoints=told["points"], solver_wrapper="seidel")
+    np.testing.assert_allclose(told["speeds"][1], own.compute_parameterization(0.0, 0.0)[1], rtol=1e-6)
+
+
+def slowest(stretch: Stretch) -> Sequence[Phase]:
+    return timing._slowest(stretch.parts(jerk=False))
+
+
+class UnitCurve:
+    """A path over [0, 1] as toppra asks for one."""
+
+    path_interval = (0.0, 1.0)
+
+    def __init__(self, path: JointPath) -> None:
+        self.path, self.dof = path, path.n
+
+    def __call__(self, positions: FloatArray, order: int = 0) -> FloatArray:
+        at = np.minimum(positions * self.path.length, self.path.length)
+        return np.asarray(self.path(at, order) * self.path.length**order)
 
 
 def test_toppra_is_close_to_its_optimum_on_blends(monkeypatch: pytest.MonkeyPatch) -> None:

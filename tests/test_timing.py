@@ -23,6 +23,9 @@ from planner_service.robot import JointLimits
 from planner_service.timing import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, within_limits
 from planner_service.trajectory import Trajectory
 
+QUARTER = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([0.0, 1.0, 0.0]))
+"""One blend from stop to stop, on which no constant speed will do."""
+
 LAWS: tuple[Timing, ...] = (Trapezoidal(), SCurve(), ToppRa())
 HELD = 1.0 + 1e-9
 WITHIN_GRID = 1e-3  # TOPP-RA's 50 intervals per stretch, denser at its ends: at most 0.06 % above the optimum
@@ -343,7 +346,7 @@ def test_a_path_toppra_cannot_time_is_a_typed_failure(monkeypatch: pytest.Monkey
         return None, None, None
 
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", uncontrollable)
-    law, path, given_limits = ToppRa(), line(1.0), limits(1)
+    law, path, given_limits = ToppRa(), QUARTER, limits(2)
     with pytest.raises(TimingFailed, match=r"piece from s = 0: FailUncontrollable"):
         law.time_path(path, given_limits)
 
@@ -357,10 +360,19 @@ def test_an_overshoot_of_toppra_is_dilated_away(monkeypatch: pytest.MonkeyPatch)
         accelerations, speeds, _ = honest(self, start, end)
         return accelerations, speeds * 1.44, None
 
+    usual = ToppRa().time_path(QUARTER, limits(2))
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", hasty)
-    trajectory = ToppRa().time_path(line(1.2), limits(1))
-    assert trajectory.dilation == pytest.approx(1.44, rel=1e-6)
-    assert trajectory.duration == pytest.approx(1.0783, rel=WITHIN_GRID)
+    trajectory = ToppRa().time_path(QUARTER, limits(2))
+    assert trajectory.dilation == pytest.approx(1.44 * usual.dilation, rel=1e-9)
+    assert trajectory.duration == pytest.approx(usual.duration, rel=1e-9)
+
+
+def test_toppra_is_not_asked_about_a_straight_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    import toppra.algorithm
+
+    monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", None)
+    path, given_limits = mixed_case(1)
+    assert ToppRa().time_path(path, given_limits).duration == Trapezoidal().time_path(path, given_limits).duration
 
 
 def test_timing_without_toppra_imports_neither_it_nor_matplotlib() -> None:
@@ -372,7 +384,7 @@ def test_timing_without_toppra_imports_neither_it_nor_matplotlib() -> None:
 
 
 def test_toppra_is_silent() -> None:
-    ToppRa().time_path(line(1.0), limits(1))
+    ToppRa().time_path(QUARTER, limits(2))
     assert not logging.getLogger("toppra.algorithm").isEnabledFor(logging.WARNING)
 
 
@@ -479,7 +491,7 @@ def test_closed_forms_survive_absurd_limits(law: Timing, scale: float) -> None:
 
 
 def test_limits_too_small_for_toppra_are_a_typed_failure() -> None:
-    law, path, absurd = ToppRa(), line(1.0), limits(1, 1e-300, 1e-300)
+    law, path, absurd = ToppRa(), QUARTER, limits(2, 1e-300, 1e-300)
     with pytest.raises(TimingFailed, match="limits too extreme"):
         law.time_path(path, absurd)
 

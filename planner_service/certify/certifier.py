@@ -5,20 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner_service.certify.edge import EdgeProof, EdgeVerdict
 from planner_service.certify.motion import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.tree import ProofTree, Span
-from planner_service.errors import InvalidRequest
-from planner_service.geometry import number, numbers
+from planner_service.certify.proof import LIMIT_SLACK, Prover, native_prover, numpy_prover
+from planner_service.certify.tree import Span
+from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.geometry import FloatArray, number, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
-__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]
+__all__ = ["MARGIN", "Backend", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]
+
+Backend = Literal["auto", "native", "numpy"]
 
 MARGIN = 2e-6
 """Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
@@ -26,11 +32,10 @@ MARGIN = 2e-6
 MAX_PADDING = 0.1
 """Metres; more is a wrong unit."""
 
-LIMIT_SLACK = 1e-9
-"""Rounding by which a waypoint may lie outside a joint limit, rad or m."""
-
 END_SLACK = 1e-9
 """Rounding by which an exempt stretch may end beyond the path."""
+
+FREE_EDGE = EdgeProof(EdgeVerdict.FREE)
 
 NANO = 1e9
 """Bounds are told in whole nanometres, rounded to the safe side."""
@@ -116,20 +121,27 @@ class Certifier:
 
     Args:
         allowed: Pairs of links or objects that may touch, beside those that the robot and held objects allow.
+        backend: Who proves: "native", the compiled code; "numpy", the reference; "auto", the compiled code where it
+            was built. What they say is the same to the last bit.
 
     Attributes:
         listed: The pairs.
         motion: Poses and motion bounds of these.
+        prover: Who proves.
 
     Raises:
         UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an object is called like a link.
+        InvalidRequest: an object is called like a link, no such backend, or "native" where it was not built.
     """
 
-    def __init__(self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = ()) -> None:
+    def __init__(
+        self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: Backend = "auto"
+    ) -> None:
         self.robot = robot
         self.listed = ProofPairs(robot, scene, allowed)
         self.motion = Motion(robot, self.listed)
+        self.prover = _prover_of(backend, self.motion)
+        self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
 
     def certify(
         self,
@@ -159,13 +171,50 @@ class Certifier:
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         self._check_path(curve)
         self._check_exempt(curve.length, stretches)
-        tree = ProofTree(self.motion, curve, padding + MARGIN, charge or (lambda bounds: None))
-        obstruction = tree.run(*self.roots(curve.length, stretches))
+        proof = self.prover.prove(curve, padding + MARGIN, self.roots(curve.length, stretches), charge)
+        obstruction = proof.obstruction
         if obstruction is None:
-            return Certificate(_floored(tree.proven), tree.asked, padding, stretches)
+            return Certificate(_floored(proof.proven), proof.asked, padding, stretches)
         names = self.listed.names(obstruction.pair)
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, tree.asked, padding, stretches, refusal)
+        return Certificate(-math.inf, proof.asked, padding, stretches, refusal)
+
+    def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
+        """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
+
+        Free means what it means of a path; colliding, that at some place of the edge a judged pair is proven nearer
+        than ``padding`` less ``MARGIN``, so that pieces overlap if it is 0. Fewer than one in a thousand edges of a
+        search are undecided. For single edges float64 arrays are the fastest to hand over.
+
+        Raises:
+            InvalidRequest: ends of another shape, not finite or outside the joint limits, or a padding outside
+                [0, 0.1].
+        """
+        padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        terms = (padding + MARGIN, padding - MARGIN)
+        found = self.prover.edge(q1, q2, *terms)
+        if found is None:
+            points = np.stack([self._configuration("q1", q1), self._configuration("q2", q2)])
+            found = self.prover.edge(points[0], points[1], *terms)
+            if found is None:
+                raise BrokenInvariant("a configuration that was checked is not taken")
+        if found.verdict is EdgeVerdict.FREE:
+            return FREE_EDGE
+        return EdgeProof(found.verdict, found.s, *self.listed.names(found.pair))
+
+    def clearances(self, Q: ArrayLike) -> FloatArray:
+        """Proven lower bounds (metres) of the smallest gap of any judged pair at configurations Q (m, n), (m,).
+
+        Negative where pieces may overlap, then by no more than that; infinite if no pair is judged.
+
+        Raises:
+            InvalidRequest: another shape, a number that is not finite or outside the joint limits.
+        """
+        rows = numbers("Q", Q, f"configurations of shape (m, {self.robot.n})")
+        if rows.ndim != 2 or rows.shape[1] != self.robot.n:
+            raise InvalidRequest("Q", rows.shape, f"configurations of shape (m, {self.robot.n})")
+        self._check_limits("Q", rows)
+        return self.prover.clearances(rows)
 
     def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
         """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span."""
@@ -173,22 +222,44 @@ class Certifier:
         cuts: dict[frozenset[str], list[Span]] = {}
         for interval in exempt:
             for names in interval.pairs:
-                cuts.setdefault(frozenset(names), []).append((interval.s_start, interval.s_end))
-        rows = []
-        for pair in self.listed.roots.tolist():
-            cut = [(low, min(high, length)) for low, high in cuts.get(frozenset(self.listed.names(pair)), ())]
-            rows += [(pair, spans.setdefault(span, len(spans))) for span in _left_over(length, cut)]
-        return list(spans), np.array(rows, dtype=np.intp).reshape(-1, 2)
+                cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, length)))
+        parts, after = [], 0
+        for row in sorted(row for names in cuts for row in self._rows_of.get(names, ())):
+            pair = int(self._whole[row, 0])
+            left = _left_over(length, cuts[frozenset(self.listed.names(pair))])
+            numbered = [(pair, spans.setdefault(span, len(spans))) for span in left]
+            parts += [self._whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
+            after = row + 1
+        return list(spans), np.concatenate([*parts, self._whole[after:]]) if parts else self._whole
+
+    @cached_property
+    def _rows_of(self) -> dict[frozenset[str], list[int]]:
+        """Which rows of the roots have the pairs of two names."""
+        found: dict[frozenset[str], list[int]] = {}
+        for row, pair in enumerate(self.listed.roots.tolist()):
+            found.setdefault(frozenset(self.listed.names(pair)), []).append(row)
+        return found
+
+    def _configuration(self, name: str, q: ArrayLike) -> FloatArray:
+        values = numbers(name, q, f"{self.robot.n} joint values")
+        if values.shape != (self.robot.n,):
+            raise InvalidRequest(name, values.shape, f"{self.robot.n} joint values")
+        self._check_limits(name, values[None])
+        return values
 
     def _check_path(self, path: JointPath) -> None:
         if path.n != self.robot.n:
             raise InvalidRequest("path", path.n, f"a path of {self.robot.n} joints")
+        self._check_limits("waypoints", path.waypoints)  # a blend stays in the triangle of its corner
+
+    def _check_limits(self, name: str, rows: FloatArray) -> None:
         lower, upper = self.robot.limits.lower, self.robot.limits.upper
-        outside = (path.waypoints < lower - LIMIT_SLACK) | (path.waypoints > upper + LIMIT_SLACK)
-        if np.any(outside):  # a blend stays in the triangle of its corner
-            row, joint = np.argwhere(outside)[0].tolist()
+        inside = (rows >= lower - LIMIT_SLACK) & (rows <= upper + LIMIT_SLACK)  # False for NaN
+        if not np.all(inside):
+            row, joint = np.argwhere(~inside)[0].tolist()
             expected = f"{self.robot.joint_names[joint]} in [{lower[joint]:.6g}, {upper[joint]:.6g}]"
-            raise InvalidRequest(f"waypoints[{row}][{joint}]", float(path.waypoints[row, joint]), expected)
+            where = f"{name}[{joint}]" if len(rows) == 1 and name != "waypoints" else f"{name}[{row}][{joint}]"
+            raise InvalidRequest(where, float(rows[row, joint]), expected)
 
     def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:
         for interval in exempt:
@@ -212,6 +283,15 @@ def certify(
 ) -> Certificate:
     """The proof of a path from anywhere, or its refusal: a ``JointPath``, or waypoints (N, n); see ``Certifier``."""
     return Certifier(robot, scene, allowed=allowed).certify(path, padding=padding, exempt=exempt)
+
+
+def _prover_of(backend: object, motion: Motion) -> Prover:
+    if backend not in ("auto", "native", "numpy"):
+        raise InvalidRequest("backend", backend, '"auto", "native" or "numpy"')
+    native = None if backend == "numpy" else native_prover(motion)
+    if native is None and backend == "native":
+        raise InvalidRequest("backend", backend, '"auto" or "numpy": the compiled proof was not built')
+    return native or numpy_prover(motion)
 
 
 def _floored(gap: float) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from planner_service.geometry import FloatArray
 
-__all__ = ["Corners", "walked"]
+__all__ = ["Corners", "nearest_of", "walked"]
 
 IntArray = NDArray[np.intp]
 
@@ -64,6 +64,14 @@ class Corners:
     def take(self, rows: IntArray) -> Corners:
         """The solids at ``rows``."""
         return Corners(self.rows[rows], self.table, self.radii)
+
+    def clouds(self) -> list[FloatArray]:
+        """The corners (v, 3) of each hull, each once."""
+        found = []
+        for cloud in self.table.transpose(1, 2, 0):
+            other = np.flatnonzero((cloud != cloud[0]).any(axis=1))
+            found.append(np.ascontiguousarray(cloud[: 1 + other.max(initial=0)]))
+        return found
 
     def extended(self, n: FloatArray, found: FloatArray) -> FloatArray:
         """Support values along n (..., 3, p) in local axes, (..., p): those of hulls put into ``found``."""
@@ -120,7 +128,7 @@ def walked(pairs: Pairs, gaps: FloatArray, n: FloatArray, steps: int) -> tuple[F
     point = pairs.difference(n)
     kept = np.repeat(point[None], 3, axis=0)
     for _ in range(steps):
-        nearest, kept, going = _nearest(kept, point)
+        nearest, kept, going = nearest_of(kept, point)
         length = np.sqrt(_dot(nearest, nearest))
         going &= length > GAIN
         way = np.where(going, nearest / np.where(going, length, 1.0), n[:, rows])
@@ -148,7 +156,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-2)
 
 
-def _nearest(kept: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def nearest_of(kept: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """The point nearest to the origin of the hull of ``kept`` (3, 3, p) and ``new`` (3, p), on a face with ``new``.
 
     Returns:

@@ -37,8 +37,10 @@ class Motion:
     that carries both, together.
 
     Attributes:
+        n: Length of q.
+        limits: Of q, lower and upper, (2, n).
         first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
-        children: Of each pair, as ``ProofPairs`` has them.
+        children, roots: Of the pairs, as ``ProofPairs`` has them.
         size: Radius of the second piece of each pair, (p,).
         riding: How many pieces ride.
         fixed: World poses of those that do not, (3, 4, k).
@@ -48,6 +50,8 @@ class Motion:
     def __init__(self, robot: Robot, listed: ProofPairs) -> None:
         bodies, riding = robot.bodies, listed.riding
         self.first, self.second = listed.pairs.T.copy()
+        self.n = robot.n
+        self.limits = np.stack([robot.limits.lower, robot.limits.upper])
         self.riding = len(riding)
         self._rides = self.second < self.riding
         self.fixed = _table([_centred(piece) for piece in listed.standing])
@@ -61,11 +65,12 @@ class Motion:
         self._parents = [body.parent for body in bodies]
         self._joints = [np.stack(tables, axis=2)[:, :, None] for tables in zip(*map(_joint, bodies), strict=True)]
         self._axes = np.array([body.axis.tolist() for body in bodies]).T[:, None, :]
-        chains = [_chain(self._parents, piece.body) for piece in riding]
+        self._links = chains = [_chain(self._parents, piece.body) for piece in riding]
         self.depth = max(map(len, chains), default=0)
         padded = [chain + [0] * (self.depth - len(chain)) for chain in chains]  # with the base, which no joint moves
         self._chains = np.array(padded, dtype=np.intp).reshape(len(riding), self.depth).T
-        self._slides = np.array([body.prismatic for body in bodies])[self._chains]
+        self._sliding = np.array([body.prismatic for body in bodies])
+        self._slides = self._sliding[self._chains]
         self._radius = self._solids.radius()
         self._far = self._farthest(robot, chains)
         self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
@@ -73,7 +78,32 @@ class Motion:
         for k in np.flatnonzero(self._rides).tolist():
             self._steps[:, k] = _steps(chains[self.first[k]], chains[self.second[k]])
         self.children: IntArray = listed.children
+        self.roots: IntArray = listed.roots
         self.size: FloatArray = self._every_radius[self.second]
+
+    @property
+    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:
+        """All of this as numbers, for compiled code that does the same.
+
+        The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
+        (``_joint``), (bodies, 54); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
+        hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
+        piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
+        other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of q, lower and upper, (2, n).
+        """
+        columns = np.where(self._moved, self._columns, -1)
+        joints = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self._joints]
+        bodies = np.column_stack([self._parents, columns, self._sliding, self._axes[:, 0].T, *joints])
+        frames = np.concatenate([self._local[:, :, 0], self.fixed], axis=2).transpose(2, 0, 1).reshape(-1, 12)
+        every = self._every
+        on = np.full(len(frames), -1)
+        on[: self.riding] = self._body
+        hulls = np.full(len(frames), -1) if every.hulls is None else every.hulls.rows
+        pieces = np.column_stack([on, every.half.T, every.disc, every.ball, self._every_radius, hulls, frames])
+        links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
+        pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
+        corners = [] if every.hulls is None else every.hulls.clouds()
+        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners, self.limits
 
     def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
         """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
@@ -150,6 +180,22 @@ class Motion:
             out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
         return out
 
+    def motions_about(self, radii: FloatArray, travel: FloatArray) -> FloatArray:
+        """The same, in either direction, while each joint travels so far from a node: (depth + 1, m, pieces).
+
+        ``r_k(x) <= r_k(a) + m(a, x)``: looser than what both ends tell, and one node is enough.
+
+        Args:
+            radii: Of m nodes, (m, depth, pieces).
+            travel: What the joints of q travel, (m, n).
+        """
+        per_body = np.where(self._moved, travel[:, self._columns], 0.0)
+        out = np.zeros((self.depth + 1, len(travel), self.riding))
+        for k, chain in enumerate(self._chains):
+            radius = np.minimum(radii[:, k] + out[k], self._far[k])
+            out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
+        return out
+
     def pair_motions(self, motions: FloatArray, pair: IntArray, stretch: IntArray) -> FloatArray:
         """How far the pieces of pairs move against each other on stretches, at most: picked from ``motions``."""
         own, other = self._steps[:, pair]
@@ -166,6 +212,13 @@ class Motion:
         x, y, z = poses[:, 3, a] - poses[:, 3, b]
         radii = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]]
         return np.asarray(np.sqrt(x * x + y * y + z * z) * (1.0 - ROUNDING) - radii)
+
+    def spheres_clear(self, poses: FloatArray, pair: IntArray, node: IntArray, grown: FloatArray) -> NDArray[np.bool_]:
+        """Whether the bounding spheres of pairs at nodes, grown by so much (k,), are apart; (k,)."""
+        a, b = self._in_poses(pair, node)
+        x, y, z = poses[:, 3, a] - poses[:, 3, b]
+        within = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]] + grown
+        return np.asarray((x * x + y * y + z * z) * (1.0 - ROUNDING) > within * within)
 
     def _in_poses(self, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
         """Where the two pieces of pairs at nodes are in the poses of everything."""

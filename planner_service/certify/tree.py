@@ -22,7 +22,7 @@ from planner_service.certify.separation import Facing, refined_gaps, rough_gaps
 from planner_service.geometry import FloatArray
 from planner_service.path import JointPath
 
-__all__ = ["MAX_BOUNDS", "Obstruction", "ProofTree", "Span"]
+__all__ = ["MAX_BOUNDS", "Obstruction", "ProofTree", "Span", "no_end", "too_close"]
 
 FRACTION = 0.75
 """A stretch stays open while it proves less than this share of the smallest gap at any node so far: 0.5 asks 2 % fewer
@@ -228,7 +228,7 @@ class ProofTree:
         gaps = np.minimum(open_.before.gaps, open_.after.gaps)
         row = int((gaps if spent else np.where(pointlike, gaps, np.inf)).argmin())
         k = open_.stretch[row]
-        detail = f"{self._most:,} bounds did not suffice" if spent else "no shorter stretch has numbers of its own"
+        detail = no_end(self._most if spent else None)
         span = (float(start[k]), float(end[k]))
         return Obstruction(int(open_.pair[row]), span, float(middle[k]), detail, spent)
 
@@ -280,10 +280,7 @@ class ProofTree:
         return ends, None if ends.gaps[worst] > self._enough else worst
 
     def _obstructed(self, pair: IntArray, ends: _Ends, row: int, span: Span, s: float) -> Obstruction:
-        gap = float(ends.gaps[row]) * 1e3
-        found = f"a gap of {gap:.4f} mm is proven" if gap > 0.0 else f"they overlap by at most {-gap:.4f} mm"
-        detail = f"at s = {s:.6g} {found}; more than {self._enough * 1e3:.4f} mm is needed"
-        return Obstruction(int(pair[row]), span, s, detail)
+        return Obstruction(int(pair[row]), span, s, too_close(s, float(ends.gaps[row]), self._enough))
 
     def _moved(self, left: IntArray, right: IntArray) -> FloatArray:
         travel = self._travel[right] - self._travel[left]
@@ -313,6 +310,18 @@ class ProofTree:
             ends[1].take(rest),
             motion[rest],
         )
+
+
+def too_close(s: float, gap: float, enough: float) -> str:
+    """The words for a pair of which no more than ``gap`` metres is proven at s."""
+    mm = gap * 1e3
+    found = f"a gap of {mm:.4f} mm is proven" if mm > 0.0 else f"they overlap by at most {-mm:.4f} mm"
+    return f"at s = {s:.6g} {found}; more than {enough * 1e3:.4f} mm is needed"
+
+
+def no_end(most: int | None) -> str:
+    """The words for a proof that did not end within so many bounds, or at a point if None."""
+    return "no shorter stretch has numbers of its own" if most is None else f"{most:,} bounds did not suffice"
 
 
 def _refined(facing: Facing, ends: _Ends, rows: IntArray, rounds: int) -> _Ends:

@@ -304,7 +304,7 @@ def doctor(
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Say which instruction set collision checks use, and compare the kernel with the reference on random states."""
+    """Say which instruction set collision checks use, and compare with FCL asked of every pair, on random states."""
     with _bad_input_exits():
         health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
     if as_json:

@@ -1,6 +1,7 @@
 """The compiled kernel (native/module.cpp)."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +32,8 @@ class Kernel:
     def agree(
         self, lower: Sequence[float], upper: Sequence[float], reach: Sequence[float], rules: list[tuple[bool, float]], /
     ) -> None: ...
-    def surely_free(self, q: NDArray[np.float64], /) -> bool: ...
+    def state(self, q: object, /) -> Literal[True] | tuple[int, float, list[float], list[int], bool] | None: ...
     def ask(
-        self, q1: NDArray[np.float64], q2: NDArray[np.float64], known: int, glance: int, stop: int, /
+        self, q1: object, q2: object, known: int, glance: int, stop: int, /
     ) -> int | tuple[int, int, int, tuple[int, float, list[float], list[int], bool] | None] | None: ...
     def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]: ...

@@ -16,7 +16,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -24,7 +24,19 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, number
 
-__all__ = ["EdgeStep", "FinestStep", "JointStep", "Known", "MotionStep", "bisection_order", "first_samples", "interior"]
+__all__ = [
+    "KNOWN_ENDS",
+    "EdgeStep",
+    "FinestStep",
+    "JointStep",
+    "Known",
+    "MotionStep",
+    "SampledEdge",
+    "bisection_order",
+    "first_samples",
+    "glance_of",
+    "interior",
+]
 
 MAX_SEGMENTS = 1_000_000
 """More samples than this on one edge is a mistake in the step, not a plan."""
@@ -32,10 +44,13 @@ MAX_SEGMENTS = 1_000_000
 _SLACK = 1e-9
 """Keeps a quotient that is an integer but for rounding from costing one sample more."""
 
-
 GLANCE = 8
-"""Segments between two samples of a first look at an edge. In the tightest of the public seven-joint problems it left a
-quarter of the states, and one search in eight had to grow again because an edge of its path was not free after all."""
+"""Most segments between two samples of a first look at an edge. In the tightest of the public seven-joint problems it
+left a quarter of the states, and one search in eight had to grow again: an edge of its path was not free after all."""
+
+GLANCE_MOTION, GLANCE_ANGLE = 0.08, 0.16
+"""How far apart these samples may be, in metres of a ``MotionStep`` and in radians of a ``JointStep``: with a step of
+0.05 rad and eight segments, most paths of edges that were only looked at were not free."""
 
 
 class Known(enum.Flag):
@@ -45,6 +60,10 @@ class Known(enum.Flag):
     START = 1
     END = 2
     BOTH = 3
+
+
+KNOWN_ENDS = (Known.NEITHER, Known.START, Known.END, Known.BOTH)
+"""By value, 1 for the start and 2 for the end: arithmetic of flags takes as long as the rest of a question."""
 
 
 class EdgeStep(Protocol):
@@ -111,15 +130,24 @@ class FinestStep:
         return max(rule.segments(dq, reach) for rule in self.rules)
 
 
-def first_samples(segments: int) -> int:
-    """How many interior samples come first, in bisection order, that split an edge into about ``GLANCE`` segments each.
+def glance_of(step: EdgeStep) -> int:
+    """Segments between two samples of a first look at edges with that step."""
+    if isinstance(step, FinestStep):
+        return max(map(glance_of, step.rules))
+    if isinstance(step, JointStep):
+        return max(1, min(GLANCE, int(GLANCE_ANGLE / step.angle)))
+    return max(1, min(GLANCE, int(GLANCE_MOTION / step.distance))) if isinstance(step, MotionStep) else GLANCE
 
-    All of the first levels: one sample in the middle, three, seven, ...
+
+def first_samples(segments: int, glance: int) -> int:
+    """How many interior samples come first, in bisection order, that split an edge into about ``glance`` segments each.
+
+    All of the first levels: one sample in the middle, three, seven, ...; never more than there are.
     """
     parts = 1
-    while parts * GLANCE < segments:
+    while parts * glance < segments:
         parts *= 2
-    return parts - 1
+    return min(parts, segments) - 1
 
 
 @lru_cache(maxsize=1024)
@@ -149,3 +177,37 @@ def interior(q1: Sequence[float], q2: Sequence[float], segments: int) -> FloatAr
     first, last = (q1, q2) if tuple(q1) <= tuple(q2) else (q2, q1)
     start = np.array(first, dtype=np.float64)
     return start + (np.array(last, dtype=np.float64) - start) * bisection_order(segments)
+
+
+@dataclass(frozen=True)
+class SampledEdge:
+    """The edge from a to b as rows of configurations: the ends that are judged, then the interior in bisection order.
+
+    Attributes:
+        ends: Which ends are judged: 1 for a, 2 for b, 3 for both.
+        segments: Equal parts it is split into.
+    """
+
+    a: Sequence[float]
+    b: Sequence[float]
+    ends: int
+    segments: int
+
+    @property
+    def first(self) -> int:
+        """Rows that are ends."""
+        return (self.ends + 1) // 2
+
+    @cached_property
+    def samples(self) -> FloatArray:
+        """All rows, shape (m, n)."""
+        ends = [q for q, bit in ((self.a, 1), (self.b, 2)) if self.ends & bit]
+        inside = interior(self.a, self.b, self.segments)
+        return np.concatenate([np.array(ends), inside]) if ends else inside
+
+    def fraction(self, row: int) -> float:
+        """Where on the edge a row is: 0 at a, 1 at b."""
+        if row < self.first:
+            return 0.0 if row == 0 and self.ends & 1 else 1.0
+        along = float(bisection_order(self.segments)[row - self.first, 0])
+        return along if tuple(self.a) <= tuple(self.b) else 1.0 - along

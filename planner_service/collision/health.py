@@ -1,4 +1,4 @@
-"""Is the compiled kernel there, and does it say what the reference says? Asked of both on the same random states."""
+"""Is the compiled kernel there, and is what is used what FCL says of every pair? Asked on the same random states."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Health:
 
 
 def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) -> Health:
-    """Judge random configurations within the joint limits with the kernel and with the reference.
+    """Judge random configurations within the joint limits with the kernel, if it is there, and by FCL pair by pair.
 
     Raises:
         InvalidRequest: ``states`` is no integer from 1 to 1,000,000.

@@ -11,10 +11,10 @@ import logging
 from collections.abc import Sequence
 from functools import lru_cache
 from types import ModuleType
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision.bounds import Solids, centres_of
 from planner_service.collision.edges import EdgeStep, FinestStep, JointStep, MotionStep
@@ -57,20 +57,20 @@ class Kernel(Protocol):
     def agree(
         self, lower: Sequence[float], upper: Sequence[float], reach: Sequence[float], rules: list[tuple[bool, float]], /
     ) -> None:
-        """Take the terms of ``surely_free`` and ``ask``: limits, and the rules by which edges are sampled."""
+        """Take the terms of ``state`` and ``ask``: limits, and the rules by which edges are sampled."""
 
-    def surely_free(self, q: FloatArray, /) -> bool:
-        """Whether q is n float64 within the limits and no pair is in doubt."""
+    def state(self, q: ArrayLike, /) -> Literal[True] | Doubt | None:
+        """True if no pair is in doubt at q; None unless q is a tuple or an array of n floats within the limits."""
 
-    def ask(self, q1: FloatArray, q2: FloatArray, known: int, glance: int, stop: int, /) -> int | Asked | None:
+    def ask(self, q1: ArrayLike, q2: ArrayLike, known: int, glance: int, stop: int, /) -> int | Asked | None:
         """The edge from q1 to q2, ``known`` being the ends not to be judged, looked at up to row ``stop``.
 
         Args:
             glance: Segments between the samples that come first, which are all there are then; 0: every sample.
 
         Returns:
-            How many rows it has if all of them are free; None if an end is not n float64 within the limits, or there
-            would be too many segments.
+            How many rows it has if all of them are free; None unless both ends are tuples or arrays of n floats within
+            the limits, and there are not too many segments.
         """
 
     def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]:

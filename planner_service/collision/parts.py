@@ -14,10 +14,13 @@ from planner_service.geometry import FloatArray, Pose, Shape, read_only
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
-__all__ = ["Part", "Parts"]
+__all__ = ["Part", "Parts", "require_padding", "sorted_pairs"]
 
 MANY = 64
 """Pieces from which on an obstacle is a crowd."""
+
+MAX_PADDING = 0.1
+"""Metres; more padding than this is a unit mistake."""
 
 MAX_PAIRS = 20_000_000
 """Ten clouds of 50,000 boxes around an arm of 40 pieces; more take more memory than most have."""
@@ -149,6 +152,23 @@ class Parts:
         """The owners of a pair: the link or carried object, then what it meets."""
         i, j = self.pairs[pair]
         return self.parts[i].owner, self.parts[j].owner
+
+
+def require_padding(padding: object) -> None:
+    """Refuse what is no distance in metres up to 0.1."""
+    kind = isinstance(padding, int | float | np.number) and not isinstance(padding, bool)
+    if not kind or not 0.0 <= padding <= MAX_PADDING:  # type: ignore[operator]
+        raise InvalidRequest("padding", padding, f"metres in [0, {MAX_PADDING}]")
+
+
+def sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """Pairs of names as given by a user, each once and in order."""
+    pairs = set()
+    for pair in allowed:
+        if not isinstance(pair, tuple | list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+            raise InvalidRequest("allowed", pair, "pairs of link or object names")
+        pairs.add((min(pair), max(pair)))
+    return tuple(sorted(pairs))
 
 
 def _posed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, Pose]]:

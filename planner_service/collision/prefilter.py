@@ -3,7 +3,7 @@
 Three sieves, each cheaper per pair than the next: world-aligned boxes swept over the whole batch;
 the same boxes per configuration; separating axes for what is left. A pair that passes as "apart" is apart by more
 than ``MARGIN`` in exact arithmetic, beyond the micrometre in which FCL's own answer is undefined
-and far beyond rounding (1e-15), so FCL would say the same.
+and far beyond rounding (1e-15), so FCL would say the same. Where the kernel was not built, this stands in for it.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from planner_service.certify.hulls import Corners
 from planner_service.certify.motion import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, JointStep, prefilter
-from planner_service.collision import checker as checker_module
+from planner_service.collision import judge as judge_module
 from planner_service.geometry import Pose, Shape
 from planner_service.mesh import Mesh
 from planner_service.path import JointPath
@@ -150,7 +150,7 @@ def test_dense_samples_notice_a_fault_in_the_proof(
 def test_a_fault_of_the_search_with_hulls_does_not_reach_the_proof(
     folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checker_module, "build_kernel", lambda *arguments: None)  # the sieves in numpy are spoilt
+    monkeypatch.setattr(judge_module, "build_kernel", lambda *arguments: None)  # the sieves in numpy are spoilt
     setup = HullSetup("fooled", folder, attached=(HELD,))
     robot, scene, sound = setup.robot(), setup.whole_scene(), setup.checker()
     rng, edges = np.random.default_rng(15), []

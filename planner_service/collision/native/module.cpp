@@ -112,14 +112,18 @@ class Kernel {
         }
     }
 
-    bool surely_free(const Anything& q) const {
+    nb::object state(nb::handle q) const {
         std::vector<double> values;
-        if (!read(q, values)) return false;
-        nb::gil_scoped_release release;
-        return !first_in_doubt(model_, *variant_, values.data(), 0, 1);
+        if (!read(q, values)) return nb::none();
+        std::optional<Doubt> doubt;
+        {
+            nb::gil_scoped_release release;
+            doubt = first_in_doubt(model_, *variant_, values.data(), 0, 1);
+        }
+        return doubt ? told(doubt) : nb::bool_(true);
     }
 
-    nb::object ask(const Anything& q1, const Anything& q2, int known, int glance, int stop) const {
+    nb::object ask(nb::handle q1, nb::handle q2, int known, int glance, int stop) const {
         require(0 <= glance && glance <= 1000, "a glance is 0 to 1000 segments");
         std::vector<double> a, b;
         if (!read(q1, a) || !read(q2, b)) return nb::none();
@@ -153,13 +157,25 @@ class Kernel {
     Terms terms_;
     const Variant* variant_ = nullptr;
 
-    // Whether q is n doubles within the limits.
-    bool read(const Anything& q, std::vector<double>& out) const {
+    // Whether q is n doubles, as a tuple or an array, within the limits.
+    bool read(nb::handle q, std::vector<double>& out) const {
         const auto n = terms_.lower.size();
-        if (n == 0 || q.ndim() != 1 || q.shape(0) != n || q.dtype() != nb::dtype<double>()) return false;
-        const auto* values = static_cast<const double*>(q.data());
+        if (n == 0) return false;
         out.resize(n);
-        for (std::size_t k = 0; k < n; ++k) out[k] = values[static_cast<std::int64_t>(k) * q.stride(0)];
+        if (PyTuple_CheckExact(q.ptr())) {
+            if (PyTuple_Size(q.ptr()) != static_cast<Py_ssize_t>(n)) return false;
+            for (std::size_t k = 0; k < n; ++k) {
+                PyObject* value = PyTuple_GetItem(q.ptr(), static_cast<Py_ssize_t>(k));
+                if (!PyFloat_Check(value)) return false;
+                out[k] = PyFloat_AsDouble(value);
+            }
+            return within(terms_, out);
+        }
+        Anything array;
+        if (!nb::try_cast(q, array, false)) return false;
+        if (array.ndim() != 1 || array.shape(0) != n || array.dtype() != nb::dtype<double>()) return false;
+        const auto* values = static_cast<const double*>(array.data());
+        for (std::size_t k = 0; k < n; ++k) out[k] = values[static_cast<std::int64_t>(k) * array.stride(0)];
         return within(terms_, out);
     }
 
@@ -336,8 +352,9 @@ NB_MODULE(_kernel, m) {
             return told(self.edge(std::move(a), std::move(b), ends, segments, start, stop));
         })
         .def("agree", &Kernel::agree)
-        .def("surely_free", &Kernel::surely_free)
-        .def("ask", &Kernel::ask)
+        .def("state", &Kernel::state, nb::arg("q").none())
+        .def("ask", &Kernel::ask, nb::arg("q1").none(), nb::arg("q2").none(), nb::arg("known"), nb::arg("glance"),
+             nb::arg("stop"))
         .def("samples", &Kernel::samples);
 }
 

@@ -1,0 +1,45 @@
+"""The compiled proof (native/module.cpp)."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+def instruction_sets() -> list[str]: ...
+
+class Prover:
+    def __init__(
+        self,
+        terms: Sequence[float],
+        dof: int,
+        bodies: NDArray[np.float64],
+        pieces: NDArray[np.float64],
+        riding: int,
+        links: NDArray[np.float64],
+        pairs: NDArray[np.int64],
+        hulls: Sequence[NDArray[np.float64]],
+        limits: NDArray[np.float64],
+        variant: str = "",
+    ) -> None: ...
+    @property
+    def variant(self) -> str: ...
+    def prove(
+        self,
+        waypoints: NDArray[np.float64],
+        knots: NDArray[np.float64],
+        tangents: NDArray[np.float64],
+        breaks: NDArray[np.float64],
+        lines: NDArray[np.int64],
+        blends: NDArray[np.int64],
+        travelled: NDArray[np.float64],
+        corners: NDArray[np.float64],
+        spans: NDArray[np.float64],
+        roots: NDArray[np.int64],
+        enough: float,
+        charge: Callable[[int], None] | None,
+        /,
+    ) -> tuple[int, int, float, int, int, float, float, float, float]: ...
+    def edge(
+        self, q1: NDArray[np.float64], q2: NDArray[np.float64], enough: float, nearer: float, slack: float, /
+    ) -> int | tuple[int, int, float] | None: ...
+    def clearances(self, Q: NDArray[np.float64], out: NDArray[np.float64], /) -> None: ...

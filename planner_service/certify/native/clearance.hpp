@@ -1,0 +1,33 @@
+// The smallest gap of any pair at a configuration: clearance.py, to the last bit.
+#pragma once
+
+#include <vector>
+
+#include "places.hpp"
+
+namespace proof {
+
+class Clearance {
+  public:
+    Clearance(const Model& model, const Variant& variant);
+
+    // A lower bound at q; infinite if there is no pair.
+    double at(const double* q, const std::vector<int>& roots);
+
+  private:
+    struct Ask {
+        int pair;
+        double known;  // no gap of it is smaller
+    };
+
+    const Model& model_;
+    const Variant& variant_;
+    Places places_;
+    std::vector<double> still_;
+    std::vector<Ask> asks_;
+    double best_ = 0.0;
+
+    void look(const Ask& ask);
+};
+
+}  // namespace proof

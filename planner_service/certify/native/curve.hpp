@@ -1,0 +1,34 @@
+// The curve q(s) of a proof, and how far each joint has travelled: path.py and blend.py, to the last bit.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace proof {
+
+// Tables of a JointPath; see there. All are the caller's and outlive this.
+struct PathTables {
+    std::size_t waypoint_count, pieces;
+    const double *waypoints, *knots, *tangents, *breaks, *travelled;
+    const std::int64_t *lines, *rows;  // of each piece between breaks: its line, and its blend or -1
+    const double* blends;  // of each blend s, width; corner, before, after, turning, n numbers each
+};
+
+class Curve {
+  public:
+    Curve(std::size_t dof, const PathTables& tables) : n_(dof), t_(tables) {}
+    double length() const { return t_.knots[t_.waypoint_count - 1]; }
+
+    // q and travel, n numbers each, at s.
+    void at(double s, double* q, double* travel) const;
+
+  private:
+    std::size_t n_;
+    PathTables t_;
+
+    void on_line(std::size_t line, double s, double* q) const;
+    void on_blend(std::size_t row, double s, double* q, double* moved) const;
+};
+
+}  // namespace proof

@@ -1,0 +1,224 @@
+#include "edge.hpp"
+
+#include <algorithm>
+
+namespace proof {
+
+Edge::Edge(const Model& model, const Variant& variant, const Curve& curve, double enough, double nearer)
+    : model_(model),
+      variant_(variant),
+      curve_(curve),
+      terms_(model.terms),
+      enough_(enough),
+      nearer_(nearer),
+      places_(model, variant),
+      q_(static_cast<std::size_t>(model.dof)),
+      travel_(static_cast<std::size_t>(model.dof)) {}
+
+EdgeResult Edge::run(const std::vector<int>& roots) {
+    std::vector<Middle> open;
+    bool going = middle(roots, open) && (open.empty() || ends(open));
+    while (going && !rows_.empty()) going = split() && halve();
+    return out_;
+}
+
+std::size_t Edge::place(double s) {
+    curve_.at(s, q_.data(), travel_.data());
+    return places_.add(s, q_.data(), travel_.data());
+}
+
+// Whether so many bounds more may be asked.
+bool Edge::charge(std::size_t count, int pair, double s) {
+    asked_ += static_cast<double>(count);
+    if (asked_ <= terms_.edge_most) return true;
+    lose(pair, s);
+    return false;
+}
+
+// A pair that is neither apart nor overlaps as far as can be told; the others are looked at all the same.
+void Edge::lose(int pair, double s) {
+    if (out_.verdict == Verdict::free) out_ = {Verdict::undecided, pair, s};
+}
+
+bool Edge::closed(const Bound& one, const Bound& two, double motion) const {
+    const double a = one.gap, b = two.gap;
+    return std::max(0.5 * (a + b - motion), std::max(a, b) - motion) > enough_;
+}
+
+// A bound of a pair at a node, as good as it takes to close what is open, or to say that nothing can.
+template <class Closes>
+Edge::Found Edge::judge(int number, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes) {
+    const Pair& pair = pair_of(number);
+    const Facing facing = places_.facing(pair, node);
+    variant_.rough(terms_, facing, hints, count, bound);
+    if (closes(bound)) return Found::closed;
+    if (!pair.leaf()) return Found::open;
+    variant_.refined(terms_, facing, static_cast<int>(terms_.rounds), bound);
+    if (bound.gap > enough_) return closes(bound) ? Found::closed : Found::open;
+    const Contact contact = variant_.settled(terms_, facing, enough_, nearer_, bound);
+    if (contact == Contact::apart) return closes(bound) ? Found::closed : Found::open;
+    if (contact == Contact::overlap) {
+        out_ = {Verdict::colliding, number, places_.s(node)};
+        return Found::over;
+    }
+    lose(number, places_.s(node));
+    return Found::lost;
+}
+
+// Pairs that a look at the middle leaves open; false when it is over.
+bool Edge::middle(const std::vector<int>& roots, std::vector<Middle>& open) {
+    const double length = curve_.length();
+    const std::size_t node = place(0.5 * length);
+    std::vector<double> half = travel_;
+    curve_.at(length, q_.data(), travel_.data());
+    for (std::size_t k = 0; k < half.size(); ++k) half[k] = std::max(half[k], travel_[k] - half[k]);
+    places_.begin_about(node, half.data());
+    std::vector<Middle> asks;
+    for (const int number : roots) {
+        const Pair& pair = pair_of(number);
+        if (!places_.spheres_clear(pair, node, places_.motion_about(pair) + enough_)) asks.push_back({number, {}});
+    }
+    for (std::size_t first = 0; first < asks.size();) {  // those of bundles are added at the end
+        const std::size_t last = asks.size();
+        if (!charge(last - first, asks[first].pair, places_.s(node))) return false;
+        for (; first < last; ++first) {
+            const int number = asks[first].pair;
+            const Pair& pair = pair_of(number);
+            const double motion = places_.motion_about(pair);
+            const int hints = asks[first].bound.gap != 0.0 ? 1 : 0;
+            const Bound hint = asks[first].bound;
+            Bound bound{};
+            const Found found = judge(number, node, hint.n, hints, bound,
+                                      [&](const Bound& b) { return b.gap - motion > enough_; });
+            if (found == Found::over) return false;
+            if (found != Found::open) continue;
+            if (pair.leaf() || size_of(pair) < motion) {
+                open.push_back({number, bound});
+                continue;
+            }
+            for (int child = 0; child < pair.children; ++child) {
+                asks.push_back({pair.child + child, bound});
+                asks.back().bound.gap = 1.0;  // a hint
+            }
+        }
+    }
+    return true;
+}
+
+// Halves of the edge that the middle leaves open, with a look at its ends.
+bool Edge::ends(const std::vector<Middle>& open) {
+    const double length = curve_.length();
+    const std::size_t start = place(0.0), end = place(length);
+    stretches_ = {{start, 0}, {0, end}};
+    places_.begin_stretches(2);
+    for (std::size_t half = 0; half < 2; ++half) {
+        const Stretch& stretch = stretches_[half];
+        const std::size_t node = half == 0 ? start : end;
+        const std::size_t first = rows_.size();
+        for (const Middle& known : open) {
+            const double motion = places_.pair_motion(pair_of(known.pair), half, stretch.left, stretch.right);
+            if (!(known.bound.gap - motion > enough_)) rows_.push_back({known.pair, half, motion, known.bound, known.bound});
+        }
+        if (rows_.size() > first && !charge(rows_.size() - first, rows_[first].pair, places_.s(node))) return false;
+        std::size_t left = first;
+        for (std::size_t k = first; k < rows_.size(); ++k) {
+            Row row = rows_[k];
+            Bound bound{};
+            const Bound known = row.before;
+            const Found found = judge(row.pair, node, known.n, 1, bound,
+                                      [&](const Bound& b) { return closed(b, known, row.motion); });
+            if (found == Found::over) return false;
+            if (found != Found::open) continue;
+            (half == 0 ? row.before : row.after) = bound;
+            rows_[left++] = row;
+        }
+        rows_.resize(left);
+    }
+    return true;
+}
+
+// Pairs with bundles that are larger than the motion give way to what is in them.
+bool Edge::split() {
+    std::vector<Row> asks, next;
+    for (const Row& row : rows_)
+        (!pair_of(row.pair).leaf() && size_of(pair_of(row.pair)) >= row.motion ? asks : next).push_back(row);
+    if (asks.empty()) return true;
+    while (!asks.empty()) {
+        std::vector<Row> fresh, deeper;
+        for (const Row& row : asks)
+            for (int child = 0; child < pair_of(row.pair).children; ++child) {
+                fresh.push_back(row);
+                fresh.back().pair = pair_of(row.pair).child + child;
+            }
+        if (!charge(2 * fresh.size(), fresh[0].pair, places_.s(stretches_[fresh[0].stretch].left))) return false;
+        for (Row& row : fresh) {
+            const Stretch& stretch = stretches_[row.stretch];
+            row.motion = places_.pair_motion(pair_of(row.pair), row.stretch, stretch.left, stretch.right);
+            double hints[6];
+            std::copy(row.before.n, row.before.n + 3, hints);
+            std::copy(row.after.n, row.after.n + 3, hints + 3);
+            Bound left{}, right{};
+            const Found one = judge(row.pair, stretch.left, hints, 2, left,
+                                    [&](const Bound& b) { return b.gap - row.motion > enough_; });
+            if (one == Found::over) return false;
+            if (one != Found::open) continue;
+            const Found two = judge(row.pair, stretch.right, hints, 2, right,
+                                    [&](const Bound& b) { return closed(left, b, row.motion); });
+            if (two == Found::over) return false;
+            if (two != Found::open) continue;
+            row.before = left;
+            row.after = right;
+            const Pair& pair = pair_of(row.pair);
+            (!pair.leaf() && size_of(pair) >= row.motion ? deeper : next).push_back(row);
+        }
+        asks = std::move(deeper);
+    }
+    rows_ = std::move(next);
+    return true;
+}
+
+// What a look at the middle of each stretch leaves open of its halves.
+bool Edge::halve() {
+    if (rows_.empty()) return true;
+    const Stretch& leading = stretches_[rows_[0].stretch];
+    if (!charge(rows_.size(), rows_[0].pair, places_.s(leading.left))) return false;
+    const std::size_t count = stretches_.size();
+    std::vector<std::ptrdiff_t> number(count, -1);
+    std::vector<Stretch> halves;
+    for (const Row& row : rows_)
+        if (number[row.stretch] < 0) {
+            const Stretch& stretch = stretches_[row.stretch];
+            const std::size_t node = place(0.5 * (places_.s(stretch.left) + places_.s(stretch.right)));
+            number[row.stretch] = static_cast<std::ptrdiff_t>(halves.size());
+            halves.push_back({stretch.left, node});
+            halves.push_back({node, stretch.right});
+        }
+    places_.begin_stretches(halves.size());
+    std::vector<Row> next;
+    for (const Row& row : rows_) {
+        const auto half = static_cast<std::size_t>(number[row.stretch]);
+        const Stretch &one = halves[half], &two = halves[half + 1];
+        const Pair& pair = pair_of(row.pair);
+        const double motions[2] = {places_.pair_motion(pair, half, one.left, one.right),
+                                   places_.pair_motion(pair, half + 1, two.left, two.right)};
+        double hints[9];
+        for (int k = 0; k < 3; ++k) {
+            hints[k] = row.before.n[k];
+            hints[3 + k] = row.after.n[k];
+            hints[6 + k] = row.before.n[k] + row.after.n[k];
+        }
+        Bound bound{};
+        const Found found = judge(row.pair, one.right, hints, 3, bound, [&](const Bound& b) {
+            return closed(row.before, b, motions[0]) && closed(b, row.after, motions[1]);
+        });
+        if (found == Found::over) return false;
+        if (found != Found::open) continue;
+        if (!closed(row.before, bound, motions[0])) next.push_back({row.pair, half, motions[0], row.before, bound});
+        if (!closed(bound, row.after, motions[1])) next.push_back({row.pair, half + 1, motions[1], bound, row.after});
+    }
+    rows_ = std::move(next);
+    stretches_ = std::move(halves);
+    return true;
+}
+
+}  // namespace proof

@@ -1,0 +1,68 @@
+// The verdict on a straight edge: edge.py, to the last bit.
+#pragma once
+
+#include <vector>
+
+#include "curve.hpp"
+#include "places.hpp"
+
+namespace proof {
+
+enum class Verdict { free, colliding, undecided };
+
+struct EdgeResult {
+    Verdict verdict = Verdict::free;
+    int pair = -1;
+    double s = 0.0;
+};
+
+class Edge {
+  public:
+    // Every pair is to be farther apart than ``enough``; one that is nearer than ``nearer`` collides.
+    Edge(const Model& model, const Variant& variant, const Curve& curve, double enough, double nearer);
+
+    EdgeResult run(const std::vector<int>& roots);
+
+  private:
+    struct Stretch {
+        std::size_t left, right;
+    };
+    struct Row {
+        int pair;
+        std::size_t stretch;
+        double motion;
+        Bound before, after;
+    };
+    struct Middle {  // a pair in the middle of the edge
+        int pair;
+        Bound bound;
+    };
+    enum class Found { closed, open, over, lost };
+
+    const Model& model_;
+    const Variant& variant_;
+    const Curve& curve_;
+    const Terms& terms_;
+    double enough_, nearer_;
+    Places places_;
+    EdgeResult out_;
+    double asked_ = 0.0;
+    std::vector<double> q_, travel_;
+    std::vector<Stretch> stretches_;
+    std::vector<Row> rows_;
+
+    const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
+    double size_of(const Pair& pair) const { return model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius; }
+    std::size_t place(double s);
+    bool charge(std::size_t count, int pair, double s);
+    void lose(int pair, double s);
+    template <class Closes>
+    Found judge(int pair, std::size_t node, const double* hints, int count, Bound& bound, const Closes& closes);
+    bool middle(const std::vector<int>& roots, std::vector<Middle>& open);
+    bool ends(const std::vector<Middle>& open);
+    bool split();
+    bool halve();
+    bool closed(const Bound& one, const Bound& two, double motion) const;
+};
+
+}  // namespace proof

@@ -1,0 +1,113 @@
+// What a proof is about, as plain numbers: a robot's bodies, the convex pieces that ride on them or stand in the world,
+// and the pairs to prove apart. Built once from the tables of motion.py, then only read, from any thread.
+//
+// Everything here repeats the arithmetic of the Python modules of this folder, operation by operation, so that both
+// give equal bits; what it means and why it is right is said there. It shares no code with the search.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace proof {
+
+constexpr std::size_t LANES = 8;  // corners are padded to a multiple of this
+
+// Numbers that the Python modules name and explain, in the order in which proof.py hands them over.
+struct Terms {
+    double rounding;                               // motion.py
+    double tiny, shift, steps_per_round;           // separation.py
+    double gain, share, thin, none;                // hulls.py
+    double fraction, most, far, batch, near, close, rounds, last_rounds;  // tree.py
+    double edge_most, steps, certain;                                     // edge.py
+    double clearance_rounds;                                              // clearance.py
+};
+
+// Corners about the centre: x's, y's and z's, the first corner repeated at the end of each; then those of a few corners
+// that lie outermost in some direction.
+struct Hull {
+    std::size_t padded, outer_padded;
+    const double *corners, *outer;
+};
+
+struct Solid {
+    double half[3];
+    double disc, ball;
+    double radius;
+    const Hull* hull;  // nullptr: none
+};
+
+// A body's move relative to its parent: ``still + with_cos cos q + with_sin sin q + with_q q``, 3 x 4 each, row by row.
+struct Body {
+    int parent;
+    int column;  // -1: no entry of q moves it
+    bool slides;
+    double axis[3];
+    double still[12], with_cos[12], with_sin[12], with_q[12];
+};
+
+struct Link {  // one body of the chain that carries a piece
+    int body;
+    double far;  // no configuration within the limits brings the piece farther from its axis
+};
+
+struct Piece {
+    Solid solid;
+    int body;          // of those that ride
+    double frame[12];  // in that body, or in the world
+    std::size_t first, count;  // its chain in ``links``, its own body's first
+};
+
+struct Pair {
+    int first, second;
+    std::uint16_t own, other;  // of the joints of each, how many do not move the other piece too
+    int child, children;       // pairs that stand for one with a bundle
+    bool leaf() const { return children == 0; }
+};
+
+struct Model {
+    Terms terms{};
+    int dof = 0;
+    std::size_t riding = 0, depth = 0;
+    bool hulls = false;  // whether any piece is one
+    std::vector<Hull> shapes;
+    std::vector<std::vector<double>> corners;  // of these
+    std::vector<Body> bodies;
+    std::vector<Piece> pieces;
+    std::vector<Link> links;
+    std::vector<Pair> pairs;
+};
+
+// A lower bound of the signed gap of a pair, and the unit direction, in the axes of its second piece, that proves it.
+struct Bound {
+    double gap;
+    double n[3];
+};
+
+// A pair as it stands: ``R`` turns a's axes into b's, row by row, ``x`` is a's centre, both seen from b.
+struct Facing {
+    const Solid *a, *b;
+    double R[9];
+    double x[3];
+};
+
+enum class Contact { apart, overlap, unclear };
+
+// The arithmetic on one pair, compiled for one instruction set; all give equal bits.
+struct Variant {
+    const char* name;
+    // hints: directions to try besides, xyz each, at most three.
+    void (*rough)(const Terms& terms, const Facing& facing, const double* hints, int count, Bound& out);
+    void (*refined)(const Terms& terms, const Facing& facing, int rounds, Bound& bound);
+    // Whether the pair is farther apart than ``enough`` or nearer than ``nearer``; the bound is improved on the way.
+    Contact (*settled)(const Terms& terms, const Facing& facing, double enough, double nearer, Bound& bound);
+    // The largest of the heights of a hull's corners along u, v, w.
+    double (*height)(const Hull& hull, double u, double v, double w);
+};
+
+extern const Variant baseline;
+#ifdef PROOF_X86
+extern const Variant avx2;
+#endif
+
+}  // namespace proof

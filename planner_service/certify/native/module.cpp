@@ -1,0 +1,346 @@
+// planner_service.certify._proof: the model built from the tables of motion.py, and what is asked of it.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <stdexcept>
+#include <string>
+
+#include "clearance.hpp"
+#include "edge.hpp"
+#include "tree.hpp"
+
+namespace nb = nanobind;
+
+namespace proof {
+
+namespace {
+
+using Rows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Anything = nb::ndarray<nb::ro, nb::device::cpu>;
+using Numbers = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using WholeRows = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Wholes = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+constexpr int SIDES = 13;  // directions in which outermost corners are looked for, and their opposites
+
+void require(bool condition, const char* what) {
+    if (!condition) throw std::invalid_argument(what);
+}
+
+int whole(std::int64_t value, std::int64_t low, std::int64_t high, const char* what) {
+    require(low <= value && value <= high, what);
+    return static_cast<int>(value);
+}
+
+int whole(double value, std::int64_t low, std::int64_t high, const char* what) {
+    require(std::fabs(value) < 1e9, what);
+    return whole(static_cast<std::int64_t>(value), low, high, what);
+}
+
+std::vector<const Variant*> variants() {
+    std::vector<const Variant*> out{&baseline};
+#ifdef PROOF_X86
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2")) out.push_back(&avx2);
+#endif
+    return out;
+}
+
+// Calls back into Python.
+class PythonCharge final : public Charge {
+  public:
+    explicit PythonCharge(nb::handle callable) : callable_(callable) {}
+    void bounds(std::int64_t count) override {
+        if (callable_.is_none()) return;
+        nb::gil_scoped_acquire acquire;
+        callable_(count);
+    }
+
+  private:
+    nb::handle callable_;
+};
+
+std::vector<double> padded(const Rows& corners, const std::vector<std::size_t>& chosen) {
+    const std::size_t each = (chosen.size() + LANES - 1) / LANES * LANES;
+    std::vector<double> out;
+    for (std::size_t k = 0; k < 3; ++k)
+        for (std::size_t i = 0; i < each; ++i)
+            out.push_back(corners.data()[3 * (i < chosen.size() ? chosen[i] : chosen[0]) + k]);
+    return out;
+}
+
+std::vector<std::size_t> outermost(const Rows& corners) {
+    std::set<std::size_t> found;
+    for (int side = 0; side < SIDES; ++side) {  // the 13 lines through a cube's centre and a neighbour's
+        const int code = side + 14;             // 14..26 in base three: the later half of all
+        const double d[3] = {code / 9 - 1.0, code / 3 % 3 - 1.0, code % 3 - 1.0};
+        std::size_t low = 0, high = 0;
+        const auto at = [&](std::size_t i) {
+            const double* p = corners.data() + 3 * i;
+            return p[0] * d[0] + p[1] * d[1] + p[2] * d[2];
+        };
+        for (std::size_t i = 1; i < corners.shape(0); ++i) {
+            if (at(i) < at(low)) low = i;
+            if (at(i) > at(high)) high = i;
+        }
+        found.insert({low, high});
+    }
+    return {found.begin(), found.end()};
+}
+
+class Prover {
+  public:
+    Prover(const std::vector<double>& terms, std::int64_t dof, const Rows& bodies, const Rows& pieces, std::int64_t riding,
+           const Rows& links, const WholeRows& pairs, const std::vector<Rows>& hulls, const Rows& limits,
+           const std::string& variant) {
+        for (const auto* found : variants())
+            if (variant.empty() || variant == found->name) variant_ = found;
+        require(variant_ != nullptr, "this processor has no such instruction set");
+        model_.dof = whole(dof, 1, 1'000'000, "no robot has so many joints");
+        add_terms(terms);
+        add_bodies(bodies);
+        add_hulls(hulls);
+        add_pieces(pieces, riding);
+        add_links(links);
+        add_pairs(pairs);
+        require(limits.shape(0) == 2 && limits.shape(1) == static_cast<std::size_t>(model_.dof), "limits of another robot");
+        limits_.assign(limits.data(), limits.data() + 2 * limits.shape(1));
+    }
+
+    const char* variant() const { return variant_->name; }
+
+    nb::tuple prove(const Rows& waypoints, const Numbers& knots, const Rows& tangents, const Numbers& breaks,
+                    const Wholes& lines, const Wholes& blends, const Rows& travelled, const Rows& corners,
+                    const Rows& spans, const WholeRows& roots, double enough, nb::handle charge) const {
+        const Curve curve = curve_of(waypoints, knots, tangents, breaks, lines, blends, travelled, corners);
+        require(spans.shape(1) == 2 && roots.shape(1) == 2, "two numbers for each span and root");
+        std::vector<Span> stretches;
+        for (std::size_t k = 0; k < spans.shape(0); ++k)
+            stretches.push_back({spans.data()[2 * k], spans.data()[2 * k + 1]});
+        std::vector<Root> rows;
+        rows.reserve(roots.shape(0));
+        const auto count = static_cast<std::int64_t>(model_.pairs.size());
+        for (std::size_t k = 0; k < roots.shape(0); ++k)
+            rows.push_back({whole(roots.data()[2 * k], 0, count - 1, "no such pair"),
+                            static_cast<std::size_t>(whole(roots.data()[2 * k + 1], 0,
+                                                           static_cast<std::int64_t>(stretches.size()) - 1,
+                                                           "no such span"))});
+        PythonCharge told(charge);
+        Outcome out;
+        {
+            nb::gil_scoped_release release;
+            out = Tree(model_, *variant_, curve, enough, told).run(stretches, std::move(rows));
+        }
+        return nb::make_tuple(out.asked, out.most, out.proven, static_cast<int>(out.end), out.pair, out.span.start,
+                              out.span.end, out.s, out.gap);
+    }
+
+    // The verdict on the straight edge between two configurations; None if one is not n doubles within the limits.
+    nb::object edge(const Anything& q1, const Anything& q2, double enough, double nearer, double slack) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        std::vector<double> points(2 * n), tangent(n), travelled(2 * n, 0.0);
+        if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return nb::none();
+        double square = 0.0;
+        for (std::size_t k = 0; k < n; ++k) {
+            const double step = points[n + k] - points[k];
+            square += step * step;
+        }
+        const double length = std::sqrt(square), knots[2] = {0.0, length};
+        if (!std::isfinite(length)) return nb::none();
+        for (std::size_t k = 0; k < n; ++k) tangent[k] = (points[n + k] - points[k]) / length;
+        const std::int64_t line = 0, blend = -1;
+        const std::size_t pieces = length > 0.0 ? 1 : 0;
+        const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, travelled.data(), &line,
+                              &blend, nullptr});
+        EdgeResult out;
+        {
+            nb::gil_scoped_release release;
+            out = Edge(model_, *variant_, curve, enough, nearer).run(roots_);
+        }
+        if (out.verdict == Verdict::free) return nb::int_(0);
+        return nb::make_tuple(static_cast<int>(out.verdict), out.pair, out.s);
+    }
+
+    // Lower bounds of the smallest gap at each row of Q, into ``out``.
+    void clearances(const Rows& Q, const nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>& out) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        require(Q.shape(1) == n && out.shape(0) == Q.shape(0), "configurations of another robot");
+        const std::size_t count = Q.shape(0);
+        const double* q = Q.data();
+        double* found = out.data();
+        nb::gil_scoped_release release;
+        Clearance clearance(model_, *variant_);
+        for (std::size_t k = 0; k < count; ++k) found[k] = clearance.at(q + n * k, roots_);
+    }
+
+  private:
+    Model model_;
+    const Variant* variant_ = nullptr;
+    std::vector<int> roots_;
+    std::vector<double> limits_;  // the lower ones, then the upper ones
+
+    bool read(const Anything& q, double slack, double* out) const {
+        const auto n = static_cast<std::size_t>(model_.dof);
+        if (q.ndim() != 1 || q.shape(0) != n || q.dtype() != nb::dtype<double>()) return false;
+        const auto* values = static_cast<const double*>(q.data());
+        for (std::size_t k = 0; k < n; ++k) {
+            out[k] = values[static_cast<std::int64_t>(k) * q.stride(0)];
+            if (!(out[k] >= limits_[k] - slack && out[k] <= limits_[n + k] + slack)) return false;
+        }
+        return true;
+    }
+
+    void add_terms(const std::vector<double>& terms) {
+        require(terms.size() == sizeof(Terms) / sizeof(double), "other terms");
+        double* out = &model_.terms.rounding;
+        std::copy(terms.begin(), terms.end(), out);
+        require(model_.terms.batch >= 1.0, "a batch has a row");
+    }
+
+    // Rows: parent, entry of q, whether it slides, axis (3), still, with_cos, with_sin, with_q (12 each).
+    void add_bodies(const Rows& rows) {
+        require(rows.shape(1) == 54 && rows.shape(0) > 0, "54 numbers for each body");
+        const auto count = static_cast<std::int64_t>(rows.shape(0));
+        for (std::int64_t k = 0; k < count; ++k) {
+            const double* row = rows.data() + 54 * k;
+            Body body{};
+            body.parent = whole(row[0], k == 0 ? -1 : 0, std::max<std::int64_t>(k - 1, -1), "a parent comes first");
+            body.column = whole(row[1], -1, model_.dof - 1, "no such entry of q");
+            body.slides = row[2] != 0.0;
+            std::copy(row + 3, row + 6, body.axis);
+            std::copy(row + 6, row + 18, body.still);
+            std::copy(row + 18, row + 30, body.with_cos);
+            std::copy(row + 30, row + 42, body.with_sin);
+            std::copy(row + 42, row + 54, body.with_q);
+            model_.bodies.push_back(body);
+        }
+    }
+
+    void add_hulls(const std::vector<Rows>& hulls) {
+        for (const auto& corners : hulls) {
+            require(corners.shape(1) == 3 && corners.shape(0) > 0, "corners of shape (v, 3)");
+            std::vector<std::size_t> all(corners.shape(0));
+            for (std::size_t k = 0; k < all.size(); ++k) all[k] = k;
+            model_.corners.push_back(padded(corners, all));
+            model_.corners.push_back(padded(corners, outermost(corners)));
+        }
+        for (std::size_t k = 0; k < hulls.size(); ++k) {
+            const auto &every = model_.corners[2 * k], &outer = model_.corners[2 * k + 1];
+            model_.shapes.push_back({every.size() / 3, outer.size() / 3, every.data(), outer.data()});
+        }
+    }
+
+    // Rows: body (-1: it stands), half lengths (3), disc, ball, radius, hull (-1: none), frame (12).
+    void add_pieces(const Rows& rows, std::int64_t riding) {
+        require(rows.shape(1) == 20, "20 numbers for each piece");
+        const auto count = static_cast<std::int64_t>(rows.shape(0));
+        model_.riding = static_cast<std::size_t>(whole(riding, 0, count, "more ride than there are"));
+        for (std::int64_t k = 0; k < count; ++k) {
+            const double* row = rows.data() + 20 * k;
+            Piece piece{};
+            const auto bodies = static_cast<std::int64_t>(model_.bodies.size());
+            piece.body = k < riding ? whole(row[0], 0, bodies - 1, "no such body") : -1;
+            std::copy(row + 1, row + 4, piece.solid.half);
+            piece.solid.disc = row[4];
+            piece.solid.ball = row[5];
+            piece.solid.radius = row[6];
+            const int hull = whole(row[7], -1, static_cast<std::int64_t>(model_.shapes.size()) - 1, "no such hull");
+            piece.solid.hull = hull < 0 ? nullptr : &model_.shapes[static_cast<std::size_t>(hull)];
+            std::copy(row + 8, row + 20, piece.frame);
+            model_.pieces.push_back(piece);
+        }
+    }
+
+    // Rows: the piece, by ascending number; a body that carries it, its own first; how far it is from that body's axis.
+    void add_links(const Rows& rows) {
+        require(rows.shape(1) == 3, "3 numbers for each link");
+        const auto bodies = static_cast<std::int64_t>(model_.bodies.size());
+        std::size_t before = 0;
+        for (std::size_t k = 0; k < rows.shape(0); ++k) {
+            const double* row = rows.data() + 3 * k;
+            const auto number = static_cast<std::size_t>(
+                whole(row[0], static_cast<std::int64_t>(before), static_cast<std::int64_t>(model_.riding) - 1, "no such piece"));
+            before = number;
+            Piece& piece = model_.pieces[number];
+            if (piece.count == 0) piece.first = k;
+            ++piece.count;
+            model_.depth = std::max(model_.depth, piece.count);
+            model_.links.push_back({whole(row[1], 0, bodies - 1, "no such body"), row[2]});
+        }
+    }
+
+    // Rows: two pieces, joints that move only the one and only the other, the first child and how many.
+    void add_pairs(const WholeRows& rows) {
+        require(rows.shape(1) == 6, "6 numbers for each pair");
+        const auto count = static_cast<std::int64_t>(rows.shape(0)), pieces = static_cast<std::int64_t>(model_.pieces.size());
+        require(count < 2'000'000'000, "too many pairs");
+        const auto riding = static_cast<std::int64_t>(model_.riding);
+        model_.pairs.reserve(rows.shape(0));
+        for (std::int64_t k = 0; k < count; ++k) {
+            const std::int64_t* row = rows.data() + 6 * k;
+            Pair pair{};
+            pair.first = whole(row[0], 0, riding - 1, "the first of a pair rides");
+            pair.second = whole(row[1], 0, pieces - 1, "no such piece");
+            pair.own = steps(row[2], pair.first);
+            pair.other = row[1] < riding ? steps(row[3], pair.second) : std::uint16_t{0};
+            pair.child = whole(row[4], 0, count, "no such pair");
+            pair.children = whole(row[5], 0, count - pair.child, "no such pair");
+            model_.pairs.push_back(pair);
+        }
+        std::vector<bool> child(model_.pairs.size(), false);
+        for (const Pair& pair : model_.pairs)
+            std::fill_n(child.begin() + pair.child, pair.children, true);
+        for (int k = 0; k < static_cast<int>(count); ++k)
+            if (!child[static_cast<std::size_t>(k)]) roots_.push_back(k);
+    }
+
+    std::uint16_t steps(std::int64_t value, int piece) const {
+        const auto most = static_cast<std::int64_t>(model_.pieces[static_cast<std::size_t>(piece)].count);
+        return static_cast<std::uint16_t>(whole(value, 0, std::min<std::int64_t>(most, 65535), "no such joint"));
+    }
+
+    Curve curve_of(const Rows& waypoints, const Numbers& knots, const Rows& tangents, const Numbers& breaks,
+                   const Wholes& lines, const Wholes& blends, const Rows& travelled, const Rows& corners) const {
+        const std::size_t n = waypoints.shape(1), count = waypoints.shape(0), pieces = lines.shape(0);
+        require(n == static_cast<std::size_t>(model_.dof) && count > 0, "a path of another robot");
+        require(knots.shape(0) == count && tangents.shape(0) + 1 == count && tangents.shape(1) == n, "knots of another path");
+        require(breaks.shape(0) == pieces + 1 && blends.shape(0) == pieces, "pieces of another path");
+        require(travelled.shape(0) == pieces + 1 && travelled.shape(1) == n, "pieces of another path");
+        require(corners.shape(1) == 2 + 4 * n, "blends of another path");
+        for (std::size_t k = 0; k < pieces; ++k) {
+            whole(lines.data()[k], 0, static_cast<std::int64_t>(count) - 2, "no such line");
+            whole(blends.data()[k], -1, static_cast<std::int64_t>(corners.shape(0)) - 1, "no such blend");
+        }
+        return Curve(n, {count, pieces, waypoints.data(), knots.data(), tangents.data(), breaks.data(),
+                         travelled.data(), lines.data(), blends.data(), corners.data()});
+    }
+};
+
+}  // namespace
+
+NB_MODULE(_proof, m) {
+    nb::set_leak_warnings(false);  // a certifier that lives as long as the process is no leak
+    m.def("instruction_sets", [] {
+        std::vector<std::string> names;
+        for (const auto* found : variants()) names.emplace_back(found->name);
+        return names;
+    });
+    nb::class_<Prover>(m, "Prover")
+        .def(nb::init<const std::vector<double>&, std::int64_t, const Rows&, const Rows&, std::int64_t, const Rows&, const WholeRows&,
+                      const std::vector<Rows>&, const Rows&, const std::string&>(),
+             nb::arg("terms"), nb::arg("dof"), nb::arg("bodies"), nb::arg("pieces"), nb::arg("riding"), nb::arg("links"),
+             nb::arg("pairs"), nb::arg("hulls"), nb::arg("limits"), nb::arg("variant") = "")
+        .def_prop_ro("variant", &Prover::variant)
+        .def("prove", &Prover::prove, nb::arg("waypoints"), nb::arg("knots"), nb::arg("tangents"), nb::arg("breaks"),
+             nb::arg("lines"), nb::arg("blends"), nb::arg("travelled"), nb::arg("corners"), nb::arg("spans"),
+             nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none())
+        .def("edge", &Prover::edge)
+        .def("clearances", &Prover::clearances);
+}
+
+}  // namespace proof

@@ -1,0 +1,249 @@
+#include "places.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace proof {
+
+namespace {
+
+// Not inlined: made one of both, a sine and a cosine might have other bits.
+[[gnu::noinline]] double cosine(double x) { return std::cos(x); }
+[[gnu::noinline]] double sine(double x) { return std::sin(x); }
+
+// A frame given in another one, in what that one is given in; 3 x 4 each.
+void compose(const double* a, const double* b, double* out) {
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 4; ++j) out[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j];
+        out[4 * i + 3] += a[4 * i + 3];
+    }
+}
+
+void place_body(const Body& body, const double* q, double* out) {
+    std::copy(body.still, body.still + 12, out);
+    if (body.column < 0) return;
+    const double angle = q[body.column];
+    if (body.slides) {
+        for (int k = 0; k < 12; ++k) out[k] += body.with_q[k] * angle;
+        return;
+    }
+    const double cos = cosine(angle), sin = sine(angle);
+    for (int k = 0; k < 12; ++k) out[k] = out[k] + body.with_cos[k] * cos + body.with_sin[k] * sin;
+}
+
+}  // namespace
+
+Places::Places(const Model& model, const Variant& variant)
+    : model_(model),
+      variant_(variant),
+      per_bodies_(12 * model.bodies.size()),
+      per_poses_(12 * model.riding),
+      per_radii_(model.depth * model.riding) {}
+
+std::size_t Places::add(double s, const double* q, const double* travel) {
+    const std::size_t node = s_.size(), count = model_.bodies.size();
+    s_.push_back(s);
+    travel_.insert(travel_.end(), travel, travel + model_.dof);
+    bodies_.resize(bodies_.size() + per_bodies_);
+    poses_.resize(poses_.size() + per_poses_);
+    radii_.resize(radii_.size() + per_radii_);
+    known_.resize(known_.size() + model_.riding, 0);
+    double* out = bodies_.data() + node * per_bodies_;
+    for (std::size_t k = 0; k < count; ++k) {
+        const Body& body = model_.bodies[k];
+        if (k == 0) {
+            place_body(body, q, out);
+            continue;
+        }
+        double local[12];
+        place_body(body, q, local);
+        compose(out + 12 * body.parent, local, out + 12 * k);
+    }
+    return node;
+}
+
+void Places::clear() {
+    s_.clear();
+    travel_.clear();
+    bodies_.clear();
+    poses_.clear();
+    radii_.clear();
+    known_.clear();
+}
+
+void Places::keep(const std::vector<std::size_t>& nodes) {
+    const auto n = static_cast<std::size_t>(model_.dof);
+    const auto moved = [](auto& values, std::size_t each, std::size_t from, std::size_t to) {
+        const auto first = values.begin() + static_cast<std::ptrdiff_t>(from * each);
+        std::copy(first, first + static_cast<std::ptrdiff_t>(each), values.begin() + static_cast<std::ptrdiff_t>(to * each));
+    };
+    for (std::size_t to = 0; to < nodes.size(); ++to) {  // in ascending order: nothing is overwritten too soon
+        const std::size_t from = nodes[to];
+        if (from == to) continue;
+        moved(s_, 1, from, to);
+        moved(travel_, n, from, to);
+        moved(bodies_, per_bodies_, from, to);
+        moved(poses_, per_poses_, from, to);
+        moved(radii_, per_radii_, from, to);
+        moved(known_, model_.riding, from, to);
+    }
+    s_.resize(nodes.size());
+    travel_.resize(nodes.size() * n);
+    bodies_.resize(nodes.size() * per_bodies_);
+    poses_.resize(nodes.size() * per_poses_);
+    radii_.resize(nodes.size() * per_radii_);
+    known_.resize(nodes.size() * model_.riding);
+}
+
+const double* Places::pose(int piece, std::size_t node) {
+    const auto k = static_cast<std::size_t>(piece);
+    const Piece& found = model_.pieces[k];
+    if (k >= model_.riding) return found.frame;
+    double* out = poses_.data() + node * per_poses_ + 12 * k;
+    std::uint8_t& known = known_[node * model_.riding + k];
+    if ((known & 1U) == 0U) {
+        compose(bodies_.data() + node * per_bodies_ + 12 * found.body, found.frame, out);
+        known = static_cast<std::uint8_t>(known | 1U);
+    }
+    return out;
+}
+
+const double* Places::radii(std::size_t piece, std::size_t node) {
+    double* out = radii_.data() + node * per_radii_ + model_.depth * piece;
+    if ((known_[node * model_.riding + piece] & 2U) == 0U) {
+        find_radii(piece, node, out);
+        std::uint8_t& known = known_[node * model_.riding + piece];
+        known = static_cast<std::uint8_t>(known | 2U);
+    }
+    return out;
+}
+
+void Places::find_radii(std::size_t piece, std::size_t node, double* out) {
+    const Piece& found = model_.pieces[piece];
+    const Solid& solid = found.solid;
+    const double *P = pose(static_cast<int>(piece), node), *bodies = bodies_.data() + node * per_bodies_;
+    const double radius = solid.radius;
+    for (std::size_t k = 0; k < found.count; ++k) {
+        const Link& link = model_.links[found.first + k];
+        const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
+        if (body.column < 0 || body.slides) continue;  // no motion asks for it
+        const double* B = bodies + 12 * link.body;
+        double z[3], x[3], c[3];
+        for (int i = 0; i < 3; ++i) {
+            z[i] = B[4 * i] * body.axis[0] + B[4 * i + 1] * body.axis[1] + B[4 * i + 2] * body.axis[2];
+            x[i] = P[4 * i + 3] - B[4 * i + 3];
+        }
+        const double along = x[0] * z[0] + x[1] * z[1] + x[2] * z[2];
+        for (int i = 0; i < 3; ++i) c[i] = x[i] - along * z[i];
+        const double u = c[0] * P[0] + c[1] * P[4] + c[2] * P[8];
+        const double v = c[0] * P[1] + c[1] * P[5] + c[2] * P[9];
+        const double w = c[0] * P[2] + c[1] * P[6] + c[2] * P[10];
+        const double across = u * u + v * v, square = across + w * w;
+        double support;
+        if (solid.hull != nullptr) {
+            support = variant_.height(*solid.hull, u, v, w);
+        } else {
+            support = std::fabs(u) * solid.half[0] + std::fabs(v) * solid.half[1] + std::fabs(w) * solid.half[2];
+            if (solid.disc > 0.0) support = support + solid.disc * std::sqrt(across);
+            if (solid.ball > 0.0) support = support + solid.ball * std::sqrt(square);
+        }
+        out[k] = std::min(std::sqrt(square + 2.0 * support + radius * radius), link.far);
+    }
+}
+
+Facing Places::facing(const Pair& pair, std::size_t node) {
+    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
+    Facing out;
+    out.a = &model_.pieces[static_cast<std::size_t>(pair.first)].solid;
+    out.b = &model_.pieces[static_cast<std::size_t>(pair.second)].solid;
+    const double delta[3] = {A[3] - B[3], A[7] - B[7], A[11] - B[11]};
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) out.R[3 * i + j] = B[i] * A[j] + B[4 + i] * A[4 + j] + B[8 + i] * A[8 + j];
+        out.x[i] = B[i] * delta[0] + B[4 + i] * delta[1] + B[8 + i] * delta[2];
+    }
+    return out;
+}
+
+double Places::spheres_apart(const Pair& pair, std::size_t node) {
+    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
+    const double x = A[3] - B[3], y = A[7] - B[7], z = A[11] - B[11];
+    const double radii = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius +
+                         model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius;
+    return std::sqrt(x * x + y * y + z * z) * (1.0 - model_.terms.rounding) - radii;
+}
+
+bool Places::spheres_clear(const Pair& pair, std::size_t node, double grown) {
+    const double *A = pose(pair.first, node), *B = pose(pair.second, node);
+    const double x = A[3] - B[3], y = A[7] - B[7], z = A[11] - B[11];
+    const double within = model_.pieces[static_cast<std::size_t>(pair.first)].solid.radius +
+                          model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius + grown;
+    return (x * x + y * y + z * z) * (1.0 - model_.terms.rounding) > within * within;
+}
+
+void Places::begin_about(std::size_t node, const double* travel) {
+    about_node_ = node;
+    about_travel_ = travel;
+    about_.resize(model_.riding * (model_.depth + 1));
+    abouts_.assign(model_.riding, 0);
+}
+
+const double* Places::motions_about(std::size_t piece) {
+    double* out = about_.data() + piece * (model_.depth + 1);
+    if (abouts_[piece] != 0) return out;
+    abouts_[piece] = 1;
+    const Piece& found = model_.pieces[piece];
+    const double* here = radii(piece, about_node_);
+    out[0] = 0.0;
+    for (std::size_t k = 0; k < found.count; ++k) {
+        const Link& link = model_.links[found.first + k];
+        const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
+        out[k + 1] = out[k];
+        if (body.column < 0) continue;
+        const double radius = body.slides ? 1.0 : std::min(here[k] + out[k], link.far);
+        out[k + 1] = out[k] + radius * about_travel_[body.column];
+    }
+    return out;
+}
+
+double Places::motion_about(const Pair& pair) {
+    double out = motions_about(static_cast<std::size_t>(pair.first))[pair.own];
+    if (pair.other > 0) out += motions_about(static_cast<std::size_t>(pair.second))[pair.other];
+    return out;
+}
+
+void Places::begin_stretches(std::size_t count) {
+    moved_.assign(count * model_.riding, -1);
+    motions_.clear();
+}
+
+const double* Places::motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b) {
+    std::int32_t& at = moved_[stretch * model_.riding + piece];
+    const std::size_t each = model_.depth + 1;
+    if (at >= 0) return motions_.data() + static_cast<std::size_t>(at) * each;
+    at = static_cast<std::int32_t>(motions_.size() / each);
+    motions_.resize(motions_.size() + each);
+    double* out = motions_.data() + motions_.size() - each;
+    const double *one = radii(piece, a), *two = radii(piece, b);
+    const auto n = static_cast<std::size_t>(model_.dof);
+    const double *start = travel_.data() + a * n, *end = travel_.data() + b * n;
+    const Piece& found = model_.pieces[piece];
+    out[0] = 0.0;
+    for (std::size_t k = 0; k < found.count; ++k) {
+        const Link& link = model_.links[found.first + k];
+        const Body& body = model_.bodies[static_cast<std::size_t>(link.body)];
+        out[k + 1] = out[k];
+        if (body.column < 0) continue;
+        const double travel = end[body.column] - start[body.column];
+        const double radius = body.slides ? 1.0 : std::min(0.5 * (one[k] + two[k]) + 0.5 * out[k], link.far);
+        out[k + 1] = out[k] + radius * travel;
+    }
+    return out;
+}
+
+double Places::pair_motion(const Pair& pair, std::size_t stretch, std::size_t a, std::size_t b) {
+    double out = motions(static_cast<std::size_t>(pair.first), stretch, a, b)[pair.own];
+    if (pair.other > 0) out += motions(static_cast<std::size_t>(pair.second), stretch, a, b)[pair.other];
+    return out;
+}
+
+}  // namespace proof

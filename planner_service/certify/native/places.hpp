@@ -1,0 +1,62 @@
+// Where pieces are at the nodes of a proof, and how far they move between two of them: motion.py. Worked out when first
+// asked for, so that a piece that is proven apart costs nothing more.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "model.hpp"
+
+namespace proof {
+
+class Places {
+  public:
+    Places(const Model& model, const Variant& variant);
+
+    // A node at configuration q, reached after ``travel`` of each joint; its number.
+    std::size_t add(double s, const double* q, const double* travel);
+    double s(std::size_t node) const { return s_[node]; }
+    std::size_t count() const { return s_.size(); }
+
+    // Forget all nodes but these, which are numbered anew in their order.
+    void keep(const std::vector<std::size_t>& nodes);
+    void clear();
+
+    Facing facing(const Pair& pair, std::size_t node);
+    double spheres_apart(const Pair& pair, std::size_t node);
+
+    // How far the pieces of a pair move against each other from node a to node b, at most; that stretch has a number
+    // below the count with which stretches were last begun.
+    void begin_stretches(std::size_t count);
+    double pair_motion(const Pair& pair, std::size_t stretch, std::size_t a, std::size_t b);
+
+    // How far the pieces of a pair move against each other, at most, while each joint travels so far from a node, in
+    // whatever direction; the node and the travel (the caller's) are set first.
+    void begin_about(std::size_t node, const double* travel);
+    double motion_about(const Pair& pair);
+    // Whether bounding spheres, ``grown`` by so much, are apart.
+    bool spheres_clear(const Pair& pair, std::size_t node, double grown);
+
+  private:
+    const Model& model_;
+    const Variant& variant_;
+    std::size_t per_bodies_, per_poses_, per_radii_;
+    std::vector<double> s_, travel_, bodies_, poses_, radii_;
+    std::vector<std::uint8_t> known_;  // of each node and riding piece: 1 its pose, 2 its radii
+    std::vector<double> motions_;      // of stretches and riding pieces, depth + 1 each
+    std::vector<std::int32_t> moved_;  // where in these; -1: not yet
+
+    std::size_t about_node_ = 0;
+    const double* about_travel_ = nullptr;
+    std::vector<double> about_;         // of riding pieces, depth + 1 each
+    std::vector<std::uint8_t> abouts_;  // which of these are known
+
+    const double* pose(int piece, std::size_t node);
+    const double* radii(std::size_t piece, std::size_t node);
+    void find_radii(std::size_t piece, std::size_t node, double* out);
+    const double* motions_about(std::size_t piece);
+    const double* motions(std::size_t piece, std::size_t stretch, std::size_t a, std::size_t b);
+};
+
+}  // namespace proof

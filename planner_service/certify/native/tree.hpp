@@ -1,0 +1,96 @@
+// The bisection of a whole curve: tree.py, to the last bit and the last count.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "curve.hpp"
+#include "places.hpp"
+
+namespace proof {
+
+// Told how many bounds are asked next; may throw.
+class Charge {
+  public:
+    virtual ~Charge() = default;
+    virtual void bounds(std::int64_t count) = 0;
+};
+
+struct Span {
+    double start, end;
+};
+
+struct Root {
+    int pair;
+    std::size_t span;
+};
+
+enum class End { proven, close, spent, pointlike };
+
+struct Outcome {
+    std::int64_t asked = 0, most = 0;
+    double proven = 0.0;
+    End end = End::proven;
+    int pair = -1;
+    Span span{};
+    double s = 0.0, gap = 0.0;
+};
+
+class Tree {
+  public:
+    Tree(const Model& model, const Variant& variant, const Curve& curve, double enough, Charge& charge);
+
+    // Prove the roots; run it once.
+    Outcome run(const std::vector<Span>& spans, std::vector<Root> roots);
+
+  private:
+    struct Stretch {
+        std::size_t left, right;
+    };
+    struct Row {  // a pair not proven yet on a stretch, and what is known at both ends
+        int pair;
+        std::size_t stretch;
+        double motion;
+        Bound before, after;
+    };
+    struct Ask {
+        int pair;
+        std::size_t node;
+    };
+    struct Judged {
+        std::vector<Bound> ends;
+        std::ptrdiff_t bad = -1;  // a row that is not far enough apart
+    };
+
+    const Model& model_;
+    const Variant& variant_;
+    const Curve& curve_;
+    const Terms& terms_;
+    double enough_;
+    Charge& charge_;
+    Places places_;
+    Outcome out_;
+    double smallest_;
+    std::vector<Stretch> stretches_;
+    std::vector<Row> rows_;
+    std::vector<double> q_, travel_;
+
+    const Pair& pair_of(int number) const { return model_.pairs[static_cast<std::size_t>(number)]; }
+    double size_of(const Pair& pair) const { return model_.pieces[static_cast<std::size_t>(pair.second)].solid.radius; }
+    double close() const;
+    std::size_t place(double s);
+    void drop_far(const std::vector<Span>& spans, std::vector<Root>& roots);
+    bool root(const std::vector<Span>& spans, const std::vector<Root>& roots);
+    bool split(const std::vector<bool>& splitting);
+    bool halve();
+    bool stuck();
+    bool obstructed(int pair, const Bound& found, Span span, double s);
+    Judged judge(const std::vector<Ask>& asks, const std::vector<double>& hints, int each, double close);
+    std::ptrdiff_t tighten(const std::vector<Ask>& asks, std::size_t first, std::size_t last, double close,
+                           std::vector<Facing>& facings, std::vector<Bound>& ends);
+    void keep();
+    void forget();
+};
+
+}  // namespace proof

@@ -1,0 +1,463 @@
+"""The compiled proof says what the reference says, to the last bit: proofs, verdicts on edges, clearances."""
+
+from __future__ import annotations
+
+import builtins
+import logging
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.backends import case, edges_of
+from planner_service.certify import MARGIN, Certifier, EdgeVerdict, ExemptInterval, edge, hulls, proof, separation, tree
+from planner_service.certify import motion as motions
+from planner_service.certify.proof import Proof, Prover, instruction_sets, native_prover, numpy_prover
+from planner_service.collision import CollisionChecker
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import Box, FloatArray, Pose, Sphere
+from planner_service.mesh import Mesh
+from planner_service.path import JointPath
+from planner_service.robot import Robot, load_robot
+from planner_service.scene import Attached, Obstacle, Scene, load_scene
+from tests.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from tests.laws.test_certify_laws import CRANE, anywhere, curve
+from tests.laws.test_crowd_laws import Crowded
+from tests.test_certify import RIM, SLIDER, TWINS, ball_beyond, built
+
+WXAI, PLANAR = load_robot("wxai"), load_robot("planar2")
+BUILT = bool(instruction_sets())
+CROWDS = [("wxai", 0), ("planar2", 1), ("ur5", 2), ("wxai", 7)]
+SWEEP = np.array([[-0.5, 0.0], [0.5, 0.0]])
+
+Told = tuple[Proof, list[int]]
+
+
+def provers(certifier: Certifier) -> list[Prover]:
+    """The reference, then compiled code for each instruction set there is."""
+    found = [native_prover(certifier.motion, name) for name in instruction_sets()]
+    return [numpy_prover(certifier.motion), *(prover for prover in found if prover is not None)]
+
+
+def told(
+    prover: Prover, certifier: Certifier, path: JointPath, padding: float, exempt: Sequence[ExemptInterval]
+) -> Told:
+    charged: list[int] = []
+    return prover.prove(path, padding + MARGIN, certifier.roots(path.length, exempt), charged.append), charged
+
+
+def agreed(certifier: Certifier, path: JointPath, padding: float = 0.0, exempt: Sequence[ExemptInterval] = ()) -> Proof:
+    """What all provers say, which is the same."""
+    first, *others = [told(prover, certifier, path, padding, exempt) for prover in provers(certifier)]
+    assert others == [first] * len(instruction_sets())
+    return first[0]
+
+
+def exempted(certifier: Certifier, path: JointPath, rng: np.random.Generator) -> list[ExemptInterval]:
+    """One or two stretches, of pairs drawn at random and maybe of a pair that is judged."""
+    owners = sorted(certifier.listed.owners)
+    pairs = [certifier.listed.names(int(rng.integers(len(certifier.listed.pairs))))]
+    pairs += [tuple(map(str, rng.choice(owners, 2, replace=False))) for _ in range(3)]  # type: ignore[misc]
+    ends = np.sort(rng.uniform(0.0, path.length, (2, 2)), axis=1).tolist()
+    return [ExemptInterval(start, end, tuple(pairs), "") for start, end in ends[: 1 + int(rng.integers(2))]]
+
+
+def made(tmp_path_factory: pytest.TempPathFactory, urdf: str) -> Robot:
+    return built(tmp_path_factory.mktemp("urdf"), urdf)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("hulls")
+    write_arm(place)
+    return place
+
+
+# --- curves
+
+
+@pytest.mark.parametrize("name", ["bin", "shelf", "clutter"])
+def test_proofs_and_refusals_of_straight_and_blended_paths_are_the_same(name: str) -> None:
+    certifier, rng = Certifier(WXAI, load_scene(name)), np.random.default_rng(5)
+    found = [agreed(certifier, curve(WXAI, rng), padding) for padding in (0.0, 0.0, 0.002, 0.03) for _ in range(6)]
+    assert {proof.obstruction is None for proof in found} == {True, False}
+
+
+@pytest.mark.parametrize(("name", "seed"), CROWDS)
+def test_proofs_among_every_kind_of_shape_bundled_and_carried_are_the_same(name: str, seed: int) -> None:
+    setup = Crowded(name, seed)
+    certifier = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
+    assert len(certifier.listed.pairs) > certifier.listed.judged
+    for turn in range(8):
+        q = setup.anywhere()
+        far = setup.anywhere()
+        path = JointPath(np.array([q, q + (far - q) * min(1.0, (0.1 + 0.2 * turn) / math.dist(q, far)), q]))
+        exempt = exempted(certifier, path, setup.rng) if turn % 2 else []
+        agreed(certifier, path, setup.padding, exempt)
+
+
+@pytest.mark.parametrize("urdf", [SLIDER, TWINS, CRANE], ids=["slider", "twins", "crane"])
+def test_proofs_of_arms_that_slide_and_branch_are_the_same(tmp_path: Path, urdf: str) -> None:
+    robot, rng = built(tmp_path, urdf), np.random.default_rng(6)
+    scene = Scene((Obstacle("post", Box((0.1, 0.1, 2.0)), Pose((1.0, 0.3, 0.0))),))
+    certifier = Certifier(robot, scene)
+    found = [agreed(certifier, curve(robot, rng)) for _ in range(12)]
+    assert any(proof.obstruction is None for proof in found)
+
+
+def test_proofs_of_hulls_are_the_same(folder: Path) -> None:
+    setup = HullSetup("native", folder, attached=(HELD,))
+    robot, rng = setup.robot(), np.random.default_rng(7)
+    certifier = Certifier(robot, setup.whole_scene())
+    found = []
+    for _ in range(24):
+        q = anywhere(robot, rng, 2)
+        found.append(agreed(certifier, JointPath(q[0] + (q - q[0]) * rng.uniform(0.0, 0.4))))
+    assert {proof.obstruction is None for proof in found} == {True, False}
+
+
+def test_of_corners_and_directions_that_are_equally_far_the_same_is_taken() -> None:
+    """A cube given as a hull, square to the planar arm, which has its ends at equal heights."""
+    cube = Mesh(np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)]))
+    places = [(0.8, 0.8, 0.0), (-0.8, 0.8, 0.0), (0.0, -1.2, 0.1), (1.5, 0.8, 0.0)]
+    cubes = tuple(Obstacle(f"cube{k}", cube, Pose(place)) for k, place in enumerate(places))
+    certifier = Certifier(PLANAR, Scene(cubes))
+    quarter = math.pi / 2
+    turns = [(0.0, 0.0), (quarter, 0.0), (0.0, quarter), (-quarter, 0.0), (quarter, -quarter), (0.3, 0.1)]
+    Q = np.array(turns)
+    for a, b in zip(Q, np.roll(Q, 1, axis=0), strict=True):
+        agreed(certifier, JointPath(np.array([a, a + 0.2 * (b - a)])))
+    judged(certifier, list(zip(Q, Q + 0.05, strict=True)))
+    first, *others = [prover.clearances(Q) for prover in provers(certifier)]
+    assert all(np.array_equal(first, other) for other in others)
+
+
+def test_a_blend_that_reaches_to_the_end_of_its_path_is_the_same_curve() -> None:
+    rng = np.random.default_rng(16)
+    certifier = Certifier(WXAI, load_scene("bin"))
+    for _ in range(6):
+        points = WXAI.home + np.cumsum(rng.normal(size=(3, 6)) * 0.1, axis=0)
+        path = JointPath(np.clip(points, WXAI.limits.lower, WXAI.limits.upper))
+        width = float(np.diff(path.knots).min())
+        agreed(certifier, path.with_blends([0.0, width, 0.0]))
+
+
+def test_a_proof_of_one_configuration_or_of_nothing_is_the_same() -> None:
+    rng = np.random.default_rng(8)
+    certifier = Certifier(WXAI, load_scene("bin"))
+    for q in anywhere(WXAI, rng, 6):
+        agreed(certifier, JointPath(q[None]))
+    point = JointPath(WXAI.home[None])
+    everything = [ExemptInterval(0.0, 0.0, tuple(map(certifier.listed.names, range(20))), "")]
+    assert agreed(certifier, point, exempt=everything).asked < agreed(certifier, point).asked
+    assert agreed(Certifier(PLANAR, Scene()), JointPath(SWEEP)).proven == math.inf
+
+
+def test_a_proof_in_small_batches_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tree, "BATCH", 7)
+    certifier, rng = Certifier(WXAI, load_scene("clutter")), np.random.default_rng(9)
+    charged = [told(provers(certifier)[-1], certifier, curve(WXAI, rng), 0.0, ())[1] for _ in range(3)]
+    assert max(max(calls[1:]) for calls in charged) == 7
+    for _ in range(6):
+        agreed(certifier, curve(WXAI, rng))
+
+
+def test_a_proof_without_an_end_is_refused_in_the_same_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(tree, "MAX_BOUNDS", 40)
+        found = agreed(Certifier(PLANAR, ball_beyond(10e-6)), JointPath(SWEEP))
+    assert found.obstruction is not None
+    assert found.obstruction.spent
+    monkeypatch.setattr(tree, "FRACTION", 1.5)  # no stretch proves as much
+    monkeypatch.setattr(tree, "FAR", 1.0)
+    certifier, path = Certifier(PLANAR, ball_beyond(0.01)), JointPath(SWEEP)
+    pairs = tuple(map(certifier.listed.names, range(len(certifier.listed.pairs))))
+    cut = [ExemptInterval(0.0, 0.3, pairs, ""), ExemptInterval(math.nextafter(0.3, 1.0), 1.0, pairs, "")]
+    pointlike = agreed(certifier, path, exempt=cut).obstruction
+    assert pointlike is not None
+    assert pointlike.detail == "no shorter stretch has numbers of its own"
+
+
+def test_many_nodes_are_forgotten_without_a_trace() -> None:
+    certifier = Certifier(PLANAR, ball_beyond(4e-6))
+    assert agreed(certifier, JointPath(np.array([[-3.0, 0.0], [3.0, 0.0], [-3.0, 0.1], [3.0, 0.0]]))).asked > 2000
+
+
+def test_a_path_of_another_class_is_proven_as_the_curve_it_says_it_is() -> None:
+    class Elsewhere(JointPath):
+        def __call__(self, s: Any, order: int = 0) -> FloatArray:
+            return np.asarray(super().__call__(s, order) + np.array([0.6, 0.0]))
+
+    certifier = Certifier(PLANAR, ball_beyond(-0.01, 1.0))
+    assert certifier.certify(JointPath(SWEEP)).certified
+    assert not certifier.certify(Elsewhere(SWEEP)).certified
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "value"),
+    [
+        (motions, "ROUNDING", 1e-3),
+        (separation, "SHIFT", 0.061),
+        (separation, "STEPS_PER_ROUND", 1),
+        (hulls, "GAIN", 1e-4),
+        (hulls, "SHARE", 0.3),
+        (tree, "FRACTION", 0.74),
+        (tree, "FAR", 0.11),
+        (tree, "NEAR", 0.01),
+        (tree, "CLOSE", 1.9),
+        (tree, "ROUNDS", 3),
+        (tree, "BATCH", 50),
+    ],
+)
+def test_the_comparison_notices_a_constant_that_differs(
+    folder: Path, module: Any, name: str, value: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setup, rng = HullSetup("other", folder, attached=(NEEDLE,)), np.random.default_rng(15)
+    certifiers = [Certifier(WXAI, load_scene("clutter")), Certifier(setup.robot(), setup.whole_scene())]
+    with monkeypatch.context() as patch:
+        patch.setattr(module, name, value)
+        others = [native_prover(certifier.motion) for certifier in certifiers]
+    assert _unlike(certifiers, others, rng) == BUILT
+
+
+def _unlike(certifiers: Sequence[Certifier], others: Sequence[Prover | None], rng: np.random.Generator) -> bool:
+    """Whether some short path is proven with another result, or other charges, than the reference's."""
+    for _ in range(40):
+        for certifier, other in zip(certifiers, others, strict=True):
+            q = anywhere(certifier.robot, rng, 2)
+            path = JointPath(q[0] + 0.1 * (q - q[0]))
+            reference = told(numpy_prover(certifier.motion), certifier, path, 0.0, ())
+            if other is not None and told(other, certifier, path, 0.0, ()) != reference:
+                return True
+    return False
+
+
+# --- charge, threads, absence
+
+
+@pytest.mark.parametrize("after", [0, 1, 3])
+def test_what_charge_raises_comes_out_of_every_prover_unchanged(after: int) -> None:
+    class Enough(Exception):
+        pass
+
+    certifier, path = Certifier(WXAI, load_scene("bin")), JointPath(np.array([WXAI.home, WXAI.home + 0.3]))
+    for prover in provers(certifier):
+        enough = Enough("so")
+        calls: list[int] = []
+
+        def stop(bounds: int, enough: Enough = enough, calls: list[int] = calls) -> None:
+            calls.append(bounds)
+            if len(calls) > after:
+                raise enough
+
+        with pytest.raises(Enough, match="so") as caught:
+            prover.prove(path, MARGIN, certifier.roots(path.length), stop)
+        assert caught.value is enough
+        assert len(calls) == after + 1
+
+
+def test_one_certifier_serves_several_threads() -> None:
+    certifier, rng = Certifier(WXAI, load_scene("bin")), np.random.default_rng(10)
+    paths = [curve(WXAI, rng) for _ in range(24)]
+    Q = anywhere(WXAI, rng, 200)
+    alone = [(certifier.certify(path), certifier.certify_edge(Q[k], Q[k + 1])) for k, path in enumerate(paths)]
+    gaps = certifier.clearances(Q)
+    with ThreadPoolExecutor(4) as pool:
+        proofs = pool.map(lambda k: (certifier.certify(paths[k]), certifier.certify_edge(Q[k], Q[k + 1])), range(24))
+        more = pool.map(lambda _: certifier.clearances(Q), range(4))
+        assert list(proofs) == alone
+        assert all(np.array_equal(gaps, found) for found in more)
+
+
+@pytest.fixture
+def absent(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """As if the extension had not been built."""
+    whole = builtins.__import__
+
+    def without(name: str, into: Any = None, local: Any = None, names: Any = (), level: int = 0) -> Any:
+        if names and "_proof" in names:
+            raise ImportError("no compiled proof here")
+        return whole(name, into, local, names, level)
+
+    proof._extension.cache_clear()
+    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.delitem(sys.modules, "planner_service.certify._proof", raising=False)
+    yield
+    proof._extension.cache_clear()
+
+
+def said(certifier: Certifier) -> list[Any]:
+    """A proof, a refusal, an edge and some clearances."""
+    Q = anywhere(WXAI, np.random.default_rng(11), 12)
+    paths = [np.array([WXAI.home, WXAI.home + 0.2]), Q[:2]]
+    return [
+        *(certifier.certify(path) for path in paths),
+        *(certifier.certify_edge(a, a + 0.1 * (b - a)) for a, b in pairwise(Q)),
+        certifier.clearances(Q).tolist(),
+    ]
+
+
+@pytest.mark.usefixtures("absent")
+def test_without_the_extension_all_is_the_same_and_it_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO, logger="planner_service"):
+        without = [said(Certifier(WXAI, load_scene("bin"))) for _ in range(2)]
+    assert ["compiled" in record.getMessage() for record in caplog.records] == [True]
+    assert instruction_sets() == ()
+    assert without == [said(Certifier(WXAI, load_scene("bin"), backend="numpy"))] * 2
+
+
+@pytest.mark.usefixtures("absent")
+def test_compiled_code_that_must_be_there_and_is_not_is_refused() -> None:
+    with pytest.raises(InvalidRequest, match="the compiled proof was not built"):
+        Certifier(WXAI, Scene(), backend="native")
+
+
+def test_an_unknown_backend_is_refused() -> None:
+    with pytest.raises(InvalidRequest, match='expected "auto", "native" or "numpy"'):
+        Certifier(WXAI, Scene(), backend="fcl")  # type: ignore[arg-type]
+
+
+def test_a_certifier_with_either_backend_says_the_same() -> None:
+    scene = load_scene("bin")
+    assert said(Certifier(WXAI, scene)) == said(Certifier(WXAI, scene, backend="numpy"))
+    assert (type(Certifier(WXAI, scene).prover) is not type(Certifier(WXAI, scene, backend="numpy").prover)) == BUILT
+
+
+# --- edges and clearances
+
+
+def judged(
+    certifier: Certifier, edges: Sequence[tuple[FloatArray, FloatArray]], padding: float = 0.0
+) -> list[EdgeVerdict]:
+    """The verdicts of all provers on some edges, which are the same, and so are pairs and places."""
+    found = []
+    for a, b in edges:
+        first, *others = [prover.edge(a, b, padding + MARGIN, padding - MARGIN) for prover in provers(certifier)]
+        assert first is not None
+        assert others == [first] * len(instruction_sets())
+        found.append(first.verdict)
+    return found
+
+
+@pytest.mark.parametrize(("name", "padding"), [("wxai bin", 0.0), ("wxai shelf", 0.004), ("planar2 pins", 0.0)])
+def test_verdicts_on_edges_are_the_same(name: str, padding: float) -> None:
+    robot, scene = case(name)
+    found = judged(Certifier(robot, scene), list(edges_of(CollisionChecker(robot, scene), 60, seed=12)), padding)
+    assert {EdgeVerdict.FREE, EdgeVerdict.COLLIDING} <= set(found)
+
+
+@pytest.mark.parametrize(("name", "seed"), CROWDS)
+def test_verdicts_on_edges_among_every_kind_of_shape_are_the_same(name: str, seed: int) -> None:
+    setup = Crowded(name, seed)
+    certifier = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
+    edges = []
+    for turn in range(24):
+        q, far = setup.anywhere(), setup.anywhere()
+        edges.append((q, q + (far - q) * min(1.0, (0.02, 0.2, 0.8)[turn % 3] / math.dist(q, far))))
+    assert EdgeVerdict.FREE in judged(certifier, edges, setup.padding)
+
+
+def test_verdicts_next_to_contact_are_the_same() -> None:
+    """At the border both run out of bounds, or cannot tell whether pieces overlap."""
+    found = []
+    for gap in (0.0, 1e-6, -1e-6, 1.9e-6, 2.1e-6, -3e-6, 1e-5, -1e-5):
+        found += judged(Certifier(PLANAR, ball_beyond(gap)), [(SWEEP[0], SWEEP[1]), (SWEEP[1], SWEEP[0])])
+        found += judged(Certifier(PLANAR, block_beyond(gap)), [(SWEEP[0], SWEEP[1]), (SWEEP[1], SWEEP[0])])
+    assert set(found) == set(EdgeVerdict)
+
+
+def block_beyond(gap: float) -> Scene:
+    """A block whose face the end of the outstretched planar arm passes at about ``gap``, without a round edge in it."""
+    return Scene((Obstacle("block", Box((0.2, 0.2, 0.2)), Pose((RIM + gap + 0.1, 0.0, 0.0))),))
+
+
+def test_verdicts_of_hulls_are_the_same(folder: Path) -> None:
+    setup = HullSetup("edges", folder, attached=(NEEDLE,))
+    robot, rng = setup.robot(), np.random.default_rng(13)
+    q = anywhere(robot, rng, 40)
+    edges = list(zip(q[:-1], q[:-1] + 0.2 * (q[1:] - q[:-1]), strict=True))
+    found = judged(Certifier(robot, setup.whole_scene()), edges)
+    assert {EdgeVerdict.FREE, EdgeVerdict.COLLIDING} <= set(found)
+
+
+def test_verdicts_with_few_bounds_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edge, "MAX_EDGE_BOUNDS", 130)
+    certifier, rng = Certifier(WXAI, load_scene("clutter")), np.random.default_rng(14)
+    q = anywhere(WXAI, rng, 30)
+    edges = list(zip(q[:-1], q[:-1] + 0.3 * (q[1:] - q[:-1]), strict=True))
+    assert set(judged(certifier, edges)) == set(EdgeVerdict)
+
+
+@pytest.mark.parametrize(("name", "seed"), CROWDS)
+def test_clearances_are_the_same(name: str, seed: int) -> None:
+    setup = Crowded(name, seed)
+    certifier = Certifier(setup.robot, setup.scene, allowed=setup.allowed)
+    Q = np.array([setup.anywhere() for _ in range(40)])
+    first, *others = [prover.clearances(Q) for prover in provers(certifier)]
+    assert all(np.array_equal(first, other) for other in others)
+    assert np.isfinite(first).all()
+
+
+# --- what makes no sense
+
+
+def _put(where: Any, value: float) -> Callable[[Any], None]:
+    def change(array: Any) -> None:
+        array[where] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("which", "change", "message"),
+    [
+        (0, lambda terms: terms[1:], "other terms"),
+        (0, _put(11, 0.0), "a batch has a row"),
+        (2, _put((2, 0), 5.0), "a parent comes first"),
+        (2, _put((1, 1), 6.0), "no such entry of q"),
+        (2, lambda rows: rows[:, 1:].copy(), "54 numbers"),
+        (3, _put((0, 0), 99.0), "no such body"),
+        (3, _put((0, 7), 0.0), "no such hull"),
+        (3, _put((0, 0), math.nan), "no such body"),
+        (5, lambda rows: rows[::-1].copy(), "no such piece"),
+        (6, _put((0, 0), -1), "rides"),
+        (6, _put((0, 1), 10**6), "no such piece"),
+        (6, _put((0, 2), 99), "no such joint"),
+        (6, _put((0, 5), 10**6), "no such pair"),
+        (8, lambda rows: rows[:1].copy(), "limits of another robot"),
+    ],
+)
+def test_compiled_code_refuses_what_makes_no_sense(which: int, change: Any, message: str) -> None:
+    module = proof._extension()
+    data: list[Any] = [np.array(proof._terms()), *Certifier(WXAI, load_scene("bin")).motion.tables]
+    if module is None:
+        assert not BUILT
+        return
+    module.Prover(*data)
+    spoilt = data[which].copy()
+    changed = change(spoilt)
+    data[which] = spoilt if changed is None else changed
+    with pytest.raises(ValueError, match=message):
+        module.Prover(*data)
+
+
+def test_compiled_code_refuses_the_path_of_another_robot() -> None:
+    certifier = Certifier(WXAI, load_scene("bin"))
+    path = JointPath(SWEEP)
+    native = native_prover(certifier.motion)
+    if native is None:
+        assert not BUILT
+        return
+    with pytest.raises(ValueError, match="a path of another robot"):
+        native.prove(path, MARGIN, certifier.roots(path.length), None)
+
+
+def test_a_sphere_alone_is_carried_into_compiled_code_as_it_is() -> None:
+    scene = Scene((Obstacle("ball", Sphere(0.05), Pose((1.0, 0.8, 0.0))),), (Attached("tip", Sphere(0.01), Pose()),))
+    agreed(Certifier(PLANAR, scene), JointPath(SWEEP))
