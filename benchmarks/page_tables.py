@@ -300,5 +300,5 @@ def explained(sheets: Sequence[Sheet]) -> Iterator[str]:
     )
     yield (
         "Milliseconds are processor time of one call, its world being built already; those of a stage are its share of "
-        "the call's wall clock. Counts are exact, and equal on any machine."
+        "the call's wall clock. Our counts are exact, and equal on any machine."
     )

@@ -31,7 +31,7 @@ STAGE_COLOURS = {
 
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)), (0, (8, 2, 2, 2)))
 
-SEEN = 0.004
+SEEN = 0.01
 """Share of the longest bar below which a stage is left out: a line in the picture, and a box in its legend."""
 
 
