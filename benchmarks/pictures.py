@@ -31,6 +31,9 @@ STAGE_COLOURS = {
 
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)), (0, (8, 2, 2, 2)))
 
+UNLIKE = 8.0
+"""Times the shortest of some bars that the longest may be; beyond, bars are shares."""
+
 SEEN = 0.01
 """Share of the longest bar below which a stage is left out: a line in the picture, and a box in its legend."""
 
@@ -190,28 +193,42 @@ def _by_problem(group: Group, measure: Callable[[Row], float | None]) -> dict[st
 
 
 def _stages(groups: Sequence[Group], part: str) -> Callable[[Any], bool]:
+    unit = "states" if part == "checks" else "ms"
+
     def draw(figure: Any) -> bool:
         stages = [stage for stage in stage_order(groups, part) if stage != "setup"]
-        means = {stage: [_mean(group, part, stage) for group in groups] for stage in stages}
-        most = max((sum(values) for values in zip(*means.values(), strict=True)), default=0.0)
-        means = {stage: values for stage, values in means.items() if max(values) > SEEN * most}
-        if not groups or not means:
+        means = {stage: np.array([_mean(group, part, stage) for group in groups]) for stage in stages}
+        totals = np.sum(list(means.values()), axis=0)
+        if not means or not totals.max(initial=0.0):
             return False
-        figure.set_size_inches(WIDTH, 1.4 + 0.34 * len(groups))
-        axes = figure.subplots()
-        left = np.zeros(len(groups))
-        for k, (stage, values) in enumerate(means.items()):
-            colour = STAGE_COLOURS.get(stage, COLOURS[-3 + k % 3])
-            axes.barh([group.name for group in groups], values, left=left, color=colour, height=0.66, label=stage)
-            left += values
-        axes.invert_yaxis()
-        axes.set_xlabel("states" if part == "checks" else "ms")
-        axes.grid(axis="y", visible=False)
-        _thousands(axes.xaxis)
-        _legend(figure, axes, columns=4)
+        names, unlike = [group.name for group in groups], totals.max() > UNLIKE * max(totals.min(), 1e-9)
+        if unlike:  # the shorter bars would show nothing
+            names = [
+                f"{name}: {_number(float(f'{total:.3g}'))} {unit}" for name, total in zip(names, totals, strict=True)
+            ]
+            means = {stage: 100.0 * values / np.maximum(totals, 1e-9) for stage, values in means.items()}
+            totals = np.full(len(groups), 100.0)
+        _bars(figure, names, {stage: values for stage, values in means.items() if values.max() > SEEN * totals.max()})
+        axes = figure.axes[0]
+        axes.set_xlabel(f"% of the {unit} beside the name" if unlike else unit)
         return True
 
     return draw
+
+
+def _bars(figure: Any, names: Sequence[str], parts: Mapping[str, Any]) -> None:
+    """Stacked bars of so much of each stage."""
+    figure.set_size_inches(WIDTH, 1.4 + 0.34 * len(names))
+    axes = figure.subplots()
+    left = np.zeros(len(names))
+    for k, (stage, values) in enumerate(parts.items()):
+        colour = STAGE_COLOURS.get(stage, COLOURS[-3 + k % 3])
+        axes.barh(names, values, left=left, color=colour, height=0.66, label=stage)
+        left = left + values
+    axes.invert_yaxis()
+    axes.grid(axis="y", visible=False)
+    _thousands(axes.xaxis)
+    _legend(figure, axes, columns=4)
 
 
 def _mean(group: Group, part: str, stage: str) -> float:
