@@ -114,9 +114,9 @@ def _markdown(sheet: Sheet) -> str:
     parts.append(tables.overall(sheet).markdown())
     if len(sheet.kinds) > 1:
         parts.append(tables.by_kind(sheet).markdown())
-    lost = tables.failures(sheet)
+    lost = tables.failures_in_short(sheet)
     if lost is not None:
-        parts.append(f"{lost.title}:\n\n{lost.markdown()}")
+        parts.append(lost.markdown())
     return "\n".join(part for part in parts if part)
 
 

@@ -13,7 +13,18 @@ from benchmarks.page_numbers import OURS, Group, Pace, Sheet, paces, planning_se
 from benchmarks.rows import Row
 from benchmarks.statistics import Estimate
 
-__all__ = ["Cell", "Sentence", "Sheaf", "by_kind", "environments", "failures", "overall", "rejects", "statements"]
+__all__ = [
+    "Cell",
+    "Sentence",
+    "Sheaf",
+    "by_kind",
+    "environments",
+    "failures",
+    "failures_in_short",
+    "overall",
+    "rejects",
+    "statements",
+]
 
 NOTHING = "–"
 
@@ -264,6 +275,26 @@ def failures(sheet: Sheet) -> Sheaf | None:
         for (who, why, detail), where in found.items()
     )
     return Sheaf("Without a path", heads, rows)
+
+
+def failures_in_short(sheet: Sheet) -> Sheaf | None:
+    """How many rows of whom have no path for which reason, with one example each."""
+    found: dict[tuple[str, str], list[Row]] = {}
+    for group in sheet.groups:
+        for row in group.rows:
+            if not row["ok"]:
+                found.setdefault((group.name, str(row["failure"])), []).append(row)
+    heads = (Cell("without a path"), Cell("rows"), Cell("why"), Cell("such as"))
+    rows = [
+        (
+            Cell(who),
+            Cell(str(len(lost))),
+            Cell(why),
+            Cell(f"{lost[0]['problem']} seed {lost[0]['seed']}: {lost[0]['detail']}"),
+        )
+        for (who, why), lost in found.items()
+    ]
+    return Sheaf("Without a path", heads, tuple(rows)) if rows else None
 
 
 def rejects(sheet: Sheet) -> Sheaf | None:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from benchmarks import page
 from benchmarks.page_numbers import Sheet, paces, sheets_of
-from benchmarks.page_tables import Cell, Sheaf, failures, overall, rejects, statements
+from benchmarks.page_tables import Cell, Sheaf, failures, failures_in_short, overall, rejects, statements
 from benchmarks.pictures import pictures_of
 from benchmarks.rows import Results, Row, line_of
 from planner_service.errors import InvalidFile
@@ -206,6 +206,16 @@ def test_failures_alike_are_one_line_with_every_place() -> None:
     ]
     assert failures(sheet(row())) is None
     assert rejects(sheet(row())) is None
+
+
+def test_in_short_failures_are_counted_by_reason() -> None:
+    table = failures_in_short(sheet(failed(0), failed(1, detail="other"), failed(2, "NOT_CERTIFIED", "touches")))
+    assert table is not None
+    assert [[cell.text for cell in cells] for cells in table.rows] == [
+        ["rrtconnect", "2", "TIMED_OUT", "box/0 seed 0: out of time"],
+        ["rrtconnect", "1", "NOT_CERTIFIED", "box/2 seed 0: touches"],
+    ]
+    assert failures_in_short(sheet(row())) is None
 
 
 def test_refusals_say_whether_the_path_or_the_motion_was_refused() -> None:
