@@ -15,7 +15,7 @@ from planner_service.errors import InvalidRequest
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
-    *("problems", "clouds", "agreement", "kernel"),
+    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
 )
 
 COMMANDS = {
@@ -28,6 +28,9 @@ COMMANDS = {
     "report": "page",
 }
 """Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
+
+SETTINGS = {"agreement": ("robot", "states"), "differential": ("robot", "states", "edges", "seed")}
+"""Arguments that a measure takes."""
 
 USAGE = """\
 run       plan a suite: --suite NAME --planner P --seeds A:B --out FILE; goes on where it was interrupted
@@ -50,6 +53,12 @@ problems  the public Panda problems of MotionBenchMaker, audited by Coal, and wh
 clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans audited by Coal
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
+latency   whole plans of a service that has planned before, the first one, and free straight lines
+scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
+panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
+differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
+          --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
+certificates  the compiled proof against the reference: whole plans, straight edges, clearances
 queries   the stored queries are what their seed gives; --write stores them
 golden    the stored counts are what planning gives; --write stores them
 readme    the outputs in the README are what is printed; --write puts them there
@@ -60,13 +69,14 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "what", nargs="?", default="all", choices=["all", *MEASURES, "queries", "golden", "readme", *COMMANDS]
-    )
+    choices = ["all", *MEASURES, "differential", "queries", "golden", "readme", *COMMANDS]
+    parser.add_argument("what", nargs="?", default="all", choices=choices)
     parser.add_argument("--write", action="store_true", help="store instead of compare (queries, golden, readme)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
-    parser.add_argument("--robot", metavar="NAME", help="the only robot to look at (agreement); all if not given")
-    parser.add_argument("--states", type=int, default=100_000, metavar="N", help="states of each robot (agreement)")
+    parser.add_argument("--robot", metavar="NAME", help="the only robot to look at; all if not given")
+    for what in ("states", "edges"):
+        parser.add_argument(f"--{what}", type=int, metavar="N", help=f"{what} of each robot")
+    parser.add_argument("--seed", type=int, metavar="N", help="of what is drawn")
     return parser.parse_args()
 
 
@@ -93,7 +103,8 @@ def main() -> int:
         return int(readme.main(write=arguments.write, console=console))
     reports: list[Report] = []
     for name in MEASURES if arguments.what == "all" else [arguments.what]:
-        asked = {"robot": arguments.robot, "states": arguments.states} if name == "agreement" else {}
+        given = {key: getattr(arguments, key) for key in SETTINGS.get(name, ())}
+        asked = {key: value for key, value in given.items() if value is not None}
         report: Report = importlib.import_module(f"benchmarks.{name}").run(**asked)
         console.print(*report.tables, sep="\n\n")
         reports.append(report)

@@ -38,7 +38,8 @@ EACH = 25
 HALVINGS = 45
 """Of a line between a free and a colliding configuration: its two ends are one but for rounding, then."""
 
-AT_ONCE = 1_000
+AT_ONCE, AT_LEAST = 1_000, 100
+"""Configurations judged in one go at most, and drawn in one at least: few may all be free."""
 
 WITHIN = 1e-6
 """Metres from contact within which two checkers may disagree: FCL and Coal both stop there."""
@@ -70,11 +71,18 @@ def random_states(robot: Robot, count: int, rng: np.random.Generator) -> FloatAr
     return np.asarray(lower + (upper - lower) * rng.random((count, robot.n)))
 
 
-def around_contacts(checker: CollisionChecker, count: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def around_contacts(
+    checker: CollisionChecker,
+    count: int,
+    rng: np.random.Generator,
+    jitters: Sequence[float] = JITTERS,
+    each: int = EACH,
+) -> tuple[FloatArray, FloatArray]:
     """Configurations (count, n) around first contacts, and how far any point was moved from there at most (count,)."""
-    robot, each = checker.robot, EACH * len(JITTERS)
+    robot, jittered = checker.robot, np.repeat(jitters, each)
+    each = len(jittered)
     contacts = _contacts(checker, math.ceil(count / each), rng)
-    sizes = np.tile(np.repeat(JITTERS, EACH), len(contacts))[:count] * rng.random(count)
+    sizes = np.tile(jittered, len(contacts))[:count] * rng.random(count)
     ways = rng.normal(size=(count, robot.n))
     ways *= (sizes / (np.abs(ways) * robot.reach()).sum(axis=1))[:, None]
     Q = np.repeat(contacts, each, axis=0)[:count] + ways
@@ -86,7 +94,7 @@ def _contacts(checker: CollisionChecker, count: int, rng: np.random.Generator) -
     free: FloatArray = np.empty((0, checker.robot.n))
     hit: FloatArray = np.empty((0, checker.robot.n))
     while min(len(free), len(hit)) < count:
-        Q = random_states(checker.robot, 2 * count, rng)
+        Q = random_states(checker.robot, max(2 * count, AT_LEAST), rng)
         good = checker.states_are_free(Q)
         if not len(free) and not len(hit) and (good.all() or not good.any()):
             raise AssertionError(f"{checker.robot.name}: of {len(Q)} configurations all are free, or none")

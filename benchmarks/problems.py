@@ -17,7 +17,7 @@ import numpy as np
 from rich.table import Table
 
 from benchmarks.report import Promise, Report, Row, p50, spread, table
-from planner_service import PlannerService, PlanResult, Robot, Stage, Trajectory
+from planner_service import PlannerService, PlanRequest, PlanResult, Robot, Stage, Trajectory
 from planner_service.data import data_folder
 from planner_service.geometry import FloatArray
 from planner_service.interchange import Problem, ProblemSet, read_problems
@@ -26,7 +26,19 @@ from planner_service.robot import load_robot
 if TYPE_CHECKING:
     from tests.independent import IndependentChecker
 
-__all__ = ["JOINT_STEP", "MOTION_STEP", "ROBOT", "SEED", "instants", "kind_of", "planned", "public_problems", "run"]
+__all__ = [
+    "JOINT_STEP",
+    "MOTION_STEP",
+    "ROBOT",
+    "SEED",
+    "asked",
+    "by_kind",
+    "instants",
+    "kind_of",
+    "planned",
+    "public_problems",
+    "run",
+]
 
 ROBOT = "panda_mbm"
 SEED = 0
@@ -54,7 +66,12 @@ def kind_of(problem: Problem) -> str:
 
 def planned(robot: Robot, problem: Problem) -> PlanResult:
     """The plan of a default request, but that no clock has a say."""
-    return PlannerService(robot, problem.scene).plan(problem.request(robot, seed=SEED, time_limit=None))
+    return PlannerService(robot, problem.scene).plan(asked(robot, problem))
+
+
+def asked(robot: Robot, problem: Problem) -> PlanRequest:
+    """A default request, but that no clock has a say."""
+    return problem.request(robot, seed=SEED, time_limit=None)
 
 
 def _rows() -> Iterator[Row]:
@@ -106,12 +123,12 @@ def _audited(second: IndependentChecker, result: PlanResult) -> Row:
     return {"in time": in_time, "on curve": on_curve}
 
 
-def instants(trajectory: Trajectory) -> FloatArray:
-    """Configurations (m, n) of a motion, no joint turning more than ``JOINT_STEP`` from one to the next."""
-    count = 2 + math.ceil(trajectory.path.length / JOINT_STEP)
+def instants(trajectory: Trajectory, step: float = JOINT_STEP) -> FloatArray:
+    """Configurations (m, n) of a motion, no joint turning more than ``step`` (rad) from one to the next."""
+    count = 2 + math.ceil(trajectory.path.length / step)
     while True:
         Q = trajectory(np.linspace(0.0, trajectory.duration, count))
-        if np.abs(np.diff(Q, axis=0)).max() <= JOINT_STEP:
+        if np.abs(np.diff(Q, axis=0)).max() <= step:
             return np.asarray(Q)
         count *= 2
 
@@ -122,7 +139,8 @@ def run() -> Report:
     return Report("problems", rows, (_outcome_table(rows), _states_table(rows)), _promises(rows))
 
 
-def _kinds(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
+def by_kind(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
+    """The rows of each scene, and all of them at last."""
     for kind in dict.fromkeys(row["kind"] for row in rows):
         yield kind, [row for row in rows if row["kind"] == kind]
     yield "all", list(rows)
@@ -174,7 +192,7 @@ def _outcome_table(rows: Sequence[Row]) -> Table:
         f"time at {JOINT_STEP:g} rad per joint, on the curve at {MOTION_STEP * 1e3:g} mm motion steps. ms: CPU time of "
         "the whole plan, proof and timing included, p50 / p95, failures with what they spent. Other figures: p50."
     )
-    return table("Public problems", columns, (cells(*each) for each in _kinds(rows)), caption=caption)
+    return table("Public problems", columns, (cells(*each) for each in by_kind(rows)), caption=caption)
 
 
 def _states_table(rows: Sequence[Row]) -> Table:
@@ -192,7 +210,7 @@ def _states_table(rows: Sequence[Row]) -> Table:
 
     columns = ("scene", *(stage.value for stage in STAGES), "states", "edges", "bounds", "most tries")
     caption = "p50 / p95; failures with what they spent. Bounds: of the certificates."
-    return table("What the public problems cost", columns, (cells(*each) for each in _kinds(rows)), caption=caption)
+    return table("What the public problems cost", columns, (cells(*each) for each in by_kind(rows)), caption=caption)
 
 
 def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:

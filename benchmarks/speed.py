@@ -24,7 +24,7 @@ from planner_service.robot import load_robot
 from planner_service.scene import load_scene
 from planner_service.search import SearchProblem
 
-__all__ = ["AskedEdge", "asked_edges", "run"]
+__all__ = ["AskedEdge", "Recorder", "asked_edges", "run"]
 
 STATES = 200
 REPEATS = 5
@@ -53,7 +53,7 @@ class AskedEdge:
         return np.concatenate([np.array(ends).reshape(-1, len(self.q1)), inner])
 
 
-class _Recorder:
+class Recorder:
     """An oracle that judges each edge in full when it is asked, and keeps what it was asked about."""
 
     def __init__(self, checker: CollisionChecker) -> None:
@@ -79,7 +79,7 @@ class _Recorder:
 def asked_edges(checker: CollisionChecker, scene: str) -> list[AskedEdge]:
     """Edges that RRTConnect asks about on the first queries of a scene."""
     limits = checker.robot.limits
-    recorder = _Recorder(checker)
+    recorder = Recorder(checker)
     for query in queries.load(scene)[:QUERIES]:
         ends = (query.start, query.goal[None], limits.lower, limits.upper)
         RRTConnect().search(SearchProblem(*ends, oracle=recorder, seed=query.number))

@@ -77,7 +77,7 @@ class Blends:
     def position(self, row: IntArray, s: FloatArray) -> FloatArray:
         """Configurations, shape (k, n); never outside the box of the corner's three points."""
         q = self.start.take(row, axis=0) + self._moved(row, self._y(row, s)[:, None])
-        return np.minimum(np.maximum(q, self.low.take(row, axis=0)), self.high.take(row, axis=0))
+        return np.asarray(np.minimum(np.maximum(q, self.low.take(row, axis=0)), self.high.take(row, axis=0)))
 
     def derivative(self, row: IntArray, s: FloatArray, order: int) -> FloatArray:
         """dq/ds (order 1) and its derivatives (2, 3), shape (k, n)."""
@@ -98,7 +98,7 @@ class Blends:
 
     def _y(self, row: IntArray, s: FloatArray) -> FloatArray:
         y = (s - self.s.take(row)) / self.width.take(row)
-        return np.minimum(np.maximum(y, -1.0), 1.0)
+        return np.asarray(np.minimum(np.maximum(y, -1.0), 1.0))
 
     def _moved(self, row: IntArray, y: FloatArray) -> FloatArray:
         """q at y, of shape (k, 1) or (k, n), less q at -1."""

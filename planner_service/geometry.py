@@ -109,6 +109,8 @@ def _float(value: Any) -> float:
 
 
 def _finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
+    if type(values) is tuple and len(values) == size and all(type(v) is float and math.isfinite(v) for v in values):
+        return values
     try:
         found = tuple(_float(v) for v in values)
     except (TypeError, ValueError, OverflowError):
@@ -160,30 +162,35 @@ class Pose:
                 or mirrors (determinant -1).
         """
         T = numbers("matrix", matrix, "a finite 4 x 4 matrix")
-        if T.shape != (4, 4) or not np.all(np.isfinite(T)):
+        if T.shape != (4, 4) or not np.isfinite(T).all():
             raise InvalidRequest("matrix", matrix, "a finite 4 x 4 matrix")
-        R = T[:3, :3]
-        if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or np.abs(T[3] - [0, 0, 0, 1]).max() > 1e-9:
+        a, b, c, (*last, one) = T.tolist()
+        off = max(abs(_dot(u, v) - (u is v)) for u in (a, b, c) for v in (a, b, c))
+        mirrored = _dot(a, (b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0])) < 0.0
+        if off > 1e-6 or mirrored or max(*map(abs, last), abs(one - 1.0)) > 1e-9:
             raise InvalidRequest("matrix", matrix, "an orthonormal rotation and a last row 0 0 0 1")
-        return cls(tuple(T[:3, 3]), _quaternion(R))
+        return cls((a[3], b[3], c[3]), _quaternion((a, b, c)))
 
     @classmethod
     def from_rpy(cls, position: Sequence[float], rpy: Sequence[float]) -> Pose:
         """The pose of URDF's ``<origin xyz rpy>``: fixed-axis roll, pitch, yaw in radians."""
         roll, pitch, yaw = _finite_tuple("rpy", rpy, 3)
         x, y, z = _finite_tuple("position", position, 3)
-        return cls((x, y, z), _quaternion(rpy_matrix(roll, pitch, yaw)))
+        return cls((x, y, z), _quaternion(rpy_matrix(roll, pitch, yaw).tolist()))
 
     @property
     def rotation(self) -> FloatArray:
         """Rotation matrix, shape (3, 3)."""
+        return np.array(self.rotation_rows)
+
+    @property
+    def rotation_rows(self) -> tuple[tuple[float, float, float], ...]:
+        """The rows of the rotation matrix."""
         w, x, y, z = self.quaternion
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
+        return (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
         )
 
     @property
@@ -216,28 +223,28 @@ class Pose:
         return Pose((tx + px, ty + py, tz + pz), quaternion)
 
     def _rotated(self, point: tuple[float, float, float]) -> tuple[float, float, float]:
-        rows = self.rotation.tolist()
         px, py, pz = point
-        x, y, z = (row[0] * px + row[1] * py + row[2] * pz for row in rows)
+        x, y, z = (row[0] * px + row[1] * py + row[2] * pz for row in self.rotation_rows)
         return (x, y, z)
 
 
-def _quaternion(R: FloatArray) -> tuple[float, float, float, float]:
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """Of the first three numbers."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _quaternion(rows: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
     """Unit quaternion with w >= 0 of a rotation matrix (Shepperd's method: the largest component first)."""
-    squares = (
-        1.0 + R[0, 0] + R[1, 1] + R[2, 2],
-        1.0 + R[0, 0] - R[1, 1] - R[2, 2],
-        1.0 - R[0, 0] + R[1, 1] - R[2, 2],
-        1.0 - R[0, 0] - R[1, 1] + R[2, 2],
-    )
-    k = max(range(4), key=lambda i: squares[i])
+    (r00, r01, r02, *_), (r10, r11, r12, *_), (r20, r21, r22, *_) = rows
+    squares = (1.0 + r00 + r11 + r22, 1.0 + r00 - r11 - r22, 1.0 - r00 + r11 - r22, 1.0 - r00 - r11 + r22)
+    k = squares.index(max(squares))
     s = 2.0 * math.sqrt(squares[k])
-    a, b, c = (R[2, 1] - R[1, 2]) / s, (R[0, 2] - R[2, 0]) / s, (R[1, 0] - R[0, 1]) / s
-    d, e, f = (R[0, 1] + R[1, 0]) / s, (R[0, 2] + R[2, 0]) / s, (R[1, 2] + R[2, 1]) / s
+    a, b, c = (r21 - r12) / s, (r02 - r20) / s, (r10 - r01) / s
+    d, e, f = (r01 + r10) / s, (r02 + r20) / s, (r12 + r21) / s
     w, x, y, z = ((s / 4, a, b, c), (a, s / 4, d, e), (b, d, s / 4, f), (c, e, f, s / 4))[k]
     sign = -1.0 if w < 0 else 1.0
     norm = math.sqrt(w * w + x * x + y * y + z * z) * sign
-    return (float(w / norm), float(x / norm), float(y / norm), float(z / norm))
+    return (w / norm, x / norm, y / norm, z / norm)
 
 
 @runtime_checkable

@@ -270,7 +270,7 @@ def _straying(
 def _tool_error(robot: Robot, q: Sequence[float], pose: Pose) -> tuple[float, float]:
     """Metres and radians by which the tool misses ``pose``."""
     turns = shifts = 0.0
-    for row, wanted, x in zip(robot.tool_pose(q).tolist(), pose.rotation.tolist(), pose.position, strict=False):
+    for row, wanted, x in zip(robot.tool_rows(q), pose.rotation_rows, pose.position, strict=True):
         a, b, c = row[0] - wanted[0], row[1] - wanted[1], row[2] - wanted[2]
         turns += a * a + b * b + c * c
         shifts += (row[3] - x) * (row[3] - x)

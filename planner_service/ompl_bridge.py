@@ -83,8 +83,9 @@ class _Judge:
 
     def __init__(self, space: Space, free: Iterable[Configuration] = (), *, glance: bool = False) -> None:
         oracle = space.oracle
-        self._oracle = oracle if isinstance(oracle, GlancingOracle) else _OfArrays(oracle)
-        self._glances = glance and isinstance(oracle, GlancingOracle)
+        quick = isinstance(oracle, GlancingOracle)
+        self._oracle: GlancingOracle = oracle if quick else _OfArrays(oracle)  # type: ignore[assignment]
+        self._glances = glance and quick
         self._look = self._oracle.edge_seems_free if self._glances else self._oracle.edge_is_free
         self._poll = space.poll
         self._span = slice(0, len(space.lower))
@@ -122,12 +123,14 @@ class _Judge:
         """
         if self.held is not None:
             return False
+        free = self._edges.get((a, b) if a <= b else (b, a))
+        if free is None:
+            try:
+                return self.between(a, b)
+            except Exception as error:
+                self._hold(error)
+                return False
         self._repeats += 1
-        try:
-            free = self.between(a, b)
-        except Exception as error:
-            self._hold(error)
-            return False
         if self._repeats > MAX_REPEATS:
             self._repeats = 0
             return False
@@ -416,8 +419,14 @@ def _ends(problem: SearchProblem) -> Iterable[Configuration]:
 
 def _joined(problem: SearchProblem, points: list[Configuration]) -> list[Configuration]:
     """A path of OMPL's, from exactly the start to exactly the goal it reaches."""
-    goal = problem.goals[int(np.argmin(distances(problem.goals, np.array(points[-1]))))]
+    goal = problem.goals[_nearest(problem, points[-1])]
     return _exact(points, tuple(problem.start.tolist()), tuple(goal.tolist()))
+
+
+def _nearest(problem: SearchProblem, q: Configuration) -> int:
+    """Which goal a path to q reaches."""
+    goals = problem.goals
+    return 0 if len(goals) == 1 else int(np.argmin(distances(goals, np.array(q))))
 
 
 def _result(problem: SearchProblem, judge: _Judge, points: list[Configuration], *, note: str = "") -> SearchResult:
@@ -426,7 +435,7 @@ def _result(problem: SearchProblem, judge: _Judge, points: list[Configuration], 
         held, note = None, f"ended early: {held}"
     index = None
     if points and (held is None or isinstance(held, SearchStopped)):
-        index = int(np.argmin(distances(problem.goals, np.array(points[-1]))))
+        index = _nearest(problem, points[-1])
         points = _joined(problem, points)
         # OMPL promises free pieces; an edge is free only if the oracle said so of this very edge.
         if not judge.confirmed(points):

@@ -75,14 +75,14 @@ class SearchOracle:
         free = self._checker.edge_seems_free(q1, q2, known=known)
         if free:
             self._edges[key] = False
-        self._note(q1, q2, free=free)
+        if q1 in self._ends or q2 in self._ends:
+            self._note(q1, q2, free=free)
         return free
 
     def _note(self, a: Configuration, b: Configuration, *, free: bool) -> None:
-        """Remember how a motion at an end fared."""
-        if a in self._ends or b in self._ends:
-            for end, configurations in (("start", self._starts), ("goal", self._goals)):
-                self._motions[end][free] += a in configurations or b in configurations
+        """Remember how a motion fared, if it is one at an end."""
+        for end, configurations in (("start", self._starts), ("goal", self._goals)):
+            self._motions[end][free] += a in configurations or b in configurations
 
     def boxed_in(self) -> str:
         """Which end no motion could leave, as the end of a sentence; empty when both could be left."""

@@ -26,13 +26,13 @@ __all__ = ["Pace", "peak_tool_speed", "timed"]
 _SPACING = 0.04
 """Radians of path between first samples, on average: joints that turn so little bend the tool's way by as little."""
 
-_CLOSER_LOOKS = 4
+_CLOSER_LOOKS = 2
 
-_SPLITS = np.arange(8) / 8
+_SPLITS = np.arange(33) / 32
 
-_MISSED, _CLOSER = 0.01, 64.0
+_MISSED, _CLOSER = 0.003, 1024.0
 """Share by which speed may be higher between two first samples than at them, at most, and by how much less between
-samples eight times closer: it is smooth between the ends of pieces of time, which are sampled themselves."""
+samples 32 times closer: it is smooth between the ends of pieces of time, which are sampled themselves."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _stopping(path: JointPath, pace: Pace, robot: Robot, limits: JointLimits) ->
 
 
 def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
-    """The largest speed in m/s of the tool frame's origin, to about nine digits."""
+    """The largest speed in m/s of the tool frame's origin, to about eight digits."""
     if not len(trajectory.durations):
         return 0.0
     t, best, missed = _instants(trajectory), 0.0, _MISSED
@@ -141,7 +141,7 @@ def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
         best = max(best, float(speeds.max()))
         (near,) = (np.maximum(speeds[1:], speeds[:-1]) > best * (1.0 - missed)).nonzero()
         closer = t[near, None] + (t[near + 1] - t[near])[:, None] * _SPLITS
-        t, missed = np.unique(np.concatenate([closer.reshape(-1), t[near + 1]])), missed / _CLOSER
+        t, missed = np.minimum(closer.reshape(-1), trajectory.duration), missed / _CLOSER
     return best
 
 
@@ -153,4 +153,4 @@ def _instants(trajectory: Trajectory) -> FloatArray:
     piece = np.repeat(np.arange(len(counts)), counts)
     within = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
     t = trajectory.knots[piece] + trajectory.durations[piece] * (within / counts[piece])
-    return np.minimum(np.concatenate([t, [trajectory.duration]]), trajectory.duration)
+    return np.asarray(np.minimum(np.concatenate([t, [trajectory.duration]]), trajectory.duration))

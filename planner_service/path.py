@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import accumulate, pairwise
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,8 +55,7 @@ def _distances(points: FloatArray) -> FloatArray:
 
 def within(name: str, value: ArrayLike, end: float) -> FloatArray:
     """``value`` as an array inside [0, end], forgiving an overshoot of rounding size; not copied if it is one."""
-    plain = type(value) is np.ndarray and value.dtype is FLOAT64
-    x = value if plain else numbers(name, value, f"numbers in [0, {end:.9g}]")
+    x = value if _are_floats(value) else numbers(name, value, f"numbers in [0, {end:.9g}]")
     if not x.size:
         return x
     low, high = x.min(), x.max()
@@ -65,6 +64,11 @@ def within(name: str, value: ArrayLike, end: float) -> FloatArray:
     if not (low >= -OVERSHOOT and high <= end + OVERSHOOT):  # also for NaN
         raise InvalidRequest(name, value, f"numbers in [0, {end:.9g}]")
     return np.clip(x, 0.0, end)
+
+
+def _are_floats(value: ArrayLike) -> TypeGuard[FloatArray]:
+    """Whether they are what paths ask each other with, without a closer look."""
+    return type(value) is np.ndarray and value.dtype is FLOAT64
 
 
 def require_order(order: object) -> int:

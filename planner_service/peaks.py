@@ -101,7 +101,8 @@ def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     found = _straight_peaks(trajectory, orders, np.flatnonzero(~blended))
     if blended.any():
         found = _blend_peaks(trajectory, orders, np.flatnonzero(blended), found)
-    return LimitPeaks(*found) if jump is None else LimitPeaks(*found, jump)
+    velocity, acceleration, jerk = found if jump is None else (*found, jump)
+    return LimitPeaks(velocity, acceleration, jerk)
 
 
 def _straight_peaks(trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp]) -> list[Peak]:
@@ -217,7 +218,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _slope(a: FloatArray) -> FloatArray:
     """Derivatives of polynomials, column by column."""
-    return a[1:] * np.arange(1.0, len(a))[:, None, None]
+    return np.asarray(a[1:] * np.arange(1.0, len(a))[:, None, None])
 
 
 def _bernstein(a: FloatArray) -> FloatArray:
@@ -226,7 +227,7 @@ def _bernstein(a: FloatArray) -> FloatArray:
     Coefficient i over the binomial of the degree is the i-th difference of what is looked for, hence the sums.
     """
     n = len(a) - 1
-    out = a / np.array([float(math.comb(n, i)) for i in range(n + 1)])[:, None, None]
+    out: FloatArray = a / np.array([float(math.comb(n, i)) for i in range(n + 1)])[:, None, None]
     for i in range(n - 1, -1, -1):
         np.add.accumulate(out[i:], axis=0, out=out[i:])
     return out
@@ -288,7 +289,7 @@ def _where_to_split(b: FloatArray) -> FloatArray:
             near = np.where(np.abs(first) < np.abs(last), after, (n - 1) + before) / (n - 1)
             share = np.where((near > 0.0) & (near < 1.0), near, share)
         share = np.where(first * last < 0.0, share, 0.5)
-    return np.minimum(np.maximum(share, EXACT), 1.0 - EXACT)
+    return np.asarray(np.minimum(np.maximum(share, EXACT), 1.0 - EXACT))
 
 
 def _split(b: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -373,8 +373,8 @@ class _Task:
 
 def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:
     """Metres that the tool's origin has come from the first waypoint at each."""
-    origin = robot.tool_pose(waypoints[0])[:3, 3]
-    return [math.dist(origin, robot.tool_pose(q)[:3, 3]) for q in waypoints]
+    places = [[row[3] for row in robot.tool_rows(q)] for q in waypoints]
+    return [math.dist(places[0], place) for place in places]
 
 
 def _stretches(touches: tuple[_Touch, ...], away: Sequence[float], *, inward: bool) -> tuple[AllowedStretch, ...]:

@@ -236,11 +236,20 @@ class Robot:
 
     def tool_pose(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """4 x 4 T_world_tool."""
+        return np.array([*self.tool_rows(q), [0.0, 0.0, 0.0, 1.0]])
+
+    def tool_rows(self, q: Sequence[float] | FloatArray) -> list[list[float]]:
+        """The first three rows of ``tool_pose``, by scalar arithmetic."""
         a, b, c, d, e, f, g, h, i, x, y, z = self.body_poses(q)[self.tool_body]
-        body = np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
-        T = self.tool_placement
-        out: FloatArray = body[:, :1] * T[:1] + body[:, 1:2] * T[1:2] + body[:, 2:3] * T[2:3] + body[:, 3:] * T[3:]
-        return out
+        columns = self._tool_columns
+        return [
+            [u * k[0] + v * k[1] + w * k[2] + at * k[3] for k in columns]
+            for u, v, w, at in ((a, b, c, x), (d, e, f, y), (g, h, i, z))
+        ]
+
+    @cached_property
+    def _tool_columns(self) -> list[list[float]]:
+        return [list(column) for column in self.tool_placement.T.tolist()]
 
     def tool_jacobian(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """6 x n: linear velocity of the tool's origin, then angular, world axes (Pinocchio's LOCAL_WORLD_ALIGNED)."""
@@ -273,7 +282,14 @@ class Robot:
 
     @cached_property
     def _own_reach(self) -> FloatArray:
-        return self._reach_of([(item.body, item.shape, item.pose) for item in self.shapes])
+        fingers = () if self.gripper is None else self.gripper.links
+        placed = [(item.body, item.shape, item.pose) for item in self.shapes if item.link in fingers]
+        return read_only(np.maximum(self._reach_without_fingers, self._reach_of(placed)))
+
+    @cached_property
+    def _reach_without_fingers(self) -> FloatArray:
+        fingers = () if self.gripper is None else self.gripper.links
+        return self._reach_of([(item.body, item.shape, item.pose) for item in self.shapes if item.link not in fingers])
 
     def _reach_of(self, shapes: Sequence[tuple[int, Shape, Pose]]) -> FloatArray:
         travel = np.maximum(np.abs(self.limits.lower), np.abs(self.limits.upper)).tolist()
@@ -292,7 +308,9 @@ class Robot:
             raise InvalidRequest("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m")
         moved = iter(self.gripper.shapes(float(width)))
         shapes = tuple(next(moved) if item.link in self.gripper.links else item for item in self.shapes)
-        return replace(self, gripper_width=float(width), shapes=shapes)
+        moved_robot = replace(self, gripper_width=float(width), shapes=shapes)
+        object.__setattr__(moved_robot, "_reach_without_fingers", self._reach_without_fingers)
+        return moved_robot
 
     def locked(self, joints: Mapping[str, float]) -> Robot:
         """This robot with some of its joints standing still: one arm of two, a rail, a wrist.

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.collision.edges import Known
+from planner_service.collision.edges import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, read_only
 from planner_service.path import JointPath
@@ -167,14 +167,13 @@ class _Verdicts:
 
     def is_free(self, a: Configuration, b: Configuration) -> bool:
         edge = _edge(a, b)
-        if edge not in self._edges:
-            known = (Known.START if a in self._free else Known.NEITHER) | (
-                Known.END if b in self._free else Known.NEITHER
-            )
-            self._edges[edge] = bool(self._oracle.edge_is_free(np.array(a), np.array(b), known=known))
-            if self._edges[edge]:
+        free = self._edges.get(edge)
+        if free is None:
+            known = KNOWN_ENDS[(a in self._free) + 2 * (b in self._free)]
+            free = self._edges[edge] = bool(self._oracle.edge_is_free(np.array(a), np.array(b), known=known))
+            if free:
                 self._free.update(edge)
-        return self._edges[edge]
+        return free
 
 
 def _skip_vertices(chain: list[Configuration], verdicts: _Verdicts) -> list[Configuration]:

@@ -8,15 +8,12 @@ the points it looked at too, and time is stretched should it break one.
 
 from __future__ import annotations
 
-import importlib
-import logging
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -27,6 +24,7 @@ from planner_service.peaks import TOLERANCE, LimitPeaks, peaks, require_usable
 from planner_service.profiles import Part, Phase, chained, trapezoid
 from planner_service.stretch import SpeedLimit, Stretch, straight_parts, stretches
 from planner_service.trajectory import Trajectory
+from planner_service.two_passes import two_passes
 
 if TYPE_CHECKING:
     from planner_service.robot import JointLimits
@@ -59,9 +57,6 @@ RUN_UP = 1e-6
 
 SPEED_SPACING = 0.1
 """Radians between grid points under a speed limit, on average: it may change along straight parts too."""
-
-MAX_TOPPRA_SPEED = 1e4
-"""In units of about 1, for toppra, which takes no infinite speed."""
 
 TAYLOR = np.array([1.0, 1.0, 2.0, 6.0])
 """What turns position, speed, acceleration and jerk into coefficients of a cubic."""
@@ -347,12 +342,6 @@ def _constant_accelerations(
     return phases
 
 
-class _UnitInterval:
-    """A path as toppra asks for one, over the parameter [0, 1]; what it bounds comes with the constraint."""
-
-    path_interval = (0.0, 1.0)
-
-
 def _toppra_speeds(
     stretch: Stretch, parts: Sequence[Part], grids: Sequence[FloatArray], unit: float
 ) -> list[FloatArray]:
@@ -365,86 +354,8 @@ def _toppra_speeds(
     points = np.concatenate([*shares, [1.0]])
     if not np.all(points[1:] > points[:-1]):
         raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: grid points of a tiny blend coincide")
-    solver = _two_passes()(_bounds(stretch, points, unit), points)
-    _, speeds, _ = solver.compute_parameterization(0.0, 0.0)
-    if speeds is None or not np.all(np.isfinite(speeds)):
-        raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {solver.problem_data.return_code.name}")
-    speeds = np.asarray(speeds * (length / unit), dtype=np.float64)
+    speeds = two_passes(stretch, points, unit)
+    if isinstance(speeds, str):
+        raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {speeds}")
     ends = np.cumsum([0, *(len(grid) - 1 for grid in grids)])
     return [speeds[a : b + 1] for a, b in pairwise(ends.tolist())]
-
-
-def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
-    """All limits at the grid points as one constraint of toppra.
-
-    Its tolerances are absolute: in units of the stretch and of about its time they suit every move. Accelerations
-    are bounded at both ends of each interval (what toppra calls interpolation).
-    """
-    toppra = _toppra()
-    joints, length = stretch.moving, stretch.length
-    velocity, acceleration = stretch.limits.velocity[joints] * unit, stretch.limits.acceleration[joints] * (unit * unit)
-    s = stretch.start + points * length
-    first, second = (stretch.derivative(s, order)[:, joints] * math.pow(length, order) for order in (1, 2))
-    with np.errstate(divide="ignore", over="ignore"):
-        speeds = np.where(first != 0.0, velocity / np.abs(first), math.inf).min(axis=1)
-    if stretch.speed_limit is not None:
-        speeds = np.minimum(speeds, stretch.allowed(s) * (unit / length))
-    squares = np.minimum(speeds, MAX_TOPPRA_SPEED) ** 2
-    both_ways = np.concatenate([np.eye(len(joints)), -np.eye(len(joints))])
-    linear = (first, second, np.zeros_like(first), both_ways, np.tile(acceleration, 2), None, None)
-    rows = toppra.constraint.canlinear_colloc_to_interpolate(*linear, points, identical=True)[:-2]
-    bound = toppra.constraint.LinearConstraint()
-    bound.identical = True
-    columns = np.stack([np.zeros(len(squares)), squares], axis=1)
-    bound.compute_constraint_params = lambda *_: (*rows, None, columns)
-    return bound
-
-
-@lru_cache(maxsize=1)
-def _two_passes() -> Any:
-    """toppra's algorithm and its solver, asked no more than the limits of a robot need.
-
-    They are symmetric: standing still is always possible, so the least controllable speed is 0 everywhere.
-    """
-    toppra = _toppra()
-    seidel = importlib.import_module("toppra.solverwrapper.cy_seidel_solverwrapper").seidelWrapper
-
-    class TwoPasses(toppra.algorithm.TOPPRA):  # type: ignore[misc]
-        def __init__(self, bound: Any, points: FloatArray) -> None:
-            path = _UnitInterval()
-            parametrizer = "ParametrizeConstAccel"
-            toppra.algorithm.ParameterizationAlgorithm.__init__(self, [bound], path, points, parametrizer)
-            self.solver_wrapper = seidel([bound], path, points, solve_lp1d=True)
-            self._steps = (-2.0 * (points[1:] - points[:-1])).tolist()
-
-        def compute_controllable_sets(self, sdmin: float, sdmax: float) -> FloatArray:
-            solve, objective = self.solver_wrapper.solve_stagewise_optim, np.array([1e-9, -1.0])
-            squares, high = [sdmax * sdmax], sdmax * sdmax
-            for i in range(len(self._steps) - 1, -1, -1):
-                if not math.isnan(high):  # nan is none, and stays none
-                    high = solve(i, None, objective, math.nan, math.nan, 0.0, high)[1]
-                squares.append(high)
-            return np.stack([np.zeros(len(squares)), squares[::-1]], axis=1)
-
-        def _forward_step(self, i: int, x: float, K_next: FloatArray) -> Any:
-            objective = np.array([self._steps[i], -1.0])
-            return self.solver_wrapper.solve_stagewise_optim(i, None, objective, x, x, 0.0, K_next[1])
-
-    return TwoPasses
-
-
-@lru_cache(maxsize=1)
-def _toppra() -> Any:
-    """The toppra library, quiet: it imports matplotlib, whose complaints about its cache do not concern the caller."""
-    plotting, own = logging.getLogger("matplotlib"), logging.getLogger("toppra")
-    level = plotting.level
-    plotting.setLevel(logging.ERROR)
-    try:
-        import toppra
-        import toppra.algorithm
-        import toppra.constraint
-    finally:
-        plotting.setLevel(level)
-    if own.level == logging.NOTSET:  # a failure comes back as TimingFailed; its warnings would only repeat it
-        own.setLevel(logging.CRITICAL)
-    return toppra

@@ -142,7 +142,7 @@ class WxaiInverse:
 
     def _target(self, pose: Pose) -> tuple[Rows, Vector]:
         """The last body's x, y and z axis, and the wrist point, in the waist's frame."""
-        rows = pose.rotation.tolist()
+        rows = pose.rotation_rows
         axes = [_apply(rows, axis) for axis in self.tool]  # a row of T_body_tool is a body axis, seen from the tool
         offset, origin = self.tool_offset, self.base_offset
         arm = [
@@ -200,8 +200,8 @@ class WxaiInverse:
         yield from product(*turns)
 
     def _confirm(self, q: Configuration, pose: Pose) -> None:
-        T = self.robot.tool_pose(q).tolist()
-        R, p = pose.rotation.tolist(), pose.position
+        T = self.robot.tool_rows(q)
+        R, p = pose.rotation_rows, pose.position
         worst = max(abs(T[i][j] - (p[i] if j == 3 else R[i][j])) for i in range(3) for j in range(4))
         if not worst <= VERIFIED:
             raise BrokenInvariant(f"closed form of {self.robot.name!r} is off by {worst:.3g} at q = {q} for {pose}")

@@ -17,14 +17,46 @@ import pytest
 from rich.console import Console
 
 from benchmarks import __main__ as command
-from benchmarks import drawn, proven, proven_tables, queries, sheets, speed, stored, tasks, toy
+from benchmarks import (
+    backends,
+    differential,
+    drawn,
+    latency,
+    panda,
+    plain_ompl,
+    proven,
+    proven_tables,
+    queries,
+    scaling,
+    sheets,
+    speed,
+    stored,
+    tasks,
+    toy,
+)
 from benchmarks.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
 from benchmarks.pairwise import PairwiseFcl
+from benchmarks.problems import public_problems
 from benchmarks.queries import SCENES, Region
 from benchmarks.report import Promise, Report, Row, p50, p95, show, write_json
 from benchmarks.states import STEPS, run_lesson
-from planner_service import CollisionChecker, JointPath, JointStep, MotionStep, SCurve, ToppRa, load_robot, load_scene
+from planner_service import (
+    Box,
+    CollisionChecker,
+    JointPath,
+    JointStep,
+    MotionStep,
+    PlannerService,
+    PlanRequest,
+    SCurve,
+    Stage,
+    ToppRa,
+    load_robot,
+    load_scene,
+)
 from planner_service.certify import Certificate, Refusal
+from planner_service.collision.kernel import instruction_sets
+from planner_service.errors import UnknownName
 from planner_service.geometry import FloatArray
 from planner_service.oracle import SearchOracle
 from planner_service.peaks import peaks
@@ -443,3 +475,148 @@ def test_an_uncertified_stored_query_breaks_a_promise_and_a_drawn_one_does_not(j
     for world, kept in (("drawn", True), ("bin", False)):
         lost = {"world": world, "query": "lost", "failure": "NOT_CERTIFIED"}
         assert all(p.kept for p in proven_tables.all_promises([*rows, lost], planted)) == kept
+
+
+# --- the kernel, for speed and for its answers
+
+
+def test_edges_are_judged_at_their_end_and_then_by_bisection() -> None:
+    assert plain_ompl.fractions(1).ravel().tolist() == [1.0]
+    assert plain_ompl.fractions(4).ravel().tolist() == [1.0, 0.5, 0.25, 0.75]
+    assert sorted(plain_ompl.fractions(37).ravel().tolist()) == [k / 37 for k in range(1, 38)]
+
+
+@pytest.mark.parametrize("kind", [plain_ompl.ONE_BY_ONE, *plain_ompl.BATCHED])
+def test_all_ways_to_ask_coal_say_of_an_edge_what_the_checker_says(kind: str) -> None:
+    robot, scene = load_robot(queries.ROBOT), load_scene("bin")
+    checker = CollisionChecker(robot, scene, edge_step=JointStep(0.05))
+    edges, verdicts = plain_ompl.coal_edges(robot, scene)[kind], []
+    for a, b in backends.edges_of(checker, 60, seed=4):
+        verdicts.append(checker.edge_is_free(a, b))
+        samples = a + (b - a) * plain_ompl.fractions(checker.segments(a, b))
+        assert edges.edge_is_free(np.concatenate([a[None], samples])) == verdicts[-1]
+        assert edges.state_is_free(a.tolist()) == checker.state_is_free(a)
+    assert 10 < sum(verdicts) < 50
+
+
+@pytest.fixture(scope="module")
+def sped() -> list[Row]:
+    return list(panda.rows_of(public_problems().problems[::25], turns=1))
+
+
+def test_both_sides_of_the_panda_searches_find_a_path_with_the_same_settings(sped: list[Row]) -> None:
+    for row in sped:
+        assert list(row["ms"]) == [panda.OURS, plain_ompl.ONE_BY_ONE, *plain_ompl.BATCHED]
+        assert all(length is not None for length in row["raw"].values())
+        assert row["same"]
+        assert (row["plan"]["certified"], row["plan"]["rejected"]) == (True, None)
+
+
+def test_the_promises_of_the_panda_problems_are_kept_by_good_figures_and_broken_by_each_bad_one(
+    sped: list[Row],
+) -> None:
+    plan: Row = {"certified": True, "rejected": None, "search and shortcut ms": 3.0, "length": 4.5}
+    row = {"problem": "p", "ms": {panda.OURS: 1.0, "other": 3.5}, "raw": {panda.OURS: 8.0}, "plan": plan}
+    bad = [
+        {"raw": {panda.OURS: None}},
+        {"plan": plan | {"rejected": "link x box"}},
+        {"ms": {panda.OURS: 1.0, "other": 2.9}},
+        {"ms": {panda.OURS: 2.1, "other": 9.0}},
+        {"plan": plan | {"search and shortcut ms": 8.1}},
+        {"plan": plan | {"length": 4.9}},
+    ]
+    assert [promise.text for promise in panda.promises([row]) if not promise.kept] == []
+    for k, change in enumerate(bad):
+        kept = [promise.kept for promise in panda.promises([row | change])]
+        assert kept == [number != k for number in range(len(bad))]
+    assert len(panda.promises(sped)) == len(bad)
+
+
+REDUCED = {"wxai bin": (360, 24), "panda_mbm shelf": (360, 24), "planar2 pins": (600, 60)}
+
+
+@pytest.mark.parametrize("name", differential.CASES)
+def test_a_reduced_run_finds_no_difference_between_fcl_and_the_kernel_in_any_instruction_set(name: str) -> None:
+    states, edges = REDUCED[name]
+    report = differential.run(name.split()[0], states, edges, seed=1)
+    assert [row["words"] for row in report.rows if row["differences"]] == []
+    counts = [sum(row["number"] for row in report.rows if row["what"] == what) for what in ("states", "edges")]
+    assert counts == [states, edges]
+    assert all(0 < row["colliding"] < row["number"] for row in report.rows if row["kind"] == "near contact")
+    assert [promise.kept for promise in report.promises] == [bool(instruction_sets())]
+
+
+@pytest.mark.parametrize("wrong", [-0.003, -0.0003])
+def test_a_wrong_margin_is_a_difference_near_contact(wrong: float) -> None:
+    robot, scene = backends.case("wxai bin")
+    made = differential.kernels(robot, scene, wrong)
+    made["numpy"] = CollisionChecker(robot, scene, edge_step=JointStep(0.02), backend="numpy")
+    found = differential.compare(made, differential.questions(robot, scene, 600, 60, seed=1))
+    assert [tally.differences > 0 for (kind, _), tally in found.items() if kind == "near contact"] == [
+        bool(instruction_sets())
+    ] * 2
+
+
+def test_other_seeds_ask_other_states_and_the_same_seed_the_same() -> None:
+    robot, scene = backends.case("planar2 pins")
+    asked = [list(differential.questions(robot, scene, 30, 3, seed)) for seed in (1, 1, 2)]
+    first, again, other = ([block[1].tolist() for block in blocks] for blocks in asked)
+    assert first == again != other
+    assert [kind for kind, *_ in asked[0]] == list(differential.KINDS)
+
+
+def test_a_robot_that_is_not_compared_is_refused() -> None:
+    with pytest.raises(UnknownName, match="ur5"):
+        differential.run("ur5")
+
+
+def test_boxes_spread_over_the_workspace_leave_the_same_edges_free() -> None:
+    robot = load_robot(queries.ROBOT)
+    for size, scene in zip((10, 60), scaling.spread_scenes(robot, (10, 60)), strict=True):
+        assert len(scene.obstacles) == size
+        checker = CollisionChecker(robot, scene)
+        assert all(checker.edge_is_free(a, b) for a, b in scaling.free_edges(robot))
+        assert math.fsum(math.prod(o.shape.size) for o in scene.obstacles) == pytest.approx(scaling.VOLUME)  # type: ignore[union-attr]
+
+
+def test_a_scene_cut_into_pieces_fills_the_same_space() -> None:
+    robot, whole = load_robot(queries.ROBOT), load_scene("bin")
+    pieces = scaling.cut(whole, 80)
+    assert len(pieces.obstacles) == 80
+    volume = [
+        math.fsum(math.prod(o.shape.size) for o in scene.obstacles if isinstance(o.shape, Box))
+        for scene in (whole, pieces)
+    ]
+    assert volume[1] == pytest.approx(volume[0], rel=1e-12)
+    checkers = [CollisionChecker(robot, scene) for scene in (whole, pieces)]
+    for q in backends.states_of(checkers[0], 300, seed=6):
+        assert checkers[0].state_is_free(q) == checkers[1].state_is_free(q)
+
+
+def test_scenes_of_more_boxes_are_measured_and_a_steep_rise_breaks_the_promise() -> None:
+    spread, pieces = list(scaling.spread_rows((10, 30), plans=False)), list(scaling.bin_rows((10, 30)))
+    assert [row["boxes"] for row in spread] == [10, 30]
+    assert all(row["same"] for row in pieces)
+    for ratio in (2.9, 3.1):
+        rows = [spread[0], spread[0] | {"boxes": 1_000, "us": [ratio * us for us in spread[0]["us"]]}]
+        assert [promise.kept for promise in scaling.promises(rows, pieces)] == [ratio < 3.0, True]
+
+
+def test_plans_and_straight_lines_are_timed_and_slow_ones_break_their_promise() -> None:
+    plans = list(latency.plan_rows(("bin",), 2, 1, ("JointStep(0.02)",)))
+    straight = list(latency.straight_rows(("shelf",), 2, 1))
+    assert [len(row["ms"]) for row in plans] == [2]
+    assert [len(row["ms"]["whole"]) for row in straight] == [2, 2]
+    good = [[row | {"ms": [15.0] * 19 + [60.0]} for row in plans]]
+    good.append([row | {"ms": {"decided": [0.9]}} for row in straight])
+    assert all(promise.kept for promise in latency.promises(*good))
+    slow = [plans[0] | {"ms": [15.1, 15.1]}], [row | {"ms": {"decided": [1.0]}} for row in straight]
+    assert not any(promise.kept for promise in latency.promises(*slow))
+
+
+def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
+    service = PlannerService(queries.ROBOT, "post")
+    for a, b in latency.free_lines(service.checker, 3):
+        result = service.plan(PlanRequest(a, b))
+        assert result.ok
+        assert result.stage(Stage.SEARCH).counts.states == 0

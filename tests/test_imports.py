@@ -63,7 +63,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {"kinematics", "numeric_inverse", "pose_goal", "thinning", "tool_chain", "wxai_inverse"},
         {"errors", "shapes", "robot", "path"},
     ),
-    "timing": ({"timing", "profiles", "peaks", "stretch"}, {"errors", "shapes", "robot", "path"}),
+    "timing": ({"timing", "two_passes", "profiles", "peaks", "stretch"}, {"errors", "shapes", "robot", "path"}),
     "certify": ({"certify"}, {"errors", "shapes", "robot", "scene", "path"}),
     "import": (
         {"contact_table", "robot_import"},
@@ -103,7 +103,7 @@ ONLY_IN = {
     "hppfcl": {"collision"},
     "coacd": {"coacd_child.py"},
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
-    "toppra": {"timing.py"},
+    "toppra": {"two_passes.py"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "trimesh": set[str](),
     "pickle": set[str](),

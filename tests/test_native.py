@@ -19,7 +19,7 @@ from planner_service.collision import CheckCounts, CollisionChecker, EdgeStep, J
 from planner_service.collision import kernel as kernels
 from planner_service.collision.bounds import Solids
 from planner_service.collision.checker import EdgeHit
-from planner_service.collision.edges import FinestStep, interior
+from planner_service.collision.edges import FinestStep, SampledEdge, interior
 from planner_service.collision.fcl import FclJudge
 from planner_service.collision.judge import Backend, Compiled, FclQuestions
 from planner_service.collision.kernel import Kernel, build_kernel, instruction_sets
@@ -91,7 +91,7 @@ def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> No
         wrongly = build_kernel(first.robot, first._parts, wrong)
         assert wrongly is not None
         first._judge.kernel = wrongly
-        first._quick = first._agreed(first._judge)
+        first._quick = first._agreed()
     assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT
 
 
@@ -138,11 +138,16 @@ def test_a_doubt_tells_which_sample_and_where() -> None:
         for kernel in built_kernels(checker):
             doubt = kernel.edge(a.tolist(), b.tolist(), 3, segments, 0, segments + 1)
             while doubt is not None:
-                row, fraction, q, pairs, _ = doubt
-                assert q == every[row].tolist()
-                assert np.allclose(a + fraction * (b - a), q, atol=1e-12)
-                assert pairs == sorted(pairs)
-                assert set(touching_pairs(reference, every[row])[:1]) <= set(pairs)
+                row, fraction = doubt[:2]
+                assert np.allclose(a + fraction * (b - a), every[row], atol=1e-12)
+                touching = touching_pairs(reference, every[row])
+                if len(doubt) == 3:
+                    assert touching[0] == doubt[2]
+                else:
+                    _, _, q, pairs = doubt
+                    assert q == every[row].tolist()
+                    assert pairs == sorted(pairs)
+                    assert set(touching[:1]) <= set(pairs)
                 doubt = kernel.edge(a.tolist(), b.tolist(), 3, segments, row + 1, segments + 1)
 
 
@@ -225,14 +230,16 @@ class Unsure:
         self.candidates = kernel.candidates
         self._kernel = kernel
 
-    def first(self, *where: Any) -> Any:
-        return self._doubt(self._kernel.first(*where))
+    def first(self, Q: Any, *where: Any) -> Any:
+        return self._doubt(self._kernel.first(Q, *where), Q)
 
-    def edge(self, *where: Any) -> Any:
-        return self._doubt(self._kernel.edge(*where))
+    def edge(self, a: Any, b: Any, ends: int, segments: int, *where: Any) -> Any:
+        rows = SampledEdge(a, b, ends, segments).samples
+        return self._doubt(self._kernel.edge(a, b, ends, segments, *where), rows)
 
-    def _doubt(self, doubt: Any) -> Any:
-        return doubt and (*doubt[:4], False)
+    def _doubt(self, told: Any, rows: Any) -> Any:
+        sure = told is not None and len(told) == 3
+        return (*told[:2], rows[told[0]].tolist(), [told[2]]) if sure else told
 
 
 @pytest.mark.parametrize("free", [lambda i, j: True, lambda i, j: i < 3, lambda i, j: (i + j) % 2 == 0])
@@ -256,9 +263,9 @@ def test_what_the_kernel_is_sure_of_overlaps_for_fcl_too(name: str) -> None:
     for q in states_of(checker, 300, seed=13):
         for kernel in built_kernels(checker):
             doubt = kernel.first(q[None], 0, 1)
-            if doubt is not None and doubt[4]:
+            if doubt is not None and len(doubt) == 3:
                 sure += 1
-                assert touching_pairs(checker, q)[0] == doubt[3][0]
+                assert touching_pairs(checker, q)[0] == doubt[2]
     assert bool(sure) == BUILT
 
 

@@ -45,15 +45,26 @@ def test_the_wheel_carries_every_robot_and_scene(wheel: Path) -> None:
         assert {f"planner_service/_data/{path.as_posix()}" for path in files} <= inside
 
 
-def test_an_installed_wheel_plans_from_the_root_folder(wheel: Path, tmp_path: Path) -> None:
+def test_the_wheel_carries_the_kernel_for_this_platform_and_none_of_its_source(wheel: Path) -> None:
+    inside = [name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("planner_service/collision/")]
+    built = [name for name in inside if Path(name).name.startswith("_kernel.") and Path(name).suffix in (".so", ".pyd")]
+    assert len(built) == 1
+    assert not wheel.stem.endswith("-any")
+    assert [name for name in inside if "/native/" in name] == []
+
+
+def test_an_installed_wheel_plans_from_the_root_folder_with_its_kernel_and_without_a_compiler(
+    wheel: Path, tmp_path: Path
+) -> None:
     zipfile.ZipFile(wheel).extractall(tmp_path)
     program = (
         "import sys; sys.meta_path = [f for f in sys.meta_path if 'editable' not in type(f).__module__]; "
         "import planner_service as p; s = p.PlannerService('wxai', 'table'); "
-        "print(p.__file__, s.plan(p.PlanRequest(s.robot.home, [0.5, 1.3, 1.0, -0.8, 0.0, 0.0])).ok)"
+        "print(p.__file__, s.plan(p.PlanRequest(s.robot.home, [0.5, 1.3, 1.0, -0.8, 0.0, 0.0])).ok, "
+        "s.checker.instruction_set is not None)"
     )
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "PATH": str(tmp_path / "nothing")}
     done = subprocess.run(
         [sys.executable, "-c", program], cwd="/", env=environment, capture_output=True, text=True, check=True
     )
-    assert done.stdout.split() == [str(tmp_path / "planner_service" / "__init__.py"), "True"]
+    assert done.stdout.split() == [str(tmp_path / "planner_service" / "__init__.py"), "True", "True"]

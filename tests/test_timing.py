@@ -388,6 +388,24 @@ def test_toppra_is_silent() -> None:
     assert not logging.getLogger("toppra.algorithm").isEnabledFor(logging.WARNING)
 
 
+def test_toppra_is_imported_without_matplotlib_which_comes_when_it_plots() -> None:
+    code = (
+        "import sys; from tests.test_timing import QUARTER, ToppRa, limits; ToppRa().time_path(QUARTER, limits(2)); "
+        "assert 'toppra' in sys.modules and 'matplotlib' not in sys.modules; "
+        "import toppra.algorithm.algorithm as used, matplotlib.pyplot; used.plt.close(); assert used.plt.close is matplotlib.pyplot.close"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_while_another_thread_runs_matplotlib_is_imported_as_usual() -> None:
+    code = (
+        "import sys, threading; from tests.test_timing import QUARTER, ToppRa, limits; done = threading.Event(); "
+        "threading.Thread(target=done.wait).start(); ToppRa().time_path(QUARTER, limits(2)); done.set(); "
+        "import matplotlib.pyplot as plt; assert plt.__file__"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 # -- verification
 
 

@@ -258,7 +258,7 @@ class Certifier:
         if not np.all(inside):
             row, joint = np.argwhere(~inside)[0].tolist()
             expected = f"{self.robot.joint_names[joint]} in [{lower[joint]:.6g}, {upper[joint]:.6g}]"
-            where = f"{name}[{joint}]" if len(rows) == 1 and name != "waypoints" else f"{name}[{row}][{joint}]"
+            where = f"{name}[{joint}]" if name in ("q1", "q2") else f"{name}[{row}][{joint}]"
             raise InvalidRequest(where, float(rows[row, joint]), expected)
 
     def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:

@@ -20,9 +20,10 @@ from planner_service.collision.edges import (
     bisection_order,
     first_samples,
     glance_of,
+    judged_ends,
 )
-from planner_service.collision.judge import Backend, Compiled, Found, Judge, Looked, judge_for, listed
-from planner_service.collision.kernel import rules_of
+from planner_service.collision.judge import Backend, Compiled, judge_for
+from planner_service.collision.kernel import Found, Kernel, rules_of
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts, require_padding, sorted_pairs
 from planner_service.collision.prefilter import Prefilter
@@ -39,10 +40,6 @@ MAX_VARIANTS = 32
 
 LIMIT_SLACK = 1e-9
 """Radians or metres by which rounding may carry a configuration over a joint limit."""
-
-_END = Known.END.value
-_JUDGED_ENDS = (3, 2, 1, 0)
-"""As a sampled edge has it, 1 for the start and 2 for the end, by the value of ``Known``: flags' arithmetic is slow."""
 
 
 class CollisionChecker:
@@ -91,8 +88,8 @@ class CollisionChecker:
         self._reach: list[float] = robot.reach(self._parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
-        self._quick = self._agreed(self._judge)
-        self._names: dict[int, tuple[str, str]] = {}
+        self._at_once = self._judge.at_once
+        self._quick = self._agreed()
         self._variants: dict[tuple[float, tuple[tuple[str, str], ...], float | None], CollisionChecker] = {}
         self._motion_step: float | None = None
 
@@ -127,13 +124,13 @@ class CollisionChecker:
             self._variants[key] = other
         return self._variants[key]
 
-    def _agreed(self, judge: Judge) -> Compiled | None:
-        """The kernel's judge, told the limits and the edge step; None if there is none, or the step is a user's own."""
+    def _agreed(self) -> Kernel | None:
+        """The kernel, told the limits and the edge step; None if there is none, or the step is a user's own."""
         rules = rules_of(self.edge_step)
-        if not isinstance(judge, Compiled) or rules is None:
+        if not isinstance(self._judge, Compiled) or rules is None:
             return None
-        judge.kernel.agree(self._lower, self._upper, self._reach, rules)
-        return judge
+        self._judge.kernel.agree(self._lower, self._upper, self._reach, rules)
+        return self._judge.kernel
 
     @cached_property
     def _prefilter(self) -> Prefilter:
@@ -169,14 +166,15 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         if self._quick is not None:
-            with self.ledger.lock:  # FCL objects are moved from question to question
+            with self.ledger.lock:
                 told = self._quick.state(q)
-                if told is not None:
-                    self.ledger.poll()
-                    self.ledger.charge_states(1)
-                    if told is not True:
-                        self._hit(told)
-                    return told is True
+                if told is True:
+                    self.ledger.settle(1)
+                    return True
+                if told is not None and len(told) == 3:
+                    self.ledger.settle(1)
+                    self.ledger.hit(self._parts.names(told[2]))
+                    return False
         return self._first_collision(self._configuration("q", q)[None]) is None
 
     def states_are_free(self, Q: ArrayLike) -> NDArray[np.bool_]:
@@ -228,45 +226,54 @@ class CollisionChecker:
 
         Counts their states, and no edge: that was counted at the glance.
         """
-        a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
-        edge = SampledEdge(a, b, 0, self._segments(a, b))
         with self.ledger.lock:
-            found = self._counted(
-                partial(self._judge.first_on, edge), edge.segments - 1, first_samples(edge.segments, self._glance)
-            )
+            answered, found = self._quickly(q1, q2, Known.BOTH, -self._glance, 0)
+            if not answered:
+                a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
+                edge = SampledEdge(a, b, 0, self._segments(a, b))
+                first = first_samples(edge.segments, self._glance)
+                found = self._counted(partial(self._judge.first_on, edge), edge.segments - 1, first)
         return self._told(found)
 
     def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int) -> Found | None:
         """Judge an edge, of its interior only what a glance sees unless ``glance`` is 0."""
-        if self._quick is not None:
-            with self.ledger.lock:
-                stop = self._stop(0, MAX_SEGMENTS)
-                told = self._quick.edge(q1, q2, known._value_, glance, stop)
-                if told is not None:
-                    return self._looked(q1, q2, told, stop)
+        with self.ledger.lock:
+            answered, found = self._quickly(q1, q2, known, glance, 1)
+            if answered:
+                return found
         a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
-        ends = _JUDGED_ENDS[known._value_ if a != b else known._value_ | _END]
-        edge = SampledEdge(a, b, ends, self._segments(a, b))
+        edge = SampledEdge(a, b, judged_ends(a, b, known), self._segments(a, b))
         inner = first_samples(edge.segments, glance) if glance else edge.segments - 1
         with self.ledger.lock:
             self.ledger.edges += 1
             return self._counted(partial(self._judge.first_on, edge), edge.first + inner)
 
-    def _looked(self, q1: ArrayLike, q2: ArrayLike, told: int | Looked, stop: int) -> Found | None:
-        """Count an edge of which the rows below ``stop`` are known, and judge the others."""
-        ledger = self.ledger
-        ledger.edges += 1
-        ends, segments, rows, found = (0, 0, told, None) if isinstance(told, int) else told
-        stop = min(stop, rows)
-        if rows:
-            ledger.poll()
-            ledger.charge_states(stop if found is None else found[0] + 1)
-        if found is not None:
-            self._hit(found)
-        elif stop < rows:
-            edge = SampledEdge(listed(q1), listed(q2), ends, segments)
-            return self._counted(partial(self._judge.first_on, edge), rows, stop)
-        return found
+    def _quickly(
+        self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int, edges: int
+    ) -> tuple[bool, Found | None]:
+        """Whether the kernel samples edges itself, and takes these ends; then it is judged and counted as it says.
+
+        Args:
+            glance: As ``Kernel.ask`` has it.
+        """
+        if self._quick is None:
+            return False, None
+        told, ledger = self._quick.ask(q1, q2, known._value_, glance, self._stop(0, MAX_SEGMENTS)), self.ledger
+        if told is None:
+            return False, None
+        ledger.edges += edges
+        if isinstance(told, int):
+            if told:
+                ledger.settle(told)
+            return True, None
+        if len(told) == 3:
+            ledger.settle(told[0] + 1)
+            self.ledger.hit(self._parts.names(told[2]))
+            return True, told
+        ends, segments, rows, row, free = told
+        ledger.settle(free)
+        a, b = (np.asarray(q, dtype=np.float64).tolist() for q in (q1, q2))
+        return True, self._counted(partial(self._judge.first_on, SampledEdge(a, b, ends, segments)), rows, row)
 
     def segments(self, q1: ArrayLike, q2: ArrayLike) -> int:
         """The number of equal parts into which the edge from q1 to q2 is split; counts nothing."""
@@ -347,7 +354,7 @@ class CollisionChecker:
             self.ledger.charge_states(1)
             hits = np.array(self._judge.touching(q), dtype=np.intp)
         overlaps = self._prefilter.overlaps(q, hits).tolist()
-        return deepest(zip(map(self._names_of, hits.tolist()), overlaps, strict=True))
+        return deepest(zip(map(self._parts.names, hits.tolist()), overlaps, strict=True))
 
     def _configuration(self, field: str, q: ArrayLike) -> FloatArray:
         if type(q) is np.ndarray and q.dtype == np.float64:  # as planners ask: no time for a closer look
@@ -364,13 +371,15 @@ class CollisionChecker:
 
     def _first_collision(self, Q: FloatArray) -> Found | None:
         """Judge configurations (m, n) in order, up to the first that collides, and count them."""
-        with self.ledger.lock:
+        with self.ledger.lock:  # FCL objects are moved from question to question
             return self._counted(partial(self._judge.first_of, Q), len(Q))
 
     def _stop(self, start: int, rows: int) -> int:
         """Up to which row to judge in one go, from ``start``: one more than there is room for passes the limit."""
-        room, many = self.ledger.room(), self._judge.at_once
-        return min(rows, start + (many if room is None else min(many, room + 1)))
+        room, stop = self.ledger.room(), start + self._at_once
+        if room is not None and start + room < stop:
+            stop = start + room + 1
+        return stop if stop < rows else rows
 
     def _counted(self, ask: Callable[[int, int], Found | None], rows: int, start: int = 0) -> Found | None:
         """The first of rows ``start`` to ``rows`` that collides, ``ask`` finding it among some; all is counted."""
@@ -380,20 +389,10 @@ class CollisionChecker:
             found = ask(start, stop)
             self.ledger.charge_states((stop if found is None else found[0] + 1) - start)
             if found is not None:
-                self._hit(found)
+                self.ledger.hit(self._parts.names(found[2]))
                 return found
             start = stop
         return None
 
-    def _hit(self, found: Found) -> None:
-        """Record what touched."""
-        self.ledger.hit(self._names_of(found[2]))
-
-    def _names_of(self, pair: int) -> tuple[str, str]:
-        names = self._names.get(pair)
-        if names is None:
-            names = self._names[pair] = self._parts.names(pair)
-        return names
-
     def _told(self, found: Found | None) -> EdgeHit | None:
-        return None if found is None else EdgeHit(found[1], *self._names_of(found[2]))
+        return None if found is None else EdgeHit(found[1], *self._parts.names(found[2]))

@@ -36,6 +36,7 @@ __all__ = [
     "first_samples",
     "glance_of",
     "interior",
+    "judged_ends",
 ]
 
 MAX_SEGMENTS = 1_000_000
@@ -177,6 +178,11 @@ def interior(q1: Sequence[float], q2: Sequence[float], segments: int) -> FloatAr
     first, last = (q1, q2) if tuple(q1) <= tuple(q2) else (q2, q1)
     start = np.array(first, dtype=np.float64)
     return start + (np.array(last, dtype=np.float64) - start) * bisection_order(segments)
+
+
+def judged_ends(q1: Sequence[float], q2: Sequence[float], known: Known) -> int:
+    """Which ends are judged, as ``SampledEdge`` has it; of two that are equal the second is not."""
+    return 3 & ~(known._value_ if q1 != q2 else known._value_ | Known.END._value_)
 
 
 @dataclass(frozen=True)

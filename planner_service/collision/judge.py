@@ -10,12 +10,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from planner_service.collision import prefilter
 from planner_service.collision.edges import SampledEdge
 from planner_service.collision.fcl import FclJudge
-from planner_service.collision.kernel import Doubt, Kernel, build_kernel
+from planner_service.collision.kernel import Doubt, Found, Kernel, build_kernel
 from planner_service.collision.parts import Parts
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
@@ -28,20 +27,12 @@ __all__ = [
     "FclQuestions",
     "Found",
     "Judge",
-    "Looked",
     "PairByPair",
     "Sieved",
     "judge_for",
-    "listed",
 ]
 
 Backend = Literal["auto", "native", "numpy", "fcl"]
-
-Found = tuple[int, float, int]
-"""The row that collides, where on the edge it is (0 to 1), and the number of the first pair that touches there."""
-
-Looked = tuple[int, int, int, Found | None]
-"""At an edge: the ends to judge, as ``SampledEdge`` has them, the segments, the rows, and what was found."""
 
 _FEW = 8
 """Rows that are sieved before the others: an edge that collides mostly does so early in bisection order."""
@@ -189,8 +180,8 @@ class Compiled:
     def first_on(self, edge: SampledEdge, start: int, stop: int) -> Found | None:
         """See ``Judge``."""
         a, b, ends, segments = edge.a, edge.b, edge.ends, edge.segments
-        doubt = self.kernel.edge(a, b, ends, segments, start, stop)
-        return self._first(lambda begin: self.kernel.edge(a, b, ends, segments, begin, stop), doubt)
+        told = self.kernel.edge(a, b, ends, segments, start, stop)
+        return self._first(lambda begin: self.kernel.edge(a, b, ends, segments, begin, stop), told)
 
     def colliding(self, Q: FloatArray) -> Iterator[int]:
         """See ``Judge``."""
@@ -203,44 +194,15 @@ class Compiled:
         """See ``Judge``."""
         return list(self._asked(q.tolist(), self.kernel.candidates(q[None])[1]))
 
-    def state(self, q: ArrayLike) -> Literal[True] | Found | None:
-        """True if q (n,) is free, what is found where it collides; None unless q is n floats within the limits."""
-        told = self.kernel.state(q)
-        if told is None or told is True:
-            return told
-        return self._first(lambda _: None, told) or True
-
-    def edge(self, q1: ArrayLike, q2: ArrayLike, known: int, glance: int, stop: int) -> int | Looked | None:
-        """An edge up to row ``stop``, sampled by the rules agreed on: how many rows it has if all of them are free.
-
-        Args:
-            q1, q2: The ends, as tuples or arrays.
-            known: The value of ``Known``.
-            glance: As ``Kernel.ask`` has it.
-
-        Returns:
-            What was seen if some row collides, or there are rows from ``stop`` on; None unless both ends are n floats
-            within the limits and there are not too many samples.
-        """
-        told = self.kernel.ask(q1, q2, known, glance, stop)
-        if told is None or isinstance(told, int):
-            return told
-        ends, segments, rows, doubt = told
-        if doubt is None:
-            return ends, segments, rows, None
-        last = min(stop, rows)
-        found = self._first(lambda begin: self.kernel.edge(listed(q1), listed(q2), ends, segments, begin, last), doubt)
-        return rows if found is None and last == rows else (ends, segments, rows, found)
-
-    def _first(self, ask: Callable[[int], Doubt | None], doubt: Doubt | None) -> Found | None:
-        """The first row in doubt that collides, ``ask`` telling the next one from a row on."""
-        while doubt is not None:
-            row, fraction, q, pairs, deep = doubt
-            pair = pairs[0] if deep else self._first_touching(q, pairs)
+    def _first(self, ask: Callable[[int], Found | Doubt | None], told: Found | Doubt | None) -> Found | None:
+        """The first row that collides of those that may, ``ask`` telling the next of them from a row on."""
+        while told is not None and len(told) == 4:
+            row, fraction, q, pairs = told
+            pair = self._first_touching(q, pairs)
             if pair is not None:
                 return row, fraction, pair
-            doubt = ask(row + 1)
-        return None
+            told = ask(row + 1)
+        return told
 
     def _first_touching(self, q: list[float], pairs: list[int]) -> int | None:
         """The first pair that touches at q, where those are in doubt and maybe more behind them."""
@@ -273,11 +235,6 @@ def judge_for(backend: Backend, robot: Robot, parts: Parts, sieves: Callable[[],
     if kernel is not None:
         return Compiled(questions, kernel)
     return PairByPair(questions) if backend == "fcl" else Sieved(questions, sieves)
-
-
-def listed(q: ArrayLike) -> list[float]:
-    """What the kernel took for n floats, as a list."""
-    return list(q) if isinstance(q, tuple) else np.asarray(q, dtype=np.float64).tolist()
 
 
 def _on(edge: SampledEdge, found: Found | None) -> Found | None:

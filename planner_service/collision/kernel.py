@@ -22,16 +22,21 @@ from planner_service.collision.parts import Parts
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
 
-__all__ = ["Asked", "Doubt", "Kernel", "build_kernel", "instruction_sets", "rules_of"]
+__all__ = ["Asked", "Doubt", "Found", "Kernel", "build_kernel", "instruction_sets", "rules_of"]
 
 IntArray = NDArray[np.int64]
 
-Doubt = tuple[int, float, list[float], list[int], bool]
-"""A row in doubt, where on the edge it is (0 to 1), its configuration, the numbers of its pairs in doubt (the first of
-them and some more), and whether the first is proven to overlap by more than 0.1 mm."""
+Found = tuple[int, float, int]
+"""The row that collides, where on the edge it is (0 to 1; 0 for a row of no edge), and the number of the first pair
+that touches there: if the kernel says so, one that is proven to overlap by more than 0.1 mm."""
 
-Asked = tuple[int, int, int, Doubt | None]
-"""Of an edge: the ends to judge, the segments, the rows, and the first doubt below the row asked for."""
+Doubt = tuple[int, float, list[float], list[int]]
+"""A row in doubt, where on the edge it is, its configuration, and the numbers of its pairs in doubt: the first of them
+and some more."""
+
+Asked = tuple[int, int, int, int, int]
+"""An edge that is not finished: the ends to judge, the segments, the rows, the row to go on with, and how many rows
+before it were found free."""
 
 SLIDES = 1.0
 
@@ -46,12 +51,12 @@ class Kernel(Protocol):
     def candidates(self, Q: FloatArray, /) -> tuple[list[int], list[int]]:
         """Rows of Q (m, n) and the numbers of their pairs not proven apart, sorted by row, then pair."""
 
-    def first(self, Q: FloatArray, start: int, stop: int, /) -> Doubt | None:
+    def first(self, Q: FloatArray, start: int, stop: int, /) -> Found | Doubt | None:
         """The first row of Q (m, n) in [start, stop) with such a pair; None if there is none."""
 
     def edge(
         self, a: Sequence[float], b: Sequence[float], ends: int, segments: int, start: int, stop: int, /
-    ) -> Doubt | None:
+    ) -> Found | Doubt | None:
         """The same for the edge from a to b: its rows are its ends (``ends``: 1 for a, 2 for b), then the interior."""
 
     def agree(
@@ -59,18 +64,20 @@ class Kernel(Protocol):
     ) -> None:
         """Take the terms of ``state`` and ``ask``: limits, and the rules by which edges are sampled."""
 
-    def state(self, q: ArrayLike, /) -> Literal[True] | Doubt | None:
+    def state(self, q: ArrayLike, /) -> Literal[True] | Found | Doubt | None:
         """True if no pair is in doubt at q; None unless q is a tuple or an array of n floats within the limits."""
 
-    def ask(self, q1: ArrayLike, q2: ArrayLike, known: int, glance: int, stop: int, /) -> int | Asked | None:
-        """The edge from q1 to q2, ``known`` being the ends not to be judged, looked at up to row ``stop``.
+    def ask(self, q1: ArrayLike, q2: ArrayLike, known: int, glance: int, many: int, /) -> int | Found | Asked | None:
+        """The edge from q1 to q2, ``known`` being the ends not to be judged, looked at as far as ``many`` rows.
 
         Args:
-            glance: Segments between the samples that come first, which are all there are then; 0: every sample.
+            glance: Segments between the samples that come first, which are all there are then; 0: every sample;
+                below 0: those that such a look leaves out.
 
         Returns:
-            How many rows it has if all of them are free; None unless both ends are tuples or arrays of n floats within
-            the limits, and there are not too many segments.
+            How many rows there are if all of them are free, and what is found if the first that is not is sure to
+            collide, its row being the number of those before it; None unless both ends are tuples or arrays of n
+            floats within the limits, and there are not too many segments.
         """
 
     def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]:

@@ -143,6 +143,15 @@ class Ledger:
             raise CheckBudgetSpent("the check budget is spent")
         self.states += judged
 
+    def settle(self, judged: int) -> None:
+        """Poll and record ``judged`` states, in one."""
+        if self._deadline is not None or self._token is not None:
+            self.poll()
+        states, limit = self.states + judged, self._state_limit
+        if limit is not None and states > limit:
+            self.charge_states(judged)
+        self.states = states
+
     def charge_edge(self) -> None:
         """Record one edge."""
         with self.lock:

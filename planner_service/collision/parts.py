@@ -93,6 +93,7 @@ class Parts:
         self._check_names(robot, scene)
         self._allowed = self._allowed_pairs(robot, scene, allowed)
         self.pairs = self._pairs()
+        self._names: dict[int, tuple[str, str]] = {}  # of those that were asked for
 
     def _check_names(self, robot: Robot, scene: Scene) -> None:
         links = {shape.link for shape in robot.shapes}
@@ -150,8 +151,11 @@ class Parts:
 
     def names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair: the link or carried object, then what it meets."""
-        i, j = self.pairs[pair]
-        return self.parts[i].owner, self.parts[j].owner
+        found = self._names.get(pair)
+        if found is None:
+            i, j = self.pairs[pair]
+            found = self._names[pair] = self.parts[i].owner, self.parts[j].owner
+        return found
 
 
 def require_padding(padding: object) -> None:

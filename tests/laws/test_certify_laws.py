@@ -14,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner_service.certify import Certifier, certify
+from planner_service.certify.certifier import Backend
 from planner_service.certify.motion import Motion
 from planner_service.certify.pairs import ProofPairs
+from planner_service.certify.proof import instruction_sets
 from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
 from planner_service.certify.tree import LAST_ROUNDS
 from planner_service.collision import CollisionChecker, JointStep
@@ -29,6 +31,7 @@ from tests.test_certify import SLIDER, TWINS, built
 from tests.test_edges import points_of
 
 ROOT = Path(__file__).parents[2]
+BACKENDS: list[Backend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
 WXAI = load_robot("wxai")
 PLANAR = load_robot("planar2")
 STEP = 0.0002
@@ -387,5 +390,7 @@ def test_a_fault_of_the_search_does_not_reach_the_proof(fault: Any, monkeypatch:
     faulty = CollisionChecker(WXAI, scene, backend="numpy")  # the kernel has poses and a margin of its own
     fooled = [edge for edge in edges if faulty.edge_is_free(*edge)]
     assert len(fooled) >= 3
-    certifier = Certifier(WXAI, scene)
-    assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
+    for backend in BACKENDS:
+        certifier = Certifier(WXAI, scene, backend=backend)
+        assert [certifier.certify(JointPath(edge)).certified for edge in fooled] == [False] * len(fooled)
+        assert [certifier.certify_edge(*edge).free for edge in fooled] == [False] * len(fooled)

@@ -61,7 +61,8 @@ void reach_of(const Solid& s, const double* R, double* out) {
 
 nb::object told(const std::optional<Doubt>& doubt) {
     if (!doubt) return nb::none();
-    return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs, doubt->deep);
+    if (doubt->deep) return nb::make_tuple(doubt->row, doubt->fraction, doubt->pairs.front());
+    return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs);
 }
 
 class Kernel {
@@ -123,23 +124,26 @@ class Kernel {
         return doubt ? told(doubt) : nb::bool_(true);
     }
 
-    nb::object ask(nb::handle q1, nb::handle q2, int known, int glance, int stop) const {
-        require(0 <= glance && glance <= 1000, "a glance is 0 to 1000 segments");
+    nb::object ask(nb::handle q1, nb::handle q2, int known, int glance, int many) const {
+        require(-1000 <= glance && glance <= 1000, "a glance is 0 to 1000 segments");
+        require(0 < many, "at least one row");
         std::vector<double> a, b;
         if (!read(q1, a) || !read(q2, b)) return nb::none();
         const int segments = segments_of(terms_, a, b);
         if (segments == 0) return nb::none();
         const int ends = 3 & ~(a == b ? known | 2 : known);
         const Edge edge = edge_of(std::move(a), std::move(b), ends, segments);
-        const int inner = glance > 0 ? std::min(first_samples(segments, glance), segments - 1) : segments - 1;
-        const int rows = edge.ends() + inner, last = std::min(stop, rows);
+        const int looked = edge.ends() + first_samples(segments, std::abs(glance));
+        const int start = glance < 0 ? looked : 0, rows = glance > 0 ? looked : edge.rows();
+        const int last = std::min(start + many, rows);
         std::optional<Doubt> doubt;
         {
             nb::gil_scoped_release release;
-            doubt = first_in_doubt(model_, *variant_, edge, 0, last);
+            doubt = first_in_doubt(model_, *variant_, edge, start, last);
         }
-        if (!doubt && last == rows) return nb::int_(last);
-        return nb::make_tuple(ends, segments, rows, told(doubt));
+        if (!doubt && last == rows) return nb::int_(rows - start);
+        if (doubt && doubt->deep) return nb::make_tuple(doubt->row - start, doubt->fraction, doubt->pairs.front());
+        return nb::make_tuple(ends, segments, rows, doubt ? start : last, doubt ? 0 : last - start);
     }
 
     std::vector<std::vector<double>> samples(std::vector<double> a, std::vector<double> b, int segments) const {
@@ -354,7 +358,7 @@ NB_MODULE(_kernel, m) {
         .def("agree", &Kernel::agree)
         .def("state", &Kernel::state, nb::arg("q").none())
         .def("ask", &Kernel::ask, nb::arg("q1").none(), nb::arg("q2").none(), nb::arg("known"), nb::arg("glance"),
-             nb::arg("stop"))
+             nb::arg("many"))
         .def("samples", &Kernel::samples);
 }
 

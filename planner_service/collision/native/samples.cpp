@@ -106,8 +106,8 @@ int segments_of(const Terms& terms, const std::vector<double>& a, const std::vec
 
 int first_samples(int segments, int glance) {
     int parts = 1;
-    while (parts * glance < segments) parts *= 2;
-    return parts - 1;
+    while (glance > 0 && parts * glance < segments) parts *= 2;
+    return std::min(parts, segments) - 1;
 }
 
 std::vector<int> bisection_order(int segments, int count) {

@@ -31,7 +31,7 @@ bool within(const Terms& terms, const std::vector<double>& q);
 // Equal parts of the edge from a to b; 0 if there would be more than MAX_SEGMENTS.
 int segments_of(const Terms& terms, const std::vector<double>& a, const std::vector<double>& b);
 
-// How many interior samples come first that split an edge into about ``glance`` segments each (edges.py).
+// How many interior samples come first that split an edge into about ``glance`` segments each (edges.py); 0: none.
 int first_samples(int segments, int glance);
 
 // The straight line from a to b as it is judged: the ends that are asked for, then the samples between them in
