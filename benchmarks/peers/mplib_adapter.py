@@ -15,6 +15,8 @@ from mplib.pymp.collision_detection import fcl
 
 from benchmarks.peers.adapter_protocol import Answer, Table, clock, serve
 
+__all__ = ["Mplib"]
+
 TIME_STEP = 0.01
 
 

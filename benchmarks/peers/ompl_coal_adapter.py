@@ -18,6 +18,8 @@ import pinocchio as pin
 
 from benchmarks.peers.adapter_protocol import Answer, Table, clock, matrix_of, serve
 
+__all__ = ["OmplCoal"]
+
 
 class World:
     """The robot and a problem's obstacles, asked one state after the other by Pinocchio's naive manager."""

@@ -11,6 +11,8 @@ from roboplan import core, rrt, toppra
 
 from benchmarks.peers.adapter_protocol import Answer, Table, clock, matrix_of, serve
 
+__all__ = ["Roboplan"]
+
 GROUP = "arm"
 COLOUR = np.array([0.5, 0.5, 0.5, 1.0])
 

@@ -27,6 +27,8 @@ from tesseract_robotics.planning import (
 
 from benchmarks.peers.adapter_protocol import Answer, Table, serve, xyzw
 
+__all__ = ["Tesseract"]
+
 GROUP = "arm"
 MANAGERS = """\
 contact_manager_plugins:

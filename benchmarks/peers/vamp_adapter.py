@@ -13,6 +13,8 @@ import vamp
 
 from benchmarks.peers.adapter_protocol import Answer, Table, matrix_of, serve
 
+__all__ = ["Vamp"]
+
 ROBOTS = {"panda_mbm": "panda"}
 """What a robot of ours is called there."""
 
