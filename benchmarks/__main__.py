@@ -24,6 +24,8 @@ COMMANDS = {
     "check": "gate",
     "export": "ompl_log",
     "cold": "cold",
+    "peers": "peers.running",
+    "report": "page",
 }
 """Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
 
@@ -35,6 +37,8 @@ run       plan a suite: --suite NAME --planner P --seeds A:B --out FILE; goes on
 compare   two results files, or the planners within one
 check     the gate: the smoke suite's counts against those stored; --write stores them
 export    a results file in another format: --ompl-log FILE
+report    results files as one HTML page: FILE... -o report.html; or into a text: --markdown FILE
+peers     other planners in environments of their own: install PEER..., list, run --peer PEER --suite NAME --out FILE
 cold      from the start of a process to its first plan, then plan after plan
 
 all       all of the measures below (the default)
