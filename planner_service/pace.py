@@ -132,13 +132,15 @@ def _stopping(path: JointPath, pace: Pace, robot: Robot, limits: JointLimits) ->
 
 
 def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
-    """The largest speed in m/s of the tool frame's origin, to about eight digits."""
+    """The largest speed in m/s of the tool frame's origin, to about six digits."""
     if not len(trajectory.durations):
         return 0.0
     t, best, missed = _instants(trajectory), 0.0, _MISSED
     for _ in range(_CLOSER_LOOKS + 1):
         speeds = tool_speeds(robot, *trajectory.moving(t))
         best = max(best, float(speeds.max()))
+        if best == 0.0:  # a tool that joints turn about its own origin, or one that hangs from other joints
+            break
         (near,) = (np.maximum(speeds[1:], speeds[:-1]) > best * (1.0 - missed)).nonzero()
         closer = t[near, None] + (t[near + 1] - t[near])[:, None] * _SPLITS
         t, missed = np.minimum(closer.reshape(-1), trajectory.duration), missed / _CLOSER

@@ -271,6 +271,17 @@ def test_the_tool_is_no_faster_than_it_may_be(discs: PlannerService, timing: Any
     assert trajectory.duration > free.motion.duration
 
 
+@pytest.mark.parametrize(("name", "joint"), [("wxai", 5), ("wxai_dual", 11)])
+def test_a_joint_that_leaves_the_tool_where_it_is_is_planned_at_no_tool_speed(name: str, joint: int) -> None:
+    robot = load_robot(name)
+    goal = robot.home.copy()
+    goal[joint] += 0.3
+    result = PlannerService(robot, Scene()).plan(asked(robot.home, goal, max_tool_speed=0.1))
+    assert result.motion is not None
+    assert result.motion.tool_speed == 0.0
+    assert result.motion.duration > 0.1
+
+
 def test_peak_tool_speed_is_that_of_the_densest_samples() -> None:
     robot = load_robot("wxai")
     points = np.random.default_rng(3).uniform(robot.limits.lower, robot.limits.upper, (4, 6))
