@@ -125,6 +125,9 @@ def test_verdicts_are_those_of_a_dense_sampling(name: str, undecided: int) -> No
         (([3.2, 0.0], [0.1, 0.0]), r"q1\[0\]: got 3\.2; expected shoulder in"),
         (([0.0, 0.0], "up"), "q2: got 'up'"),
         (([True, False], [0.0, 0.0]), "q1: got"),
+        ((np.array(["up", "down"]), np.zeros(2)), "q1: got"),
+        ((np.zeros(2), np.array([None, 0.0])), "q2: got"),
+        ((np.ma.masked_less([0.5, 0.0], 0.5), np.zeros(2)), "q1: got"),  # type: ignore[no-untyped-call]
     ],
 )
 def test_ends_that_make_no_sense_are_refused_by_name(backend: Backend, ends: Any, told: str) -> None:
@@ -149,6 +152,15 @@ def test_ends_may_be_lists_single_precision_or_slices(backend: Backend) -> None:
     assert certifier.certify_edge(*LESSON.tolist()) == expected
     assert certifier.certify_edge(*table[:, ::3]) == expected
     assert certifier.certify_edge(*LESSON.astype(np.float32)).colliding
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("kind", [">f8", np.longdouble, [("kind", "i1"), ("value", "f8")]], ids=str)
+def test_numbers_in_another_order_or_longer_or_spread_unevenly_are_taken(backend: Backend, kind: Any) -> None:
+    certifier, table = Certifier(PLANAR, DISCS, backend=backend), np.zeros((2, 2), dtype=kind)
+    ends = table["value"] if table.dtype.names else table
+    ends[:] = LESSON
+    assert certifier.certify_edge(*ends) == certifier.certify_edge(*LESSON)
 
 
 def test_rounding_over_a_limit_is_no_mistake() -> None:

@@ -436,6 +436,7 @@ ODD: list[Any] = [
     np.zeros((6, 1)),
     np.full(6, math.inf),
     np.array([None] * 6),
+    np.ma.masked_greater([0.5, 1.0, 0.5, 0.0, 0.0, 0.0], 0.5),  # type: ignore[no-untyped-call]
     "home",
     np.array(0.0),
 ]

@@ -140,8 +140,8 @@ class Prover {
                               out.span.end, out.s, out.gap);
     }
 
-    // The verdict on the straight edge between two configurations; None if one is not n doubles within the limits.
-    nb::object edge(const Anything& q1, const Anything& q2, double enough, double nearer, double slack) const {
+    // The verdict on the straight edge between two configurations; None if one is no array of n doubles within the limits.
+    nb::object edge(nb::handle q1, nb::handle q2, double enough, double nearer, double slack) const {
         const auto n = static_cast<std::size_t>(model_.dof);
         std::vector<double> points(2 * n), tangent(n), travelled(2 * n, 0.0);
         if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return nb::none();
@@ -184,12 +184,14 @@ class Prover {
     std::vector<int> roots_;
     std::vector<double> limits_;  // the lower ones, then the upper ones
 
-    bool read(const Anything& q, double slack, double* out) const {
+    bool read(nb::handle q, double slack, double* out) const {
         const auto n = static_cast<std::size_t>(model_.dof);
-        if (q.ndim() != 1 || q.shape(0) != n || q.dtype() != nb::dtype<double>()) return false;
-        const auto* values = static_cast<const double*>(q.data());
+        Anything array;
+        if (!nb::try_cast(q, array, false)) return false;  // no numbers of this machine, or not evenly spaced
+        if (array.ndim() != 1 || array.shape(0) != n || array.dtype() != nb::dtype<double>()) return false;
+        const auto* values = static_cast<const double*>(array.data());
         for (std::size_t k = 0; k < n; ++k) {
-            out[k] = values[static_cast<std::int64_t>(k) * q.stride(0)];
+            out[k] = values[static_cast<std::int64_t>(k) * array.stride(0)];
             if (!(out[k] >= limits_[k] - slack && out[k] <= limits_[n + k] + slack)) return false;
         }
         return true;

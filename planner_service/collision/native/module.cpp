@@ -160,6 +160,7 @@ class Kernel {
     Model model_;
     Terms terms_;
     const Variant* variant_ = nullptr;
+    nb::object array_ = nb::module_::import_("numpy").attr("ndarray");
 
     // Whether q is n doubles, as a tuple or an array, within the limits.
     bool read(nb::handle q, std::vector<double>& out) const {
@@ -175,6 +176,7 @@ class Kernel {
             }
             return within(terms_, out);
         }
+        if (!q.type().is(array_)) return false;  // others may hide entries
         Anything array;
         if (!nb::try_cast(q, array, false)) return false;
         if (array.ndim() != 1 || array.shape(0) != n || array.dtype() != nb::dtype<double>()) return false;
