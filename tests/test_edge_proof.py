@@ -125,9 +125,9 @@ def test_verdicts_are_those_of_a_dense_sampling(name: str, undecided: int) -> No
         (([3.2, 0.0], [0.1, 0.0]), r"q1\[0\]: got 3\.2; expected shoulder in"),
         (([0.0, 0.0], "up"), "q2: got 'up'"),
         (([True, False], [0.0, 0.0]), "q1: got"),
-        ((np.array(["up", "down"]), [0.0, 0.0]), "q1: got"),
-        (([0.0, 0.0], np.array([None, 0.0])), "q2: got"),
-        ((np.ma.MaskedArray([0.5, 0.0], mask=[True, False]), [0.0, 0.0]), "q1: got"),
+        ((np.array(["up", "down"]), np.zeros(2)), "q1: got"),
+        ((np.zeros(2), np.array([None, 0.0])), "q2: got"),
+        ((np.ma.masked_less([0.5, 0.0], 0.5), np.zeros(2)), "q1: got"),  # type: ignore[no-untyped-call]
     ],
 )
 def test_ends_that_make_no_sense_are_refused_by_name(backend: Backend, ends: Any, told: str) -> None:

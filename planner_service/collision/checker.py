@@ -378,7 +378,7 @@ class CollisionChecker:
         """Up to which row to judge in one go, from ``start``: one more than there is room for passes the limit."""
         room, stop = self.ledger.room(), start + self._at_once
         if room is not None and start + room < stop:
-            stop = start + room + 1
+            stop = start + max(room, 0) + 1
         return stop if stop < rows else rows
 
     def _counted(self, ask: Callable[[int, int], Found | None], rows: int, start: int = 0) -> Found | None:
