@@ -125,6 +125,10 @@ def test_verdicts_are_those_of_a_dense_sampling(name: str, undecided: int) -> No
         (([3.2, 0.0], [0.1, 0.0]), r"q1\[0\]: got 3\.2; expected shoulder in"),
         (([0.0, 0.0], "up"), "q2: got 'up'"),
         (([True, False], [0.0, 0.0]), "q1: got"),
+        ((np.array(["up", "up"]), np.zeros(2)), r"q1: got array\(\['up'"),
+        ((np.zeros(2), np.zeros(2, dtype=object)), "q2: got array"),
+        (([0.0, np.ma.masked], np.zeros(2)), "q1: got"),
+        ((HIDDEN, np.zeros(2)), "q1: got masked_array"),
     ],
 )
 def test_ends_that_make_no_sense_are_refused_by_name(backend: Backend, ends: Any, told: str) -> None:

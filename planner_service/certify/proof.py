@@ -74,7 +74,7 @@ class _Numpy:
         lower, upper = self._motion.limits
         ends: list[FloatArray] = []
         for q in (q1, q2):
-            if not isinstance(q, np.ndarray) or q.dtype != np.float64 or q.shape != lower.shape:
+            if type(q) is not np.ndarray or q.dtype != np.float64 or q.shape != lower.shape:
                 return None
             if not np.all((q >= lower - LIMIT_SLACK) & (q <= upper + LIMIT_SLACK)):
                 return None
@@ -104,9 +104,12 @@ class _Native:
         return Proof(asked, proven, _obstruction(end, pair, (start, stop), s, (gap, enough, most)))
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
-        if not isinstance(q1, np.ndarray) or not isinstance(q2, np.ndarray):
+        if type(q1) is not np.ndarray or type(q2) is not np.ndarray:  # a masked one hides what is not given
             return None
-        found = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
+        try:
+            found = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
+        except TypeError:  # of texts, objects, or other bytes than the processor's
+            return None
         if found is None:
             return None
         return FREE if found == 0 else Judged(EdgeVerdict(found[0]), found[1], found[2])
