@@ -5,13 +5,14 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
+from benchmarks.arguments import whole
 from benchmarks.report import Report, show, write_json
 from planner_service.errors import InvalidRequest
+from planner_service.scene_file import require_writable
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
@@ -28,6 +29,12 @@ COMMANDS = {
     "report": "page",
 }
 """Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
+
+INTERRUPTED = 130
+"""The exit code of a program that was ended by Ctrl-C."""
+
+STORED = ("queries", "golden", "readme")
+"""What is compared with what is stored, or stored."""
 
 SETTINGS = {"agreement": ("robot", "states"), "differential": ("robot", "states", "edges", "seed")}
 """Arguments that a measure takes."""
@@ -69,32 +76,44 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    choices = ["all", *MEASURES, "differential", "queries", "golden", "readme", *COMMANDS]
+    choices = ["all", *MEASURES, "differential", *STORED, *COMMANDS]
     parser.add_argument("what", nargs="?", default="all", choices=choices)
-    parser.add_argument("--write", action="store_true", help="store instead of compare (queries, golden, readme)")
+    parser.add_argument("--write", action="store_true", help=f"store instead of compare ({', '.join(STORED)})")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
     parser.add_argument("--robot", metavar="NAME", help="the only robot to look at; all if not given")
     for what in ("states", "edges"):
-        parser.add_argument(f"--{what}", type=int, metavar="N", help=f"{what} of each robot")
-    parser.add_argument("--seed", type=int, metavar="N", help="of what is drawn")
-    return parser.parse_args()
-
-
-def _commanded(name: str, arguments: Sequence[str], console: Console) -> int:
-    """The exit code of a subcommand; 2 with the reason where its caller made a mistake."""
-    try:
-        return int(importlib.import_module(f"benchmarks.{COMMANDS[name]}").main(arguments, console))
-    except InvalidRequest as error:
-        console.print(f"{name}: {error}", markup=False, highlight=False, soft_wrap=True)
-        return 2
+        parser.add_argument(f"--{what}", type=whole(1), metavar="N", help=f"{what} of each robot")
+    parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")
+    asked = parser.parse_args()
+    for key in ("robot", "states", "edges", "seed"):
+        if getattr(asked, key) is not None and key not in SETTINGS.get(asked.what, ()):
+            takers = " and ".join(name for name, keys in SETTINGS.items() if key in keys)
+            parser.error(f"argument --{key}: {asked.what} has none; {takers} take it")
+    if asked.write and asked.what not in STORED:
+        parser.error(f"argument --write: {asked.what} stores nothing; {', '.join(STORED)} do")
+    return asked
 
 
 def main() -> int:
-    """Exit code 0 if every promise was kept, else 1."""
+    """Exit code 0 if every promise was kept, else 1; 2 where the caller made a mistake, 130 when interrupted."""
     console = Console(width=None if sys.stdout.isatty() else 200)
-    if sys.argv[1:2] and sys.argv[1] in COMMANDS:
-        return _commanded(sys.argv[1], sys.argv[2:], console)
-    arguments = _arguments()
+    name = next(iter(sys.argv[1:]), "")
+    try:
+        if name in COMMANDS:
+            return int(importlib.import_module(f"benchmarks.{COMMANDS[name]}").main(sys.argv[2:], console))
+        return _measured(_arguments(), console)
+    except InvalidRequest as error:
+        console.print(f"{name or 'all'}: {error}", markup=False, highlight=False, soft_wrap=True)
+        return 2
+    except KeyboardInterrupt:
+        console.print("interrupted")
+        return INTERRUPTED
+
+
+def _measured(arguments: argparse.Namespace, console: Console) -> int:
+    """Exit code 0 if every promise was kept, else 1."""
+    if arguments.json is not None:
+        require_writable(arguments.json)
     if arguments.what in ("queries", "golden"):
         stored = importlib.import_module("benchmarks.stored")
         return int(stored.main(arguments.what, write=arguments.write, console=console))

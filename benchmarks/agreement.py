@@ -140,12 +140,14 @@ def _robot_rows(name: str, states: int) -> Iterator[Row]:
     rng = np.random.default_rng(SEED)
     drawn = random_states(robot, states // 2, rng)
     near, sizes = around_contacts(checker, states - len(drawn), rng)
-    yield {"robot": name, "kind": "random"} | _in_parts(checker, second, drawn)
+    kinds = {"random": drawn}
     low = 0.0
     for jitter in JITTERS:
-        here = near[(sizes >= low) & (sizes < jitter)]
-        yield {"robot": name, "kind": f"within {jitter * 1e6:g} um of contact"} | _in_parts(checker, second, here)
+        kinds[f"within {jitter * 1e6:g} um of contact"] = near[(sizes >= low) & (sizes < jitter)]
         low = jitter
+    for kind, Q in kinds.items():
+        if len(Q):
+            yield {"robot": name, "kind": kind} | _in_parts(checker, second, Q)
 
 
 def _in_parts(checker: CollisionChecker, second: IndependentChecker, Q: FloatArray) -> Row:

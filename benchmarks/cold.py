@@ -24,9 +24,11 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks import queries
+from benchmarks.arguments import whole
 from benchmarks.environment import ROOT
 from benchmarks.report import p50, table
 from planner_service.errors import BrokenInvariant
+from planner_service.scene_file import require_writable, write_whole
 
 __all__ = ["main"]
 
@@ -80,17 +82,17 @@ def main(arguments: Sequence[str], console: Console) -> int:
     """Exit code 0."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks cold", description=__doc__)
     parser.add_argument("--scene", default="bin", choices=queries.SCENES, help="whose stored queries are planned")
-    parser.add_argument("--repeats", type=int, default=5, metavar="N", help="fresh processes (5)")
-    parser.add_argument("--plans", type=int, default=200, metavar="N", help="warm plans in each (200)")
+    parser.add_argument("--repeats", type=whole(1), default=5, metavar="N", help="fresh processes (5)")
+    parser.add_argument("--plans", type=whole(0), default=200, metavar="N", help="warm plans in each (200)")
     parser.add_argument("--instructions", action="store_true", help="count them too: minutes where only valgrind can")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write all figures to FILE")
     asked = parser.parse_args(arguments)
-    births = [_born(asked.scene, asked.plans) for _ in range(max(1, asked.repeats))]
+    if asked.json is not None:
+        require_writable(asked.json)
+    births = [_born(asked.scene, asked.plans) for _ in range(asked.repeats)]
     console.print(*_tables(births), sep="\n\n")
     counted = _counted(asked.scene, console) if asked.instructions else None
     if asked.json is not None:
-        from planner_service.scene_file import write_whole
-
         content = {"births": [{"start": s, **told} for s, told in births], "instructions": counted}
         write_whole(asked.json, json.dumps(content) + "\n")
     return 0

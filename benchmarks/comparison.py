@@ -245,14 +245,26 @@ def main(arguments: Sequence[str], console: Console) -> int:
     parser.add_argument("second", type=Path, metavar="B", nargs="?", help="planners within A if not given")
     parser.add_argument("--planner", action="append", default=[], metavar="NAME", help="the planner, or two within A")
     asked = parser.parse_args(arguments)
-    first = rows.read(asked.first)
-    second = first if asked.second is None else rows.read(asked.second)
+    first = rows.read_some(asked.first)
+    second = first if asked.second is None else rows.read_some(asked.second)
     console.print(*overview(first), sep="\n\n")
     if second is not first:
         console.print(*overview(second), sep="\n\n")
+        _tell_places(first, second, console)
     for title, a, b in _matches(first, second, asked.planner):
+        if not _paired(a, b):
+            message = f"{title}: they have no run of the same problem and seed in common"
+            raise InvalidRequest("B", title, "rows of the same problems and seeds", message=message)
         console.print(compare(title, a, b), "", sep="\n")
     return 0
+
+
+def _tell_places(first: Results, second: Results, console: Console) -> None:
+    """Say it where two files were made in different places, so that their times are not of the code alone."""
+    then, now = (results.header["environment"] for results in (first, second))
+    changed = [f"{key} {then[key]} and {now[key]}" for key in ("cpu", "cores", "python") if then[key] != now[key]]
+    if changed:
+        console.print(f"made in different places, times are not comparable: {'; '.join(changed)}", soft_wrap=True)
 
 
 def _matches(
@@ -270,14 +282,26 @@ def _matches(
             raise UnknownName("planner", name, {*ours, *theirs})
     if first is second:
         one, *others = planners or ours
+        if not others and len(ours) == 1:
+            message = f"all rows are of {one}: there is nothing to compare it with; give a second file"
+            raise InvalidRequest("B", None, "a second file", message=message)
         if not others:
             raise InvalidRequest("--planner", one, f"another one of {', '.join(ours)} beside it, or a second file")
         return [(f"{one}, then {other}", ours[one], ours[other]) for other in others]
+    if len(planners) > 2:
+        raise InvalidRequest("--planner", list(planners), "at most two, one of each file")
     if len(planners) == 2:
         a, b = planners
-        return [(f"{a}, then {b}", ours.get(a, []), theirs.get(b, []))]
+        return [(f"{a}, then {b}", _of(ours, a, "first"), _of(theirs, b, "second"))]
     both = [name for name in ours if name in theirs and (not planners or name in planners)]
     if not both:
-        message = f"the files have no planner in common: {', '.join(ours)} and {', '.join(theirs)}; name two"
-        raise InvalidRequest("--planner", planners, "--planner A --planner B", message=message)
+        named = f"{planners[0]} is not in both files" if planners else "the files have no planner in common"
+        message = f"{named}: {', '.join(ours)} and {', '.join(theirs)}; name two, that of the first file first"
+        raise InvalidRequest("--planner", list(planners), "--planner A --planner B", message=message)
     return [(name, ours[name], theirs[name]) for name in both]
+
+
+def _of(found: Mapping[str, Sequence[Row]], planner: str, which: str) -> Sequence[Row]:
+    if planner not in found:
+        raise UnknownName(f"planner of the {which} file", planner, found)
+    return found[planner]

@@ -26,7 +26,7 @@ from benchmarks.statistics import ratio_of_totals
 from benchmarks.suite import Suite, load_suite
 from planner_service.errors import InvalidFile
 from planner_service.json_file import Node, read_json
-from planner_service.scene_file import write_whole
+from planner_service.scene_file import require_writable, write_whole
 
 __all__ = ["BASELINES", "REGENERATE", "Baseline", "Difference", "differences", "main", "stored_rows", "verdicts"]
 
@@ -138,7 +138,10 @@ def main(arguments: Sequence[str], console: Console) -> int:
     parser.add_argument("--write", action="store_true", help="store the counts as they are now")
     asked = parser.parse_args(arguments)
     suite, file = load_suite(asked.suite), BASELINES / f"{Path(asked.suite).stem}.json"
-    then = None if asked.write else _read(file)
+    again = REGENERATE if asked.suite == "smoke" else f"{REGENERATE} --suite {asked.suite}"
+    then = None if asked.write else _read(file, again)
+    if then is None:
+        require_writable(file)
     found = list(made(jobs_of(suite), console))
     now = stored_rows(found)
     if then is None:
@@ -147,7 +150,6 @@ def main(arguments: Sequence[str], console: Console) -> int:
         return 0
     kept = _told(suite, then, now, found, console)
     if not kept:
-        again = REGENERATE if asked.suite == "smoke" else f"{REGENERATE} --suite {asked.suite}"
         console.print(f"If that is meant, store it, with a line in CHANGELOG.md: {again}", soft_wrap=True)
     return 0 if kept else 1
 
@@ -196,9 +198,9 @@ def _text(now: Baseline) -> str:
     return f'{{\n "regenerate": "{REGENERATE}",\n "runs": {{\n{lines}\n }}\n}}\n'
 
 
-def _read(file: Path) -> Baseline:
+def _read(file: Path, again: str) -> Baseline:
     if not file.exists():
-        raise InvalidFile(file, [f"there is no baseline; store one: {REGENERATE}"])
+        raise InvalidFile(file, [f"there is no baseline; store one: {again}"])
     problems: list[str] = []
     runs = Node("", read_json(file), problems).at("runs")
     for run in list(runs.value) if isinstance(runs.value, dict) else ():

@@ -14,9 +14,9 @@ from benchmarks import page_tables as tables
 from benchmarks import rows
 from benchmarks.page_numbers import Sheet, sheets_of
 from benchmarks.pictures import pictures_of
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.regular_file import read_bytes
-from planner_service.scene_file import write_whole
+from planner_service.scene_file import require_writable, write_whole
 
 __all__ = ["filled", "main", "page_of"]
 
@@ -131,15 +131,26 @@ def main(arguments: Sequence[str], console: Console) -> int:
     """Exit code 0 when what was asked for is written."""
     asked = _asked(arguments)
     sheets = sheets_of([rows.read(path) for path in asked.results])
+    if not sheets:
+        raise InvalidRequest("results", list(map(str, asked.results)), "files with at least one row in all")
+    for path in filter(None, (asked.output, asked.markdown)):
+        require_writable(path)
     if asked.markdown is not None:
-        text = read_bytes(asked.markdown, MAX_TEXT).decode("utf-8")
-        write_whole(asked.markdown, filled(text, sheets, asked.markdown))
+        write_whole(asked.markdown, filled(_text(asked.markdown), sheets, asked.markdown))
     if asked.output is not None:
         write_whole(asked.output, page_of(sheets))
     for path in filter(None, (asked.output, asked.markdown)):
         count = sum(len(group.rows) for sheet in sheets for group in sheet.groups)
         console.print(f"{path}: {count:,} rows of {', '.join(sheet.suite for sheet in sheets)}", markup=False)
     return 0
+
+
+def _text(path: Path) -> str:
+    data = read_bytes(path, MAX_TEXT)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InvalidFile(path, [f"not UTF-8: byte {data[error.start]:#04x} at {error.start}"]) from None
 
 
 def _asked(arguments: Sequence[str]) -> argparse.Namespace:

@@ -1,11 +1,12 @@
 """Results files: a line that says where and how they were made, then a line for each run, failures among them.
 
 A row is a JSON object: one problem, planned by one planner of one tool with one seed. What ``KEYS`` names is always
-there; further keys are a tool's own.
+there, what ``OPTIONAL`` names where a tool tells it; further keys are a tool's own.
 """
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -14,12 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.json_file import Node
 from planner_service.regular_file import read_bytes
-from planner_service.scene_file import write_whole
+from planner_service.scene_file import require_writable, write_whole
 
-__all__ = ["KEYS", "VERSION", "Key", "Results", "Row", "appending", "key_of", "line_of", "read", "states_of"]
+__all__ = [
+    *("KEYS", "OPTIONAL", "VERSION", "Key", "Results", "Row"),
+    *("appending", "key_of", "line_of", "make_folder", "read", "read_some", "states_of"),
+]
 
 VERSION = 1
 
@@ -64,18 +68,50 @@ def read(path: Path) -> Results:
     lines = read_bytes(path, MAX_BYTES).split(b"\n")
     problems: list[str] = []
     whole = lines[:-1]  # what follows the last line feed was never finished, or is empty
-    found = [_parsed(k, line, problems) for k, line in enumerate(whole, 1) if line.strip()]
-    if not found:
+    told = {number: line for number, line in enumerate(whole, 1) if line.strip()}
+    if not told:
         raise InvalidFile(path, ["no results: the first line is missing"])
-    header = Node("line 1: header", found[0].get("header") if isinstance(found[0], dict) else None, problems)
-    _check_header(header)
-    for number, row in enumerate(found[1:], 2):
+    found = {number: content for number, line in told.items() for content in _parsed(number, line, problems)}
+    first = min(told)
+    header = Node(f"line {first}", found.pop(first, _UNREAD), problems)
+    if header.value is not _UNREAD:
+        header = header.at("header")
+        _check_header(header)
+    for number, row in found.items():
         if len(problems) >= MAX_PROBLEMS:
             break
         _check_row(Node(f"line {number}", row, problems))
     if problems:
         raise InvalidFile(path, problems[:MAX_PROBLEMS])
-    return Results(header.value, tuple(found[1:]))
+    return Results(header.value, tuple(found.values()))
+
+
+_UNREAD = object()
+
+
+def read_some(path: Path) -> Results:
+    """The results in a file, of which there has to be at least one.
+
+    Raises:
+        InvalidFile: as ``read``, or there is none.
+    """
+    results = read(path)
+    if not results.rows:
+        raise InvalidFile(path, ["no row in it; expected at least one"])
+    return results
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder of a file that is to be written, if it is not there.
+
+    Raises:
+        InvalidFile: it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InvalidFile(path, [f"its folder {path.parent} cannot be made: {reason}"]) from None
 
 
 def line_of(content: Mapping[str, Any]) -> str:
@@ -89,10 +125,37 @@ def appending(path: Path, results: Results) -> Iterator[Callable[[Row], None]]:
 
     Args:
         results: The header, and the rows that are in the file already: a torn last line is cut off.
+
+    Raises:
+        InvalidRequest: another process is appending to it: its rows would be lost.
     """
-    write_whole(path, "".join(map(line_of, [{"header": results.header}, *results.rows])))
-    with open(path, "a", encoding="utf-8") as file:
+    with _opened(path, "".join(map(line_of, [{"header": results.header}, *results.rows]))) as file:
         yield lambda row: _put(file, row)
+
+
+def _opened(path: Path, content: str) -> IO[str]:
+    """The file with that content, open for more, and locked until it is closed."""
+    require_writable(path)
+    folder = os.open(path.resolve().parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)  # for a moment: two that begin at once do so one after the other
+        if path.exists():
+            with open(path, "rb") as old:
+                _lock(old, path)
+        write_whole(path, content)
+        file = open(path, "a", encoding="utf-8")  # noqa: SIM115 - closed by who asked for it
+        _lock(file, path)
+        return file
+    finally:
+        os.close(folder)
+
+
+def _lock(file: IO[Any], path: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        message = f"--out: another process is writing to {path}; name another file, or wait until it is done"
+        raise InvalidRequest("--out", str(path), "a file that nobody else writes to", message=message) from None
 
 
 def _put(file: IO[str], row: Row) -> None:
@@ -101,12 +164,13 @@ def _put(file: IO[str], row: Row) -> None:
     os.fsync(file.fileno())
 
 
-def _parsed(number: int, line: bytes, problems: list[str]) -> Any:
+def _parsed(number: int, line: bytes, problems: list[str]) -> tuple[Any, ...]:
+    """What a line says; nothing if it says nothing, which is one more problem."""
     try:
-        return json.loads(line.decode("utf-8"), parse_constant=_refused)
+        return (json.loads(line.decode("utf-8"), parse_constant=_refused),)
     except (ValueError, RecursionError) as error:
         problems.append(f"line {number}: malformed JSON: {error}")
-        return {}
+        return ()
 
 
 def _refused(name: str) -> float:
@@ -114,8 +178,9 @@ def _refused(name: str) -> float:
 
 
 def _check_header(header: Node) -> None:
-    if header.at("version").whole() != VERSION and not header.problems:
-        header.problem(f"version {header.value['version']} is not {VERSION}, the one that is understood")
+    version = header.at("version").whole()
+    if header.sound and header.has("version") and version != VERSION:
+        header.problem(f"version {version} is not {VERSION}, the one that is understood")
     header.at("suite").text()
     environment = header.at("environment")
     for key in ("python", "platform", "cpu"):
@@ -128,6 +193,9 @@ def _check_header(header: Node) -> None:
 def _check_row(row: Node) -> None:
     for key, check in KEYS.items():
         check(row.at(key))
+    for key, check in OPTIONAL.items():
+        if row.has(key):
+            check(row.at(key))
 
 
 def _maybe(read: Callable[[Node], object]) -> Callable[[Node], object]:
@@ -161,6 +229,16 @@ def _audit(node: Node) -> None:
         pair.wrong("two names, or null")
 
 
+def _texts(node: Node) -> None:
+    for name in _names(node):
+        node.at(name).text()
+
+
+def _audits(node: Node) -> None:
+    for what in _names(node):
+        _audit(node.at(what))
+
+
 def _names(node: Node) -> Iterable[str]:
     if isinstance(node.value, dict):
         return list(node.value)
@@ -183,3 +261,10 @@ KEYS: Mapping[str, Callable[[Node], object]] = {
     "audit": _audit,
 }
 """What every row has, and what is wrong with it if it is."""
+
+OPTIONAL: Mapping[str, Callable[[Node], object]] = {
+    "versions": _texts,
+    "audits": _audits,
+    **dict.fromkeys(("raw_duration", "raw_waypoints", "waypoints"), Node.number),
+}
+"""Versions of a peer's packages, its audits one by one, and what the lesson's exercise tells besides."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -15,11 +15,13 @@ from benchmarks import rows
 from benchmarks.attempts import Ask, attempt, warm
 from benchmarks.environment import environment
 from benchmarks.rows import Key, Results, Row
-from benchmarks.suite import LESSON, Problem, Suite, load_suite, require_planner, seeds_of, suite_names
+from benchmarks.suite import LESSON, Problem, Suite, Task, load_suite, require_planner, seeds_of, suite_names
 from planner_service.errors import InvalidRequest
 from planner_service.scene_file import require_writable
 
 __all__ = ["Job", "jobs_of", "made", "main", "run"]
+
+T = TypeVar("T")
 
 INTERRUPTED = 130
 """The exit code of a program that was ended by Ctrl-C."""
@@ -40,19 +42,38 @@ class Job:
         return (self.suite, tool, self.ask.planner, self.problem.id, self.ask.seed)
 
     def row(self) -> Row:
-        """Plan, audit, tell."""
-        return {"suite": self.suite, **attempt(self.problem, self.ask)}
+        """Plan, audit, tell.
+
+        Raises:
+            InvalidRequest: this planner cannot be asked this problem, which is named.
+        """
+        return {"suite": self.suite, **self._of(attempt)}
+
+    def warm(self) -> None:
+        """Plan once for nobody; refused like ``row``."""
+        self._of(warm)
+
+    def _of(self, do: Callable[[Problem, Ask], T]) -> T:
+        try:
+            return do(self.problem, self.ask)
+        except InvalidRequest as error:
+            message = f"problem {self.problem.id} of {self.suite}, {self.ask.planner}: {error}"
+            raise InvalidRequest(error.field, error.value, error.expected, message=message) from error
 
 
 def jobs_of(suite: Suite, planners: Sequence[str] = (), seeds: Sequence[int] = ()) -> list[Job]:
-    """All jobs of a suite, problem by problem: what a scene needs is made once.
+    """All jobs of a suite, problem by problem: what a scene needs is made once; a planner named twice plans once.
 
     Raises:
-        UnknownName, InvalidRequest: no such planner, or a setting it does not have.
+        UnknownName, InvalidRequest: no such planner, a setting it does not have, or problems that it cannot be asked.
     """
     for text in planners:
         require_planner(text)
-    asks = [Ask(p, s, suite.max_checks) for p in planners or suite.planners for s in seeds or suite.seeds]
+    asked = dict.fromkeys(planners or suite.planners)
+    tasks = [problem.id for problem in suite.problems if isinstance(problem, Task)]
+    if LESSON in asked and tasks:
+        raise InvalidRequest("planner", LESSON, f"one that picks and places, for {tasks[0]} of {suite.name}")
+    asks = [Ask(p, s, suite.max_checks) for p in asked for s in seeds or suite.seeds]
     return [Job(suite.name, problem, ask) for problem in suite.problems for ask in asks]
 
 
@@ -60,7 +81,7 @@ def made(jobs: Iterable[Job], console: Console | None = None) -> Iterator[Row]:
     """The row of each job, in their order; progress is shown on the console."""
     waiting = list(jobs)
     if waiting:
-        warm(waiting[0].problem, waiting[0].ask)
+        waiting[0].warm()
     with _bar(console) as bar:
         task = bar.add_task("", total=len(waiting))
         for job in waiting:
@@ -117,10 +138,9 @@ def main(arguments: Sequence[str], console: Console) -> int:
     parser.add_argument("--out", type=Path, metavar="FILE", help="results/SUITE.jsonl if not given; gone on with")
     asked = parser.parse_args(arguments)
     suite = load_suite(asked.suite)
-    jobs = jobs_of(suite, asked.planner, seeds_of(asked.seeds) if asked.seeds else ())
+    jobs = jobs_of(suite, asked.planner, seeds_of(asked.seeds) if asked.seeds is not None else ())
     out = asked.out or Path("results") / f"{suite.name}.jsonl"
-    if asked.out is None:
-        out.parent.mkdir(exist_ok=True)
+    rows.make_folder(out)
     require_writable(out)
     try:
         results = run(jobs, out, ["run", *arguments], console)

@@ -104,14 +104,16 @@ def _queries(node: Node) -> Maker | None:
 
 def _problems(node: Node) -> Maker | None:
     allow_only(node, ("file", "robot", "ids"))
-    file, robot = node.at("file"), _robot(node.at("robot"))
-    name = file.text()
+    file, arm = node.at("file"), node.at("robot")
+    name, robot = file.text(), _robot(arm)
     if not re.fullmatch(r"[\w-]+\.json", name):
         file.wrong("the name of a file in benchmarks/problems")
         return None
     found = attempt(file, read_problems, PROBLEM_SETS / name)
     ids = [item.text() for item in listed(node.at("ids"))] if node.has("ids") else None
     problems = () if found is None else found.problems
+    if problems and arm.sound:
+        attempt(arm, problems[0].request, load_robot(robot))
     unknown = set(ids or ()) - {problem.id for problem in problems}
     if unknown:
         node.at("ids").problem(f"no problem {sorted(unknown)[0]!r} in {name}")
@@ -127,20 +129,22 @@ def _problems(node: Node) -> Maker | None:
 def _tasks(node: Node) -> Maker | None:
     allow_only(node, ("scene", "robot", "pick", "onto", "without", "block", "tray"))
     robot = _robot(node.at("robot")) if node.has("robot") else queries.ROBOT
-    name, target, onto = (node.at(key).text() for key in ("scene", "pick", "onto"))
-    scene = attempt(node, load_scene, name)
-    without = [item.text() for item in listed(node.at("without"))] if node.has("without") else []
+    place, *wanted = (node.at(key) for key in ("scene", "pick", "onto"))
+    name, target, onto = (item.text() for item in (place, *wanted))
+    scene, said = attempt(place, load_scene, name), []
+    without = listed(node.at("without")) if node.has("without") else []
     for key, put in (("block", _block), ("tray", _tray)):
         if node.has(key):
-            x, y = node.at(key).numbers(2)
-            scene = None if scene is None else attempt(node.at(key), scene.with_obstacle, put(x, y))
+            where = node.at(key)
+            x, y = where.numbers(2)
+            said.append(f"{key} {x:g} {y:g}")
+            scene = None if scene is None else attempt(where, scene.with_obstacle, put(x, y))
     for gone in without:
-        scene = None if scene is None else attempt(node, scene.without, gone)
-    for wanted in (target, onto):
+        scene = None if scene is None else attempt(gone, scene.without, gone.text())
+    for item in wanted:
         if scene is not None:
-            attempt(node, scene.obstacle, wanted)
-    said = [f"{key} {' '.join(f'{v:g}' for v in node.value[key])}" for key in ("block", "tray") if node.has(key)]
-    id = "/".join(["task", name, *(f"without {gone}" for gone in without), *said]).replace(" ", "_")
+            attempt(item, scene.obstacle, item.text())
+    id = "/".join(["task", name, *(f"without {gone.value}" for gone in without), *said]).replace(" ", "_")
 
     def make() -> Iterator[Problem]:
         if scene is not None:
@@ -175,9 +179,11 @@ def _drawn(node: Node) -> Maker | None:
 def _crowds(node: Node) -> Maker | None:
     allow_only(node, ("scene", "numbers", "obstacles"))
     scenes, numbers = _query_scenes(node, "scene"), _numbers(node)
-    sizes = [item.whole() for item in listed(node.at("obstacles"))]
+    told = node.at("obstacles")
+    sizes = [item.whole() for item in listed(told)]
     if any(size > MOST_OBSTACLES for size in sizes):
-        node.at("obstacles").wrong(f"whole numbers of at most {MOST_OBSTACLES}")
+        told.wrong(f"whole numbers of at most {MOST_OBSTACLES}")
+    _each_once(told, sizes)
 
     def make() -> Iterator[Problem]:
         for query in (queries.load(scenes[0])[k] for k in numbers):
@@ -231,10 +237,18 @@ def _query_scenes(node: Node, key: str) -> list[str]:
 def _numbers(node: Node) -> Sequence[int]:
     if not node.has("numbers"):
         return range(queries.PER_SCENE)
-    found = [item.whole() for item in listed(node.at("numbers"))]
+    told = node.at("numbers")
+    found = [item.whole() for item in listed(told)]
     if any(k >= queries.PER_SCENE for k in found):
-        node.at("numbers").wrong(f"numbers below {queries.PER_SCENE}")
+        told.wrong(f"numbers below {queries.PER_SCENE}")
+    _each_once(told, found)
     return found
+
+
+def _each_once(node: Node, values: Sequence[int]) -> None:
+    """Refuse what would be the same problem again, before it is made."""
+    if node.sound and len(set(values)) < len(values):
+        node.wrong("each number once")
 
 
 def whole(node: Node, most: int) -> int:
@@ -259,11 +273,11 @@ def at_most(node: Node) -> list[Node]:
 
 
 def attempt(node: Node, make: Callable[[Any], Any], value: Any) -> Any:
-    """What ``make`` returns; None if it refuses, which is one more problem."""
+    """What ``make`` returns; None if it refuses, which is one more problem, or if the value is a stand-in."""
     try:
-        return make(value)
+        return make(value) if node.sound else None
     except InvalidRequest as error:
-        node.problem(str(error))
+        node.problem(str(error).removeprefix(f"{node.where}: "))
         return None
 
 

@@ -41,6 +41,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -118,9 +119,10 @@ def load_suite(name_or_path: str) -> Suite:
     allow_only(root, ("about", "planners", "seeds", "max_checks", "ceilings", *SOURCES))
     about, seeds = root.at("about").text(), root.at("seeds")
     span = attempt(seeds, seeds_of, seeds.text())
-    planners = tuple(item.text() for item in listed(root.at("planners")))
-    for text in planners:
-        attempt(root, require_planner, text)
+    named = listed(root.at("planners"))
+    planners = tuple(item.text() for item in named)
+    for item, text in zip(named, planners, strict=True):
+        attempt(item, require_planner, text)
     max_checks = whole(root.at("max_checks"), 10**9) if root.has("max_checks") else MAX_CHECKS
     ceilings = _ceilings(root.at("ceilings"), planners) if root.has("ceilings") else {}
     makers = [SOURCES[key](item) for key in SOURCES if root.has(key) for item in at_most(root.at(key))]
@@ -129,8 +131,7 @@ def load_suite(name_or_path: str) -> Suite:
     if root.problems:
         raise InvalidFile(path, root.problems)
     found = tuple(problem for make in makers if make is not None for problem in make())
-    ids = [problem.id for problem in found]
-    twice = sorted({id for id in ids if ids.count(id) > 1})
+    twice = [id for id, count in Counter(problem.id for problem in found).items() if count > 1]
     if twice:
         raise InvalidFile(path, [f"problem {id!r} is there twice" for id in twice])
     return Suite(path.stem, about, found, planners, span or range(0), max_checks, ceilings)
@@ -138,8 +139,12 @@ def load_suite(name_or_path: str) -> Suite:
 
 def require_planner(text: str) -> None:
     """Refuse what neither is ``LESSON`` nor says a planner; see ``planner_of``."""
-    if text != LESSON:
-        planner_of(text)
+    if text == LESSON:
+        return
+    name = text.partition(":")[0]
+    if name not in PLANNERS:
+        raise UnknownName("planner", name, (*PLANNERS, LESSON))
+    planner_of(text)
 
 
 def planner_of(text: str) -> Planner:
@@ -178,7 +183,10 @@ def seeds_of(text: str) -> range:
 
 
 def _ceilings(node: Node, planners: Sequence[str]) -> dict[str, int]:
-    if not isinstance(node.value, dict) or not set(node.value) <= set(planners):
+    if not isinstance(node.value, dict):
+        node.wrong("a table of planners of this suite")
+        return {}
+    if not set(node.value) <= set(planners):
         node.wrong(f"a table of planners of this suite: {', '.join(planners)}")
         return {}
     return {name: whole(node.at(name), 10**9) for name in node.value}

@@ -81,8 +81,8 @@ class Node:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing wrong was found at this place or within it."""
-        return not any(problem.startswith(self.where) for problem in self.problems)
+        """Whether the value is there, and nothing wrong was found at this place or within it."""
+        return self.value is not _ABSENT and not any(problem.startswith(self.where) for problem in self.problems)
 
     def has(self, key: str) -> bool:
         """Whether this is an object with that key."""

@@ -86,7 +86,9 @@ def require_writable(path: str | os.PathLike[str]) -> None:
             probe.unlink()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InvalidFile(os.fspath(path), [f"cannot be written: {reason}"]) from None
+        missing = isinstance(error, FileNotFoundError)
+        where = f"; the folder {target.parent} has to be there" if missing else ""
+        raise InvalidFile(os.fspath(path), [f"cannot be written: {reason}{where}"]) from None
     if not regular:  # to put a file in the place of a device or a folder is never meant
         raise InvalidFile(os.fspath(path), ["cannot be written: it is there, and no regular file"])
 

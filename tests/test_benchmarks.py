@@ -18,6 +18,7 @@ from rich.console import Console
 
 from benchmarks import __main__ as command
 from benchmarks import (
+    agreement,
     backends,
     differential,
     drawn,
@@ -281,6 +282,42 @@ def test_the_command_measures_prints_and_writes(
     assert called(monkeypatch, ["toy", "--json", str(tmp_path / "toy.json")]) == 0
     assert "18,793" in capsys.readouterr().out
     assert len(json.loads((tmp_path / "toy.json").read_text("utf-8"))["toy"]["rows"]) == 50
+
+
+def test_the_command_refuses_what_it_cannot_do_before_it_measures(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(toy, "run", lambda: pytest.fail("it is measured"))
+    assert called(monkeypatch, ["toy", "--json", str(tmp_path / "nowhere" / "toy.json")]) == 2
+    assert "has to be there" in capsys.readouterr().out
+    assert called(monkeypatch, ["differential", "--robot", "wxia"]) == 2
+    assert "did you mean 'wxai'" in capsys.readouterr().out
+    for arguments, told in (
+        (["toy", "--seed", "3"], "argument --seed: toy has none"),
+        (["toy", "--write"], "argument --write: toy stores nothing"),
+        (["agreement", "--states", "0"], "argument --states: got '0'; expected a whole number from 1"),
+        (["differential", "--seed", "-1"], "argument --seed: got '-1'; expected a whole number from 0"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            called(monkeypatch, arguments)
+        assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["toy"], ["check"]])
+def test_ctrl_c_ends_every_command_without_a_traceback(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(toy, "run", interrupted)
+    monkeypatch.setattr("benchmarks.gate.load_suite", interrupted)
+    assert called(monkeypatch, arguments) == 130
+    assert capsys.readouterr().out == "interrupted\n"
+
+
+def test_few_states_are_compared_in_the_kinds_there_are() -> None:
+    assert [promise for promise in agreement.run("planar2", 1).promises if not promise.kept] == []
 
 
 def test_a_clear_table_pick_and_place_keeps_its_promises() -> None:

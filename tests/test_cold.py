@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import cold
-from planner_service.errors import BrokenInvariant
+from planner_service.errors import BrokenInvariant, InvalidFile
 
 
 def test_a_fresh_process_tells_the_moments_of_its_first_plan_and_its_memory(tmp_path: Path) -> None:
@@ -56,3 +56,15 @@ def test_instructions_are_counted_by_what_can_or_said_not_to_be(monkeypatch: pyt
 def test_a_process_that_cannot_plan_is_our_bug_and_its_words_are_told() -> None:
     with pytest.raises(BrokenInvariant, match=r"nowhere\.json"):
         cold._born("nowhere", 0)
+
+
+def test_what_cannot_be_done_is_refused_before_any_process_is_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cold, "_born", lambda *_: pytest.fail("a process is started"))
+    for option, value in (("--repeats", "0"), ("--plans", "-5")):
+        with pytest.raises(SystemExit, match="2"):
+            cold.main([option, value], Console(file=StringIO()))
+        assert f"argument {option}: got {value!r}; expected a whole number from" in capsys.readouterr().err
+    with pytest.raises(InvalidFile, match="has to be there"):
+        cold.main(["--json", str(tmp_path / "nowhere" / "cold.json")], Console(file=StringIO()))

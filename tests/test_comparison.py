@@ -212,3 +212,34 @@ def test_the_command_compares_two_files_or_two_planners_of_one(
     assert code == 0
     assert "a, then vamp rrtc" in printed
     assert "unknown planner 'c'" in called(monkeypatch, capsys, one, "--planner", "c")[1]
+
+
+def test_the_command_says_what_cannot_be_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    none = file(tmp_path / "none.jsonl")
+    one = file(tmp_path / "one.jsonl", row("p0"))
+    both = file(tmp_path / "both.jsonl", *(row("p0", planner=planner) for planner in ("a", "b")))
+    other = file(tmp_path / "other.jsonl", row("q0"))
+    for asked, told in (
+        ((none,), "no row in it; expected at least one"),
+        ((one, none), "no row in it; expected at least one"),
+        ((one,), "all rows are of a: there is nothing to compare it with; give a second file"),
+        ((one, both, "--planner", "b", "--planner", "a"), "unknown planner of the first file 'b'"),
+        ((one, both, "--planner", "b"), "b is not in both files: a and a, b"),
+        ((one, both, *("--planner", "a") * 3), "expected at most two, one of each file"),
+        ((one, other), "a: they have no run of the same problem and seed in common"),
+    ):
+        code, printed = called(monkeypatch, capsys, *asked)
+        assert (code, told in printed) == (2, True), (asked, printed)
+
+
+def test_files_made_in_different_places_are_said_to_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, two = (file(tmp_path / f"{name}.jsonl", row("p0")) for name in ("one", "two"))
+    assert "different places" not in called(monkeypatch, capsys, one, two)[1]
+    Path(two).write_text(Path(two).read_text("utf-8").replace('"cpu":"c"', '"cpu":"fast"'), "utf-8")
+    code, printed = called(monkeypatch, capsys, one, two)
+    assert code == 0
+    assert "made in different places, times are not comparable: cpu c and fast" in printed

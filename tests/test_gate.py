@@ -129,8 +129,17 @@ def test_a_plan_that_is_lost_and_a_path_that_is_rejected_are_told(small: str, mo
 
 def test_without_a_baseline_it_says_how_to_store_one(small: str, tmp_path: Path) -> None:
     (tmp_path / "small.json").unlink()
-    with pytest.raises(InvalidFile, match=gate.REGENERATE):
+    with pytest.raises(InvalidFile, match=f"{gate.REGENERATE} --suite .*small.toml"):
         checked(small)
+
+
+def test_a_baseline_that_cannot_be_stored_is_refused_before_anything_is_planned(
+    small: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gate, "BASELINES", tmp_path / "nowhere")
+    monkeypatch.setattr(runner.Job, "row", lambda _: pytest.fail("it is planned"))
+    with pytest.raises(InvalidFile, match="nowhere has to be there"):
+        checked(small, "--write")
 
 
 @pytest.mark.parametrize("text", ["{}", '{"runs": []}', '{"runs": {"a": {"outcome": 1, "checks": {"search": [1]}}}}'])

@@ -18,7 +18,7 @@ from benchmarks.page_numbers import Sheet, paces, sheets_of
 from benchmarks.page_tables import Cell, Sheaf, failures, failures_in_short, overall, rejects, statements
 from benchmarks.pictures import pictures_of
 from benchmarks.rows import Results, Row, line_of
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, InvalidRequest
 
 HEADER: dict[str, Any] = {
     "version": 1,
@@ -402,3 +402,22 @@ def test_cells_of_a_markdown_table_cannot_break_it() -> None:
 def test_rows_survive_the_way_through_a_file(tmp_path: Path) -> None:
     lines = results_file(tmp_path, *many()).read_text("utf-8").splitlines()
     assert [json.loads(line) for line in lines[1:]] == list(many())
+
+
+def test_results_without_a_row_are_no_page(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRequest, match="at least one row"):
+        page.main([str(results_file(tmp_path)), "-o", str(tmp_path / "report.html")], Console(file=StringIO()))
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_nothing_is_written_where_one_of_both_files_cannot_be(tmp_path: Path) -> None:
+    text, results = tmp_path / "benchmarks.md", results_file(tmp_path, row())
+    before = "<!-- generated: some -->\n<!-- end of some -->\n"
+    text.write_text(before, "utf-8")
+    out = tmp_path / "nowhere" / "report.html"
+    with pytest.raises(InvalidFile, match="nowhere has to be there"):
+        page.main([str(results), "--markdown", str(text), "-o", str(out)], Console(file=StringIO()))
+    assert text.read_text("utf-8") == before
+    text.write_bytes(b"\xff" + before.encode())
+    with pytest.raises(InvalidFile, match="not UTF-8: byte 0xff at 0"):
+        page.main([str(results), "--markdown", str(text)], Console(file=StringIO()))

@@ -9,6 +9,8 @@ import re
 import sys
 import types
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -254,6 +256,44 @@ def test_rows_of_another_environment_are_not_mixed_in(tmp_path: Path) -> None:
         run_into(run, out, Environment.of(run.peer, tmp_path), Console(file=StringIO()))
 
 
+def test_rows_of_another_suite_or_with_other_settings_are_not_mixed_in(tmp_path: Path) -> None:
+    run, out = run_of(motion()), tmp_path / "x.jsonl"
+    environment, console = Environment.of(run.peer, tmp_path), Console(file=StringIO())
+    run_into(run, out, environment, console)
+    before = out.read_bytes()
+    with pytest.raises(InvalidRequest, match="of another suite"):
+        run_into(replace(run, suite="far"), out, environment, console)
+    with pytest.raises(InvalidRequest, match="another time limit"):
+        run_into(replace(run, time_limit=5.0), out, environment, console)
+    with pytest.raises(InvalidRequest, match="'foo'; expected one of rrtconnect"):
+        run_into(replace(run, planner="foo"), out, environment, console)
+    assert out.read_bytes() == before
+
+
+def test_once_a_peer_is_installed_rows_that_say_it_is_not_are_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, out, said = run_of(motion("near/0"), motion("near/1")), tmp_path / "x.jsonl", StringIO()
+    environment = Environment.of(run.peer, tmp_path)
+    run_into(run, out, environment, Console(file=said, width=200))
+    assert "python -m benchmarks peers install mplib" in said.getvalue()
+    environment.folder.mkdir()
+    state = {"state": "installed", "requirements": list(environment.peer.requirements)}
+    (environment.folder / "state.json").write_text(json.dumps(state), "utf-8")
+    made: list[str] = []
+
+    def answered(run: Run, _: Environment, todo: Sequence[Task]) -> Iterator[rows.Row]:
+        made.extend(task.problem.id for task in todo)
+        yield from (row_of(run, replied(task.problem), task.problem) for task in todo)
+
+    monkeypatch.setattr(running, "_rows", answered)
+    for _ in range(2):
+        run_into(run, out, environment, Console(file=said, width=200))
+    assert made == ["near/0", "near/1"]
+    assert [(row["problem"], row["ok"]) for row in rows.read(out).rows] == [("near/0", True), ("near/1", True)]
+    assert "2 of 2 rows are in" in said.getvalue()
+
+
 # --- jobs
 
 
@@ -423,6 +463,16 @@ def test_an_environment_of_other_versions_is_not_ready(tmp_path: Path) -> None:
     assert environment.state == "installed for other versions; install it again"
 
 
+def test_a_folder_that_cannot_be_made_and_a_note_that_is_none_are_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", "utf-8")
+    with pytest.raises(InvalidRequest, match=r"\$PLANNER_SERVICE_PEERS names the folder"):
+        Environment.of(PEERS["vamp"], tmp_path / "file").install(Path(sys.executable))
+    environment = Environment.of(PEERS["vamp"], tmp_path)
+    environment.folder.mkdir()
+    (environment.folder / "state.json").write_text("[]", "utf-8")
+    assert environment.state == "not installed"
+
+
 def test_environments_are_outside_the_checkout(tmp_path: Path) -> None:
     assert environments_folder({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "planner-service" / "peers"
     assert environments_folder({"PLANNER_SERVICE_PEERS": str(tmp_path)}) == tmp_path
@@ -460,3 +510,17 @@ def test_the_command_writes_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert running.main(asked, Console(file=StringIO())) == 0
     assert rows.read(out).header["command"] == ["peers", *asked]
     assert [(row["planner"], row["seed"]) for row in rows.read(out).rows] == [("fcit", 1)] * 2 + [("fcit", 2)] * 2
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--problems", "0"), ("--problems", "-3"), ("--problems", "x"), ("--time-limit", "abc"), ("--time-limit", "nan")],
+)
+def test_a_number_that_is_none_is_refused_with_what_would_be(
+    option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["run", "--peer", "vamp", option, value, "--out", str(tmp_path / "x.jsonl")]
+    with pytest.raises(SystemExit, match="2"):
+        running.main(asked, Console(file=StringIO()))
+    assert f"argument {option}: got {value!r}; expected" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -128,6 +128,47 @@ def test_a_suite_without_problems_or_with_one_twice_is_refused(tmp_path: Path) -
         load_suite("smok")
 
 
+def test_wrong_types_in_a_suite_are_told_by_their_place_and_once(tmp_path: Path) -> None:
+    text = """\
+about = 3
+planners = "rrtconnect"
+max_checks = "many"
+ceilings = 7
+tasks = [1, { scene = "post", pick = 4, onto = "trai", without = "x", block = 3, tray = ["a", 1] }]
+"""
+    with pytest.raises(InvalidFile) as caught:
+        suite_of(tmp_path, text)
+    assert sorted(caught.value.problems) == [
+        "about: got 3; expected a text",
+        "ceilings: got 7; expected a table of planners of this suite",
+        "max_checks: got 'many'; expected a whole number of at least 0",
+        "planners: got 'rrtconnect'; expected a list",
+        "seeds: missing",
+        "tasks[0]: got 1; expected an object",
+        "tasks[1].block: got 3; expected 2 finite numbers",
+        "tasks[1].pick: got 4; expected a text",
+        "tasks[1].tray: got ['a', 1]; expected 2 finite numbers",
+        "tasks[1].without: got 'x'; expected a list",
+    ]
+
+
+def test_a_set_of_problems_is_refused_for_a_robot_with_other_joints(tmp_path: Path) -> None:
+    table = '[[problems]]\nfile = "mbm_panda.json"\nrobot = "wxai"\n'
+    with pytest.raises(InvalidFile, match=r"problems\[0\]\.robot: .*wxai has the joints joint_0"):
+        suite_of(tmp_path, TINY + table)
+
+
+def test_the_same_number_twice_is_refused_before_its_scenes_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("benchmarks.sources.crowd", lambda *_: pytest.fail("a scene is made"))
+    table = '[[crowds]]\nscene = "post"\nnumbers = [0]\nobstacles = [9, 9]\n'
+    with pytest.raises(InvalidFile, match=r"crowds\[0\]\.obstacles: .* each number once"):
+        suite_of(tmp_path, TINY + table)
+    with pytest.raises(InvalidFile, match=r"queries\[0\]\.numbers: .* each number once"):
+        suite_of(tmp_path, TINY.replace("[0]", "[0, 0]"))
+
+
 def test_every_planner_of_the_service_is_named_as_the_service_names_it() -> None:
     assert [type(planner_of(name)) for name in PLANNERS] == list(PLANNERS.values())
     assert planner_of("rrtconnect:range=0.3") == RRTConnect(range=0.3)
@@ -325,6 +366,43 @@ def test_a_row_that_is_none_is_told_by_its_line(
         rows.read(file)
 
 
+def test_what_a_tool_tells_besides_is_looked_at_too(tmp_path: Path, found: list[rows.Row]) -> None:
+    file = written(tmp_path / "a.jsonl", [{**found[0], "versions": 7, "audits": {"path": 5}, "waypoints": "x"}])
+    with pytest.raises(InvalidFile) as caught:
+        rows.read(file)
+    places = [problem.partition(":")[0] for problem in caught.value.problems]
+    assert places == ["line 2.versions", "line 2.audits.path", "line 2.waypoints"]
+
+
+def test_a_line_that_is_no_json_is_told_once_by_its_number(tmp_path: Path, found: list[rows.Row]) -> None:
+    file = written(tmp_path / "a.jsonl", found[:1], f"\ngarbage\n{rows.line_of({**found[0], 'seed': -1})}")
+    with pytest.raises(InvalidFile) as caught:
+        rows.read(file)
+    malformed, seed = caught.value.problems
+    assert malformed.startswith("line 4: malformed JSON")
+    assert seed.startswith("line 5.seed")
+
+
+def test_a_file_of_another_version_is_refused_by_its_version(tmp_path: Path, found: list[rows.Row]) -> None:
+    text = written(tmp_path / "a.jsonl", found).read_text("utf-8").replace('"version":1', '"version":2', 1)
+    (tmp_path / "a.jsonl").write_text(text, "utf-8")
+    with pytest.raises(InvalidFile, match=r"header: version 2 is not 1"):
+        rows.read(tmp_path / "a.jsonl")
+
+
+def test_two_processes_do_not_write_to_one_file(tmp_path: Path, found: list[rows.Row]) -> None:
+    out, none = tmp_path / "a.jsonl", rows.Results(HEADER, ())
+    with rows.appending(out, none) as put:
+        put(found[0])
+        with pytest.raises(InvalidRequest, match="another process is writing"), rows.appending(out, none):
+            pytest.fail("it is written to twice")
+        put(found[1])
+    assert list(rows.read(out).rows) == found[:2]
+    with rows.appending(out, rows.read(out)) as put:
+        put(found[2])
+    assert list(rows.read(out).rows) == found[:3]
+
+
 @pytest.mark.parametrize("text", ["", "{}\n", "[1]\n", "no json\n", '{"header": {"version": 2}}\n', '{"header": 3}\n'])
 def test_a_file_that_holds_no_results_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.jsonl").write_text(text, "utf-8")
@@ -420,3 +498,50 @@ def test_ctrl_c_ends_the_command_with_what_to_do_next(
     assert called(monkeypatch, "run", "--suite", str(tmp_path / "tiny.toml"), "--out", out) == 130
     assert "the same command goes on" in " ".join(capsys.readouterr().out.split())
     assert json.loads(Path(out).read_text("utf-8").splitlines()[0])["header"]["suite"] == "tiny"
+
+
+def test_the_folder_of_a_results_file_is_made(
+    tiny: Suite,
+    tmp_path: Path,
+    counted: list[rows.Key],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    suite, out = str(tmp_path / "tiny.toml"), tmp_path / "results" / "new" / "x.jsonl"
+    assert called(monkeypatch, "run", "--suite", suite, "--seeds", "0:2", "--out", str(out)) == 0
+    assert len(rows.read(out).rows) == 8
+    capsys.readouterr()
+    assert called(monkeypatch, "run", "--suite", suite, "--out", str(out / "y.jsonl")) == 2
+    assert "cannot be made" in capsys.readouterr().out
+
+
+def test_no_seeds_at_all_are_not_those_of_the_suite(
+    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "x.jsonl"
+    asked = ("run", "--suite", str(tmp_path / "tiny.toml"), "--seeds", "", "--out", str(out))
+    assert called(monkeypatch, *asked) == 2
+    assert "seeds: got ''" in capsys.readouterr().out
+    assert not out.exists()
+
+
+def test_a_planner_named_twice_plans_once(tiny: Suite) -> None:
+    once = [job.key for job in runner.jobs_of(tiny, ["rrtconnect"])]
+    assert [job.key for job in runner.jobs_of(tiny, ["rrtconnect", "rrtconnect"])] == once
+    assert [job.key for job in runner.jobs_of(replace(tiny, planners=("rrtconnect",) * 2))] == once
+
+
+def test_the_lesson_is_not_asked_to_pick() -> None:
+    suite = load_suite("pick_place")
+    with pytest.raises(InvalidRequest, match=r"'lesson'; expected one that picks and places, for task/"):
+        runner.jobs_of(suite, [LESSON])
+    with pytest.raises(UnknownName, match="did you mean 'lesson'"):
+        runner.jobs_of(suite, ["leson"])
+
+
+def test_a_problem_that_cannot_be_asked_is_named(tmp_path: Path) -> None:
+    table = '[[tasks]]\nscene = "bin"\npick = "table"\nonto = "tray"\n'
+    suite = suite_of(tmp_path, TINY.replace(', "lesson"', "") + table)
+    (job,) = [job for job in runner.jobs_of(suite, ["rrtconnect"], [0]) if isinstance(job.problem, Task)]
+    with pytest.raises(InvalidRequest, match=r"problem task/bin of tiny, rrtconnect: target: got 'table'"):
+        job.row()

@@ -99,7 +99,9 @@ class Environment:
         """``installed``, ``not installed``, or why it could not be."""
         try:
             told = json.loads((self.folder / STATE).read_text("utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
+            return "not installed"
+        if not isinstance(told, dict):
             return "not installed"
         if told.get("requirements") != list(self.peer.requirements):
             return "installed for other versions; install it again"
@@ -130,9 +132,13 @@ class Environment:
             raise InvalidRequest(
                 FOLDER_VARIABLE, str(self.folder), "a folder that is empty, or an environment of a peer"
             )
-        if self.folder.exists():
-            shutil.rmtree(self.folder)
-        self.folder.mkdir(parents=True)
+        try:
+            if self.folder.exists():
+                shutil.rmtree(self.folder)
+            self.folder.mkdir(parents=True)
+        except OSError as error:
+            message = f"{self.folder} cannot be made: {error.strerror}; ${FOLDER_VARIABLE} names the folder it is in"
+            raise InvalidRequest(FOLDER_VARIABLE, str(self.folder), "a folder", message=message) from None
         self._note("interrupted while it was installed")
         state = self._installed(chosen)
         self._note(state)

@@ -16,6 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks import rows as results
+from benchmarks.arguments import up_to_seconds, whole
 from benchmarks.audit import NOT_ASKED, Auditor, between, worst
 from benchmarks.environment import environment
 from benchmarks.peers.catalogue import PEERS, Peer, peer_named
@@ -38,6 +39,9 @@ TIME_LIMIT = 10.0
 
 GRACE = 20.0
 """Seconds beyond it before its process is ended: some limits hold for the search alone."""
+
+NOT_INSTALLED = "not_installed"
+"""The failure of rows that only say that a peer is not there."""
 
 ENDS = 1e-4
 """Radians by which a path may begin and end elsewhere than was asked: single precision, not another state."""
@@ -205,7 +209,7 @@ def _unavailable(run: Run, state: str, todo: Sequence[Task]) -> Iterator[results
     """Rows that say why the peer cannot be run."""
     for task in todo:
         problem = {"problem": task.problem.id, "seed": task.seed}
-        yield run.row(Reply(problem, None, {}, "not_installed", state))
+        yield run.row(Reply(problem, None, {}, NOT_INSTALLED, state))
 
 
 def run_into(run: Run, out: Path, child: Environment, console: Console, command: Sequence[str] = ()) -> None:
@@ -215,8 +219,11 @@ def run_into(run: Run, out: Path, child: Environment, console: Console, command:
         command: What was asked for, for the header of a new file.
 
     Raises:
-        InvalidRequest: the file's rows are from another environment or commit.
+        InvalidRequest: the peer has no such planner; or the file's rows are of another suite, from another environment
+            or commit, or made with other settings.
     """
+    if run.planner not in run.peer.planners:
+        raise InvalidRequest("planner", run.planner, f"one of {', '.join(run.peer.planners)} of {run.peer.name}")
     header = {
         "version": results.VERSION,
         "suite": run.suite,
@@ -225,17 +232,38 @@ def run_into(run: Run, out: Path, child: Environment, console: Console, command:
         "settings": {**run.peer.planners[run.planner], "time_limit": run.time_limit, "audit_steps": list(STEPS)},
     }
     found = results.read(out) if out.exists() else results.Results(header, ())
-    if found.header["environment"] != header["environment"]:
-        message = f"{out}: its rows are from another environment or commit; give another --out, or remove it"
-        raise InvalidRequest("out", str(out), "a file of this environment", message=message)
+    _require_same(found.header, header, out)
+    keys = [run.key(task.problem.id, task.seed) for task in run.tasks]
+    if child.ready:  # rows that say that it was not there are made anew
+        wanted = set(keys)
+        kept = (row for row in found.rows if row["failure"] != NOT_INSTALLED or results.key_of(row) not in wanted)
+        found = results.Results(found.header, tuple(kept))
+    else:
+        install = f"python -m benchmarks peers install {run.peer.name}"
+        console.print(f"{run.peer.name}: {child.state}; its rows say so; {install} makes it", markup=False)
     have = {results.key_of(row) for row in found.rows}
-    todo = [task for task in run.tasks if run.key(task.problem.id, task.seed) not in have]
+    todo = [task for task, key in zip(run.tasks, keys, strict=True) if key not in have]
+    if len(todo) < len(keys):
+        console.print(f"{len(keys) - len(todo)} of {len(keys)} rows are in {out} already", markup=False)
     made = _rows(run, child, todo) if child.ready else _unavailable(run, child.state, todo)
-    out.parent.mkdir(parents=True, exist_ok=True)
+    results.make_folder(out)
     with results.appending(out, found) as put:
         for count, row in enumerate(made, 1):
             put(row)
             console.print(f"{count}/{len(todo)} {run.peer.name} {_line(row)}", highlight=False, markup=False)
+
+
+def _require_same(old: Mapping[str, Any], new: Mapping[str, Any], out: Path) -> None:
+    """Refuse to put rows beside others of which the header would say what does not hold for them."""
+    named = {
+        "suite": "of another suite",
+        "settings": "made with other settings or another time limit",
+        "environment": "from another environment or commit",
+    }
+    changed = [what for key, what in named.items() if old.get(key) != new[key]]
+    if changed:
+        message = f"{out}: its rows are {', and '.join(changed)}; give another --out, or remove it"
+        raise InvalidRequest("out", str(out), "a file of the same", message=message)
 
 
 def _line(row: results.Row) -> str:
@@ -284,14 +312,7 @@ def _asked(arguments: Sequence[str]) -> argparse.Namespace:
     run.add_argument("--planner", help="one of the peer's; its first if not given")
     run.add_argument("--suite", default="panda", help="a suite of motions of one robot")
     run.add_argument("--seeds", default="0", metavar="A:B", help="A to B - 1")
-    run.add_argument("--problems", type=int, metavar="N", help="only N of them, spread over the suite")
-    run.add_argument("--time-limit", type=_seconds, default=TIME_LIMIT, metavar="S")
+    run.add_argument("--problems", type=whole(1), metavar="N", help="only N of them, spread over the suite")
+    run.add_argument("--time-limit", type=up_to_seconds(3600.0), default=TIME_LIMIT, metavar="S")
     run.add_argument("--out", type=Path, required=True, metavar="FILE.jsonl")
     return parser.parse_args(arguments)
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 < seconds <= 3600.0:
-        raise argparse.ArgumentTypeError(f"{text} is not from 0 to 3600 s")
-    return seconds
