@@ -64,7 +64,7 @@ def suite_of(folder: Path, text: str) -> Suite:
 
 
 def test_the_suites_that_come_along_hold_what_they_are_about() -> None:
-    assert set(suite_names()) >= {"smoke", "tabletop", "pick_place", "narrow", "lesson", "scaling", "panda"}
+    assert set(suite_names()) >= {"smoke", "tabletop", "seeds", "pick_place", "narrow", "lesson", "scaling", "panda"}
     kinds = {name: {p.kind for p in load_suite(name).problems} for name in suite_names() if name != "scaling"}
     assert kinds["tabletop"] == {"bin", "shelf", "post", "clutter"}
     assert kinds["narrow"] == {"narrow", "window"}
