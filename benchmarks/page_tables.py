@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -93,7 +94,7 @@ def environments(sheet: Sheet) -> list[tuple[str, str]]:
             "commit": environment.get("commit") or "unknown",
             "instruction set": environment.get("instruction_set") or "unknown",
             "packages": _versions(environment["versions"]),
-            "command": "python -m benchmarks " + " ".join(map(str, header.get("command", ()))),
+            "command": f"python -m benchmarks {shlex.join(map(str, header.get('command', ())))}",
         }
         for name, value in told.items():
             found.setdefault(name, {})[value] = None

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from benchmarks import page
 from benchmarks.page_numbers import Sheet, paces, sheets_of
-from benchmarks.page_tables import Cell, Sheaf, failures, failures_in_short, overall, rejects, statements
+from benchmarks.page_tables import Cell, Sheaf, environments, failures, failures_in_short, overall, rejects, statements
 from benchmarks.pictures import pictures_of
 from benchmarks.rows import Results, Row, line_of
 from planner_service.errors import InvalidFile, InvalidRequest
@@ -421,3 +421,10 @@ def test_nothing_is_written_where_one_of_both_files_cannot_be(tmp_path: Path) ->
     text.write_bytes(b"\xff" + before.encode())
     with pytest.raises(InvalidFile, match="not UTF-8: byte 0xff at 0"):
         page.main([str(results), "--markdown", str(text)], Console(file=StringIO()))
+
+
+def test_commands_are_shown_so_that_they_can_be_repeated() -> None:
+    command = ["run", "--suite", "my suite.toml", "--planner", "prm:milestones=200"]
+    (made,) = sheets_of([Results({**HEADER, "command": command}, (row(),))])
+    shown = dict(environments(made))["command"]
+    assert shown == "python -m benchmarks run --suite 'my suite.toml' --planner prm:milestones=200"
