@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,7 +50,6 @@ class Oracle(Protocol):
         """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
 
 
-@runtime_checkable
 class GlancingOracle(Protocol):
     """An oracle that can also look at an edge less closely than it judges it: for edges of which few will be used.
 
