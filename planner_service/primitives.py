@@ -189,7 +189,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
             return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
         if aside > PUSHED_ASIDE:
             return f"closing would push {target.name} {aside * 1000:.0f} mm aside"
-        return _deepest(checker, q, pairs)
+        return _unwanted(checker, q, pairs)
 
     touch = _Touch(pairs, None, "the fingers may touch what they take")
     lifting = _standing(service, target.name, handling)
@@ -210,7 +210,7 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
         roomy = checker.variant(padding=handling.support_gap)
         if all(pair != (contact.a, contact.b) for contact in roomy.contacts(q)):
             return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
-        return _deepest(checker, q, (pair,))
+        return _unwanted(checker, q, (pair,))
 
     touch = _Touch(
         tuple((finger, held.name) for finger in _fingers(service)), None, "the fingers may touch what they leave"
@@ -221,10 +221,14 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
     )
 
 
-def _deepest(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) -> str:
-    """Which of ``pairs`` overlaps too much for touching at q, in words; empty if none does."""
-    deep = (c for c in checker.contacts(q) if (c.a, c.b) in pairs and c.depth > MEANT_OVERLAP)
-    return next((f"{c.a} would stand {c.depth * 1000:.1f} mm inside {c.b}" for c in deep), "")
+def _unwanted(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) -> str:
+    """Which of ``pairs`` overlaps too much for touching at q, or what else touches, in words; empty if nothing."""
+    for c in checker.contacts(q):
+        if (c.a, c.b) not in pairs:
+            return f"{c.a} x {c.b} touch"
+        if c.depth > MEANT_OVERLAP:
+            return f"{c.a} would stand {c.depth * 1000:.1f} mm inside {c.b}"
+    return ""
 
 
 def _fingers(service: PlannerService) -> tuple[str, ...]:

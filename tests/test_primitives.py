@@ -29,6 +29,7 @@ from planner_service import (
     move_linear,
     pick,
     place,
+    primitives,
     top_grasps,
 )
 
@@ -258,3 +259,16 @@ def test_a_cancelled_pick_ends_as_preempted(cell: PlannerService) -> None:
     task = picked(cell, cancel=token)
     assert task.failure is not None
     assert task.failure.reason is Reason.PREEMPTED
+
+
+def test_a_grasp_at_which_something_else_touches_is_refused_before_any_line_is_walked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    walked: list[object] = []
+    monkeypatch.setattr(primitives, "straight_tool_line", lambda *line, **_: walked.append(line))
+    service = PlannerService("panda", "bin")
+    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))[:2]
+    task = pick(service, service.robot.home, "blue_block", grasps)
+    assert task.failure is not None
+    assert " x table touch" in task.failure.detail
+    assert walked == []
