@@ -442,7 +442,11 @@ def test_an_interrupted_search_ends_with_130_quietly(monkeypatch: pytest.MonkeyP
             timer.cancel()
 
     monkeypatch.setattr(PRMstar, "grow", interrupted)
-    result = run("plan", "--scene", "window", "--planner", "prmstar", "--start", LEFT, "--goal", RIGHT)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell in the background ignores
+    try:
+        result = run("plan", "--scene", "window", "--planner", "prmstar", "--start", LEFT, "--goal", RIGHT)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert (result.exit_code, result.output) == (130, "")
 
 
