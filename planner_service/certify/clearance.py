@@ -56,12 +56,10 @@ class _Batch:
         facing = self._motion.facing(self._poses, pair, node)
         gaps, n = rough_gaps(facing, np.zeros((0, 3, len(pair))))
         known = np.maximum(known, gaps)
-        first, count = self._motion.children[pair].T
-        leaves = np.flatnonzero((count == 0) & (known < self._best[node]))
+        leaves = np.flatnonzero((self._motion.children[pair, 1] == 0) & (known < self._best[node]))
         if len(leaves):
             tight, _ = refined_gaps(facing.take(leaves), gaps[leaves], n[:, leaves], CLEARANCE_ROUNDS)
             np.minimum.at(self._best, node[leaves], np.maximum(known[leaves], tight))
-        parent = np.repeat(np.arange(len(pair)), count)
-        child = first[parent] + np.arange(len(parent)) - np.repeat(np.cumsum(count) - count, count)
+        child, parent = self._motion.opened(pair)
         apart = self._motion.spheres_apart(self._poses, child, node[parent])
         return child, node[parent], np.maximum(known[parent], apart)

@@ -219,22 +219,13 @@ class EdgeTree:
             splits = ~self._leaf[pair[rows]] & (motion.size[pair[rows]] >= motions[rows])
             stay, split = rows[~splits], rows[splits]
             found.append((pair[stay], gaps[stay], n[:, stay]))
-            hints, pair = n[None][:, :, split[self._parents(pair[split])]], self._children(pair[split])
+            pair, parent = motion.opened(pair[split])
+            hints = n[None][:, :, split[parent]]
         return (
             np.concatenate([part[0] for part in found]),
             np.concatenate([part[1] for part in found]),
             np.concatenate([part[2] for part in found], axis=1),
         )
-
-    def _parents(self, pair: IntArray) -> IntArray:
-        """For each child of some pairs, which of these it is of."""
-        return np.repeat(np.arange(len(pair)), self._motion.children[pair, 1])
-
-    def _children(self, pair: IntArray) -> IntArray:
-        """The children of some pairs, one after the other."""
-        first, count = self._motion.children[pair].T
-        parent = self._parents(pair)
-        return np.asarray(first[parent] + np.arange(len(parent)) - np.repeat(np.cumsum(count) - count, count))
 
     def _motions(self, left: IntArray, right: IntArray, pair: IntArray) -> FloatArray:
         """How far pairs move against each other between nodes."""
@@ -286,8 +277,8 @@ class EdgeTree:
 
     def _opened(self, asks: _Rows) -> _Rows:
         """What is in some bundles, as far as it is not closed."""
-        row = asks.take(self._parents(asks.pair))
-        pair = self._children(asks.pair)
+        pair, parent = self._motion.opened(asks.pair)
+        row = asks.take(parent)
         self._charge(2 * len(pair), int(pair[0]), int(row.left[0]))
         motion = self._motions(row.left, row.right, pair)
         hints = np.stack([row.before[1], row.after[1]])

@@ -202,6 +202,12 @@ class Motion:
         partner = np.where(self._rides[pair], self.second[pair], 0)  # an obstacle has no steps: entry 0 is no motion
         return np.asarray(motions[own, stretch, self.first[pair]] + motions[other, stretch, partner])
 
+    def opened(self, pair: IntArray) -> tuple[IntArray, IntArray]:
+        """The children of some pairs, one after the other, and which of these pairs each is of."""
+        first, count = self.children[pair].T
+        parent = np.repeat(np.arange(len(pair)), count)
+        return first[parent] + np.arange(len(parent)) - np.repeat(np.cumsum(count) - count, count), parent
+
     def spheres_apart(self, poses: FloatArray, pair: IntArray, node: IntArray) -> FloatArray:
         """Gaps of the bounding spheres of pairs at nodes, lower bounds of their own; (k,).
 

@@ -181,9 +181,7 @@ class ProofTree:
     def _split(self, open_: _Open, splitting: NDArray[np.bool_]) -> _Open | Obstruction:
         """The same with some pairs replaced by their children, as far as these are not proven."""
         rows, rest = np.flatnonzero(splitting), np.flatnonzero(~splitting)
-        first, count = self._motion.children[open_.pair[rows]].T
-        parent = np.repeat(np.arange(len(rows)), count)
-        pair = first[parent] + np.arange(len(parent)) - np.repeat(np.cumsum(count) - count, count)
+        pair, parent = self._motion.opened(open_.pair[rows])
         stretch = open_.stretch[rows][parent]
         hints = np.stack([open_.before.n[:, rows], open_.after.n[:, rows]])[:, :, parent]
         ends = []

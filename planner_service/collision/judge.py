@@ -95,6 +95,7 @@ class PairByPair:
 
     def __init__(self, questions: FclQuestions) -> None:
         self.questions = questions
+        self._pairs = list(enumerate(questions.parts.pairs.tolist()))
 
     def first_of(self, Q: FloatArray, start: int, stop: int) -> Found | None:
         """See ``Judge``."""
@@ -116,7 +117,7 @@ class PairByPair:
         return list(self._touching(q.tolist()))
 
     def _touching(self, q: Sequence[float]) -> Iterator[int]:
-        return self.questions.touching(q, enumerate(self.questions.parts.pairs.tolist()))
+        return self.questions.touching(q, self._pairs)
 
 
 class Sieved:
