@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from functools import cached_property
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
 from planner_service.geometry import FloatArray
+from planner_service.roadmap.knowledge import SELF
 from planner_service.search import Configuration
 
 __all__ = ["SearchOracle"]
@@ -37,6 +39,21 @@ class SearchOracle:
     def states(self) -> int:
         """States counted so far."""
         return self._checker.ledger.states
+
+    @property
+    def last_hit(self) -> EdgeHit | None:
+        """The collision found last."""
+        return self._checker.last_hit
+
+    @property
+    def blocker(self) -> str | None:
+        """The obstacle that the last collision was with, ``SELF`` if it was with none; None before the first."""
+        hit = self._checker.last_hit
+        return None if hit is None else hit.b if hit.b in self._obstacles else SELF
+
+    @cached_property
+    def _obstacles(self) -> frozenset[str]:
+        return frozenset(obstacle.name for obstacle in self._checker.scene.obstacles)
 
     def state_is_free(self, q: FloatArray | Configuration) -> bool:
         """Whether q (n,) is free with the padding of the search."""

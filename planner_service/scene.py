@@ -35,10 +35,11 @@ import hashlib
 import json
 import os
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 from planner_service.composite import Compound, HeightField, PointCloud, Solid
@@ -243,7 +244,17 @@ class Scene:
             "obstacles": [_canonical(o) for o in self.obstacles],
             "attached": [[*_canonical(a), list(a.touch_links)] for a in self.attached],
         }
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode("ascii")).hexdigest()
+        return _digest(content)
+
+    @cached_property
+    def obstacle_hashes(self) -> Mapping[str, str]:
+        """SHA-256, in hex, of each obstacle's shape and pose, by its name: which of them two scenes have in common."""
+        return MappingProxyType({o.name: _digest(_canonical(o)) for o in self.obstacles})
+
+    @cached_property
+    def attached_hash(self) -> str:
+        """SHA-256, in hex, of all that is attached to the tool."""
+        return _digest([[*_canonical(a), list(a.touch_links)] for a in self.attached])
 
     def _index(self, name: str) -> int:
         for k, obstacle in enumerate(self.obstacles):
@@ -280,6 +291,10 @@ def _canonical_shape(shape: Solid) -> list[Any]:
         return [kind, shape.digest]
     sizes = shape.size if isinstance(shape, Box) else vars(shape).values()
     return [kind, *map(_bits, sizes)]
+
+
+def _digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode("ascii")).hexdigest()
 
 
 def _bits(value: float) -> str:

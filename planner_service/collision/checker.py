@@ -28,7 +28,7 @@ from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.parts import Parts, require_padding, sorted_pairs
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers
+from planner_service.geometry import FloatArray, numbers, read_only
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -81,6 +81,7 @@ class CollisionChecker:
         self.padding = float(padding)
         self.allowed = sorted_pairs(allowed)
         self.ledger = Ledger()
+        self._last: Found | None = None
         self._glance = glance_of(self.edge_step)
         self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
         self.backend = backend
@@ -147,6 +148,16 @@ class CollisionChecker:
         return self.ledger.counts
 
     @property
+    def reach(self) -> FloatArray:
+        """Metres that any point of the robot, and of what it carries, moves per unit of each joint at most, (n,)."""
+        return read_only(self._reach)
+
+    @property
+    def parts(self) -> Parts:
+        """The pieces of robot and scene, as they are without padding."""
+        return self._parts
+
+    @property
     def pair_count(self) -> int:
         """Pairs of pieces judged in each state, robot against itself and against the scene."""
         return len(self._parts.pairs)
@@ -173,7 +184,7 @@ class CollisionChecker:
                     return True
                 if told is not None and len(told) == 3:
                     self.ledger.settle(1)
-                    self.ledger.hit(self._parts.names(told[2]))
+                    self._note(told)
                     return False
         return self._first_collision(self._configuration("q", q)[None]) is None
 
@@ -268,7 +279,7 @@ class CollisionChecker:
             return True, None
         if len(told) == 3:
             ledger.settle(told[0] + 1)
-            self.ledger.hit(self._parts.names(told[2]))
+            self._note(told)
             return True, told
         ends, segments, rows, row, free = told
         ledger.settle(free)
@@ -389,10 +400,19 @@ class CollisionChecker:
             found = ask(start, stop)
             self.ledger.charge_states((stop if found is None else found[0] + 1) - start)
             if found is not None:
-                self.ledger.hit(self._parts.names(found[2]))
+                self._note(found)
                 return found
             start = stop
         return None
+
+    def _note(self, found: Found) -> None:
+        self._last = found
+        self.ledger.hit(self._parts.names(found[2]))
+
+    @property
+    def last_hit(self) -> EdgeHit | None:
+        """The collision found last; of a single configuration its place on an edge means nothing."""
+        return self._told(self._last)
 
     def _told(self, found: Found | None) -> EdgeHit | None:
         return None if found is None else EdgeHit(found[1], *self._parts.names(found[2]))

@@ -1,0 +1,227 @@
+"""Laws of ``Sweep``: what it calls out of reach of some obstacles, FCL finds free of them at every fine sample.
+
+The second opinion is the checker in a scene of these obstacles alone, the robot allowed to touch itself, with samples
+a millimetre apart.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service.collision import CollisionChecker, MotionStep
+from planner_service.collision import sweep as module
+from planner_service.collision.sweep import Sweep
+from planner_service.composite import Compound, HeightField, PointCloud, Solid
+from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Sphere
+from planner_service.mesh import Mesh
+from planner_service.robot import Robot, load_robot
+from planner_service.scene import Attached, Obstacle, Scene
+
+REACH = {"wxai": 0.6, "planar2": 1.0, "ur5": 0.8, "panda_mbm": 0.8, "wxai_dual": 0.6}
+"""Metres."""
+
+KINDS = ("box", "sphere", "cylinder", "capsule", "mesh", "compound", "cloud", "heights")
+
+
+def turned(rng: np.random.Generator, spread: float) -> Pose:
+    x, y, z = rng.uniform(-spread, spread, 3).tolist()
+    a, b, c = rng.uniform(-3.0, 3.0, 3).tolist()
+    return Pose.from_rpy((x, y, z), (a, b, c))
+
+
+def solid(rng: np.random.Generator, kind: str, size: float) -> Solid:
+    a, b = (rng.uniform(0.3, 1.0, 2) * size).tolist()
+    if kind == "box":
+        return Box((a, b, size))
+    if kind == "sphere":
+        return Sphere(a / 2)
+    if kind == "cylinder":
+        return Cylinder(a / 2, b)
+    if kind == "capsule":
+        return Capsule(a / 3, b)
+    if kind == "mesh":
+        return Mesh(rng.normal(0.0, 0.3, (12, 3)) * size + rng.uniform(-1.0, 1.0, 3) * size)
+    if kind == "compound":
+        few = ("box", "mesh", "capsule", "cylinder")
+        return Compound(tuple((solid(rng, part, 0.6 * size), turned(rng, 0.4 * size)) for part in few))  # type: ignore[misc]
+    if kind == "cloud":
+        return PointCloud(rng.uniform(-0.4, 0.4, (300, 3)) * size, 0.05 * size)
+    return HeightField(rng.uniform(-0.3, 0.4, (12, 12)) * size, 0.08 * size, -0.3 * size)
+
+
+class World:
+    """A robot and two obstacles of each of some kinds, one of which came."""
+
+    def __init__(self, name: str, kinds: tuple[str, ...], seed: int, *, padding: float, held: bool = False) -> None:
+        rng = np.random.default_rng(seed)
+        self.robot: Robot = load_robot(name)
+        if held and self.robot.gripper is not None:
+            self.robot = self.robot.with_gripper(self.robot.gripper.upper)
+        standing = []
+        for k, kind in enumerate(kinds * 2):
+            way = rng.normal(size=3)
+            x, y, z = (way / math.sqrt(float((way * way).sum())) * REACH[name] * rng.uniform(0.4, 1.1)).tolist()
+            z *= name != "planar2"
+            shape = solid(rng, kind, REACH[name] * rng.uniform(0.1, 0.3))
+            standing.append(Obstacle(f"o{k}", shape, Pose((x, y, z)) @ turned(rng, 0.02)))
+        load = Compound(((Box((0.3, 0.02, 0.02)), turned(rng, 0.05)), (Sphere(0.05), Pose((0.0, 0.1, 0.2)))))
+        carried = (Attached("load", load, turned(rng, 0.05)),) if held else ()
+        self.came = [f"o{k}" for k in range(len(kinds))]
+        self.checker = CollisionChecker(self.robot, Scene(tuple(standing), carried), padding=padding)
+        owners = sorted({shape.link for shape in self.robot.shapes} | {item.name for item in carried})
+        self.judge = CollisionChecker(
+            self.robot,
+            Scene(tuple(o for o in standing if o.name in self.came), carried),
+            padding=padding,
+            edge_step=MotionStep(0.001),
+            allowed=list(combinations(owners, 2)),
+        )
+        self.sweep = Sweep(self.checker, self.came)
+        self.rng = rng
+
+    def edges(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Edges of all lengths, of none too."""
+        limits = self.robot.limits
+        A = self.rng.uniform(limits.lower, limits.upper, (count, self.robot.n))
+        B = self.rng.uniform(limits.lower, limits.upper, (count, self.robot.n))
+        B = A + (B - A) * self.rng.uniform(0.0, 0.7, (count, 1)) ** 2
+        B[::3, 1:] = A[::3, 1:]  # one joint alone: no bound of the motion is tighter
+        B[::10] = A[::10]
+        for k in range(1, count):
+            hit = self.judge.edge_hit(A[k], B[k])
+            if hit is not None and k % 10:  # up to just before the collision, or just beyond it
+                B[k] = A[k] + (B[k] - A[k]) * min(1.0, hit.fraction * (0.98, 1.02)[k % 2])
+        return A, B
+
+    def shown(self, count: int) -> tuple[int, int]:
+        """Edges out of reach, and those of them that are not free."""
+        A, B = self.edges(count)
+        told = self.sweep.still_free(A, B)
+        wrong = [k for k in np.flatnonzero(told).tolist() if not self.judge.edge_is_free(A[k], B[k])]
+        return int(told.sum()), len(wrong)
+
+
+WORLDS: list[tuple[str, tuple[str, ...], float, bool]] = [
+    ("wxai", ("box",), 0.0, False),
+    ("wxai", ("box",), 0.1, False),
+    ("wxai", ("sphere", "cylinder", "capsule"), 0.001, True),
+    ("wxai", ("mesh", "compound"), 0.02, True),
+    ("wxai", ("cloud",), 0.001, False),
+    ("wxai", ("heights",), 0.0, True),
+    ("planar2", KINDS, 0.001, False),
+    ("planar2", ("box", "mesh"), 0.1, False),
+    ("panda_mbm", ("box", "mesh"), 0.001, False),
+    ("panda_mbm", ("box", "mesh"), 0.1, False),
+    ("ur5", ("cylinder", "compound"), 0.005, False),
+    ("wxai_dual", ("box", "capsule"), 0.001, False),
+]
+
+
+@pytest.mark.parametrize(("name", "kinds", "padding", "held"), WORLDS)
+def test_what_is_out_of_reach_is_free_at_every_fine_sample(
+    name: str, kinds: tuple[str, ...], padding: float, held: bool
+) -> None:
+    told, wrong = World(name, kinds, 7, padding=padding, held=held).shown(400)
+    assert told > 20
+    assert wrong == 0
+
+
+def shrunk(parts: Any) -> Any:
+    at, radius = _BALLS(parts)
+    return at, 0.5 * radius
+
+
+def some_missing(parts: Any) -> Any:
+    return _BALLS(parts[::2])
+
+
+def small_around(body: int, parts: Any) -> Any:
+    return replace(_OF(body, parts), around=0.0)
+
+
+_BALLS, _BOXES, _OF = module._balls, module._boxes, module._Cluster.of
+
+
+@pytest.mark.parametrize(
+    ("what", "fault"),
+    [
+        ("_balls", shrunk),
+        ("_balls", some_missing),
+        ("_Cluster.of", small_around),
+        ("_boxes", lambda pieces: [(R, t, 0.7 * half) for R, t, half in _BOXES(pieces)]),
+        ("_boxes", lambda pieces: [(R, t + 0.05, half) for R, t, half in _BOXES(pieces)]),
+        ("GROWN", 1.0),
+    ],
+    ids=["shrunk balls", "pieces missing", "no ball around", "shrunk boxes", "boxes elsewhere", "corners forgotten"],
+)
+def test_a_planted_fault_shows(what: str, fault: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    padding = 0.1 if what == "GROWN" else 0.0
+    monkeypatch.setattr(f"{module.__name__}.{what}", fault)
+    assert any(World("wxai", ("box", "mesh"), seed, padding=padding).shown(300)[1] for seed in range(4))
+
+
+def test_a_third_of_the_motion_shows() -> None:
+    setup = World("planar2", ("sphere",), 1, padding=0.0)
+    limits, rng = setup.robot.limits, np.random.default_rng(5)
+    A = rng.uniform(limits.lower, limits.upper, (500, 2))
+    B = A.copy()
+    B[:, 0] = rng.uniform(limits.lower[0], limits.upper[0], 500)  # through what is in between
+    blocked = np.array([not setup.judge.edge_is_free(a, b) for a, b in zip(A, B, strict=True)])
+    assert not (blocked & setup.sweep.still_free(A, B)).any()
+    setup.sweep._reach = [0.3 * reach for reach in setup.sweep._reach]
+    assert (blocked & setup.sweep.still_free(A, B)).any()
+
+
+def test_pieces_that_are_many_are_covered_together() -> None:
+    setup = World("wxai", ("cloud", "heights"), 3, padding=0.001)
+    assert len(setup.sweep._boxes) == 2
+
+
+def test_what_does_not_move_is_in_nobodys_way() -> None:
+    robot = load_robot("wxai")
+    scene = Scene((Obstacle("floor", Box((2.0, 2.0, 0.02)), Pose((0.0, 0.0, -0.011))),))
+    checker = CollisionChecker(robot, scene, padding=0.001)
+    up = robot.pose("upright")[None]
+    assert checker.state_is_free(up[0])
+    assert Sweep(checker, ["floor"]).still_free(up, up).tolist() == [True]
+
+
+def test_nothing_is_in_the_way_of_no_edges_and_no_obstacles() -> None:
+    setup = World("wxai", ("box",), 0, padding=0.0)
+    A, B = setup.edges(5)
+    assert setup.sweep.still_free(A[:0], B[:0]).tolist() == []
+    assert Sweep(setup.checker, []).still_free(A, B).all()
+
+
+def test_bounds_are_counted() -> None:
+    setup = World("wxai", ("box",), 0, padding=0.0)
+    A = setup.edges(5)[0]
+    before = setup.checker.counts
+    setup.sweep.still_free(A, A)
+    spent = setup.checker.counts - before
+    assert (spent.states, spent.edges) == (0, 0)
+    assert spent.distances == 5 * sum(shape.body > 0 for shape in setup.robot.shapes)
+
+
+def test_few_at_once_are_told_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup = World("wxai", ("box", "cloud"), 1, padding=0.001)
+    A, B = setup.edges(200)
+    told = setup.sweep.still_free(A, B)
+    monkeypatch.setattr(module, "AT_ONCE", 300)
+    monkeypatch.setattr(module, "BLOCK", 7)
+    assert np.array_equal(told, setup.sweep.still_free(A, B))
+
+
+def test_pairs_that_may_touch_cost_a_sweep_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = load_robot("wxai")
+    links = sorted({shape.link for shape in robot.shapes})
+    scene = Scene((Obstacle("cloud", PointCloud(np.random.default_rng(0).random((500, 3)), 0.02)),))
+    monkeypatch.setattr("planner_service.collision.parts.MAX_PAIRS", 5000)
+    checker = CollisionChecker(robot, scene, allowed=[(link, "cloud") for link in links[1:]])
+    Sweep(checker, ["cloud"]).still_free(np.zeros((1, robot.n)), np.zeros((1, robot.n)))
