@@ -6,17 +6,19 @@ import ast
 import io
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner_service.errors import InvalidFile
 from planner_service.geometry import FloatArray
 from planner_service.mesh_file import MAX_BYTES, MAX_VERTICES, read_vertices
 from planner_service.regular_file import read_bytes
 
-__all__ = ["MAX_POINTS", "read_array"]
+__all__ = ["MAX_POINTS", "arrays_of", "read_array"]
 
 MAX_POINTS = MAX_VERTICES
 """Points of a cloud."""
@@ -51,12 +53,37 @@ def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
         return read_vertices(path)
     data = read_bytes(path, MAX_BYTES)
     try:
-        return _npy(_member(data, name) if suffix == ".npz" else data)
+        found = _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data)
     except _Unreadable as error:
         raise InvalidFile(path, [str(error)]) from None
+    with np.errstate(all="ignore"):  # beyond the range of floats there is infinity
+        return np.asarray(found, dtype=np.float64)
 
 
-def _member(data: bytes, name: str) -> bytes:
+def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
+    """Reads arrays of an NPZ file by name and kind ("iu" for integers, "f" for floats), as of one moment.
+
+    Args:
+        most: Bytes of the file, and of each array, at most.
+
+    Raises:
+        InvalidFile: it is larger, no file or not to be read. What is returned, too: no such array, or malformed.
+    """
+    data = read_bytes(path, most)
+
+    def array(name: str, kinds: str) -> NDArray[Any]:
+        try:
+            found = _npy(_member(data, name, most))
+        except _Unreadable as error:
+            raise InvalidFile(path, [str(error)]) from None
+        if found.dtype.kind not in kinds:
+            raise InvalidFile(path, [f"{name}: got numbers of type {found.dtype}; expected another kind of number"])
+        return found
+
+    return array
+
+
+def _member(data: bytes, name: str, most: int) -> bytes:
     """The one array file in a zip archive, or that called ``name``."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -64,16 +91,18 @@ def _member(data: bytes, name: str) -> bytes:
             info = members.get(name) or (next(iter(members.values())) if len(members) == 1 else None)
             if info is None:
                 raise _Unreadable(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise _Unreadable(f"packed by method {info.compress_type}; expected what numpy writes")
             with archive.open(info) as file:
-                found = file.read(MAX_BYTES + 1)
+                found = file.read(most + 1)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
         raise _Unreadable(f"no NPZ: {error}") from None
-    if len(found) > MAX_BYTES:
-        raise _Unreadable(f"unpacks to more than {MAX_BYTES:,} bytes")
+    if len(found) > most:
+        raise _Unreadable(f"unpacks to more than {most:,} bytes")
     return found
 
 
-def _npy(data: bytes) -> FloatArray:
+def _npy(data: bytes) -> NDArray[Any]:
     if not data.startswith(MAGIC) or len(data) < len(MAGIC) + 2 or data[len(MAGIC)] not in VERSIONS:
         raise _Unreadable("no NPY: it does not begin as one")
     start = len(MAGIC) + 2
@@ -87,7 +116,7 @@ def _npy(data: bytes) -> FloatArray:
     body = data[start + length :]
     if len(body) != count * dtype.itemsize:
         raise _Unreadable(f"{len(body):,} bytes are not those of an array of shape {shape}")
-    return np.asarray(np.frombuffer(body, dtype).reshape(shape, order="F" if by_columns else "C"), dtype=np.float64)
+    return np.frombuffer(body, dtype).reshape(shape, order="F" if by_columns else "C")
 
 
 def _header(text: bytes) -> tuple[tuple[int, ...], np.dtype[np.generic], bool]:

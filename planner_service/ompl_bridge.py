@@ -15,6 +15,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from typing import Any
@@ -30,11 +31,11 @@ from planner_service.geometry import FloatArray
 from planner_service.search import (
     Configuration,
     GlancingOracle,
-    Oracle,
     SearchProblem,
     SearchResult,
     Space,
     distances,
+    of_tuples,
 )
 
 __all__ = ["Setting", "grow", "solve", "solve_in_batches"]
@@ -82,10 +83,8 @@ class _Judge:
     """
 
     def __init__(self, space: Space, free: Iterable[Configuration] = (), *, glance: bool = False) -> None:
-        oracle = space.oracle
-        quick = hasattr(oracle, "edge_seems_free")  # isinstance of a Protocol takes longer than an edge
-        self._oracle: GlancingOracle = oracle if quick else _OfArrays(oracle)  # type: ignore[assignment]
-        self._glances = glance and quick
+        self._oracle: GlancingOracle = of_tuples(space.oracle)
+        self._glances = glance and hasattr(space.oracle, "edge_seems_free")
         self._look = self._oracle.edge_seems_free if self._glances else self._oracle.edge_is_free
         self._poll = space.poll
         self._span = slice(0, len(space.lower))
@@ -193,25 +192,6 @@ class _Judge:
     def close(self) -> None:
         """Let go of the oracle: OMPL's objects live as long as a traceback does, and they hold this judge."""
         del self._oracle, self._look, self._poll
-
-
-class _OfArrays:
-    """An oracle that takes arrays, asked with tuples."""
-
-    def __init__(self, oracle: Oracle) -> None:
-        self._oracle = oracle
-
-    @property
-    def states(self) -> int:
-        return self._oracle.states
-
-    def state_is_free(self, q: Configuration) -> bool:
-        return self._oracle.state_is_free(np.array(q))
-
-    def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
-        return self._oracle.edge_is_free(np.array(q1), np.array(q2), known=known)
-
-    edge_seems_free = edge_is_free
 
 
 class _Motions(ob.MotionValidator):  # type: ignore[misc]
@@ -348,27 +328,66 @@ def solve_in_batches(problem: SearchProblem, planner: str, samples: int) -> Sear
         judge.close()
 
 
+class _Surveyor(_Judge):
+    """A judge that remembers what stood in the way of edges."""
+
+    def __init__(self, space: Space) -> None:
+        super().__init__(space)
+        self.blocked: dict[tuple[Configuration, Configuration], str | None] = {}
+
+    def between(self, a: Configuration, b: Configuration) -> bool:
+        free = super().between(a, b)
+        if not free:
+            self.blocked.setdefault(_key(a, b), getattr(self._oracle, "blocker", None))
+        return free
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What growing a roadmap found.
+
+    Attributes:
+        milestones: Free configurations (N, n), those left out that joined to nothing.
+        free: The edges between them that are free, each once with the smaller index first.
+        blocked: Those that are not, and the obstacle that stood in the way, as ``SearchOracle.blocker`` has it.
+    """
+
+    milestones: FloatArray
+    free: list[tuple[int, int]]
+    blocked: dict[tuple[int, int], str | None]
+
+
 def grow(
-    space: Space, planner: str, settings: dict[str, Setting], *, size: tuple[int, int], seed: int
-) -> tuple[FloatArray, list[tuple[int, int]]]:
-    """Milestones (N, n) and edges of a roadmap grown by the OMPL planner of that name.
+    space: Space,
+    planner: str,
+    settings: dict[str, Setting],
+    *,
+    size: tuple[int, int],
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> Survey:
+    """What the OMPL planner of that name finds while it grows a roadmap.
 
     Args:
         size: Milestones wanted, and states after which growing ends with fewer.
+        progress: Told now and then how many milestones there are, and how many are wanted.
     """
     milestones, max_checks = size
-    judge = _Judge(space)
+    judge = _Surveyor(space)
     first = judge.states
 
     def enough(planner: Any) -> bool:
-        return bool(planner.milestoneCount() >= milestones or judge.states - first >= max_checks)
+        count = planner.milestoneCount()
+        if progress is not None:
+            progress(count, milestones)
+        return bool(count >= milestones or judge.states - first >= max_checks)
 
     try:
         with _seeded(seed, space.poll):
             run = _Run(space, judge, planner, settings)
             run.ready()  # growing before a problem is set would crash OMPL
             run.until(run.planner.growRoadmapPtc, enough)
-            roadmap = run.roadmap()
+            points, free = run.roadmap()
     finally:
         judge.close()
     held = judge.release()
@@ -377,7 +396,10 @@ def grow(
             raise held
         finally:
             del held  # see _result
-    return roadmap
+    at = {tuple(q): k for k, q in enumerate(points.tolist())}
+    ends = {(at.get(a, -1), at.get(b, -1)): blocker for (a, b), blocker in judge.blocked.items()}
+    blocked = {(min(a, b), max(a, b)): blocker for (a, b), blocker in ends.items() if a >= 0 and b >= 0}
+    return Survey(points, free, blocked)
 
 
 @contextmanager

@@ -7,10 +7,12 @@ all revolve. Equal problems, seeds included, have equal results.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, ClassVar
+
+import numpy as np
 
 from planner_service import ompl_bridge
 from planner_service.errors import InvalidRequest, UnknownName
@@ -38,6 +40,7 @@ __all__ = [
     "RRT",
     "BITstar",
     "InformedRRTstar",
+    "LazyPRM",
     "Oracle",
     "PRMstar",
     "Planner",
@@ -51,6 +54,8 @@ __all__ = [
     "Space",
     "planner_by_name",
 ]
+
+Progress = Callable[[int, int], None]
 
 _DEFAULT_CHECKS = 20_000
 """States after which an anytime planner stops improving: about ten times what a first path costs."""
@@ -126,16 +131,17 @@ class _Batch(_Settings):
         return ompl_bridge.solve_in_batches(problem, type(self).__name__, self.samples)
 
 
-@dataclass(frozen=True)
 class _Grown(_Settings):
-    """A planner that grows a roadmap."""
+    """A planner that grows a roadmap, up to so many ``milestones`` and at most ``max_checks`` states."""
 
-    milestones: int = 1000
-    neighbours: int = 10
-    max_checks: int = 2_000_000
+    milestones: int
+    max_checks: int
 
-    def grow(self, space: Space, *, seed: int = 0) -> Roadmap:
+    def grow(self, space: Space, *, seed: int = 0, progress: Progress | None = None) -> Roadmap:
         """A roadmap of ``space``: milestones that joined to nothing are left out.
+
+        Args:
+            progress: Told now and then how many milestones there are, and how many are wanted.
 
         Raises:
             InvalidRequest: ``seed`` is not a whole number of at least 0. What the oracle and
@@ -143,12 +149,12 @@ class _Grown(_Settings):
         """
         require_seed(seed)
         size = (self.milestones, self.max_checks)
-        points, edges = ompl_bridge.grow(space, type(self).__name__, self._settings(), size=size, seed=seed)
-        return Roadmap(points, edges, neighbours=self.neighbours)
+        found = ompl_bridge.grow(space, type(self).__name__, self._settings(), size=size, seed=seed, progress=progress)
+        return Roadmap.judged(found.milestones, found.free, found.blocked, reach=space.reach)
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """Grow a roadmap for this one query, and query it; see ``Planner``."""
-        return self.grow(problem, seed=problem.seed).search(problem, trusted=True)
+        return self.grow(problem, seed=problem.seed).search(problem)
 
     def _settings(self) -> dict[str, ompl_bridge.Setting]:
         return {}
@@ -317,11 +323,13 @@ class PRM(_Grown):
 
     Attributes:
         milestones: Free configurations sampled.
-        neighbours: Nearest milestones each is joined to where the edge is free; also those that a
-            query tries at its ends.
+        neighbours: Nearest milestones each is joined to where the edge is free.
         max_checks: States after which growing ends with fewer milestones.
     """
 
+    milestones: int = 1000
+    neighbours: int = 10
+    max_checks: int = 2_000_000
     name: ClassVar[str] = "prm"
 
     def _settings(self) -> dict[str, ompl_bridge.Setting]:
@@ -334,15 +342,52 @@ class PRMstar(_Grown):
 
     Attributes:
         milestones: Free configurations sampled.
-        neighbours: Nearest milestones that a query tries at its ends.
         max_checks: States after which growing ends with fewer milestones.
     """
 
+    milestones: int = 1000
+    max_checks: int = 2_000_000
     name: ClassVar[str] = "prmstar"
 
 
+@dataclass(frozen=True)
+class LazyPRM(_Settings):
+    """A roadmap of which nothing is judged before a path needs it (Bohlin & Kavraki, ICRA 2000).
+
+    Of its milestones, drawn uniformly, each is joined to those nearest by the robot's motion, whatever lies between.
+
+    Attributes:
+        milestones: Configurations sampled.
+        neighbours: Nearest milestones each is joined to.
+    """
+
+    milestones: int = 1000
+    neighbours: int = 10
+    name: ClassVar[str] = "lazyprm"
+
+    def grow(self, space: Space, *, seed: int = 0, progress: Progress | None = None) -> Roadmap:
+        """A roadmap of ``space`` of which nothing is known; no state is judged, which takes no time worth telling of.
+
+        Raises:
+            InvalidRequest: ``seed`` is not a whole number of at least 0.
+        """
+        from scipy.spatial import cKDTree
+
+        require_seed(seed)
+        lower, span = space.lower, space.upper - space.lower
+        points = lower + span * np.random.default_rng(seed).random((self.milestones, lower.size))
+        scaled = points if space.reach is None else points * space.reach
+        near = cKDTree(scaled).query(scaled, k=min(self.neighbours + 1, self.milestones), p=1)[1]
+        pairs = np.stack([np.repeat(np.arange(self.milestones), near.shape[1]), near.ravel()], axis=1)
+        return Roadmap.of(points, pairs[pairs[:, 0] != pairs[:, 1]], reach=space.reach)
+
+    def search(self, problem: SearchProblem) -> SearchResult:
+        """Grow a roadmap for this one query, and query it; see ``Planner``."""
+        return self.grow(problem, seed=problem.seed).search(problem)
+
+
 _TREES = (RRTConnect, RRT, RRTstar, InformedRRTstar, SORRTstar, BITstar, AORRTC, FMT, BFMT)
-_OTHERS = (KPIECE1, BKPIECE1, LBKPIECE1, PRM, PRMstar)
+_OTHERS = (KPIECE1, BKPIECE1, LBKPIECE1, PRM, PRMstar, LazyPRM)
 PLANNERS: Mapping[str, type[Any]] = MappingProxyType({planner.name: planner for planner in (*_TREES, *_OTHERS)})
 """Every planner that can be made from its name alone, by that name."""
 

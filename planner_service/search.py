@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from planner_service.collision.edges import Known
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, read_only
+
+if TYPE_CHECKING:
+    from planner_service.roadmap.roadmap import Roadmap
 
 __all__ = [
     "Configuration",
@@ -30,6 +33,7 @@ __all__ = [
     "Space",
     "distances",
     "joint_distance",
+    "of_tuples",
     "require_seed",
 ]
 
@@ -70,6 +74,32 @@ class GlancingOracle(Protocol):
         """False if the edge collides; if True, ``edge_is_free`` has the last word, and judges only what is left."""
 
 
+class _OfArrays:
+    """An oracle that takes arrays, asked with tuples."""
+
+    def __init__(self, oracle: Oracle) -> None:
+        self._oracle = oracle
+
+    @property
+    def states(self) -> int:
+        return self._oracle.states
+
+    def state_is_free(self, q: Configuration) -> bool:
+        return self._oracle.state_is_free(np.array(q))
+
+    def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        return self._oracle.edge_is_free(np.array(q1), np.array(q2), known=known)
+
+    edge_seems_free = edge_is_free
+
+
+def of_tuples(oracle: Oracle) -> GlancingOracle:
+    """The oracle itself if it can glance, and then takes tuples; else one that hands its arrays to it."""
+    if hasattr(oracle, "edge_seems_free"):  # isinstance of a Protocol takes longer than an edge
+        return oracle  # type: ignore[return-value]
+    return _OfArrays(oracle)
+
+
 def _never() -> None:
     """The poll of a search without a time box."""
 
@@ -90,6 +120,10 @@ class Space(Protocol):
         """The judge."""
 
     @property
+    def reach(self) -> FloatArray | None:
+        """What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all."""
+
+    @property
     def poll(self) -> Callable[[], None]:
         """Called often; raises when the time box is over or the call was cancelled."""
 
@@ -103,12 +137,14 @@ class SearchSpace:
         upper: Largest joint values, shape (n,), each above ``lower``.
         oracle: The judge.
         poll: Called often; raises when the time box is over or the call was cancelled.
+        reach: What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all.
     """
 
     lower: FloatArray
     upper: FloatArray
     oracle: Oracle
     poll: Callable[[], None] = _never
+    reach: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lower, upper = _bounds(self.lower, self.upper)
@@ -129,6 +165,7 @@ class SearchProblem:
         seed: At least 0; equal problems with equal seeds have equal results.
         poll: Called often, even while nothing is judged; raises when the time box is over or the
             call was cancelled.
+        reach: What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all.
 
     Raises:
         InvalidRequest: shapes disagree, or a number is not finite or outside the bounds.
@@ -141,6 +178,7 @@ class SearchProblem:
     oracle: Oracle
     seed: int = 0
     poll: Callable[[], None] = _never
+    reach: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lower, upper = _bounds(self.lower, self.upper)
@@ -169,13 +207,15 @@ class SearchResult:
             edge the oracle found free. None if there is no path.
         goal_index: Which goal the path reaches; None without a path.
         note: What a user may want to know of how the search went.
-        stopped: The limit that ended an anytime planner while it held a path.
+        stopped: The limit that ended an anytime planner while it held a path, or the query of a roadmap.
+        roadmap: Of a planner with a roadmap, that roadmap with all that the search learned.
     """
 
     waypoints: FloatArray | None
     goal_index: int | None = None
     note: str = ""
     stopped: SearchStopped | None = None
+    roadmap: Roadmap | None = None
 
 
 class Planner(Protocol):
@@ -190,8 +230,8 @@ class Planner(Protocol):
         """States to give a try at least before a fresh start with another seed is worth more; None: all there are."""
 
     def search(self, problem: SearchProblem) -> SearchResult:
-        """A path, or a result without one. What the oracle and ``poll`` raise comes out unchanged, unless a
-        path is in hand (``SearchResult.stopped``)."""
+        """A path, or a result without one. What the oracle and ``poll`` raise comes out unchanged, unless a path or
+        what a roadmap learned is in hand (``SearchResult.stopped``)."""
 
 
 def joint_distance(a: Iterable[float], b: Iterable[float]) -> float:

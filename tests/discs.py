@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -63,9 +64,19 @@ class DiscWorld:
         return free
 
     def found_free(self, waypoints: FloatArray) -> bool:
-        """Whether each piece was asked about as exactly this edge, and was free."""
+        """Whether each piece is an edge that was asked about, and was free, or a part of one."""
         rows = [tuple(q) for q in waypoints.tolist()]
-        return all(frozenset(piece) in self.free_edges for piece in pairwise(rows))
+        return all(
+            frozenset(piece) in self.free_edges or any(_lies_on(piece, edge) for edge in self.free_edges)
+            for piece in pairwise(rows)
+        )
+
+
+def _lies_on(piece: tuple[Configuration, Configuration], edge: frozenset[Configuration]) -> bool:
+    if len(edge) < 2:
+        return False
+    a, b = edge
+    return all(math.dist(a, q) + math.dist(q, b) < math.dist(a, b) + 1e-12 for q in piece)
 
 
 def across(

@@ -1,0 +1,373 @@
+"""One query of a roadmap: a short path over edges not known to be blocked, these judged only once a path needs them.
+
+Lazy collision checking (Bohlin & Kavraki, ICRA 2000; Dellin & Srinivasa, ICAPS 2016): search, judge the path found,
+leave out what is blocked, search again. Most edges of a roadmap are never on such a path. What a query of a judged
+roadmap pays for is how its ends are joined to it, so an end may be joined anywhere along an edge that is known to be
+free, and those places come first to which the robot moves least.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.collision.contact import EdgeHit
+from planner_service.collision.edges import KNOWN_ENDS
+from planner_service.geometry import FloatArray
+from planner_service.roadmap.knowledge import Knowledge, Lesson, Verdict
+from planner_service.roadmap.net import Neighbour, Net
+from planner_service.roadmap.places import Place, nearest_places
+from planner_service.search import Configuration, GlancingOracle, SearchProblem, distances, joint_distance, of_tuples
+
+__all__ = ["Carried", "Query"]
+
+JOINED_AT_ONCE = 4
+"""Places to which an end is joined at a time; each that turns out blocked makes room for the next.
+
+So many more where these lead nowhere.
+"""
+
+MOST_JOINED = 48
+"""Places tried at an end in all."""
+
+DETOUR = 4.0
+"""Radians of path that a metre of a joining edge is held to be worth: joining costs checks, the net is paid for."""
+
+GREED, UNKNOWN_AS = 3.0, 2.0
+"""A path may be so many times as long as the shortest, and an edge not known to be free counts as so many times its
+length: paths are shortened anyway, these are found ten times as fast, and cost fewer checks (Phillips et al., 2012)."""
+
+EFFORT = 50_000
+"""Nodes left by all searches together before a query gives up, half a second: a net of which little is known, and most
+of that blocked, is searched again and again."""
+
+NOTHING: list[Neighbour] = []
+
+FREE, BLOCKED = int(Verdict.FREE), int(Verdict.BLOCKED)
+
+SHADOW, HITS = 0.06, 12
+"""A joining edge that passes nearer, in metres of motion, to where one of the last so many collided is tried late."""
+
+
+class Carried(Protocol):
+    """Knows what changed in a scene."""
+
+    def still_free(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
+        """Of edges from A (m, n) to B (m, n) that were free before, which are proven to be so still, (m,)."""
+
+
+@dataclass(eq=False)
+class _End:
+    """A start or a goal, and how it is joined to the net."""
+
+    node: int
+    q: Configuration
+    waiting: Iterator[Place]
+    open: list[int] = field(default_factory=list)
+    tried: int = 0
+    shadowed: list[Place] = field(default_factory=list)
+    hits: deque[Configuration] = field(default_factory=lambda: deque(maxlen=HITS))
+
+
+class Query:
+    """One query; nodes are the milestones, then the start, the goals, and places on edges that these are joined to."""
+
+    def __init__(self, net: Net, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> None:
+        self._net, self._problem = net, problem
+        self._offered = milestones.verdicts != Verdict.BLOCKED, edges.free
+        self._oracle: GlancingOracle = of_tuples(problem.oracle)
+        self._glances = hasattr(problem.oracle, "edge_seems_free")
+        self._count, self._edges = len(net.milestones), len(net.edges)
+        self._reach: list[float] = net.reach.tolist()
+        self._node = bytearray(milestones.verdicts.tobytes())
+        self._piece = bytearray(edges.verdicts.tobytes())
+        self._at_once, self._effort = 0, EFFORT
+        self._extra: list[Configuration] = []
+        self._joins: dict[int, list[Neighbour]] = {}
+        self._ends_of: dict[int, tuple[int, int]] = {}  # the nodes of a joining edge
+        self._shaded: set[int] = set()  # joining edges that pass near a place where another collided
+        self._on: dict[int, list[int]] = {}  # places on an edge that became nodes
+        self._learned: tuple[dict[int, Lesson], dict[int, Lesson]] = ({}, {})
+        goals = problem.goals
+        self._bound: list[float] = []
+        if self._count:
+            self._bound = np.array([distances(net.milestones, goal) for goal in goals]).min(axis=0).tolist()
+        self._goals = [tuple(goal) for goal in goals.tolist()]
+        self._ends = [self._new_end(tuple(problem.start.tolist())), *map(self._new_end, self._goals)]
+        self._start = self._ends[0].node
+
+    @property
+    def learned(self) -> tuple[dict[int, Lesson], dict[int, Lesson]]:
+        """Verdicts found on milestones and on edges, by their numbers."""
+        return self._learned
+
+    def route(self, carried: Carried | None = None) -> tuple[list[Configuration], int] | None:
+        """The path and the goal it reaches; None if the roadmap has none."""
+        while True:
+            self._problem.poll()
+            path = self._shortest() if self._may_meet() else None
+            if path is None:
+                if self._effort <= 0 or not self._widen():
+                    return None
+            elif self._is_free(path, carried):
+                # On an edge that is run through, places where no end was joined were never judged.
+                passed = {a for (*_, one), (a, _, two) in pairwise(path) if one == two}
+                nodes = [self._start, *(node for _, node, _ in path)]
+                points = [self._at(node) for node in nodes if node not in passed]
+                fresh = [q for k, q in enumerate(points) if k == 0 or q != points[k - 1]]
+                return fresh, nodes[-1] - self._start - 1
+
+    def _at(self, node: int) -> Configuration:
+        if node >= self._count:
+            return self._extra[node - self._count]
+        return tuple(self._net.milestones[node].tolist())
+
+    def _new_node(self, q: Configuration, verdict: Verdict) -> int:
+        self._extra.append(q)
+        self._node.append(verdict)
+        self._bound.append(min(joint_distance(q, goal) for goal in self._goals))
+        return self._count + len(self._extra) - 1
+
+    def _new_end(self, q: Configuration) -> _End:
+        waiting = nearest_places(self._net, *self._offered, np.array(q))
+        return _End(self._new_node(q, Verdict.FREE), q, waiting)
+
+    def _may_meet(self) -> bool:
+        """Whether the start is joined to something that a goal is joined to; the search would look everywhere else."""
+        first, *others = (set(self._components(end)) for end in self._ends)
+        return any(first & other for other in others)
+
+    def _components(self, end: _End) -> Iterator[int]:
+        for piece in end.open:
+            node = self._ends_of[piece][1]
+            at = node if node < self._count else self._joins[node][0][0]  # a place is joined to its edge's ends first
+            yield self._net.component(at)
+
+    def _widen(self) -> bool:
+        """Join the ends to more places; False if there are none."""
+        joined = len(self._ends_of)
+        self._at_once += JOINED_AT_ONCE
+        for end in self._ends:
+            self._join(end)
+        return len(self._ends_of) > joined
+
+    def _join(self, end: _End) -> None:
+        """Join an end to as many places as it may be at a time, those in the shadow of a collision last."""
+        while len(end.open) < self._at_once and end.tried < MOST_JOINED:
+            place = next(end.waiting, None)
+            if place is None:
+                if not end.shadowed:
+                    return
+                place = end.shadowed.pop(0)
+            elif any(self._in_shadow(end, place.q, hit) for hit in end.hits):
+                end.shadowed.append(place)
+                continue
+            self._join_to(end, place)
+
+    def _join_to(self, end: _End, place: Place) -> None:
+        end.tried += 1
+        node = place.milestone if place.edge < 0 else self._place_node(place)
+        piece = len(self._piece)
+        self._piece.append(Verdict.FREE if place.q == end.q else Verdict.UNKNOWN)
+        self._ends_of[piece] = (end.node, node)
+        end.open.append(piece)
+        self._link(end.node, node, joint_distance(end.q, place.q) + DETOUR * place.far, piece)
+
+    def _place_node(self, place: Place) -> int:
+        """A new node on an edge, joined along it to the edge's milestones and to other such nodes."""
+        node, edge = self._new_node(place.q, Verdict.UNKNOWN), place.edge
+        a, b = self._net.edges[edge].tolist()
+        for other in (a, b, *self._on.get(edge, ())):
+            self._link(node, other, joint_distance(place.q, self._at(other)), edge)
+        self._on.setdefault(edge, []).append(node)
+        return node
+
+    def _link(self, a: int, b: int, length: float, piece: int) -> None:
+        self._joins.setdefault(a, []).append((b, length, piece))
+        self._joins.setdefault(b, []).append((a, length, piece))
+
+    def _in_shadow(self, end: _End, q: Configuration, hit: Configuration) -> bool:
+        """Whether the way from an end to q passes near a place, told from that end, where another way collided."""
+        along = self._moved(end, q)
+        square = dot = away = 0.0
+        for x, y in zip(along, hit, strict=True):
+            square += x * x
+            dot += x * y
+        share = min(max(dot / square, 0.0), 1.0) if square > 0.0 else 0.0
+        for x, y in zip(along, hit, strict=True):
+            away += abs(y - share * x)
+        return away < SHADOW
+
+    def _moved(self, end: _End, q: Configuration) -> Configuration:
+        """From an end to q, each joint in metres of motion."""
+        return tuple(r * (y - x) for r, x, y in zip(self._reach, end.q, q, strict=True))
+
+    def _shortest(self) -> list[tuple[int, int, int]] | None:
+        """Weighted A* (Pohl, 1970) over what is not known to be blocked: (from, to, piece) of each step.
+
+        Ties go to the smaller node.
+        """
+        start, bound, nodes, pieces, joins = self._start, self._bound, self._node, self._piece, self._joins
+        count, around = self._count, self._net.around
+        last_end, best = start + len(self._goals), math.inf
+        cost, parent = {start: 0.0}, {start: (start, -1)}
+        front = [(GREED * bound[start], start, 0.0)]
+        while front:
+            _, node, spent = heapq.heappop(front)
+            if spent > cost[node]:
+                continue  # a shorter way here was found since
+            if start < node <= last_end:
+                return _traced(parent, node)
+            self._effort -= 1
+            if self._effort <= 0:
+                return None
+            near = around(node) if node < count else NOTHING
+            for other, length, piece in near + joins[node] if node in joins else near:
+                total = spent + (length if pieces[piece] == FREE else UNKNOWN_AS * length)
+                known = cost.get(other)
+                if known is not None and known <= total:
+                    continue
+                least = total + GREED * bound[other]
+                if total + bound[other] >= best or pieces[piece] == BLOCKED or nodes[other] == BLOCKED:
+                    continue
+                if start < other <= last_end:
+                    best = total
+                cost[other], parent[other] = total, (node, piece)
+                heapq.heappush(front, (least, other, total))
+        return None
+
+    def _is_free(self, path: Sequence[tuple[int, int, int]], carried: Carried | None) -> bool:
+        """Judge what is not known of a path: milestones, then a first look at every piece, then the rest of each."""
+        if carried is not None:
+            self._carry(path, carried)
+        if not all(self._milestone_is_free(node) for step in path for node in step[:2] if node < self._count):
+            return False
+        pieces = sorted({piece for *_, piece in path}, reverse=True)  # those that join the ends first
+        pieces = [piece for piece in pieces if self._piece[piece] != Verdict.FREE]
+        for judge in (self._seems_free, self._piece_is_free):
+            for piece in pieces:
+                if not judge(piece):
+                    if piece >= self._edges:
+                        self._join_anywhere(self._ends[self._ends_of[piece][0] - self._start])
+                    return False
+        return True
+
+    def _carry(self, path: Sequence[tuple[int, int, int]], carried: Carried) -> None:
+        """Take over what was free before and is proven not to have been touched since."""
+        nodes = sorted({n for step in path for n in step[:2] if self._node[n] == Verdict.FREE_BEFORE})
+        pieces = sorted({piece for *_, piece in path if self._piece[piece] == Verdict.FREE_BEFORE})
+        rows = [(node, node) for node in nodes] + self._net.edges[pieces].tolist()
+        if not rows:
+            return
+        points = self._net.milestones[np.array(rows)]
+        still = carried.still_free(points[:, 0], points[:, 1]).tolist()
+        for node, free in zip(nodes, still, strict=False):
+            if free:
+                self._learn_node(node, Verdict.FREE)
+        for piece, free in zip(pieces, still[len(nodes) :], strict=True):
+            if free:
+                self._learn_piece(piece, Verdict.FREE)
+
+    def _milestone_is_free(self, node: int) -> bool:
+        if self._node[node] != Verdict.FREE:
+            free = self._oracle.state_is_free(self._at(node))
+            self._learn_node(node, Verdict.FREE if free else Verdict.BLOCKED)
+        return self._node[node] == Verdict.FREE
+
+    def _asked(self, piece: int) -> tuple[Configuration, Configuration, int]:
+        """The ends of a piece, of a part of an edge those of the whole, and which of them are known to be free."""
+        a, b = self._ends_of[piece] if piece >= self._edges else self._net.edges[piece].tolist()
+        known = (self._node[a] == Verdict.FREE) + 2 * (self._node[b] == Verdict.FREE)
+        return self._at(a), self._at(b), known
+
+    def _seems_free(self, piece: int) -> bool:
+        if not self._glances:
+            return self._piece_is_free(piece)
+        a, b, known = self._asked(piece)
+        free = self._oracle.edge_seems_free(a, b, known=KNOWN_ENDS[known])
+        if not free:
+            self._learn_piece(piece, Verdict.BLOCKED)
+        return free
+
+    def _piece_is_free(self, piece: int) -> bool:
+        if self._piece[piece] != Verdict.FREE:
+            a, b, known = self._asked(piece)
+            free = self._oracle.edge_is_free(a, b, known=KNOWN_ENDS[known])
+            self._learn_piece(piece, Verdict.FREE if free else Verdict.BLOCKED)
+        return self._piece[piece] == Verdict.FREE
+
+    def _blocker(self) -> str | None:
+        """The obstacle that the last question failed at."""
+        return getattr(self._oracle, "blocker", None)
+
+    def _learn_node(self, node: int, verdict: Verdict) -> None:
+        self._node[node] = verdict
+        if node < self._count:
+            self._learned[0][node] = verdict, self._blocker() if verdict == Verdict.BLOCKED else None
+
+    def _learn_piece(self, piece: int, verdict: Verdict) -> None:
+        self._piece[piece] = verdict
+        if piece >= self._edges:
+            self._learn_joint(piece, verdict)
+            return
+        self._learned[1][piece] = verdict, self._blocker() if verdict == Verdict.BLOCKED else None
+        if verdict == Verdict.FREE:
+            for node in self._net.edges[piece].tolist():
+                if self._node[node] != Verdict.FREE:
+                    self._learn_node(node, Verdict.FREE)
+
+    def _learn_joint(self, piece: int, verdict: Verdict) -> None:
+        """What joins an end is free, or makes room for another try."""
+        end_node, node = self._ends_of[piece]
+        if verdict == Verdict.FREE:
+            self._paid(end_node, node, piece)
+            if self._node[node] != Verdict.FREE:
+                self._learn_node(node, Verdict.FREE)
+            return
+        end = self._ends[end_node - self._start]
+        end.open.remove(piece)
+        hit: EdgeHit | None = getattr(self._oracle, "last_hit", None)
+        if hit is not None:
+            moved = self._moved(end, self._at(node))
+            end.hits.append(tuple(hit.fraction * x for x in moved))
+            near = (
+                piece for piece in end.open if self._in_shadow(end, self._at(self._ends_of[piece][1]), end.hits[-1])
+            )
+            self._shaded.update(near)
+        self._join(end)
+
+    def _paid(self, end: int, node: int, piece: int) -> None:
+        """A joining edge that was judged costs no more than its length."""
+        length = joint_distance(self._at(end), self._at(node))
+        for at, other in ((end, node), (node, end)):
+            self._joins[at] = [(other, length, piece) if row[2] == piece else row for row in self._joins[at]]
+
+    def _join_anywhere(self, end: _End) -> None:
+        """Try the most promising places at an end, until it is joined to one: before that no path is worth a search."""
+        while end.open and not any(self._piece[piece] == Verdict.FREE for piece in end.open):
+            best = min(end.open, key=lambda piece: (*self._promise(end, piece), piece))
+            if self._seems_free(best) and self._piece_is_free(best):
+                return
+
+    def _promise(self, end: _End, piece: int) -> tuple[bool, float]:
+        """What speaks against trying a joining edge first: a collision near by, the length of a path over it."""
+        node = self._ends_of[piece][1]
+        length = next(row[1] for row in self._joins[end.node] if row[2] == piece)
+        return piece in self._shaded, length + self._bound[node]
+
+
+def _traced(parent: dict[int, tuple[int, int]], node: int) -> list[tuple[int, int, int]]:
+    steps = []
+    while parent[node][1] >= 0:
+        before, piece = parent[node]
+        steps.append((before, node, piece))
+        node = before
+    return steps[::-1]

@@ -1,0 +1,307 @@
+"""A roadmap as a value: milestones and edges, what is known of them, and for what that holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.collision import CheckCounts
+from planner_service.collision.ledger import SearchStopped
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray, numbers, read_only
+from planner_service.roadmap.knowledge import Knowledge, Lesson, Verdict
+from planner_service.roadmap.net import Net, checked_edges
+from planner_service.roadmap.places import nearest_places
+from planner_service.roadmap.query import Carried, Query
+from planner_service.roadmap.terms import Terms
+from planner_service.search import SearchProblem, SearchResult
+
+__all__ = ["Built", "Roadmap"]
+
+FCL_NOISE = 1e-5
+"""Metres of padding; by less than a tenth of it what FCL finds apart may depend on nothing but rounding."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """How a roadmap was grown.
+
+    Attributes:
+        planner: Name of the planner.
+        settings: Its settings by name.
+        seed: The seed it was given.
+        counts: What growing it asked of the checker.
+    """
+
+    planner: str
+    settings: Mapping[str, int]
+    seed: int
+    counts: CheckCounts
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Roadmap:
+    """Milestones and edges with what is known of them; as ``PlanRequest.planner`` a search that costs few checks.
+
+    A value: a query changes nothing. What it learned comes back as ``result.roadmap``, another roadmap with another
+    hash.
+
+    Attributes:
+        net: The milestones and the edges.
+        milestone_knowledge, edge_knowledge: What is known of each.
+        terms: For which robot and scene the verdicts hold; None for those of whoever grew it.
+        pending: Obstacles against which what is FREE_BEFORE has not been judged.
+        built: How it was grown; None if it was put together.
+        fallback: Whether ``plan`` asks RRTConnect where the roadmap does not connect start and goal.
+        remember: Whether ``plan`` adds the path it found to ``result.roadmap``, as milestones and edges.
+    """
+
+    net: Net
+    milestone_knowledge: Knowledge
+    edge_knowledge: Knowledge
+    terms: Terms | None = None
+    pending: tuple[str, ...] = ()
+    built: Built | None = None
+    fallback: bool = True
+    remember: bool = False
+    name: ClassVar[str] = "roadmap"
+    patience: ClassVar[int | None] = None
+
+    @classmethod
+    def of(
+        cls,
+        milestones: ArrayLike,
+        edges: ArrayLike = (),
+        *,
+        reach: ArrayLike | None = None,
+    ) -> Roadmap:
+        """A roadmap put together from its parts, of which nothing is known.
+
+        Args:
+            milestones: Shape (N, n); none at all, shape (0, n), is where a memory of paths begins.
+            edges: Shape (E, 2): the milestones each joins.
+            reach: What moving each joint costs, (n,), as ``Robot.reach`` has it; the same for all if not given.
+
+        Raises:
+            InvalidRequest: a milestone is not finite, an edge joins what is not there, or a reach is negative.
+        """
+        points = numbers("milestones", milestones, "finite joint values, one row per milestone")
+        if points.ndim != 2 or not np.isfinite(points).all() or points.shape[1] == 0:
+            raise InvalidRequest("milestones", points.shape, "finite joint values, one row per milestone")
+        weights = np.ones(points.shape[1]) if reach is None else numbers("reach", reach, "positive numbers")
+        if weights.shape != points.shape[1:] or not (np.isfinite(weights) & (weights >= 0.0)).all():
+            raise InvalidRequest("reach", weights.tolist(), f"{points.shape[1]} numbers of at least 0")
+        net = Net.of(points, checked_edges(edges, len(points)), read_only(weights))
+        return cls(net, Knowledge.none(len(points)), Knowledge.none(len(net.edges)))
+
+    @classmethod
+    def judged(
+        cls,
+        milestones: ArrayLike,
+        free: Sequence[tuple[int, int]],
+        blocked: Mapping[tuple[int, int], str | None] = MappingProxyType({}),
+        *,
+        reach: ArrayLike | None = None,
+    ) -> Roadmap:
+        """A roadmap of free milestones (N, n) and edges that were judged.
+
+        Args:
+            free: Edges that are.
+            blocked: Edges that are not, and the obstacle in the way, ``SELF`` for none, None if that is not known.
+            reach: See ``of``.
+
+        Raises:
+            InvalidRequest: as ``of``.
+        """
+        roadmap = cls.of(milestones, [*free, *blocked], reach=reach)
+        obstacles = {(min(edge), max(edge)): blocker for edge, blocker in blocked.items()}
+        verdicts: dict[int, Lesson] = {}
+        for k, (a, b) in enumerate(roadmap.edges.tolist()):
+            there = (a, b) in obstacles
+            verdicts[k] = (Verdict.BLOCKED, obstacles[a, b]) if there else (Verdict.FREE, None)
+        return roadmap.with_lessons(dict.fromkeys(range(len(roadmap.milestones)), (Verdict.FREE, None)), verdicts)
+
+    def __repr__(self) -> str:
+        where = "" if self.terms is None else f" of {self.terms.robot} in {self.terms.scene}"
+        return f"<Roadmap{where}: {len(self.milestones)} milestones, {len(self.edges)} edges>"
+
+    @property
+    def milestones(self) -> FloatArray:
+        """Shape (N, n)."""
+        return self.net.milestones
+
+    @property
+    def edges(self) -> NDArray[np.int64]:
+        """Shape (E, 2): indices of the milestones each edge joins, the smaller first."""
+        return self.net.edges
+
+    @property
+    def lengths(self) -> FloatArray:
+        """L2 joint length of every edge, shape (E,)."""
+        return self.net.lengths
+
+    @property
+    def verdicts(self) -> NDArray[np.int8]:
+        """A ``Verdict`` on every edge, shape (E,)."""
+        return self.edge_knowledge.verdicts
+
+    def search(self, problem: SearchProblem, *, carried: Carried | None = None) -> SearchResult:
+        """A short path over it from the start to any of the goals, as a planner; the seed plays no part.
+
+        Edges are judged only once a path needs them, those that join the ends to the roadmap always. One that is
+        blocked is left out, and the search repeated. What was learned is in the result's roadmap, also where a limit
+        of the checker ended it, which is in ``stopped`` then.
+
+        Args:
+            carried: Tells of edges that are FREE_BEFORE which still are; without it they are judged like others.
+        """
+        if problem.lower.size != self.net.n:
+            raise InvalidRequest(
+                "planner", f"a roadmap of {self.net.n} joints", f"a roadmap of {problem.lower.size} joints"
+            )
+        query = Query(self.net, self.milestone_knowledge, self.edge_knowledge, problem)
+        route, stopped = None, None
+        try:
+            route = query.route(carried)
+        except SearchStopped as error:
+            stopped = error.with_traceback(None)
+        points, goal = (None, None) if route is None else (np.array(route[0]), route[1])
+        note = f"{len(self.milestones)} milestones, {len(self.edges)} edges"
+        return SearchResult(points, goal, note, stopped, roadmap=self.with_lessons(*query.learned))
+
+    def prepare(self) -> None:
+        """Sort what queries look up, once for all roadmaps that come from this one; 100,000 milestones take 0.3 s."""
+        blocked = self.milestone_knowledge.verdicts == Verdict.BLOCKED
+        next(nearest_places(self.net, ~blocked, self.edge_knowledge.free, np.zeros(self.net.n)), None)
+        if len(self.milestones):
+            self.net.around(0)
+            self.net.component(0)
+
+    def with_lessons(self, milestones: Mapping[int, Lesson], edges: Mapping[int, Lesson]) -> Roadmap:
+        """This roadmap and what was learned of some of its milestones and edges, by their numbers."""
+        if not milestones and not edges:
+            return self
+        return replace(
+            self,
+            milestone_knowledge=self.milestone_knowledge.with_lessons(milestones),
+            edge_knowledge=self.edge_knowledge.with_lessons(edges),
+        )
+
+    def with_path(self, points: ArrayLike) -> Roadmap:
+        """This roadmap and a path (k, n) whose pieces were judged free, its waypoints as milestones.
+
+        Raises:
+            InvalidRequest: not two waypoints or more of n finite joint values.
+        """
+        rows = numbers("points", points, f"waypoints of {self.net.n} joints")
+        if rows.ndim != 2 or rows.shape[1] != self.net.n or len(rows) < 2 or not np.isfinite(rows).all():
+            raise InvalidRequest("points", rows.shape, f"two waypoints or more, shape (k, {self.net.n})")
+        net, nodes, pieces = self.net.with_path(rows)
+        free: Lesson = (Verdict.FREE, None)
+        return replace(self, net=net).with_lessons(dict.fromkeys(nodes, free), dict.fromkeys(pieces, free))
+
+    def unknown_pieces(self, points: ArrayLike) -> list[tuple[FloatArray, FloatArray]]:
+        """The pieces of a path (k, n) that are no edges known to be free, as pairs of waypoints."""
+        rows = read_only(points)
+        _, nodes, _ = self.net.with_path(rows)
+        count, free = len(self.milestones), self.verdicts == Verdict.FREE
+        unknown = []
+        for (a, b), piece in zip(pairwise(nodes), pairwise(rows), strict=True):
+            known = a == b or (max(a, b) < count and any(row[0] == b and free[row[2]] for row in self.net.around(a)))
+            if not known:
+                unknown.append(piece)
+        return unknown
+
+    def under(self, terms: Terms) -> Roadmap:
+        """This roadmap where other terms hold: what may have changed is no longer taken for known.
+
+        Where only obstacles came, went or moved, what was free is FREE_BEFORE, and what one of them blocked
+        BLOCKED_BEFORE; if anything else differs, nothing is known.
+        """
+        before = self.terms
+        if before is not None and before.same(terms):
+            return self
+        nearer = before is not None and terms.padding < before.padding - FCL_NOISE
+        if before is not None and nearer and replace(before, padding=terms.padding).same(terms):
+            milestones, edges = self.milestone_knowledge.nearer(), self.edge_knowledge.nearer()
+            return replace(self, milestone_knowledge=milestones, edge_knowledge=edges, terms=terms)
+        if before is None or not before.same_but_for_obstacles(terms):
+            milestones, edges = self.milestone_knowledge.elsewhere(), self.edge_knowledge.elsewhere()
+            return replace(self, milestone_knowledge=milestones, edge_knowledge=edges, terms=terms, pending=())
+        come, gone = before.changed(terms)
+        there = {name for name, _ in terms.obstacles}
+        pending = tuple(sorted((come | set(self.pending)) & there))
+        return replace(
+            self,
+            milestone_knowledge=self.milestone_knowledge.after(come, gone, pending),
+            edge_knowledge=self.edge_knowledge.after(come, gone, pending),
+            terms=terms,
+            pending=pending,
+        )
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of all that can change what a query answers, learned verdicts included; equal in every process."""
+        content = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
+        for array in self.arrays.values():
+            content.update(repr((array.shape, array.dtype.str)).encode())
+            content.update(np.ascontiguousarray(array).tobytes())
+        return content.hexdigest()
+
+    @property
+    def head(self) -> dict[str, Any]:
+        """All but the arrays, of plain JSON values."""
+        return {
+            "terms": None if self.terms is None else asdict(self.terms),
+            "pending": list(self.pending),
+            "built": None if self.built is None else asdict(self.built),
+            "fallback": self.fallback,
+            "remember": self.remember,
+            "grown": list(self.net.grown),
+            "milestone_names": list(self.milestone_knowledge.names),
+            "edge_names": list(self.edge_knowledge.names),
+        }
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays, by the names they have in a file."""
+        return {
+            "milestones": self.milestones,
+            "edges": self.edges,
+            "reach": self.net.reach,
+            "milestone_verdicts": self.milestone_knowledge.verdicts,
+            "milestone_blockers": self.milestone_knowledge.blockers,
+            "edge_verdicts": self.edge_knowledge.verdicts,
+            "edge_blockers": self.edge_knowledge.blockers,
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to an npz file, whole or not at all; ``load`` gives back one with the same hash.
+
+        Raises:
+            InvalidFile: it cannot be written.
+        """
+        from planner_service.roadmap.roadmap_file import save_roadmap
+
+        save_roadmap(self, path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Roadmap:
+        """The roadmap in a file that ``save`` wrote.
+
+        Raises:
+            InvalidFile: it is no such file, it is truncated or was changed, or another version of the package wrote it.
+        """
+        from planner_service.roadmap.roadmap_file import load_roadmap
+
+        return load_roadmap(path)
