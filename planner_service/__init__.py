@@ -48,6 +48,7 @@ from planner_service.planners import (
     RRT,
     BITstar,
     InformedRRTstar,
+    LazyPRM,
     PRMstar,
     RRTConnect,
     RRTstar,
@@ -56,7 +57,8 @@ from planner_service.planners import (
 from planner_service.pose_goal import PoseGoal
 from planner_service.primitives import move_linear, pick, place
 from planner_service.request import PlanRequest
-from planner_service.roadmap import Roadmap
+from planner_service.roadmap import Roadmap, Verdict
+from planner_service.roadmap_work import RoadmapUpdate
 from planner_service.robot import JointLimits, Robot, load_robot, robot_names
 from planner_service.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
 from planner_service.service import PlannerService
@@ -100,6 +102,7 @@ __all__ = [
     "JointPath",
     "JointStep",
     "Known",
+    "LazyPRM",
     "Mesh",
     "MissingDependency",
     "MotionReport",
@@ -120,6 +123,7 @@ __all__ = [
     "Reason",
     "Refusal",
     "Roadmap",
+    "RoadmapUpdate",
     "Robot",
     "SCurve",
     "SORRTstar",
@@ -133,6 +137,7 @@ __all__ = [
     "Trajectory",
     "Trapezoidal",
     "UnknownName",
+    "Verdict",
     "inverse_kinematics",
     "load_robot",
     "load_scene",

@@ -11,6 +11,7 @@ from planner_service.errors import BrokenInvariant, PlanningFailed
 from planner_service.geometry import FloatArray
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
+from planner_service.roadmap import Roadmap
 from planner_service.trajectory import Trajectory
 
 __all__ = ["Failure", "MotionReport", "PlanResult", "Reason", "Stage", "StageReport"]
@@ -125,6 +126,7 @@ class PlanResult:
         certificate: The proof that the whole path is free, between samples too; of NOT_CERTIFIED its refusal.
         motion: Peaks over limits, tool speed and durations; None without a plan.
         notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
+        roadmap: Of a planner with a roadmap, that roadmap with all that was learned; not kept in plan files.
     """
 
     path: JointPath | None
@@ -138,6 +140,7 @@ class PlanResult:
     certificate: Certificate | None = None
     motion: MotionReport | None = None
     notes: tuple[str, ...] = ()
+    roadmap: Roadmap | None = None
 
     @property
     def ok(self) -> bool:

@@ -20,11 +20,13 @@ from planner_service.oracle import SearchOracle
 from planner_service.outcome import MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
-from planner_service.planners import PRM, PRMstar
+from planner_service.planners import RRTConnect
 from planner_service.remedies import near
 from planner_service.request import PlanRequest
+from planner_service.roadmap import Roadmap, Terms
+from planner_service.roadmap_work import GROWERS, ask, grow, require_robot
 from planner_service.robot import ExemptRetreat
-from planner_service.search import Planner, SearchProblem, SearchSpace, joint_distance
+from planner_service.search import Planner, SearchProblem, joint_distance
 from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from planner_service.stagebook import Entry, Limits, NoPlan, StageBook, not_certified
 from planner_service.trajectory import Trajectory
@@ -65,9 +67,16 @@ class Run:
         self._padding = request.padding
         self._motion_step: float | None = None
         self._rounds = 0
+        self._searched_paths: list[FloatArray] = []
+        self._found_by = SearchOracle(checker)
+        if isinstance(request.planner, Roadmap):
+            require_robot(request.planner, checker.robot)
+            self._book.roadmap = request.planner
 
     def result(self, turns: Turns) -> PlanResult:
         """Run the stages when the turn has come."""
+        if self._book.roadmap is not None:
+            self._book.roadmap.prepare()  # before the clock starts
         try:
             with self._book.within_limits(turns, padding=self._request.padding):
                 return self._stages()
@@ -94,6 +103,7 @@ class Run:
                 route = self._route(points, ends)
                 path, certificate = book.certified(self._certifier, self._polished(route), route.exempt)
                 if certificate.refusal is None:
+                    self._remember(turn)
                     return self._closed(path, certificate, route.goal_index)
                 refused = certificate
                 if certificate.refusal.spent:
@@ -101,6 +111,26 @@ class Run:
         if refused is None:
             raise BrokenInvariant("a path was neither proven nor refused")
         raise NoPlan(not_certified(refused), refused)
+
+    def _remember(self, turn: int) -> None:
+        """Let the roadmap gain the path that was searched and proven, if it is one that remembers."""
+        roadmap, checker = self._book.roadmap, self._judge(self._book.padding)
+        if roadmap is None or not roadmap.remember or not self._holds(roadmap) or turn >= len(self._searched_paths):
+            return
+        here, points = roadmap.under(Terms.of(checker)), self._searched_paths[turn]
+        parts = here.unknown_pieces(points)  # those of a longer edge, which was judged at other samples
+        judged = True
+        if parts:
+            judged = False
+            with self._book.during(Stage.ROADMAP) as entry, self._optional(entry, "remembered"):
+                judged = all(self._found_by.edge_is_free(a, b) for a, b in parts)
+        if judged:
+            self._book.roadmap = here.with_path(points)
+
+    def _holds(self, roadmap: Roadmap) -> bool:
+        """Whether what this round finds out is of what a roadmap is about: the padding it keeps, the step there is."""
+        padding = self._request.padding if roadmap.terms is None else roadmap.terms.padding
+        return self._rounds == 0 and self._book.padding == padding
 
     def _closed(self, path: JointPath, certificate: Certificate, goal_index: int) -> PlanResult:
         """The proven path in time; with stops instead of blends in the rare case that this is faster."""
@@ -156,8 +186,8 @@ class Run:
         if leads is not None:
             book.notes.append(f"an end is closer than {padding * 1000:g} mm to something: only near it less is kept")
         book.padding = ends.padding if leads is None else padding
-        oracle = self._oracle(book.padding, start, goals)
-        found = self._shortened(self._search(start, goals, oracle), oracle)
+        oracle = self._found_by = self._oracle(book.padding, start, goals)
+        found = self._searched_paths = self._shortened(self._search(start, goals, oracle), oracle)
         goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == found[0][-1].tolist())
         return [_without_repeats([ends.start, *points, goal]) for points in found]
 
@@ -196,7 +226,7 @@ class Run:
         return found[0], tuple(found[1:])
 
     def _search(self, start: FloatArray, goals: tuple[FloatArray, ...], oracle: SearchOracle) -> FloatArray:
-        planner = self._grown(self._request.planner, oracle)
+        planner = self._grown(self._request.planner)
         limits = self._checker.robot.limits
         problem = SearchProblem(
             start=start,
@@ -205,21 +235,20 @@ class Run:
             upper=limits.upper,
             oracle=oracle,
             poll=self._checker.ledger.poll,
+            reach=self._checker.reach,
         )
-        before = self._book.attempts
         with self._book.during(Stage.SEARCH) as entry:
             try:
-                points = self._tries(planner, problem)
+                points = self._found(planner, problem, entry)
             finally:
-                self._book.end_trouble = oracle.boxed_in()
-                tries = self._book.attempts - before
-                entry.note = planner.name + (f", try {tries}" if tries > 1 else "")
+                alone = isinstance(planner, Roadmap) and not planner.fallback  # its motions are long: they tell nothing
+                self._book.end_trouble = "" if alone else oracle.boxed_in()
             if points is None:
                 raise NoPlan(self._book.gave_up())
             entry.length = _length(points)
             return points
 
-    def _tries(self, planner: Planner, problem: SearchProblem) -> FloatArray | None:
+    def _tries(self, planner: Planner, problem: SearchProblem, entry: Entry) -> FloatArray | None:
         """Search until a try finds a path: each with a fresh seed and an equal share of the states.
 
         A search has a long tail, which a fresh start cuts off; one that would end well is over long before.
@@ -230,6 +259,7 @@ class Run:
         with self._checker.limited(states=self._search_states):
             for attempt in range(tries):
                 self._book.attempts += 1
+                entry.note = planner.name + (f", try {attempt + 1}" if attempt else "")
                 seed = fresh_seed(self._request.seed, attempt + tries * self._rounds)
                 try:
                     with self._checker.limited(states=share):
@@ -243,16 +273,47 @@ class Run:
                     return found.waypoints
         return None
 
-    def _grown(self, planner: Planner, oracle: SearchOracle) -> Planner:
+    def _grown(self, planner: Planner) -> Planner:
         """The planner itself; for a PRM the roadmap it grows, on its own budget and outside the time box."""
-        if not isinstance(planner, PRM | PRMstar):
+        if not isinstance(planner, GROWERS):
             return planner
-        ledger, limits = self._checker.ledger, self._checker.robot.limits
-        with self._book.during(Stage.ROADMAP) as entry, ledger.apart(states=None):
-            space = SearchSpace(limits.lower, limits.upper, oracle, ledger.poll)
-            roadmap = planner.grow(space, seed=self._request.seed)
+        with self._book.during(Stage.ROADMAP) as entry, self._checker.ledger.apart(states=None):
+            roadmap = replace(grow(planner, self._judge(self._padding), seed=self._request.seed), fallback=False)
             entry.note = f"{planner.name}: {len(roadmap.milestones)} milestones, {len(roadmap.edges)} edges"
+            if self._rounds == 0:
+                self._book.roadmap = roadmap
             return roadmap
+
+    def _found(self, planner: Planner, problem: SearchProblem, entry: Entry) -> FloatArray | None:
+        """The path a planner finds; where a roadmap has none, RRTConnect's, unless it is to do without."""
+        if not isinstance(planner, Roadmap):
+            return self._tries(planner, problem, entry)
+        points = None
+        if self._rounds == 0 or not planner.fallback:  # a roadmap knows nothing of edges sampled more closely
+            points = self._over(planner, problem, entry)
+        if points is None and planner.fallback:
+            note = f"{entry.note}; no path there: " if entry.note else ""
+            try:
+                points = self._tries(RRTConnect(), problem, entry)
+            finally:
+                entry.note = note + entry.note
+        return points
+
+    def _over(self, roadmap: Roadmap, problem: SearchProblem, entry: Entry) -> FloatArray | None:
+        """A path over a roadmap; None if it has none, or has spent half of the states and may leave the rest."""
+        self._book.attempts += 1
+        checker = self._judge(self._book.padding)
+        room = self._search_states // 2 if roadmap.fallback else self._search_states
+        with self._checker.limited(states=room):
+            found = ask(roadmap, checker, problem)
+        entry.note = f"{roadmap.name}: {found.note}"
+        if self._holds(roadmap):
+            self._book.roadmap = found.roadmap
+        if found.stopped is not None:
+            if not roadmap.fallback or not isinstance(found.stopped, CheckBudgetSpent):
+                raise found.stopped
+            entry.note = f"{roadmap.name}: given up after {room:,} states"
+        return found.waypoints
 
     def _shortened(self, points: FloatArray, oracle: SearchOracle) -> list[FloatArray]:
         """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""

@@ -37,6 +37,7 @@ from planner_service.result_record import (
     read_texts,
     result_record,
 )
+from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
 from planner_service.task import Segment
@@ -60,6 +61,9 @@ VERSION = 2
 
 TIMINGS: Mapping[str, type[Any]] = MappingProxyType({law.name: law for law in (ToppRa, Trapezoidal, SCurve)})
 """Every timing law that can be made from its name alone, by that name."""
+
+_PLANNERS: Mapping[str, type[Any]] = MappingProxyType({**PLANNERS, RoadmapReference.name: RoadmapReference})
+"""Those that a name and settings make; of a roadmap the hash is kept."""
 
 _WHOLE = ("seed", "max_checks", "retries")
 _REAL = ("padding", "velocity_scale", "acceleration_scale", "blend", "start_tolerance")
@@ -226,7 +230,8 @@ def _list(values: Any) -> list[float]:
 
 
 def _request(request: PlanRequest) -> dict[str, Any] | None:
-    planner, timing = _settings(request.planner, PLANNERS), _settings(request.timing, TIMINGS)
+    chosen = RoadmapReference(request.planner.hash) if isinstance(request.planner, Roadmap) else request.planner
+    planner, timing = _settings(chosen, _PLANNERS), _settings(request.timing, TIMINGS)
     if planner is None or timing is None:
         return None
     return {
@@ -277,7 +282,7 @@ def _read_request(node: Node, n: int) -> PlanRequest | None:
     limits |= {name: node.at(name).number() for name in _REAL}
     limits |= {name: node.at(name).optional(Node.number) for name in _MAYBE}
     start = node.at("start").numbers(n)
-    planner = _read_settings(node.at("planner"), "planner", PLANNERS)
+    planner = _read_settings(node.at("planner"), "planner", _PLANNERS)
     timing = _read_settings(node.at("timing"), "timing law", TIMINGS)
     if planner is None or timing is None:
         return None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,18 +18,18 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
-from planner_service.oracle import SearchOracle
 from planner_service.outcome import PlanResult
 from planner_service.pace import Pace
 from planner_service.path import JointPath
 from planner_service.pipeline import Run
-from planner_service.planners import PRM, PRMstar
+from planner_service.progress import bar
 from planner_service.remedies import WayOut, way_out
 from planner_service.request import PlanRequest, joint_vector
-from planner_service.roadmap import Roadmap
+from planner_service.roadmap import Roadmap, Terms
+from planner_service.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene, load_scene
-from planner_service.search import SearchSpace, require_seed
+from planner_service.search import require_seed
 from planner_service.timing import Trapezoidal
 from planner_service.turns import Turns
 
@@ -145,21 +146,60 @@ class PlannerService:
         request = FollowRequest(waypoints, contacts, pace, blends)
         return follow(self._planning, self._certifier, request, (self._turns, cancel))
 
-    def build_roadmap(self, planner: PRM | PRMstar, *, seed: int = 0, padding: float = 0.001) -> Roadmap:
-        """A roadmap of the free space, for many queries in the same scene; pass it as ``PlanRequest.planner``.
+    def build_roadmap(
+        self,
+        planner: Grower,
+        *,
+        seed: int = 0,
+        padding: float = 0.001,
+        progress: bool | None = None,
+    ) -> Roadmap:
+        """A roadmap of the free space, for many queries; pass it as ``PlanRequest.planner``.
 
-        Its states are counted by the checker; ``planner.max_checks`` limits them.
+        What it cost is in ``roadmap.built.counts``; ``planner.max_checks`` limits that.
 
         Args:
             padding: Metres its milestones and edges keep from everything; best that of the queries to come.
+            progress: Whether to draw a progress bar on standard error; if not given, when that is a terminal.
+
+        Raises:
+            InvalidRequest: no such planner or seed, or a padding that is no distance.
         """
         self._require_own_process()
         require_seed(seed)
-        if not isinstance(planner, PRM | PRMstar):
-            raise InvalidRequest("planner", planner, "PRM() or PRMstar()")
+        require_grower(planner)
+        with self._turns.taken(), bar("roadmap", progress) as told:
+            return grow(planner, self._planning.variant(padding=padding), seed=seed, progress=told)
+
+    def path_memory(self, *, padding: float = 0.001) -> Roadmap:
+        """A roadmap of nothing, that remembers every path planned with it: ``result.roadmap`` has one path more.
+
+        Args:
+            padding: As in ``build_roadmap``.
+
+        Raises:
+            InvalidRequest: a padding that is no distance.
+        """
+        self._require_own_process()
         with self._turns.taken():
-            limits, checker = self.robot.limits, self._planning.variant(padding=padding)
-            return planner.grow(SearchSpace(limits.lower, limits.upper, SearchOracle(checker)), seed=seed)
+            checker = self._planning.variant(padding=padding)
+        nothing = Roadmap.of(np.zeros((0, self.robot.n)), reach=checker.reach)
+        return replace(nothing, terms=Terms.of(checker), remember=True)
+
+    def update_roadmap(self, roadmap: Roadmap) -> RoadmapUpdate:
+        """A roadmap told of what changed in this scene since it was judged: all it may have touched is judged again.
+
+        ``plan`` does that for the edges that a path needs, this for all of them, with the roadmap's own padding.
+
+        Raises:
+            InvalidRequest: it is no roadmap, or one of other joints.
+        """
+        self._require_own_process()
+        if not isinstance(roadmap, Roadmap):
+            raise InvalidRequest("roadmap", roadmap, "a Roadmap")
+        padding = 0.001 if roadmap.terms is None else roadmap.terms.padding
+        with self._turns.taken():
+            return update(roadmap, self._planning.variant(padding=padding))
 
     def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
         """A short motion from a colliding configuration q (n,) to a free one, None if none was found; q itself if free.

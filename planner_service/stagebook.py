@@ -15,6 +15,7 @@ from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
 from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.path import JointPath
+from planner_service.roadmap import Roadmap
 from planner_service.smoothing import LEAST_BLEND
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
@@ -63,6 +64,7 @@ class StageBook:
         self.padding = 0.0
         self.attempts = 0
         self.end_trouble = ""
+        self.roadmap: Roadmap | None = None
 
     @contextmanager
     def during(self, stage: Stage) -> Iterator[Entry]:
@@ -149,6 +151,7 @@ class StageBook:
             certificate=certificate,
             motion=motion,
             notes=tuple(self.notes),
+            roadmap=self.roadmap,
         )
 
     def gave_up(self) -> Failure:

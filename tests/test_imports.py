@@ -79,6 +79,8 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {
             "service",
             "pipeline",
+            "progress",
+            "roadmap_work",
             "request",
             "outcome",
             "stagebook",

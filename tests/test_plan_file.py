@@ -24,6 +24,7 @@ from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, 
 from planner_service.planners import PLANNERS, RRT, RRTConnect
 from planner_service.pose_goal import PoseGoal
 from planner_service.request import PlanRequest
+from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.scene_file import require_writable
 from planner_service.search import SearchProblem, SearchResult
 from planner_service.service import PlannerService
@@ -141,6 +142,44 @@ def test_every_planner_comes_back_with_its_settings(name: str, there: Path) -> N
     read = reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request
     assert read is not None
     assert read.planner == asked.planner
+
+
+SQUARE = Roadmap.judged([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [(0, 1), (1, 2)])
+
+
+def test_of_a_roadmap_the_hash_comes_back(there: Path) -> None:
+    asked = request(planner=SQUARE, seed=3)
+    first = reloaded(SavedPlan(MADE_FOR, asked, planned()), there)
+    assert first.request is not None
+    assert first.request.planner == RoadmapReference(SQUARE.hash)
+    assert first.request.seed == 3
+    assert json.loads(there.read_text())["request"]["planner"] == {
+        "name": "roadmap",
+        "settings": {"hash": SQUARE.hash},
+    }
+    again = reloaded(first, there).request
+    assert again is not None
+    assert again.planner == first.request.planner
+
+
+def test_the_hash_of_a_roadmap_searches_nothing_and_says_which_one_is_needed() -> None:
+    service = PlannerService("planar2", "discs")
+    start, goal = service.robot.pose("lesson_start"), service.robot.pose("lesson_goal")
+    asked = PlanRequest(start, goal, planner=RoadmapReference(SQUARE.hash))
+    with pytest.raises(
+        InvalidRequest, match=f"planner: the hash of a roadmap searches nothing; .* whose hash is {SQUARE.hash}"
+    ):
+        service.plan(asked)
+
+
+@pytest.mark.parametrize("value", ["", "ab", "x" * 64, "AB" * 32, 7, None])
+def test_a_hash_that_is_none_is_a_problem_of_the_file(value: Any, there: Path) -> None:
+    save_plan(SavedPlan(MADE_FOR, request(planner=SQUARE), planned()), there)
+    document = json.loads(there.read_text())
+    document["request"]["planner"]["settings"]["hash"] = value
+    there.write_text(json.dumps(document))
+    with pytest.raises(InvalidFile, match=r"request.planner.settings: hash: got .* 64 hexadecimal digits"):
+        load_plan(there)
 
 
 def test_the_request_comes_back_to_the_last_setting(there: Path) -> None:
