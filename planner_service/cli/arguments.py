@@ -1,18 +1,36 @@
-"""What the command line's texts mean: configurations, goals, planners, timing laws."""
+"""What the command line's texts mean: robots and scenes, configurations, goals, timing laws."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray, Pose
-from planner_service.plan_file import TIMINGS
-from planner_service.robot import Robot
+from planner_service.interchange import load_world
+from planner_service.path import JointPath
+from planner_service.plan_file import TIMINGS, MadeFor
+from planner_service.request import PlanRequest
+from planner_service.robot import Robot, load_robot
+from planner_service.scene_file import require_writable
+from planner_service.service import PlannerService
 from planner_service.timing import Timing
 
-__all__ = ["configuration", "goals", "timing_by_name"]
+__all__ = [
+    "configuration",
+    "goals",
+    "load_libraries",
+    "reopened",
+    "service_for",
+    "time_limit_of",
+    "timing_by_name",
+    "unit_of",
+]
+
+T = TypeVar("T")
 
 _POSE = "pose:"
 
@@ -80,3 +98,59 @@ def timing_by_name(name: str) -> Timing:
         raise UnknownName("timing law", name, TIMINGS)
     law: Timing = TIMINGS[name.lower()]()
     return law
+
+
+def time_limit_of(seconds: float) -> float | None:
+    """The limit that a number of seconds means: None, none at all, if it is infinite."""
+    return None if seconds == math.inf else seconds
+
+
+def service_for(robot: str, scene: str, out: str | None) -> PlannerService:
+    """The service, and the certainty that its result will have a place.
+
+    Raises:
+        InvalidRequest: no such robot, scene or place.
+    """
+    if out is not None:
+        require_writable(out)
+    return PlannerService(load_robot(robot), load_world(scene))
+
+
+def reopened(
+    made_for: MadeFor, robot: str | None, scene: str | None, made: str = "the plan was made for"
+) -> tuple[PlannerService, list[str]]:
+    """The service for what a file was made for, or for what was given in its place, with what is to be said of that.
+
+    Raises:
+        InvalidRequest: robot or scene, taken by the name in the file, is not there or not what it was ``made`` for.
+    """
+    arm = load_robot(robot) if robot is not None else _found("--robot", made_for.robot, load_robot, made)
+    world = load_world(scene) if scene is not None else _found("--scene", made_for.scene, load_world, made)
+    notes = []
+    rows = (
+        ("--robot", robot, made_for.robot, made_for.robot_hash, arm.hash),
+        ("--scene", scene, made_for.scene, made_for.scene_hash, world.hash),
+    )
+    for option, given, name, before, now in rows:
+        if before != now and given is None:
+            raise InvalidRequest(option, name, f"the file of the {option[2:]} that {made}: this one differs")
+        if before != now:
+            notes.append(f"{made} another {option[2:]}: {name}, {before[:12]}")
+    return PlannerService(arm, world), notes
+
+
+def _found(option: str, name: str, load: Callable[[str], T], made: str) -> T:
+    try:
+        return load(name)
+    except UnknownName as error:
+        raise InvalidRequest(option, name, f"the file of the {option[2:]} that {made}: {error}") from None
+
+
+def load_libraries(request: PlanRequest, robot: Robot) -> None:
+    """Time a motion that nobody asked for: libraries load when first used, and no stage is to be charged for that."""
+    request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
+
+
+def unit_of(robot: Robot) -> str:
+    """Of path lengths: rad, nothing where joints slide."""
+    return "" if any(body.prismatic for body in robot.bodies) else "rad"

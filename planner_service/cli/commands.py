@@ -2,61 +2,72 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
 
 from planner_service.cli import OUR_BUG, listings
-from planner_service.cli.arguments import configuration, goals, timing_by_name
+from planner_service.cli.arguments import (
+    configuration,
+    goals,
+    load_libraries,
+    reopened,
+    service_for,
+    time_limit_of,
+    timing_by_name,
+    unit_of,
+)
+from planner_service.cli.exits import NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.imported import import_record, import_table, locks, to_check
+from planner_service.cli.options import (
+    DEFAULT,
+    AsJson,
+    Blend,
+    Goals,
+    MaxChecks,
+    Out,
+    Padding,
+    PlannerName,
+    RobotName,
+    SceneName,
+    Seed,
+    Start,
+    TimeLimit,
+    TimingName,
+    ToolSpeed,
+)
 from planner_service.cli.pick_place import plan_pick_place
+from planner_service.cli.roadmaps import roadmaps
 from planner_service.cli.tables import (
-    UNATTENDED_WIDTH,
     console,
     emit,
     health_words,
-    motion_words,
     plan_rows,
+    plan_words,
     proof_words,
     render,
     table,
     task_rows,
 )
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
+from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.health import examine
 from planner_service.interchange import csv_text, joint_trajectory, load_world
-from planner_service.outcome import Failure
-from planner_service.path import JointPath
-from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, save_plan
-from planner_service.planners import PLANNERS, planner_by_name
+from planner_service.plan_file import MadeFor, SavedPlan, load_plan, save_plan
+from planner_service.planners import planner_by_name
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record
-from planner_service.robot import Robot, load_robot
+from planner_service.robot import load_robot
 from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
-from planner_service.scene_file import require_writable, write_whole
-from planner_service.service import PlannerService
+from planner_service.scene_file import write_whole
 from planner_service.stagebook import in_words
 
 __all__ = ["app"]
-
-NO_PLAN, BAD_INPUT = 1, 2
-
-MESSAGE_LINES = 20
-"""A file can have thousands of problems."""
-
-MAX_LINES = 10
-"""A task that finds no grasp has a note for each that it tried."""
 
 EXPORTS = ("joint-trajectory", "csv")
 
@@ -68,62 +79,31 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.add_typer(roadmaps, name="roadmap")
 
-RobotName = Annotated[str, typer.Option("--robot", help="Name, or path of a robot.toml.")]
-SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a TOML, MoveIt .scene or URDF file.")]
-PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}.")]
-TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
-Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
-MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
-TimeLimit = Annotated[float, typer.Option(help="Wall seconds of a plan, a safety net; inf for none.")]
-Padding = Annotated[float, typer.Option(help="Metres that the search keeps from everything.")]
-ToolSpeed = Annotated[float | None, typer.Option(help="Metres per second that the tool may move at most.")]
-Blend = Annotated[
-    float, typer.Option(help="Radians of path that a blended corner may replace on each side; 0 for stops.")
-]
-Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
-
-_DEFAULT = PlanRequest((), ())
-
-
-@contextmanager
-def _bad_input_exits() -> Iterator[None]:
-    """End the command with a message and code 2 if its caller made a mistake."""
-    try:
-        yield
-    except (InvalidRequest, MissingDependency) as error:
-        first, *more = str(error).splitlines()[: MESSAGE_LINES + 1] or [type(error).__name__]
-        hidden = len(str(error).splitlines()) - 1 - len(more)
-        more += [f"  ... and {hidden} more"] if hidden > 0 else []
-        typer.echo("\n".join([f"planner-service: {first}", *more]), err=True)
-        raise typer.Exit(BAD_INPUT) from None
 
 
 @app.command(short_help="Plan a motion to a goal, stage by stage.")
 def plan(
-    start: Annotated[str, typer.Option(help="A named pose, or joint values separated by commas.")],
-    goal: Annotated[
-        list[str],
-        typer.Option(help="As --start, or pose:x,y,z,qw,qx,qy,qz of the tool; given several times, any will do."),
-    ],
+    start: Start,
+    goal: Goals,
     scene: SceneName,
     robot: RobotName = "wxai",
     planner: PlannerName = "rrtconnect",
     timing: TimingName = "toppra",
-    seed: Seed = _DEFAULT.seed,
-    max_checks: MaxChecks = _DEFAULT.max_checks,
+    seed: Seed = DEFAULT.seed,
+    max_checks: MaxChecks = DEFAULT.max_checks,
     time_limit: TimeLimit = 1.0,
-    padding: Padding = _DEFAULT.padding,
-    blend: Blend = _DEFAULT.blend,
+    padding: Padding = DEFAULT.padding,
+    blend: Blend = DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan a motion from one configuration to a goal, and print it stage by stage."""
-    with _bad_input_exits():
-        service = _service(robot, scene, out)
+    with bad_input_exits():
+        service = service_for(robot, scene, out)
         request = PlanRequest(
             configuration("--start", start, service.robot),
             goals(goal, service.robot),
@@ -131,21 +111,19 @@ def plan(
             timing_by_name(timing),
             seed=seed,
             max_checks=max_checks,
-            time_limit=None if time_limit == math.inf else time_limit,
+            time_limit=time_limit_of(time_limit),
             padding=padding,
             blend=blend,
             max_tool_speed=max_tool_speed,
         )
-        _load_libraries(request, service.robot)
+        load_libraries(request, service.robot)
         result = service.plan(request)
         saved = SavedPlan(MadeFor.of(service), request, result)
         if out is not None:
             save_plan(saved, out)
     words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
-    text = "" if as_json else render(table(words, plan_rows(result), console().width, _unit(service.robot)))
-    told = [] if result.motion is None else [motion_words(result.motion), proof_words([result])]
-    notes = [f"note: {note}" for note in (*result.notes, *map(str, result.exempt))]
-    _finish(saved, text, result.failure, (*told, *notes), as_json=as_json)
+    text = "" if as_json else render(table(words, plan_rows(result), console().width, unit_of(service.robot)))
+    finish(saved.document(), text, result.failure, plan_words(result), as_json=as_json)
 
 
 @app.command("pick-place", short_help="Plan a whole pick-and-place.")
@@ -154,23 +132,23 @@ def pick_place(
     scene: SceneName = "bin",
     target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
     onto: Annotated[str, typer.Option(help="The obstacle on whose middle to place it.")] = "tray",
-    seed: Seed = _DEFAULT.seed,
+    seed: Seed = DEFAULT.seed,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan a whole pick-and-place from home and back, and print every motion with its cost."""
-    with _bad_input_exits():
-        service = _service(robot, scene, out)
+    with bad_input_exits():
+        service = service_for(robot, scene, out)
         request = PlanRequest(service.robot.home, service.robot.home, seed=seed)
-        _load_libraries(request, service.robot)
+        load_libraries(request, service.robot)
         task = plan_pick_place(service, target, onto, request)
         if out is not None:
             save_plan(task, out)
     words = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
-    text = "" if as_json else render(table(words, task_rows(task), console().width, _unit(service.robot)))
+    text = "" if as_json else render(table(words, task_rows(task), console().width, unit_of(service.robot)))
     proof = proof_words([segment.result for segment in task.segments])
     lines = [*filter(None, [proof]), *(f"note: {note}" for note in task.notes)]
-    _finish(task, text, task.failure, tuple(lines), as_json=as_json)
+    finish(task.document(), text, task.failure, tuple(lines), as_json=as_json)
 
 
 @app.command(short_help="Is a configuration free?")
@@ -181,7 +159,7 @@ def check(
     as_json: AsJson = False,
 ) -> None:
     """Tell whether a configuration is free, which pairs touch, and how much room is left at least."""
-    with _bad_input_exits():
+    with bad_input_exits():
         arm, world = load_robot(robot), load_world(scene)
         values = configuration("--q", q, arm)
         checker = CollisionChecker(arm, world)
@@ -190,7 +168,7 @@ def check(
     if as_json:
         touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
         words = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
-        emit(_json({"robot": arm.name, "scene": world.name, **words}))
+        emit(json_text({"robot": arm.name, "scene": world.name, **words}))
     else:
         lines = [f"{'colliding' if contacts else 'free'}: {robot} in {scene} at {q}"]
         lines += [f"  {contact}" for contact in contacts]
@@ -213,15 +191,14 @@ def certify_(
 
     Stretches on which the plan says that pairs were not judged are left out here, too.
     """
-    with _bad_input_exits():
+    with bad_input_exits():
         saved = load_plan(plan_file)
         if saved.result.path is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
-        service = PlannerService(load_robot(robot or saved.made_for.robot), load_world(scene or saved.made_for.scene))
-        notes = _other_world(saved.made_for, service, robot, scene)
+        service, notes = reopened(saved.made_for, robot, scene)
         found = service.certify(saved.result.path, padding=padding, exempt=saved.result.exempt)
     if as_json:
-        emit(_json({"robot": service.robot.name, "scene": service.scene.name, **certificate_record(found)}))
+        emit(json_text({"robot": service.robot.name, "scene": service.scene.name, **certificate_record(found)}))
     else:
         verdict = "certified" if found.certified else "refused"
         what = in_words(found.clearance) if found.certified else str(found.refusal)
@@ -240,7 +217,7 @@ def export(
     out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to a file instead of printing.")] = None,
 ) -> None:
     """Write the trajectory of a plan as points in time: positions, velocities and accelerations of all joints."""
-    with _bad_input_exits():
+    with bad_input_exits():
         if form not in EXPORTS:
             raise UnknownName("format", form, EXPORTS)
         if out is not None and os.path.realpath(out) == os.path.realpath(plan_file):
@@ -249,7 +226,7 @@ def export(
         if saved.result.trajectory is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
         motion, names = saved.result.trajectory, saved.made_for.joint_names
-        text = csv_text(motion, names, dt) if form == "csv" else _json(joint_trajectory(motion, names, dt))
+        text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:
             write_whole(Path(out), text)
     if out is None:
@@ -259,16 +236,16 @@ def export(
 @app.command(short_help="List the robots, or show one.")
 def robots(name: Name = None, as_json: AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
-    with _bad_input_exits():
+    with bad_input_exits():
         found, missing = listings.shipped_robots() if name is None else ([load_robot(name)], {})
     if as_json:
         records = [listings.robot_record(robot) for robot in found]
-        emit(_json({"robots": records, "missing": missing} if name is None else records[0]))
+        emit(json_text({"robots": records, "missing": missing} if name is None else records[0]))
     elif name is not None:
         (robot,) = found
         hand = "" if robot.gripper is None else f", gripper {robot.gripper.lower:g} to {robot.gripper.upper:g} m wide"
         head = f"{robot.name}: {robot.n} joints, {len(robot.shapes)} collision shapes, tool {robot.tool_frame}{hand}"
-        units = "rad, m for a prismatic joint; s" if _unit(robot) == "" else "rad, s"
+        units = "rad, m for a prismatic joint; s" if unit_of(robot) == "" else "rad, s"
         emit(render(head, f"limits in {units}", "", listings.joint_table(robot), "", listings.pose_table(robot)))
     else:
         rows = listings.columns(("robot", False), ("joints", True), ("shapes", True), ("poses", False))
@@ -282,11 +259,11 @@ def robots(name: Name = None, as_json: AsJson = False) -> None:
 @app.command(short_help="List the scenes, or show one.")
 def scenes(name: Name = None, as_json: AsJson = False) -> None:
     """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
-    with _bad_input_exits():
+    with bad_input_exits():
         found = [load_world(entry) for entry in ([name] if name is not None else scene_names())]
     if as_json:
         records = [listings.scene_record(scene) for scene in found]
-        emit(_json({"scenes": records} if name is None else records[0]))
+        emit(json_text({"scenes": records} if name is None else records[0]))
     elif name is not None:
         (scene,) = found
         emit(render(f"{scene.name or name}: {scene.description or 'a scene'}", "", listings.object_table(scene)))
@@ -306,10 +283,10 @@ def doctor(
     as_json: AsJson = False,
 ) -> None:
     """Say which instruction sets checks and proofs use, and compare both with their references, on random states."""
-    with _bad_input_exits():
+    with bad_input_exits():
         health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
     if as_json:
-        emit(_json({**asdict(health), "agrees": health.agrees}))
+        emit(json_text({**asdict(health), "agrees": health.agrees}))
     else:
         emit(render(*health_words(health, f"{robot} in {scene}")))
     raise typer.Exit(0 if health.agrees else OUR_BUG)
@@ -333,71 +310,14 @@ def import_robot_(
 
     Pairs of links that can never touch are proven so over the whole joint box; pairs that sometimes do stay judged.
     """
-    with _bad_input_exits():
+    with bad_input_exits():
         folders = tuple(Path(folder) for folder in package_dir or ())
         given, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
         source = Source(Path(urdf), given, tool_frame, folders, locks(lock or ()), joints)
         found = import_robot(source, out, force=force)
     if as_json:
-        emit(_json(import_record(found)))
+        emit(json_text(import_record(found)))
     else:
         words = f"imported: {found.robot.name}, written to {found.path}, in {found.seconds:.1f} s"
         checks = [f"check: {line}" for line in to_check(found, source)]
-        width = min(console().width, UNATTENDED_WIDTH)
-        lines = [textwrap.fill(line, width, subsequent_indent="  ") for line in checks]
-        emit(render(words, "", import_table(found), "", *lines))
-
-
-def _other_world(made_for: MadeFor, service: PlannerService, robot: str | None, scene: str | None) -> list[str]:
-    """What is to be said about a plan that was made for another robot or scene, which the caller must have asked for.
-
-    Raises:
-        InvalidRequest: robot or scene, taken by the name in the file, is not the one that the plan was made for.
-    """
-    notes = []
-    rows = (
-        ("--robot", robot, made_for.robot, made_for.robot_hash, service.robot.hash),
-        ("--scene", scene, made_for.scene, made_for.scene_hash, service.scene.hash),
-    )
-    for option, given, name, before, now in rows:
-        if before != now and given is None:
-            raise InvalidRequest(
-                option, name, f"the file of the {option[2:]} that the plan was made for: this one differs"
-            )
-        if before != now:
-            notes.append(f"the plan was made for another {option[2:]}: {name}, {before[:12]}")
-    return notes
-
-
-def _service(robot: str, scene: str, out: str | None) -> PlannerService:
-    """The service, and the certainty that its result will have a place."""
-    if out is not None:
-        require_writable(out)
-    return PlannerService(load_robot(robot), load_world(scene))
-
-
-def _load_libraries(request: PlanRequest, robot: Robot) -> None:
-    """Time a motion that nobody asked for: libraries load when first used, and no stage is to be charged for that."""
-    request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
-
-
-def _unit(robot: Robot) -> str:
-    return "" if any(body.prismatic for body in robot.bodies) else "rad"
-
-
-def _finish(
-    saved: SavedPlan | SavedTask, text: str, failure: Failure | None, lines: tuple[str, ...], *, as_json: bool
-) -> None:
-    """Print, and leave with the code that says whether there is a plan."""
-    emit(_json(saved.document()) if as_json else text)
-    if not as_json and lines:
-        more = [f"note: and {len(lines) - MAX_LINES} more, all in --json"] if len(lines) > MAX_LINES else []
-        width = min(console().width, UNATTENDED_WIDTH)
-        emit(render(*(textwrap.fill(line, width, subsequent_indent="  ") for line in (*lines[:MAX_LINES], *more))))
-    if failure is not None:
-        typer.echo(f"no plan: {failure}", err=True)
-        raise typer.Exit(NO_PLAN)
-
-
-def _json(document: dict[str, Any]) -> str:
-    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+        emit(render(words, "", import_table(found), "", *wrapped(checks)))

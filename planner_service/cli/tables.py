@@ -26,6 +26,7 @@ __all__ = [
     "health_words",
     "motion_words",
     "plan_rows",
+    "plan_words",
     "proof_words",
     "render",
     "table",
@@ -117,6 +118,12 @@ def proof_words(results: Sequence[PlanResult]) -> str:
         return ""
     bounds = sum(proof.distances for proof in proofs)
     return f"proof: {in_words(min(proof.clearance for proof in proofs))}, between samples too ({bounds:,} bounds)"
+
+
+def plan_words(result: PlanResult) -> list[str]:
+    """How a plan moves, what is proven of it, and what was done beyond what was asked, a line each."""
+    told = [] if result.motion is None else [motion_words(result.motion), proof_words([result])]
+    return [*told, *(f"note: {note}" for note in (*result.notes, *map(str, result.exempt)))]
 
 
 def motion_words(motion: MotionReport) -> str:

@@ -1,0 +1,51 @@
+"""The options that commands share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from planner_service.planners import PLANNERS
+from planner_service.request import PlanRequest
+
+__all__ = [
+    "DEFAULT",
+    "AsJson",
+    "Blend",
+    "Goals",
+    "MaxChecks",
+    "Out",
+    "Padding",
+    "PlannerName",
+    "RobotName",
+    "SceneName",
+    "Seed",
+    "Start",
+    "TimeLimit",
+    "TimingName",
+    "ToolSpeed",
+]
+
+Start = Annotated[str, typer.Option("--start", help="A named pose, or joint values separated by commas.")]
+Goals = Annotated[
+    list[str],
+    typer.Option("--goal", help="As --start, or pose:x,y,z,qw,qx,qy,qz of the tool; given several times, any will do."),
+]
+RobotName = Annotated[str, typer.Option("--robot", help="Name, or path of a robot.toml.")]
+SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a TOML, MoveIt .scene or URDF file.")]
+PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}.")]
+TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
+Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
+MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
+TimeLimit = Annotated[float, typer.Option(help="Wall seconds of a plan, a safety net; inf for none.")]
+Padding = Annotated[float, typer.Option(help="Metres that the search keeps from everything.")]
+ToolSpeed = Annotated[float | None, typer.Option(help="Metres per second that the tool may move at most.")]
+Blend = Annotated[
+    float, typer.Option(help="Radians of path that a blended corner may replace on each side; 0 for stops.")
+]
+Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+
+DEFAULT = PlanRequest((), ())
+"""What is asked where nothing else is said."""
