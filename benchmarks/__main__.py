@@ -16,7 +16,7 @@ from planner_service.scene_file import require_writable
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
-    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
+    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda", "roadmaps"),
 )
 
 COMMANDS = {
@@ -36,8 +36,14 @@ INTERRUPTED = 130
 STORED = ("queries", "golden", "readme")
 """What is compared with what is stored, or stored."""
 
-SETTINGS = {"agreement": ("robot", "states"), "differential": ("robot", "states", "edges", "seed")}
+SETTINGS = {
+    "agreement": ("robot", "states"),
+    "differential": ("robot", "states", "edges", "seed"),
+    "roadmaps": ("part",),
+}
 """Arguments that a measure takes."""
+
+ROADMAP_PARTS = ("warm", "lazy", "moved", "large")
 
 USAGE = """\
 run       plan a suite: --suite NAME --planner P --seeds A:B --out FILE; goes on where it was interrupted
@@ -63,6 +69,7 @@ kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's na
 latency   whole plans of a service that has planned before, the first one, and free straight lines
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
 panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
+roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large
 differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances
@@ -81,11 +88,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--write", action="store_true", help=f"store instead of compare ({', '.join(STORED)})")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
     parser.add_argument("--robot", metavar="NAME", help="the only robot to look at; all if not given")
+    parser.add_argument("--part", choices=ROADMAP_PARTS, help="the only part of roadmaps to measure; all if not given")
     for what in ("states", "edges"):
         parser.add_argument(f"--{what}", type=whole(1), metavar="N", help=f"{what} of each robot")
     parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")
     asked = parser.parse_args()
-    for key in ("robot", "states", "edges", "seed"):
+    for key in sorted({key for keys in SETTINGS.values() for key in keys}):
         if getattr(asked, key) is not None and key not in SETTINGS.get(asked.what, ()):
             takers = " and ".join(name for name, keys in SETTINGS.items() if key in keys)
             parser.error(f"argument --{key}: {asked.what} has none; {takers} take it")

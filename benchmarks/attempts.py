@@ -12,6 +12,7 @@ from functools import lru_cache, singledispatch
 import numpy as np
 
 from benchmarks.audit import JOINT_STEP, NOT_ASKED, Auditor, along, between, worst
+from benchmarks.built import ready
 from benchmarks.lesson import Toy, length_of, stop_and_go_seconds
 from benchmarks.queries import Query
 from benchmarks.rows import Row
@@ -27,7 +28,7 @@ from planner_service.outcome import Failure
 from planner_service.primitives import pick, place
 from planner_service.request import Goal
 from planner_service.scene import Scene
-from planner_service.search import SearchProblem
+from planner_service.search import Planner, SearchProblem
 from planner_service.smoothing import shortcut
 from planner_service.task import Handling, Segment, TaskResult
 
@@ -45,9 +46,8 @@ class Ask:
     seed: int
     max_checks: int
 
-    def request(self, start: FloatArray, goal: Goal) -> PlanRequest:
+    def request(self, start: FloatArray, goal: Goal, planner: Planner) -> PlanRequest:
         """What to ask a service: no clock has a say."""
-        planner = planner_of(self.planner)
         return PlanRequest(start, goal, planner, seed=self.seed, max_checks=self.max_checks, time_limit=None)
 
 
@@ -101,10 +101,11 @@ def _motion(problem: Motion, ask: Ask) -> Row:
     if ask.planner == LESSON:
         return _lesson(problem, ask, service)
     goal = problem.goals[0] if len(problem.goals) == 1 else problem.goals
-    request = ask.request(problem.start, goal)
+    made = ready(service, ask.planner, ask.seed)
+    request = ask.request(problem.start, goal, made.planner)
     with _Clock() as clock:
         result = service.plan(request)
-    told = {"robot": service.robot.name, **clock.told, **_told([result], result.failure)}
+    told = {"robot": service.robot.name, **made.told, **clock.told, **_told([result], result.failure)}
     return told | {"audit": _audit(problem.robot, service.scene, result)}
 
 
@@ -202,11 +203,11 @@ def _states(states: int, edges: int = 0) -> Row:
 @_planned.register
 def _task(problem: Task, ask: Ask) -> Row:
     service = _service(problem.robot, problem.scene)
-    home = service.robot.home
+    home, made = service.robot.home, ready(service, ask.planner, ask.seed)
     with _Clock() as clock:
-        parts = list(_parts(problem, service, ask.request(home, home)))
+        parts = list(_parts(problem, service, ask.request(home, home, made.planner)))
     failure = next((part.failure for part in parts if part.failure is not None), None)
-    told: Row = {"robot": service.robot.name, **clock.told}
+    told: Row = {"robot": service.robot.name, **made.told, **clock.told}
     told |= _told([segment.result for part in parts for segment in part.segments], failure)
     told["checks"]["choosing"] = vars(sum((part.choosing for part in parts), CheckCounts()))
     audits = [_audit(problem.robot, scene, *judged) for scene, judged in _judged(service, parts)]

@@ -13,7 +13,7 @@ from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, S
 from planner_service.robot import load_robot
 from planner_service.scene import Obstacle, Scene, load_scene
 
-__all__ = ["COUNT", "PER_SCENE", "draw_queries", "draw_scene", "turned"]
+__all__ = ["COUNT", "PER_SCENE", "draw_objects", "draw_queries", "draw_scene", "turned"]
 
 COUNT, PER_SCENE = 20, 10
 """Scenes, and queries in each."""
@@ -31,7 +31,14 @@ def draw_scene(number: int) -> Scene:
     """A table with three to eight boxes, cylinders, spheres and capsules within reach of the arm."""
     chance = random.Random(f"{SEED} drawn scene {number}")
     scene = load_scene("table")
-    for k in range(chance.randint(*OBJECTS)):
+    for obstacle in draw_objects(chance, chance.randint(*OBJECTS)):
+        scene = scene.with_obstacle(obstacle)
+    return scene
+
+
+def draw_objects(chance: random.Random, count: int) -> Iterator[Obstacle]:
+    """Boxes, cylinders, spheres and capsules within reach of the arm, ``object_0`` and so on."""
+    for k in range(count):
         shape, height = _shape(chance)
         azimuth, distance = chance.uniform(-math.pi, math.pi), chance.uniform(0.24, 0.55)
         standing = chance.random() < STANDING
@@ -39,8 +46,7 @@ def draw_scene(number: int) -> Scene:
         yaw = chance.uniform(-math.pi, math.pi)
         quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)) if standing else turned(chance)
         position = (distance * math.cos(azimuth), distance * math.sin(azimuth), z)
-        scene = scene.with_obstacle(Obstacle(f"object_{k}", shape, Pose(position, quaternion)))
-    return scene
+        yield Obstacle(f"object_{k}", shape, Pose(position, quaternion))
 
 
 def draw_queries(number: int, scene: Scene) -> Iterator[Query]:

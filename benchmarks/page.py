@@ -12,6 +12,7 @@ from rich.console import Console
 
 from benchmarks import page_tables as tables
 from benchmarks import rows
+from benchmarks.page_builds import builds
 from benchmarks.page_numbers import Sheet, sheets_of
 from benchmarks.pictures import pictures_of
 from planner_service.errors import InvalidFile, InvalidRequest
@@ -60,6 +61,9 @@ def _section(sheet: Sheet) -> Iterator[str]:
     yield tables.overall(sheet).html()
     if len(sheet.kinds) > 1:
         yield tables.by_kind(sheet).html()
+    apart = builds(sheet)
+    if apart is not None:
+        yield apart.html()
     yield "<div class=pictures>\n"
     for _, caption, picture in pictures_of(sheet):
         yield f"<figure>{picture}\n<figcaption>{html.escape(caption)}</figcaption></figure>\n"
@@ -114,6 +118,9 @@ def _markdown(sheet: Sheet) -> str:
     parts.append(tables.overall(sheet).markdown())
     if len(sheet.kinds) > 1:
         parts.append(tables.by_kind(sheet).markdown())
+    apart = builds(sheet)
+    if apart is not None:
+        parts.append(apart.markdown())
     lost = tables.failures_in_short(sheet)
     if lost is not None:
         parts.append(lost.markdown())

@@ -229,6 +229,12 @@ def _audit(node: Node) -> None:
         pair.wrong("two names, or null")
 
 
+def _built(node: Node) -> None:
+    for kind in ("states", "edges", "distances", "milestones", "joined"):
+        node.at(kind).whole()
+    node.at("cpu_seconds").number()
+
+
 def _texts(node: Node) -> None:
     for name in _names(node):
         node.at(name).text()
@@ -263,8 +269,10 @@ KEYS: Mapping[str, Callable[[Node], object]] = {
 """What every row has, and what is wrong with it if it is."""
 
 OPTIONAL: Mapping[str, Callable[[Node], object]] = {
+    "built": _built,
     "versions": _texts,
     "audits": _audits,
     **dict.fromkeys(("raw_duration", "raw_waypoints", "waypoints"), Node.number),
 }
-"""Versions of a peer's packages, its audits one by one, and what the lesson's exercise tells besides."""
+"""What building a planner cost, once for its scene and seed; versions of a peer's packages, its audits one by one, and
+what the lesson's exercise tells besides."""

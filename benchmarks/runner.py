@@ -10,12 +10,26 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
 from benchmarks import rows
 from benchmarks.attempts import Ask, attempt, warm
 from benchmarks.environment import environment
+from benchmarks.page_tables import Sheaf
+from benchmarks.report import table
 from benchmarks.rows import Key, Results, Row
-from benchmarks.suite import LESSON, Problem, Suite, Task, load_suite, require_planner, seeds_of, suite_names
+from benchmarks.suite import (
+    LESSON,
+    ROADMAP,
+    Problem,
+    Suite,
+    Task,
+    ToyQuery,
+    load_suite,
+    require_planner,
+    seeds_of,
+    suite_names,
+)
 from planner_service.errors import InvalidRequest
 from planner_service.scene_file import require_writable
 
@@ -73,6 +87,10 @@ def jobs_of(suite: Suite, planners: Sequence[str] = (), seeds: Sequence[int] = (
     tasks = [problem.id for problem in suite.problems if isinstance(problem, Task)]
     if LESSON in asked and tasks:
         raise InvalidRequest("planner", LESSON, f"one that picks and places, for {tasks[0]} of {suite.name}")
+    toys = [problem.id for problem in suite.problems if isinstance(problem, ToyQuery)]
+    before = [text for text in asked if text.partition(":")[0] == ROADMAP]
+    if before and toys:
+        raise InvalidRequest("planner", before[0], f"one that is not built before, for {toys[0]} of {suite.name}")
     asks = [Ask(p, s, suite.max_checks) for p in asked for s in seeds or suite.seeds]
     return [Job(suite.name, problem, ask) for problem in suite.problems for ask in asks]
 
@@ -127,6 +145,12 @@ def _require_same(old: dict[str, Any], new: dict[str, Any], out: Path) -> None:
         raise InvalidRequest("--out", str(out), "a file of the same code, made in the same place", message=message)
 
 
+def _printed(sheaf: Sheaf) -> Table:
+    """A table of the page for a console."""
+    heads = [" ".join(filter(None, (cell.text, cell.under))) for cell in sheaf.heads]
+    return table(sheaf.title, heads, [[cell.text for cell in row] for row in sheaf.rows], caption=sheaf.caption)
+
+
 def main(arguments: Sequence[str], console: Console) -> int:
     """Exit code 0 when all rows are there, whatever they tell; 130 when interrupted."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks run", description=__doc__)
@@ -149,7 +173,11 @@ def main(arguments: Sequence[str], console: Console) -> int:
         console.print(f"interrupted: {count} finished rows are in {out}; the same command goes on from there")
         return INTERRUPTED
     from benchmarks.comparison import exercise, overview
+    from benchmarks.page_builds import builds
+    from benchmarks.page_numbers import sheets_of
 
-    console.print(*overview(results), *exercise(results), sep="\n\n")
+    told = [builds(sheet) for sheet in sheets_of([results])]
+    apart = [_printed(sheaf) for sheaf in told if sheaf is not None]
+    console.print(*overview(results), *apart, *exercise(results), sep="\n\n")
     console.print(f"{len(results.rows)} rows in {out}")
     return 0

@@ -135,5 +135,10 @@ def main(what: str, *, write: bool, console: Console) -> int:
 
 def _made(what: str) -> dict[Path, str]:
     if what == "golden":
-        return {GOLDEN: text_of(golden())}
+        from benchmarks import stored_roadmaps  # which tells its queries as this module does
+
+        return {
+            GOLDEN: text_of(golden()),
+            stored_roadmaps.GOLDEN: stored_roadmaps.text_of(stored_roadmaps.golden()),
+        }
     return {queries.FOLDER / f"{scene}.json": queries.text_of(queries.draw(scene)) for scene in queries.SCENES}

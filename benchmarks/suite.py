@@ -3,7 +3,8 @@
 ::
 
     about = "one sentence"
-    planners = ["rrtconnect", "prm:milestones=200"]      # when a run names none: settings after a colon
+    planners = ["rrtconnect", "prm:milestones=200"]      # when a run names none: settings after a colon; "roadmap" is
+                                                         # built once for each scene and seed, "lesson" the textbook's
     seeds = "0:5"                                        # when a run names none: 0, 1, 2, 3, 4
     max_checks = 50000                                   # optional: states a plan may judge
     ceilings = { rrtconnect = 8000 }                     # optional: p95 of a planner's states that the gate allows
@@ -48,21 +49,23 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.sources import SOURCES, Motion, Problem, Task, ToyQuery, allow_only, at_most, attempt, listed, whole
-from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
 from planner_service.json_file import Node
-from planner_service.planners import PLANNERS
+from planner_service.planners import PLANNERS, PRM
 from planner_service.scene_file import read_tables
 from planner_service.search import Planner
 
 __all__ = [
     "LESSON",
     "MAX_CHECKS",
+    "ROADMAP",
     "SUITES",
     "Motion",
     "Problem",
     "Suite",
     "Task",
     "ToyQuery",
+    "grower_of",
     "load_suite",
     "planner_of",
     "require_planner",
@@ -78,6 +81,9 @@ MAX_CHECKS = 50_000
 
 LESSON = "lesson"
 """The planner that is the textbook's program; it knows neither padding nor timing."""
+
+ROADMAP = "roadmap"
+"""The planner that is a roadmap, grown before the queries with the settings of ``PRM``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,13 +144,32 @@ def load_suite(name_or_path: str) -> Suite:
 
 
 def require_planner(text: str) -> None:
-    """Refuse what neither is ``LESSON`` nor says a planner; see ``planner_of``."""
+    """Refuse what neither is ``LESSON`` nor says a roadmap or a planner; see ``planner_of``."""
     if text == LESSON:
         return
     name = text.partition(":")[0]
+    if name == ROADMAP:
+        grower_of(text)
+        return
     if name not in PLANNERS:
-        raise UnknownName("planner", name, (*PLANNERS, LESSON))
+        raise UnknownName("planner", name, (*PLANNERS, ROADMAP, LESSON))
     planner_of(text)
+
+
+def grower_of(text: str) -> PRM:
+    """What grows the roadmap that ``roadmap`` or ``roadmap:setting=value,setting=value`` says.
+
+    Raises:
+        InvalidRequest: PRM has no such setting, or the value is none.
+    """
+    name, colon, rest = text.partition(":")
+    try:
+        found = planner_of(f"{PRM.name}{colon}{rest}")
+    except InvalidRequest as error:
+        raise InvalidRequest(error.field, text, str(error.expected).replace(PRM.name, name, 1)) from error
+    if not isinstance(found, PRM):
+        raise BrokenInvariant(f"{found.name} grows no roadmap")
+    return found
 
 
 def planner_of(text: str) -> Planner:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import queries, stored
+from benchmarks import queries, stored, stored_roadmaps
 from benchmarks.queries import Query
 from benchmarks.states import STEPS, plan
 from planner_service import PlannerService, RRTConnect, Trapezoidal
@@ -96,4 +96,46 @@ def test_a_change_is_told_stage_by_stage() -> None:
         "bin-00: shortcut [states, edges, distances] None -> [1, 1, 0]",
         "bin-00: the path's bits changed",
         "bin-01: not stored",
+    ]
+
+
+# --- roadmaps
+
+
+def pinned_roadmaps() -> dict[str, stored.Row]:
+    content: dict[str, stored.Row] = json.loads(stored_roadmaps.GOLDEN.read_text("utf-8"))
+    return content
+
+
+def test_roadmaps_cost_exactly_what_is_stored() -> None:
+    pinned, now = pinned_roadmaps(), stored_roadmaps.golden()
+    assert list(now) == list(pinned)
+    changed = stored_roadmaps.changes(pinned, now)
+    if changed:
+        told = "\n  ".join(changed)
+        pytest.fail(
+            f"roadmaps:\n  {told}\nIf that is meant, store it, with a line in CHANGELOG.md: {stored.REGENERATE}"
+        )
+
+
+@pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
+def test_another_process_has_the_same_roadmaps_to_the_last_bit(cpu: dict[str, str]) -> None:
+    code = "import json; from benchmarks import stored_roadmaps; print(json.dumps(stored_roadmaps.golden(['bin'])))"
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "12345", **cpu}
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert stored_roadmaps.changes(pinned_roadmaps(), json.loads(done.stdout)) == []
+
+
+def test_the_stored_text_of_roadmaps_is_what_writing_it_again_gives() -> None:
+    assert stored_roadmaps.text_of(pinned_roadmaps()) == stored_roadmaps.GOLDEN.read_text("utf-8")
+
+
+def test_a_change_of_a_roadmap_is_told_by_where_it_is() -> None:
+    row = {"bin": {"build": {"free": 9}, "queries": {"bin-00": {"path": "aa"}}}}
+    other = {"bin": {"build": {"free": 8}, "queries": {"bin-00": {"path": "aa"}, "bin-01": {"path": "bb"}}}}
+    assert stored_roadmaps.changes(row, row) == []
+    assert stored_roadmaps.changes(row, other) == [
+        "bin build free: 9 -> 8",
+        "bin queries bin-01: None -> {'path': 'bb'}",
     ]

@@ -14,6 +14,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import page
+from benchmarks.page_builds import builds
 from benchmarks.page_numbers import Sheet, paces, sheets_of
 from benchmarks.page_tables import Cell, Sheaf, environments, failures, failures_in_short, overall, rejects, statements
 from benchmarks.pictures import pictures_of
@@ -428,3 +429,40 @@ def test_commands_are_shown_so_that_they_can_be_repeated() -> None:
     (made,) = sheets_of([Results({**HEADER, "command": command}, (row(),))])
     shown = dict(environments(made))["command"]
     assert shown == "python -m benchmarks run --suite 'my suite.toml' --planner prm:milestones=200"
+
+
+# --- what is built before
+
+
+def test_building_and_asking_are_told_apart() -> None:
+    size = {"states": 1_000, "edges": 9, "distances": 0, "milestones": 5, "joined": 6, "cpu_seconds": 0.5}
+    growing = {"roadmap": {"states": 1_000, "edges": 9, "distances": 0}}
+    once = [row(k, planner="roadmap", checks={"search": counted(20)}, built=size) for k in range(4)]
+    each = [row(k, planner="prm", checks=growing | {"search": counted(20)}) for k in range(4)]
+    trees = [row(k, checks={"search": counted(120)}) for k in range(4)]
+    (sheet,) = sheets_of([Results(HEADER, (*trees, *once, *each))])
+    found = builds(sheet)
+    assert found is not None
+    told = {line[0].text: [cell.text for cell in line[1:]] for line in found.rows}
+    assert told["roadmap"][:4] == ["1 for 4 plans", "1,000", "500", "20.0 / 20.0"]
+    assert told["roadmap"][-1] == "10"
+    assert told["prm"][:2] == ["each plan", "1,000"]
+    assert told["prm"][3] == "20.0 / 20.0"
+    assert (told["prm"][-1], told["rrtconnect"][0]) == ("–", "–")
+    assert "Building and asking" in page.page_of([sheet])
+    assert "| built |" in page.filled("<!-- generated: some -->\n<!-- end of some -->\n", [sheet], Path("a.md"))
+
+
+def counted(states: int) -> dict[str, int]:
+    return {"states": states, "edges": 1, "distances": 0}
+
+
+def test_a_roadmap_that_saves_nothing_never_pays_and_without_any_there_is_no_table() -> None:
+    size = {"states": 1_000, "edges": 9, "distances": 0, "milestones": 5, "joined": 6, "cpu_seconds": 0.5}
+    (sheet,) = sheets_of([Results(HEADER, (row(0), row(0, planner="roadmap", built=size)))])
+    found = builds(sheet)
+    assert found is not None
+    assert found.rows[0][-1].text == "never"
+    (plain,) = sheets_of([Results(HEADER, (row(0),))])
+    assert builds(plain) is None
+    assert "Building and asking" not in page.page_of([plain])

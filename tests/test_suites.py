@@ -25,13 +25,14 @@ from benchmarks.suite import (
     Suite,
     Task,
     ToyQuery,
+    grower_of,
     load_suite,
     planner_of,
     require_planner,
     seeds_of,
     suite_names,
 )
-from planner_service import CollisionChecker, PRMstar, RRTConnect, load_robot, load_scene
+from planner_service import PRM, CollisionChecker, PlannerService, Roadmap, RRTConnect, load_robot, load_scene
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
 from planner_service.planners import PLANNERS
 
@@ -172,7 +173,7 @@ def test_the_same_number_twice_is_refused_before_its_scenes_are_made(
 def test_every_planner_of_the_service_is_named_as_the_service_names_it() -> None:
     assert [type(planner_of(name)) for name in PLANNERS] == list(PLANNERS.values())
     assert planner_of("rrtconnect:range=0.3") == RRTConnect(range=0.3)
-    assert planner_of("prmstar:milestones=9,neighbours=2") == PRMstar(milestones=9, neighbours=2)
+    assert planner_of("prm:milestones=9,neighbours=2") == PRM(milestones=9, neighbours=2)
     require_planner(LESSON)
 
 
@@ -188,6 +189,47 @@ def test_seeds_are_one_or_a_range() -> None:
     for text in ("", "6:3", "3:3", "-1", "0:1000000", "a:b"):
         with pytest.raises(InvalidRequest, match="seeds"):
             seeds_of(text)
+
+
+def test_a_roadmap_takes_the_settings_of_prm_under_its_own_name() -> None:
+    assert grower_of("roadmap") == PRM()
+    assert grower_of("roadmap:milestones=9,neighbours=2") == PRM(milestones=9, neighbours=2)
+    require_planner("roadmap:milestones=9")
+    with pytest.raises(InvalidRequest, match=r"roadmap:samples=3.*expected roadmap:setting=number"):
+        require_planner("roadmap:samples=3")
+    with pytest.raises(UnknownName, match="did you mean 'roadmap'"):
+        require_planner("roadmaps")
+
+
+def test_a_roadmap_is_built_once_for_a_scene_and_seed_and_its_cost_is_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds: list[int] = []
+    build = PlannerService.build_roadmap
+
+    def noted(self: PlannerService, *args: Any, **settings: Any) -> Roadmap:
+        seeds.append(settings["seed"])
+        return build(self, *args, **settings)
+
+    monkeypatch.setattr(PlannerService, "build_roadmap", noted)
+    head = 'about = "x"\nplanners = ["roadmap:milestones=40"]\nseeds = "0:2"\n'
+    text = f'{head}[[queries]]\nscenes = ["bin"]\nnumbers = [0, 1]\n'
+    found = list(runner.made(runner.jobs_of(suite_of(tmp_path, text))))
+    assert seeds == [0, 1]
+    assert [row["seed"] for row in found] == [0, 1, 0, 1]
+    first, second, *rest = [row["built"] for row in found]
+    assert rest == [first, second]
+    assert first["states"] != second["states"]
+    assert all("roadmap" not in row["checks"] and rows.states_of(row) < row["built"]["states"] for row in found)
+    told = rows.read(written(tmp_path / "a.jsonl", found)).rows
+    assert list(told) == found
+    with pytest.raises(InvalidFile, match=r"line 2\.built\.states"):
+        rows.read(written(tmp_path / "b.jsonl", [{**found[0], "built": {**first, "states": -1}}]))
+
+
+def test_a_disc_has_no_scene_to_build_a_roadmap_for(tiny: Suite) -> None:
+    with pytest.raises(InvalidRequest, match="one that is not built before, for toy of tiny"):
+        runner.jobs_of(tiny, ["roadmap"])
 
 
 # --- worlds that grow
