@@ -42,4 +42,4 @@ def test_its_commands_are_understood(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(tmp_path)
     shutil.copy(data_folder("robots") / "planar2" / "planar2.urdf", "my.urdf")
     commands = re.findall(r"^\$ planner-service (.*?)(?: +#.*)?$", README, flags=re.MULTILINE)
-    assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 9
+    assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 11

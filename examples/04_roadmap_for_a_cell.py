@@ -1,0 +1,80 @@
+"""A cell that picks from one bin for the same three drop zones pays for its collision checks once.
+
+Builds a roadmap of the bin scene, moves from above the block to each zone and back, round after round, and prints what
+each search asked of the collision checker. Then the post is moved: the roadmap is told, and the work goes on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from planner_service import PRM, PlannerService, PlanRequest, PlanResult, Pose, Roadmap, RRTConnect, Stage
+from planner_service.geometry import FloatArray
+from planner_service.search import Planner
+
+DOWN = (0.5**0.5, 0.0, 0.5**0.5, 0.0)  # wxyz: the tool points down
+PICK = Pose((0.33, 0.0, 0.16), DOWN)
+ZONES = (Pose((0.20, 0.28, 0.15), DOWN), Pose((0.05, 0.35, 0.15), DOWN), Pose((0.12, 0.31, 0.10), DOWN))
+ROUNDS = 3
+
+Way = tuple[FloatArray, FloatArray]
+
+
+def main() -> None:
+    """Build, ask and remember; then move the post, and ask again."""
+    service = PlannerService("wxai", "bin")
+    roadmap = service.build_roadmap(PRM(milestones=500, neighbours=10), seed=0)
+    built = roadmap.built
+    print(f"built once: {len(roadmap.milestones)} milestones, {built.counts.states if built else 0:,} states")
+
+    above = joints(service, PICK)
+    zones = [joints(service, pose) for pose in ZONES]
+    ways = [way for zone in zones for way in ((above, zone), (zone, above))]
+    print("states of the search for each way, to a zone and back:")
+    show("RRTConnect", [planned(service, way, RRTConnect()) for way in ways])
+    roadmap = replace(roadmap, remember=True)  # paths found become part of it
+    for turn in range(ROUNDS):
+        roadmap = work(service, f"round {turn + 1}", ways, roadmap)
+
+    elsewhere = service.with_scene(service.scene.moved("demo_post", Pose((0.28, 0.22, 0.175))))
+    update = elsewhere.update_roadmap(roadmap)
+    print(update)
+    roadmap = update.roadmap
+    for turn in range(ROUNDS):
+        roadmap = work(elsewhere, f"moved {turn + 1}", ways, roadmap)
+
+
+def joints(service: PlannerService, pose: Pose) -> FloatArray:
+    """A configuration for a tool pose: where a plan to it ends."""
+    path, _ = service.plan(PlanRequest(service.robot.home, pose, time_limit=None)).unwrap()
+    q: FloatArray = path.waypoints[-1]
+    return q
+
+
+def planned(service: PlannerService, way: Way, planner: Planner) -> PlanResult:
+    """A plan, proven anew whatever a roadmap says."""
+    start, goal = way
+    result = service.plan(PlanRequest(start, goal, planner=planner, seed=1, time_limit=None))
+    result.unwrap()
+    return result
+
+
+def work(service: PlannerService, name: str, ways: list[Way], roadmap: Roadmap) -> Roadmap:
+    """One round over a roadmap; what it is after all that was learned."""
+    results = []
+    for way in ways:
+        result = planned(service, way, roadmap)
+        roadmap = result.roadmap or roadmap  # a new value; nothing is remembered that is not asked for
+        results.append(result)
+    show(name, results)
+    return roadmap
+
+
+def show(name: str, results: list[PlanResult]) -> None:
+    """A row of the table."""
+    costs = [result.stage(Stage.SEARCH).counts.states for result in results]
+    print(f"{name:<12}" + "".join(f"{cost:>7,}" for cost in costs) + f"{sum(costs):>9,} in all")
+
+
+if __name__ == "__main__":
+    main()
