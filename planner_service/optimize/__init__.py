@@ -1,0 +1,11 @@
+"""Trajectory optimisation: short, smooth curves that keep their distance, in two families behind one ``Method``.
+
+Nothing here says that a curve is free: distances suggest, the checker and the certificate decide.
+"""
+
+from planner_service.optimize.method import Found, Method
+from planner_service.optimize.settings import Optimise, Optimum
+from planner_service.optimize.task import Figures
+from planner_service.optimize.trajopt import TrajOpt
+
+__all__ = ["Figures", "Found", "Method", "Optimise", "Optimum", "TrajOpt"]
