@@ -34,7 +34,8 @@ from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.grasps import top_grasps
 from planner_service.kinematics import inverse_kinematics, straight_tool_line
 from planner_service.mesh import Mesh
-from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.optimize import Optimise, TrajOpt
+from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.pace import Pace
 from planner_service.path import JointPath
 from planner_service.planners import (
@@ -105,6 +106,7 @@ __all__ = [
     "MotionReport",
     "MotionStep",
     "Obstacle",
+    "Optimise",
     "PRMstar",
     "Pace",
     "PlanRequest",
@@ -113,6 +115,7 @@ __all__ = [
     "PlannerServiceError",
     "PlanningFailed",
     "PointCloud",
+    "PolishReport",
     "Pose",
     "PoseGoal",
     "RRTConnect",
@@ -130,6 +133,7 @@ __all__ = [
     "StageReport",
     "TaskResult",
     "ToppRa",
+    "TrajOpt",
     "Trajectory",
     "Trapezoidal",
     "UnknownName",

@@ -9,11 +9,12 @@ from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, PlanningFailed
 from planner_service.geometry import FloatArray
+from planner_service.optimize import Figures
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
 from planner_service.trajectory import Trajectory
 
-__all__ = ["Failure", "MotionReport", "PlanResult", "Reason", "Stage", "StageReport"]
+__all__ = ["Failure", "MotionReport", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
 
 
 class Stage(enum.Enum):
@@ -44,6 +45,7 @@ class Reason(enum.Enum):
     NOT_CERTIFIED = "NOT_CERTIFIED"
     TIMING_FAILED = "TIMING_FAILED"
     LINE_BLOCKED = "LINE_BLOCKED"
+    OPTIMUM_IN_COLLISION = "OPTIMUM_IN_COLLISION"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,8 @@ class Failure:
         stage: Where it ended.
         reason: The kind of reason.
         detail: A sentence for a person: what was wrong, the value, what would be right.
-        contacts: For an end in collision, what touches there, deepest first.
+        contacts: For an end in collision, or the first place at which an optimum is, what touches there, deepest
+            first.
         nearest_free: For an end in collision, the nearest free configuration found, shape (n,).
         blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
     """
@@ -109,6 +112,29 @@ class MotionReport:
     settle_time: float
 
 
+@dataclass(frozen=True)
+class PolishReport:
+    """What optimising came to.
+
+    Attributes:
+        method: Its name.
+        kept: Whether the plan is the optimum; if not, it is what was there before.
+        before: The path that was optimised, in numbers: with its corners as they were, not yet blended.
+        after: The optimum in numbers.
+        iterations: Of the method.
+        gradients: Of distances, worked out on the way; the distances are counted in the stage.
+        note: Why the optimum was not kept, else empty.
+    """
+
+    method: str
+    kept: bool
+    before: Figures
+    after: Figures
+    iterations: int
+    gradients: int
+    note: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class PlanResult:
     """A plan, or the reason why there is none.
@@ -125,6 +151,7 @@ class PlanResult:
         certificate: The proof that the whole path is free, between samples too; of NOT_CERTIFIED its refusal.
         motion: Peaks over limits, tool speed and durations; None without a plan.
         notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
+        polish: What optimising came to; None if it was not asked for, or there was nothing to optimise.
     """
 
     path: JointPath | None
@@ -138,6 +165,7 @@ class PlanResult:
     certificate: Certificate | None = None
     motion: MotionReport | None = None
     notes: tuple[str, ...] = ()
+    polish: PolishReport | None = None
 
     @property
     def ok(self) -> bool:

@@ -16,11 +16,13 @@ from planner_service.collision.ledger import Cancelled, CheckBudgetSpent, TimeBo
 from planner_service.endpoints import Endpoints, Ends
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray
+from planner_service.optimize import Optimise, Optimum
 from planner_service.oracle import SearchOracle
-from planner_service.outcome import MotionReport, PlanResult, Reason, Stage
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
 from planner_service.planners import PRM, PRMstar
+from planner_service.polishing import Touch, judged, lines, optimum_path
 from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.robot import ExemptRetreat
@@ -82,12 +84,17 @@ class Run:
         if ends.arrived_at is not None:
             return self._nowhere_to_go(ends, ends.arrived_at)
         points = self._straight_line(ends)
+        if points is None and isinstance(self._request.planner, Optimise):
+            return self._from_lines(ends, self._request.planner)
         found = self._searched(ends) if points is None else [points]
         refused: Certificate | None = None
         roomier = dict.fromkeys(max(padding, self._request.padding) for padding in (ROOMIER, LEAST))
         for padding in (None, *roomier):
             if padding is not None and refused is not None:
                 found = self._searched_again(ends, padding, refused)
+            optimal = self._optimised(found, ends)
+            if optimal is not None:
+                return optimal
             for turn, points in enumerate(found):
                 if turn and refused is not None:
                     book.notes.append(f"corners put back where they were: {refused.refusal}")
@@ -101,6 +108,71 @@ class Run:
         if refused is None:
             raise BrokenInvariant("a path was neither proven nor refused")
         raise NoPlan(not_certified(refused), refused)
+
+    def _optimised(self, found: Sequence[FloatArray], ends: Ends) -> PlanResult | None:
+        """The plan along the optimum of the path that was found, if that was asked for, and is free and proven."""
+        settings, book = self._request.optimise, self._book
+        if settings is None or not found or len(found[0]) < 2:
+            return None
+        optimum: Optimum | None = None
+        with book.during(Stage.POLISH) as entry, self._optional(entry, "optimised"):
+            optimum, touch = optimum_path(settings, found[0], self._checker, self._judge(book.padding))
+            book.polish = judged(settings, optimum, touch)
+            entry.length, entry.note = _length(found[0]), book.polish.note
+            if book.polish.kept:
+                entry.length, entry.note = optimum.path.length, f"{settings.method.name}, {optimum.iterations} steps"
+        if optimum is None or book.polish is None:
+            return None
+        if book.polish.kept:
+            proven = self._proven(optimum, ends)
+            if isinstance(proven, PlanResult):
+                return proven
+            book.polish = replace(book.polish, kept=False, note=f"the optimum is not proven: {proven.refusal}")
+        book.notes.append(f"not optimised: {book.polish.note}")
+        return None
+
+    def _from_lines(self, ends: Ends, settings: Optimise) -> PlanResult:
+        """The plan along the first optimum of a line that is free and proven."""
+        book, touches = self._book, list[str]()
+        first: tuple[Touch, ...] = ()
+        routes = [list(lines(ends.start, goal.q, settings, self._request.seed)) for goal in ends.goals]
+        for points in (route for turn in zip(*routes, strict=True) for route in turn):
+            book.attempts += 1
+            with book.during(Stage.SEARCH) as entry:
+                inside = np.clip(points, self._checker.robot.limits.lower, self._checker.robot.limits.upper)
+                inside[0], inside[-1] = points[0], points[-1]
+                optimum, touch = optimum_path(settings, inside, self._checker, self._judge(book.padding))
+                book.polish = replace(judged(settings, optimum, touch), kept=touch is None)
+                entry.note = f"{settings.method.name}, {optimum.iterations} steps, start {book.attempts}"
+                entry.length = optimum.path.length
+            if touch is None:
+                proven = self._proven(optimum, ends)
+                if isinstance(proven, PlanResult):
+                    return proven
+                touches.append(str(proven.refusal))
+            else:
+                first = first or (touch,)
+                touches.append(str(touch))
+            book.polish = replace(book.polish, kept=False, note=touches[-1])
+        told = f"the optimum of the straight line is not free, {touches[0]}"
+        told += f"; nor is that of {len(touches) - 1} other lines" if len(touches) > 1 else ""
+        contacts = first[0].contacts if first else ()
+        raise NoPlan(Failure(Stage.SEARCH, Reason.OPTIMUM_IN_COLLISION, f"{told}; a search may find a way", contacts))
+
+    def _proven(self, optimum: Optimum, ends: Ends) -> PlanResult | Certificate:
+        """The plan along an optimum, or its refused certificate; no blend is made narrower, which would not be free."""
+        course = optimum.path
+        route = self._route(course.waypoints, ends)
+        blends = np.zeros(len(route.path.waypoints))
+        first = 1 if ends.departure is not None else 0
+        blends[first : first + len(course.blends)] = course.blends
+        path = route.path.with_blends(blends)
+        certificate = self._book.certificate(self._certifier, path, route.exempt)
+        if certificate.certified:
+            return self._closed(path, certificate, route.goal_index)
+        if certificate.refusal is not None and certificate.refusal.spent:
+            raise NoPlan(not_certified(certificate), certificate)
+        return certificate
 
     def _closed(self, path: JointPath, certificate: Certificate, goal_index: int) -> PlanResult:
         """The proven path in time; with stops instead of blends in the rare case that this is faster."""
@@ -196,6 +268,8 @@ class Run:
         return found[0], tuple(found[1:])
 
     def _search(self, start: FloatArray, goals: tuple[FloatArray, ...], oracle: SearchOracle) -> FloatArray:
+        if isinstance(self._request.planner, Optimise):
+            raise BrokenInvariant("an optimisation was asked to search")
         planner = self._grown(self._request.planner, oracle)
         limits = self._checker.robot.limits
         problem = SearchProblem(

@@ -13,7 +13,7 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
-from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.path import JointPath
 from planner_service.smoothing import LEAST_BLEND
 from planner_service.trajectory import Trajectory
@@ -63,6 +63,7 @@ class StageBook:
         self.padding = 0.0
         self.attempts = 0
         self.end_trouble = ""
+        self.polish: PolishReport | None = None
 
     @contextmanager
     def during(self, stage: Stage) -> Iterator[Entry]:
@@ -149,6 +150,7 @@ class StageBook:
             certificate=certificate,
             motion=motion,
             notes=tuple(self.notes),
+            polish=self.polish,
         )
 
     def gave_up(self) -> Failure:

@@ -88,6 +88,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "follow",
             "pace",
             "oracle",
+            "polishing",
         },
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "certify", "search"},
     ),
@@ -106,6 +107,7 @@ ONLY_IN = {
     "coacd": {"coacd_child.py"},
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"two_passes.py"},
+    "piqp": {"optimize"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "trimesh": set[str](),
     "pickle": set[str](),
@@ -120,7 +122,8 @@ ONLY_IN = {
 }
 """Where each of these may be imported; nowhere if empty: unpickling runs code, and lxml recovers from broken files."""
 
-SLOW = ("yourdfpy", "toppra", "trimesh", "scipy.optimize", "matplotlib", "lxml", "rich", "typer")
+SLOW = ("yourdfpy", "toppra", "trimesh", "scipy.optimize", "scipy.sparse", "piqp", "matplotlib", "lxml")
+SLOW += ("rich", "typer")
 """Only imported when first used."""
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))

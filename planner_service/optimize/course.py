@@ -26,7 +26,7 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Points of a curve as means of its corners: that with index ``first + j`` weighs ``weights[:, j]``; (m,), (m, 3)."""
+    """Points of a curve as means of three corners each: number ``first + j`` weighs ``weights[:, j]``; (m,), (m, 3)."""
 
     first: IntArray
     weights: FloatArray

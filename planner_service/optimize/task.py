@@ -22,7 +22,7 @@ from planner_service.optimize.course import Samples, evenly, sampled, squares, s
 __all__ = ["Figures", "Look", "Task", "Terms"]
 
 SPARE = 1.05
-"""Distance kept at points, as a share of what was asked: between two points nothing comes nearer than what was asked."""
+"""Distance kept at points, as a share of what was asked, so that between two points it is kept as well."""
 
 RAMP = 0.1
 """Metres by which a pair must move apart for each radian from an end at which it is nearer than asked."""
