@@ -26,7 +26,7 @@ from planner_service.collision.judge import Backend, Compiled, judge_for
 from planner_service.collision.kernel import Found, Kernel, rules_of
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
 from planner_service.collision.near import NearPairs, measuring_kernel
-from planner_service.collision.parts import Parts, require_padding, sorted_pairs
+from planner_service.collision.parts import Part, Parts, require_padding, sorted_pairs
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, number, numbers
@@ -365,6 +365,11 @@ class CollisionChecker:
             row, pair, distance, point, gradient, asked = self._measuring.near(rows, within)
             self.ledger.charge_distances(asked)
         return NearPairs(row, pair, distance, point, gradient)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The convex pieces that are judged, without padding: those that ride on the robot, then the obstacles'."""
+        return self._parts.parts
 
     def pair_names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair by its number: the link or carried object, then what it meets."""

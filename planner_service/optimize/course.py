@@ -19,7 +19,7 @@ from planner_service.path import JointPath
 from planner_service.search import joint_distance
 from planner_service.smoothing import BLEND_SHARE
 
-__all__ = ["Samples", "course_path", "evenly", "sampled", "squares", "summed"]
+__all__ = ["IntArray", "Samples", "course_path", "evenly", "sampled", "squares", "summed"]
 
 IntArray = NDArray[np.intp]
 
