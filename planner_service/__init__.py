@@ -34,7 +34,7 @@ from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.grasps import top_grasps
 from planner_service.kinematics import inverse_kinematics, straight_tool_line
 from planner_service.mesh import Mesh
-from planner_service.optimize import Optimise, TrajOpt
+from planner_service.optimize import Chomp, Optimise, TrajOpt
 from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.pace import Pace
 from planner_service.path import JointPath
@@ -84,6 +84,7 @@ __all__ = [
     "Certificate",
     "Certifier",
     "CheckCounts",
+    "Chomp",
     "CollisionChecker",
     "Compound",
     "Contact",

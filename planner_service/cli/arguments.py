@@ -8,11 +8,13 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray, Pose
+from planner_service.optimize import Optimise
 from planner_service.plan_file import TIMINGS
+from planner_service.planners import PLANNERS, Planner, planner_by_name
 from planner_service.robot import Robot
 from planner_service.timing import Timing
 
-__all__ = ["configuration", "goals", "timing_by_name"]
+__all__ = ["configuration", "goals", "optimise", "planner_or_optimise", "timing_by_name"]
 
 _POSE = "pose:"
 
@@ -68,6 +70,27 @@ def _numbers(text: str) -> list[float] | None:
         return [float(part) for part in text.split(",")]
     except ValueError:
         return None
+
+
+def optimise(clearance: float | None) -> Optimise:
+    """An optimisation that keeps so many metres, or as many as it does by itself."""
+    return Optimise() if clearance is None else Optimise(clearance=clearance)
+
+
+def planner_or_optimise(name: str, clearance: float | None) -> Planner | Optimise:
+    """The planner of that name (any case) with its default settings, ``optimise`` among them.
+
+    Raises:
+        UnknownName: there is none; the message offers the nearest.
+        InvalidRequest: a clearance for a planner that takes none.
+    """
+    if name.lower() == Optimise().name:
+        return optimise(clearance)
+    if clearance is not None:
+        raise InvalidRequest("--clearance", clearance, "--polish, or --planner optimise")
+    if name.lower() not in PLANNERS:
+        raise UnknownName("planner", name, [*PLANNERS, Optimise().name])
+    return planner_by_name(name)
 
 
 def timing_by_name(name: str) -> Timing:

@@ -16,7 +16,7 @@ import numpy as np
 import typer
 
 from planner_service.cli import OUR_BUG, listings
-from planner_service.cli.arguments import configuration, goals, timing_by_name
+from planner_service.cli.arguments import configuration, goals, optimise, planner_or_optimise, timing_by_name
 from planner_service.cli.imported import import_record, import_table, locks, to_check
 from planner_service.cli.pick_place import plan_pick_place
 from planner_service.cli.tables import (
@@ -26,6 +26,7 @@ from planner_service.cli.tables import (
     health_words,
     motion_words,
     plan_rows,
+    polish_words,
     proof_words,
     render,
     table,
@@ -35,10 +36,11 @@ from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.health import examine
 from planner_service.interchange import csv_text, joint_trajectory, load_world
+from planner_service.optimize import load_solver
 from planner_service.outcome import Failure
 from planner_service.path import JointPath
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, save_plan
-from planner_service.planners import PLANNERS, planner_by_name
+from planner_service.planners import PLANNERS
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record
 from planner_service.robot import Robot, load_robot
@@ -71,7 +73,7 @@ app = typer.Typer(
 
 RobotName = Annotated[str, typer.Option("--robot", help="Name, or path of a robot.toml.")]
 SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a TOML, MoveIt .scene or URDF file.")]
-PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}.")]
+PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}, optimise.")]
 TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
 Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
 MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
@@ -81,6 +83,8 @@ ToolSpeed = Annotated[float | None, typer.Option(help="Metres per second that th
 Blend = Annotated[
     float, typer.Option(help="Radians of path that a blended corner may replace on each side; 0 for stops.")
 ]
+Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: short, smooth, and clear of everything.")]
+Clearance = Annotated[float | None, typer.Option(help="Metres that --polish keeps where it can; 0.02 if not given.")]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
@@ -118,6 +122,8 @@ def plan(
     padding: Padding = _DEFAULT.padding,
     blend: Blend = _DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,
+    polish: Polish = False,
+    clearance: Clearance = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
@@ -127,7 +133,7 @@ def plan(
         request = PlanRequest(
             configuration("--start", start, service.robot),
             goals(goal, service.robot),
-            planner_by_name(planner),
+            planner_or_optimise(planner, None if polish else clearance),
             timing_by_name(timing),
             seed=seed,
             max_checks=max_checks,
@@ -135,6 +141,7 @@ def plan(
             padding=padding,
             blend=blend,
             max_tool_speed=max_tool_speed,
+            polish=optimise(clearance) if polish else None,
         )
         _load_libraries(request, service.robot)
         result = service.plan(request)
@@ -144,6 +151,7 @@ def plan(
     words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     text = "" if as_json else render(table(words, plan_rows(result), console().width, _unit(service.robot)))
     told = [] if result.motion is None else [motion_words(result.motion), proof_words([result])]
+    told += [] if result.polish is None else [polish_words(result.polish)]
     notes = [f"note: {note}" for note in (*result.notes, *map(str, result.exempt))]
     _finish(saved, text, result.failure, (*told, *notes), as_json=as_json)
 
@@ -379,6 +387,8 @@ def _service(robot: str, scene: str, out: str | None) -> PlannerService:
 def _load_libraries(request: PlanRequest, robot: Robot) -> None:
     """Time a motion that nobody asked for: libraries load when first used, and no stage is to be charged for that."""
     request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
+    if request.optimise is not None:
+        load_solver()
 
 
 def _unit(robot: Robot) -> str:

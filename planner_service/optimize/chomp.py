@@ -188,31 +188,37 @@ class _Descent:
 
     def _aims(self) -> FloatArray:
         """The distance that each ball is to keep at each point, (m, b): near the ends no more than it has there."""
-        task = self._task
-        ends, _, _ = self._distances(task.route[[0, -1]])
+        task, radius = self._task, self._balls.radius
+        ends = self._placed(task.route[[0, -1]])
         way = task.length * (np.arange(task.points) / (task.points - 1))
-        out = np.full((task.points, len(self._balls.radius)), task.aim)
-        for own, far in zip(ends, (way, task.length - way), strict=True):
+        out = np.full((task.points, len(radius)), task.aim)
+        for centre, far in zip(ends, (way, task.length - way), strict=True):
+            own = math.inf if self._grid is None else self._grid.at(centre)[0] - radius
             out = np.minimum(out, own + RAMP * far[:, None])
         return out
 
-    def _distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of each ball at each configuration (m, n): distance (m, b), its gradient and the ball's centre (m, b, 3)."""
+    def _placed(self, points: FloatArray) -> FloatArray:
+        """The centres of balls at configurations (m, n), (m, b, 3)."""
         R, t = self._task.checker.robot.body_poses_batch(points)
         R, t, c = R[:, self._balls.body], t[:, self._balls.body], self._balls.centre
-        centre = t + (R[..., 0] * c[:, 0, None] + R[..., 1] * c[:, 1, None] + R[..., 2] * c[:, 2, None])
-        if self._grid is None:
-            return np.full(centre.shape[:2], math.inf), np.zeros_like(centre), centre
-        value, gradient = self._grid.at(centre.reshape(-1, 3))
-        return value.reshape(centre.shape[:2]) - self._balls.radius, gradient.reshape(centre.shape), centre
+        return np.asarray(t + (R[..., 0] * c[:, 0, None] + R[..., 1] * c[:, 1, None] + R[..., 2] * c[:, 2, None]))
 
     def _lacking(self, samples: Samples, corners: FloatArray) -> _Lacking:
         task = self._task
         points = np.minimum(np.maximum(samples.of(corners), task.lower), task.upper)
-        distance, gradient, centre = self._distances(points)
-        short = np.maximum(self._targets - distance, 0.0)
-        row, ball = np.nonzero(short)
-        return _Lacking(points, row, ball, short[row, ball], gradient[row, ball], centre[row, ball])
+        centre, wanted = self._placed(points), self._targets + self._balls.radius
+        flat = centre.reshape(-1, 3)
+        some: IntArray = np.zeros(0, dtype=np.intp)
+        metres: FloatArray = np.zeros(0)
+        gradient: FloatArray = np.zeros((0, 3))
+        if self._grid is not None:
+            some = np.flatnonzero(self._grid.may_be_within(flat, wanted.ravel()))
+            value, gradient = self._grid.at(flat[some])
+            metres = wanted.ravel()[some] - value
+        short = metres > 0.0
+        some = some[short]
+        row, ball = some // len(self._balls.radius), some % len(self._balls.radius)
+        return _Lacking(points, row, ball, metres[short], gradient[short], flat[some])
 
     def _worth(self, samples: Samples, corners: FloatArray) -> float:
         """The merit of corners: their cost, and for each waypoint the squares of the distances lacking."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner_service.collision import CollisionChecker
 from planner_service.collision.parts import Part
@@ -38,6 +39,14 @@ class DistanceField:
     low: FloatArray
     voxel: float
     values: FloatArray
+
+    def may_be_within(self, points: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+        """Which points (k, 3) may be nearer than their limits (k,): all others are not, by the nearest grid point."""
+        place = np.rint((points - self.low) / self.voxel).astype(np.intp)
+        sizes = np.array(self.values.shape)
+        inside = ((place >= 0) & (place < sizes)).all(axis=1)
+        x, y, z = np.clip(place, 0, sizes - 1).T
+        return np.asarray(inside & (self.values[x, y, z] < limits + self.voxel))  # half a diagonal is less
 
     def at(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Signed distances (k,) at points (k, 3), and their gradients (k, 3); BAND and 0 outside the grid."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from planner_service.geometry import FloatArray
 
-__all__ = ["Step", "solved"]
+__all__ = ["Step", "load_solver", "solved"]
 
 ACCURACY = 1e-6
 
@@ -64,6 +64,12 @@ def solved(step: Step) -> FloatArray:
     solver.solve()
     x: FloatArray = np.asarray(solver.result.x, dtype=np.float64)[:v]
     return np.asarray(np.minimum(np.maximum(np.where(np.isfinite(x), x, 0.0), step.low), step.high))
+
+
+def load_solver() -> None:
+    """Load the libraries now rather than with the first step."""
+    zero = np.zeros((1, 1))
+    solved(Step(np.eye(1), zero[0], zero[0], zero[0], zero, zero[0], 1.0))
 
 
 def _padded(H: FloatArray, more: int) -> Any:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,13 +13,17 @@ from numpy.typing import ArrayLike
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, number, numbers, read_only
+from planner_service.optimize.chomp import Chomp
 from planner_service.optimize.course import course_path, evenly
 from planner_service.optimize.method import Method, require_whole
 from planner_service.optimize.task import Figures, Task, Terms
 from planner_service.optimize.trajopt import TrajOpt
 from planner_service.path import JointPath
 
-__all__ = ["Optimise", "Optimum"]
+__all__ = ["METHODS", "Optimise", "Optimum"]
+
+METHODS: Mapping[str, type[Any]] = MappingProxyType({TrajOpt().name: TrajOpt, Chomp().name: Chomp})
+"""Every method that can be made from its name and settings, by that name."""
 
 
 @dataclass(frozen=True, eq=False)
