@@ -16,7 +16,7 @@ from planner_service.scene_file import require_writable
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
-    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
+    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda", "optimise"),
 )
 
 COMMANDS = {
@@ -63,6 +63,7 @@ kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's na
 latency   whole plans of a service that has planned before, the first one, and free straight lines
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
 panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
+optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances
