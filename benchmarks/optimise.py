@@ -17,7 +17,7 @@ from rich.table import Table
 
 from benchmarks import queries
 from benchmarks.agreement import random_states
-from benchmarks.report import Promise, Report, Row, p50, p95, spread, table
+from benchmarks.report import Promise, Report, Row, p50, spread, table
 from benchmarks.states import plan
 from planner_service import Chomp, CollisionChecker, Optimise, PlannerService, PlanResult, Reason, Stage, load_robot
 from planner_service.certify import Certifier
@@ -42,9 +42,9 @@ STATES, STATES_AT_ONCE = 10_000, 500
 NEAR, STEP, SPARE = 0.05, 1e-3, 0.02
 """Metres within which pairs are looked at; radians of a difference; metres that a pair may move in one."""
 
-ROUNDING = 1e-4
-"""Metres per radian by which a derivative may lie outside its differences: distances are good to 10 nm, and where they
-do not bend both differences are nearly equal."""
+ROUNDING, BENDING = 1e-4, 1e-3
+"""Metres per radian by which a derivative may lie outside its differences: the one is what 10 nm of a distance make; the
+other what a bend of 2 m/rad^2 makes, where distances bend one way on one side and the other way on the other."""
 
 KINK = 0.02
 """Metres per radian between both differences from which on it is a kink: over 1 mrad a smooth distance bends less."""
@@ -88,10 +88,11 @@ def hybrid_rows(
         certifier = Certifier(service.robot, service.scene)
         plan(service, queries.load(scene)[0], polish=polish)  # libraries load, a field is made
         for query in queries.load(scene)[:count]:
-            plain = plan(service, query, **changes)
             clock = time.process_time()
+            plain = plan(service, query, **changes)
+            between = time.process_time()
             result = plan(service, query, polish=polish, **changes)
-            ms = (time.process_time() - clock) * 1e3
+            ms = (time.process_time() - between - (between - clock)) * 1e3
             row: Row = {
                 "scene": scene,
                 "query": query.name,
@@ -115,8 +116,7 @@ def hybrid_rows(
                 "iterations": result.polish.iterations,
                 "distances": result.stage(Stage.POLISH).counts.distances,
                 "gradients": result.polish.gradients,
-                "polish_ms": result.stage(Stage.POLISH).seconds * 1e3,
-                "plan_ms": ms,
+                "polish_ms": ms,
             }
 
 
@@ -179,7 +179,8 @@ def gradient_rows(scene: str = "clutter", states: int = STATES) -> Iterator[Row]
                 kink = sides[1] - sides[0] > KINK
                 counts["kinks"] += kink
                 counts["derivatives"] += 1
-                counts["outside"] += outside > ROUNDING
+                counts["barely"] += ROUNDING < outside <= BENDING
+                counts["outside"] += outside > BENDING
                 worst = max(worst, outside)
         yield {"scene": scene, "worst": worst, **counts}
 
@@ -261,9 +262,10 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
             0 < len(caught) == len(solved),
         ),
         Promise(
-            f"derivatives lie between the one-sided differences of {STEP:g} rad, to {ROUNDING:g} m/rad",
-            f"{total['outside']:,} of {total['derivatives']:,} outside ({total['states']:,} states, {total['pairs']:,} near "
-            f"pairs, {total['overlapping']:,} overlapping; {total['kinks']:,} kinks, {total['lost']:,} lost)",
+            f"derivatives lie between the one-sided differences of {STEP:g} rad, to {BENDING:g} m/rad",
+            f"{total['outside']:,} of {total['derivatives']:,} outside, {total['barely']:,} by {ROUNDING:g} to {BENDING:g} "
+            f"({total['states']:,} states, {total['pairs']:,} near pairs, {total['overlapping']:,} overlapping; "
+            f"{total['kinks']:,} kinks, {total['lost']:,} lost)",
             total["outside"] == 0,
         ),
         Promise("an iteration takes less than 10 ms", f"ms p50 / p95: {spread(step, 1)}", p50(step) < STEP_MS),
@@ -291,9 +293,10 @@ def _hybrid_table(title: str, rows: Sequence[Row]) -> Table:
     more = ("iterations", "distances", "gradients", "polish ms", "kept/certified")
     scenes = dict.fromkeys(row["scene"] for row in rows)
     caption = (
-        "p50 / p95, ratios to shortcutting alone. Accel.: integral of squared joint acceleration over time, each at its "
-        "own time-optimal pace, which always uses some joint's acceleration fully; same time: the optimum slowed down to "
-        "the time of the shortcut. Clear: queries that keep 20 mm, or what their ends or the best of 10 long runs allow."
+        "p50 / p95, ratios to shortcutting alone. Accel.: integral of squared joint acceleration over time, each at "
+        "its own time-optimal pace, which always uses some joint's acceleration fully; same time: the optimum slowed "
+        "down to the time of the shortcut. Clear: queries that keep 20 mm, or what their ends or the best of 10 long "
+        "runs allow. Polish: CPU."
     )
     return table(title, (*columns, *more), (cells(scene) for scene in scenes), caption=caption)
 

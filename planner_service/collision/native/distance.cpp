@@ -262,6 +262,7 @@ struct Face {
 };
 
 constexpr double CONVERGED = 1e-8;  // metres between a bound and the distance
+constexpr double COPLANAR = 1e-9;
 constexpr int STEPS = 64, GROWN = 96;
 
 // The least way out of an overlap: from the tetrahedron that holds the origin the hull is grown where it is nearest
@@ -278,6 +279,7 @@ class Expanding {
         for (int step = 0; step < GROWN && sound_; ++step) {
             const Face nearest = *std::min_element(
                 faces_.begin(), faces_.end(), [](const Face& x, const Face& y) { return x.height < y.height; });
+            if (nearest.height >= 1e300) return false;
             const Vertex w = nearest_along(a_, b_, {-nearest.n[0], -nearest.n[1], -nearest.n[2]});
             if (dot(w.w, nearest.n) - nearest.height <= CONVERGED || step == GROWN - 1) {
                 gap = told(nearest, dot(w.w, nearest.n));
@@ -294,11 +296,14 @@ class Expanding {
     std::vector<Face> faces_;
     bool sound_ = true;
 
+    const Point& at(int m) const { return vertices_[static_cast<std::size_t>(m)].w; }
+
     void add(int i, int j, int k) {
-        const auto at = [this](int m) -> const Point& { return vertices_[static_cast<std::size_t>(m)].w; };
         Face face{i, j, k, cross(minus(at(j), at(i)), minus(at(k), at(i))), 0.0};
-        if (!unit(face.n)) {
-            sound_ = false;
+        if (!unit(face.n)) {  // a sliver: never the nearest, nor seen from a new corner
+            face.n = {0.0, 0.0, 0.0};
+            face.height = 1e300;
+            faces_.push_back(face);
             return;
         }
         face.height = dot(face.n, at(i));
@@ -337,17 +342,35 @@ class Expanding {
         for (const auto& [i, j] : rim) add(i, j, number);
     }
 
+    // Of the triangles in one plane with that face the one that the origin is nearest to: the others miss the points
+    // between which the depth is measured.
     Gap told(const Face& face, double depth) const {
-        const Vertex& a = vertices_[static_cast<std::size_t>(face.i)];
-        const Vertex& b = vertices_[static_cast<std::size_t>(face.j)];
-        const Vertex& c = vertices_[static_cast<std::size_t>(face.k)];
-        double share[3];
-        on_triangle(a.w, b.w, c.w, share);
-        Point on_a{}, on_b{};
-        for (std::size_t k = 0; k < 3; ++k) {
-            on_a[k] = share[0] * a.a[k] + share[1] * b.a[k] + share[2] * c.a[k];
-            on_b[k] = share[0] * a.b[k] + share[1] * b.b[k] + share[2] * c.b[k];
+        double share[3], nearest[3];
+        const Face* chosen = nullptr;
+        double least = 1e300;
+        for (const Face& other : faces_) {
+            if (other.height > face.height + COPLANAR || dot(other.n, face.n) < 1.0 - COPLANAR) continue;
+            const Point x = on_triangle(at(other.i), at(other.j), at(other.k), nearest);
+            if (dot(x, x) < least) {
+                least = dot(x, x);
+                chosen = &other;
+                std::copy(nearest, nearest + 3, share);
+            }
         }
+        const int corner[3] = {chosen->i, chosen->j, chosen->k};
+        Point on_a{}, on_b{};
+        bool one_of_a = true, one_of_b = true;  // whether a single point of it touches the plane
+        for (int m = 0; m < 3; ++m) {
+            const Vertex& vertex = vertices_[static_cast<std::size_t>(corner[m])];
+            on_a = plus(on_a, share[m], vertex.a);
+            on_b = plus(on_b, share[m], vertex.b);
+            one_of_a = one_of_a && vertex.a == vertices_[static_cast<std::size_t>(corner[0])].a;
+            one_of_b = one_of_b && vertex.b == vertices_[static_cast<std::size_t>(corner[0])].b;
+        }
+        if (one_of_b)  // the other touches with a face, of a round one of which not all is known
+            on_a = plus(on_b, -depth, face.n);
+        else if (one_of_a)
+            on_b = plus(on_a, depth, face.n);
         return measured(a_, b_, -depth, {-face.n[0], -face.n[1], -face.n[2]}, on_a, on_b);
     }
 };
