@@ -43,8 +43,8 @@ NEAR, STEP, SPARE = 0.05, 1e-3, 0.02
 """Metres within which pairs are looked at; radians of a difference; metres that a pair may move in one."""
 
 ROUNDING, BENDING = 1e-4, 1e-3
-"""Metres per radian by which a derivative may lie outside its differences: the one is what 10 nm of a distance make; the
-other what a bend of 2 m/rad^2 makes, where distances bend one way on one side and the other way on the other."""
+"""Metres per radian by which a derivative may lie outside its differences: the one is what 10 nm of a distance make,
+the other what a bend of 2 m/rad^2 makes, where distances bend one way on one side and the other way on the other."""
 
 KINK = 0.02
 """Metres per radian between both differences from which on it is a kink: over 1 mrad a smooth distance bends less."""
@@ -263,8 +263,8 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
         ),
         Promise(
             f"derivatives lie between the one-sided differences of {STEP:g} rad, to {BENDING:g} m/rad",
-            f"{total['outside']:,} of {total['derivatives']:,} outside, {total['barely']:,} by {ROUNDING:g} to {BENDING:g} "
-            f"({total['states']:,} states, {total['pairs']:,} near pairs, {total['overlapping']:,} overlapping; "
+            f"{total['outside']:,} of {total['derivatives']:,} outside, {total['barely']:,} by {ROUNDING:g} to "
+            f"{BENDING:g} ({total['states']:,} states, {total['pairs']:,} near pairs, {total['overlapping']:,} overlapping; "
             f"{total['kinks']:,} kinks, {total['lost']:,} lost)",
             total["outside"] == 0,
         ),

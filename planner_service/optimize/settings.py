@@ -64,8 +64,8 @@ class Optimise:
         smoothness: Weight of squared second differences. Above some hundreds little changes, at 0 curves are short
             and have narrow bends.
         clearance: Metres that every pair is to keep; near an end that is nearer, as much as that leaves.
-        corners: Of the polygon, between its ends. With more of them a curve has room for more bends, and laws that keep
-            their speed on a blend (``SCurve``, ``Trapezoidal``) become slower.
+        corners: Of the polygon, between its ends. With more of them a curve has room for more bends and is a little
+            faster by ``ToppRa``; laws that keep their speed on a blend (``SCurve``, ``Trapezoidal``) like 3 or 4.
         method: ``TrajOpt()`` or ``Chomp()``.
         starts: As a planner: lines it begins with, one after the other until the result is free: the straight one
             first, then lines through a configuration drawn from the request's seed.
@@ -77,7 +77,7 @@ class Optimise:
     waypoints: int = 50
     smoothness: float = 100.0
     clearance: float = 0.02
-    corners: int = 8
+    corners: int = 6
     method: Method = field(default_factory=TrajOpt)
     starts: int = 1
 
