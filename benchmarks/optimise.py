@@ -264,8 +264,8 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
         Promise(
             f"derivatives lie between the one-sided differences of {STEP:g} rad, to {BENDING:g} m/rad",
             f"{total['outside']:,} of {total['derivatives']:,} outside, {total['barely']:,} by {ROUNDING:g} to "
-            f"{BENDING:g} ({total['states']:,} states, {total['pairs']:,} near pairs, {total['overlapping']:,} overlapping; "
-            f"{total['kinks']:,} kinks, {total['lost']:,} lost)",
+            f"{BENDING:g} ({total['states']:,} states, {total['pairs']:,} near pairs, {total['overlapping']:,} of them "
+            f"overlapping; {total['kinks']:,} kinks, {total['lost']:,} lost)",
             total["outside"] == 0,
         ),
         Promise("an iteration takes less than 10 ms", f"ms p50 / p95: {spread(step, 1)}", p50(step) < STEP_MS),

@@ -18,11 +18,11 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray
 from planner_service.optimize import Optimise, Optimum
 from planner_service.oracle import SearchOracle
-from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
+from planner_service.outcome import MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
 from planner_service.planners import PRM, PRMstar
-from planner_service.polishing import Touch, judged, lines, optimum_path
+from planner_service.polishing import Touch, judged, lines, not_free, optimum_path
 from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.robot import ExemptRetreat
@@ -84,8 +84,8 @@ class Run:
         if ends.arrived_at is not None:
             return self._nowhere_to_go(ends, ends.arrived_at)
         points = self._straight_line(ends)
-        if points is None and isinstance(self._request.planner, Optimise):
-            return self._from_lines(ends, self._request.planner)
+        if points is None and isinstance(self._request.planner, Optimise) and self._request.optimise is not None:
+            return self._from_lines(ends, self._request.optimise)
         found = self._searched(ends) if points is None else [points]
         refused: Certificate | None = None
         roomier = dict.fromkeys(max(padding, self._request.padding) for padding in (ROOMIER, LEAST))
@@ -117,6 +117,8 @@ class Run:
         optimum: Optimum | None = None
         with book.during(Stage.POLISH) as entry, self._optional(entry, "optimised"):
             optimum, touch = optimum_path(settings, found[0], self._checker, self._judge(book.padding))
+            if not optimum.iterations:
+                return None
             book.polish = judged(settings, optimum, touch)
             entry.length, entry.note = _length(found[0]), book.polish.note
             if book.polish.kept:
@@ -133,31 +135,21 @@ class Run:
 
     def _from_lines(self, ends: Ends, settings: Optimise) -> PlanResult:
         """The plan along the first optimum of a line that is free and proven."""
-        book, touches = self._book, list[str]()
-        first: tuple[Touch, ...] = ()
-        routes = [list(lines(ends.start, goal.q, settings, self._request.seed)) for goal in ends.goals]
+        book, robot, tried = self._book, self._checker.robot, list[tuple[Touch | None, str]]()
+        routes = [list(lines((ends.start, goal.q), settings, self._request.seed, robot)) for goal in ends.goals]
         for points in (route for turn in zip(*routes, strict=True) for route in turn):
             book.attempts += 1
             with book.during(Stage.SEARCH) as entry:
-                inside = np.clip(points, self._checker.robot.limits.lower, self._checker.robot.limits.upper)
-                inside[0], inside[-1] = points[0], points[-1]
-                optimum, touch = optimum_path(settings, inside, self._checker, self._judge(book.padding))
+                optimum, touch = optimum_path(settings, points, self._checker, self._judge(book.padding))
                 book.polish = replace(judged(settings, optimum, touch), kept=touch is None)
                 entry.note = f"{settings.method.name}, {optimum.iterations} steps, start {book.attempts}"
                 entry.length = optimum.path.length
-            if touch is None:
-                proven = self._proven(optimum, ends)
-                if isinstance(proven, PlanResult):
-                    return proven
-                touches.append(str(proven.refusal))
-            else:
-                first = first or (touch,)
-                touches.append(str(touch))
-            book.polish = replace(book.polish, kept=False, note=touches[-1])
-        told = f"the optimum of the straight line is not free, {touches[0]}"
-        told += f"; nor is that of {len(touches) - 1} other lines" if len(touches) > 1 else ""
-        contacts = first[0].contacts if first else ()
-        raise NoPlan(Failure(Stage.SEARCH, Reason.OPTIMUM_IN_COLLISION, f"{told}; a search may find a way", contacts))
+            proven = self._proven(optimum, ends) if touch is None else None
+            if isinstance(proven, PlanResult):
+                return proven
+            tried.append((touch, str(touch or (proven and proven.refusal))))
+            book.polish = replace(book.polish, kept=False, note=tried[-1][1])
+        raise NoPlan(not_free(tried))
 
     def _proven(self, optimum: Optimum, ends: Ends) -> PlanResult | Certificate:
         """The plan along an optimum, or its refused certificate; no blend is made narrower, which would not be free."""
@@ -168,11 +160,7 @@ class Run:
         blends[first : first + len(course.blends)] = course.blends
         path = route.path.with_blends(blends)
         certificate = self._book.certificate(self._certifier, path, route.exempt)
-        if certificate.certified:
-            return self._closed(path, certificate, route.goal_index)
-        if certificate.refusal is not None and certificate.refusal.spent:
-            raise NoPlan(not_certified(certificate), certificate)
-        return certificate
+        return self._closed(path, certificate, route.goal_index) if certificate.certified else certificate
 
     def _closed(self, path: JointPath, certificate: Certificate, goal_index: int) -> PlanResult:
         """The proven path in time; with stops instead of blends in the rare case that this is faster."""

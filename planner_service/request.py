@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose, numbers
-from planner_service.optimize import Optimise
+from planner_service.optimize import FEW_CORNERS, Optimise
 from planner_service.planners import Planner, RRTConnect
 from planner_service.pose_goal import PoseGoal
 from planner_service.robot import Robot
@@ -97,8 +97,11 @@ class PlanRequest:
 
     @property
     def optimise(self) -> Optimise | None:
-        """How paths are optimised, be it as a polish or by the planner."""
-        return self.planner if isinstance(self.planner, Optimise) else self.polish
+        """How paths are optimised, be it as a polish or by the planner; with as many corners as suit the timing law."""
+        chosen = self.planner if isinstance(self.planner, Optimise) else self.polish
+        if chosen is None or chosen.corners is not None or isinstance(self.timing, ToppRa):
+            return chosen
+        return replace(chosen, corners=FEW_CORNERS)
 
     def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:
         """The goals one by one, joint vectors copied and checked for shape and finiteness.

@@ -371,6 +371,12 @@ class CollisionChecker:
         """The convex pieces that are judged, without padding: those that ride on the robot, then the obstacles'."""
         return self._parts.parts
 
+    @cached_property
+    def own_pairs(self) -> NDArray[np.bool_]:
+        """Of the judged pairs by their numbers, which are of two pieces that both ride on the robot, (p,)."""
+        own: NDArray[np.bool_] = self._parts.pairs[:, 1] < self._parts.riding
+        return own
+
     def pair_names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair by its number: the link or carried object, then what it meets."""
         return self._parts.names(pair)

@@ -24,6 +24,10 @@ __all__ = ["Figures", "Look", "Task", "Terms"]
 SPARE = 1.05
 """Distance kept at points, as a share of what was asked, so that between two points it is kept as well."""
 
+OWN_SHARE = 0.25
+"""Part of what was asked that the robot keeps from itself and from what it carries: where links are, is known better
+than where obstacles are, and many arms cannot fold without coming nearer."""
+
 RAMP = 0.1
 """Metres by which a pair must move apart for each radian from an end at which it is nearer than asked."""
 
@@ -93,6 +97,7 @@ class Task:
         self.between = min(MOST_BETWEEN, max(1, math.ceil(motion / max(terms.clearance, 1e-3))))
         self.unit = self.length * self.length / (terms.waypoints - 1)
         self.aim = terms.clearance * SPARE
+        self._own = checker.own_pairs
         ends = checker.near(route[[0, -1]], self.aim)
         self._ends = [{p: d for row, p, d in zip(*_lists(ends), strict=True) if row == end} for end in (0, 1)]
 
@@ -119,7 +124,7 @@ class Task:
         """What each pair is to keep: what was asked, but near an end not more than it can have there."""
         last = self.points - 1
         way = near.rows * (self.length / last)
-        out = np.full(len(near.rows), self.aim)
+        out = np.where(self._own[near.pairs], self.aim * OWN_SHARE, self.aim)
         for known, far in zip(self._ends, (way, self.length - way), strict=True):
             if known:
                 at_end = np.array([known.get(pair, self.aim) for pair in near.pairs.tolist()])
