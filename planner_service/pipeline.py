@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -36,6 +37,9 @@ __all__ = ["Run", "fresh_seed"]
 
 SEARCH_SHARE = 0.8
 """Part of ``max_checks`` that one search may use; the rest is kept for shortcutting and blending."""
+
+POLISH_SHARE = 0.7
+"""Part of the time that is left which optimising may take; the rest is kept for the path as it was."""
 
 ROOMIER, LEAST = 0.003, 0.0005
 """Metres of padding with which another path is searched when one cannot be certified, one after the other if less was
@@ -115,7 +119,10 @@ class Run:
         if settings is None or not found or len(found[0]) < 2:
             return None
         optimum: Optimum | None = None
-        with book.during(Stage.POLISH) as entry, self._optional(entry, "optimised"):
+        left = self._checker.ledger.time_left()
+        deadline = None if left is None else time.monotonic() + POLISH_SHARE * left
+        limited = self._checker.limited(deadline=deadline)
+        with book.during(Stage.POLISH) as entry, self._optional(entry, "optimised"), limited:
             optimum, touch = optimum_path(settings, found[0], self._checker, self._judge(book.padding))
             if not optimum.iterations:
                 return None
@@ -124,6 +131,7 @@ class Run:
             if book.polish.kept:
                 entry.length, entry.note = optimum.path.length, f"{settings.method.name}, {optimum.iterations} steps"
         if optimum is None or book.polish is None:
+            book.notes.append(entry.note)
             return None
         if book.polish.kept:
             proven = self._proven(optimum, ends)
