@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pytest
 
-from benchmarks.optimise import BENDING, gradient_rows
+from benchmarks.optimise import ROUNDING, gradient_rows
 from planner_service import (
     Box,
     Capsule,
@@ -115,7 +115,8 @@ def test_gradients_lie_between_both_differences_and_kinks_are_counted() -> None:
     assert (row["states"], row["lost"], row["outside"]) == (300, 0, 0)
     assert row["derivatives"] > 20_000
     assert 0 < row["kinks"] < 0.01 * row["derivatives"]
-    assert row["worst"] < BENDING
+    assert row["barely"] < 0.001 * row["derivatives"]
+    assert row["worst"] < ROUNDING
 
 
 def test_a_gradient_of_the_wrong_sign_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,6 +159,10 @@ def sliding_arm() -> CollisionChecker:
         retreats=(),
     )
     return CollisionChecker(moved, load_scene("clutter"))
+
+
+BENDING = 1e-3
+"""Metres per radian by which a distance that bends by 20 m/rad^2 may leave both differences of 0.1 mrad."""
 
 
 def lies_between(checker: CollisionChecker, Q: FloatArray, step: float = 1e-4) -> bool:
