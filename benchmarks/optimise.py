@@ -46,7 +46,7 @@ NEAR, STEP, SPARE = 0.05, 1e-3, 0.02
 """Metres within which pairs are looked at; radians of a difference; metres that a pair may move in one."""
 
 ROUNDING = 2e-4
-"""Metres per radian by which a derivative may lie outside its differences: what 10 nm of a distance make over 0.1 mrad."""
+"""Metres per radian by which a derivative may lie outside its differences: what 10 nm make over 0.1 mrad, twice."""
 
 CLOSER = 0.1
 """Part of the step of the differences next to which a derivative is held that lies outside the wider ones: there the
@@ -128,7 +128,7 @@ def hybrid_rows(
 
 def warning_rows(scenes: Sequence[str] = WARNING_SCENES, count: int = queries.PER_SCENE) -> Iterator[Row]:
     """What comes of the straight line alone, and of the hybrid, on the same queries; the lesson's own first."""
-    worlds = [(PlannerService("planar2", "discs"), (LESSON,))]
+    worlds: list[tuple[PlannerService, Sequence[queries.Query]]] = [(PlannerService("planar2", "discs"), (LESSON,))]
     worlds += [(PlannerService(queries.ROBOT, scene), queries.load(scene)[:count]) for scene in scenes]
     for service, asked in worlds:
         for query in asked:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ from planner_service import (
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
+from planner_service.cli.plot import clearance_svg
 from planner_service.geometry import FloatArray
 from planner_service.optimize import Figures, Found, Optimum
 from planner_service.optimize.task import Task
@@ -469,3 +471,32 @@ def test_a_roadmap_is_polished_too(bin_service: PlannerService) -> None:
     assert result.polish is not None
     assert math.isfinite(result.polish.after.cost)
     assert load_scene("bin").hash == bin_service.scene.hash
+
+
+# the picture
+
+
+def test_the_picture_shows_both_paths_and_what_they_keep(tmp_path: Path, bin_service: PlannerService) -> None:
+    file = tmp_path / "clear.svg"
+    done = CliRunner().invoke(app, line("--polish", "--plot", str(file)))
+    assert done.exit_code == 0
+    root = ElementTree.fromstring(file.read_text())
+    texts = ["".join(element.itertext()) for element in root.iter("{http://www.w3.org/2000/svg}text")]
+    curves = [element.get("points", "").split() for element in root.iter("{http://www.w3.org/2000/svg}polyline")]
+    kept = 1000.0 * clearance(bin_service, bin_service.plan(query("bin", 3, polish=Optimise())))
+    assert [text.partition(":")[0] for text in texts[-2:]] == ["not optimised", "optimised"]
+    assert float(texts[-1].split()[-2]) == pytest.approx(kept, abs=0.3)
+    lowest = [max(float(point.split(",")[1]) for point in curve) for curve in curves]
+    assert lowest[0] > lowest[1]  # downwards is nearer
+    assert len(curves[0]) == len(curves[1]) == 400
+
+
+def test_names_in_a_picture_are_no_markup() -> None:
+    root = ElementTree.fromstring(clearance_svg({"a < b & c": np.array([0.01, math.inf, -0.001])}))
+    assert any("a < b & c" in "".join(element.itertext()) for element in root.iter())
+
+
+def test_a_picture_that_cannot_be_written_is_refused_before_planning(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, line("--plot", str(tmp_path / "nowhere" / "clear.svg")))
+    assert done.exit_code == 2
+    assert "clear.svg" in done.stderr

@@ -8,17 +8,19 @@ import os
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
+from planner_service.certify import Certifier
 from planner_service.cli import OUR_BUG, listings
 from planner_service.cli.arguments import configuration, goals, optimise, planner_or_optimise, timing_by_name
 from planner_service.cli.imported import import_record, import_table, locks, to_check
 from planner_service.cli.pick_place import plan_pick_place
+from planner_service.cli.plot import write_clearance_plot
 from planner_service.cli.tables import (
     UNATTENDED_WIDTH,
     console,
@@ -37,7 +39,7 @@ from planner_service.errors import InvalidRequest, MissingDependency, UnknownNam
 from planner_service.health import examine
 from planner_service.interchange import csv_text, joint_trajectory, load_world
 from planner_service.optimize import load_solver
-from planner_service.outcome import Failure
+from planner_service.outcome import Failure, PlanResult
 from planner_service.path import JointPath
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, save_plan
 from planner_service.planners import PLANNERS
@@ -85,6 +87,9 @@ Blend = Annotated[
 ]
 Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: short, smooth, and clear of everything.")]
 Clearance = Annotated[float | None, typer.Option(help="Metres that --polish keeps where it can; 0.02 if not given.")]
+Plot = Annotated[
+    str | None, typer.Option(metavar="FILE", help="Draw the clearance along the path, and without --polish, as SVG.")
+]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
@@ -124,12 +129,15 @@ def plan(
     max_tool_speed: ToolSpeed = None,
     polish: Polish = False,
     clearance: Clearance = None,
+    plot: Plot = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan a motion from one configuration to a goal, and print it stage by stage."""
     with _bad_input_exits():
         service = _service(robot, scene, out)
+        if plot is not None:
+            require_writable(plot)
         request = PlanRequest(
             configuration("--start", start, service.robot),
             goals(goal, service.robot),
@@ -148,6 +156,8 @@ def plan(
         saved = SavedPlan(MadeFor.of(service), request, result)
         if out is not None:
             save_plan(saved, out)
+        if plot is not None:
+            _plot(plot, service, request, result)
     words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     text = "" if as_json else render(table(words, plan_rows(result), console().width, _unit(service.robot)))
     told = [] if result.motion is None else [motion_words(result.motion), proof_words([result])]
@@ -389,6 +399,15 @@ def _load_libraries(request: PlanRequest, robot: Robot) -> None:
     request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
     if request.optimise is not None:
         load_solver()
+
+
+def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:
+    """Draw the clearance along a path; and of the one that there is without optimising, if it was."""
+    paths = {} if result.path is None else {"the path": result.path}
+    if result.path is not None and result.polish is not None and request.polish is not None:
+        before = service.plan(replace(request, polish=None)).path
+        paths = ({} if before is None else {"not optimised": before}) | {"optimised": result.path}
+    write_clearance_plot(file, Certifier(service.robot, service.scene), paths)
 
 
 def _unit(robot: Robot) -> str:
