@@ -16,7 +16,7 @@ from planner_service.geometry import FloatArray
 
 __all__ = ["Step", "load_solver", "solved"]
 
-ACCURACY = 1e-6
+ACCURACY = 1e-5
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,7 +80,8 @@ class _Descent:
         self._free = slice(held[0], len(corners) - held[1])
         self._price, self._risen = FIRST_PRICE, 1
         self._trust = FIRST_TRUST
-        self._merit, self._lacking = self._worth(corners)
+        self._look = self._seen(corners)
+        self._merit, self._lacking = self._worth(self._look, corners)
 
     def advance(self) -> bool:
         """One convexification, and steps on it until one is taken; whether it was the last."""
@@ -89,13 +90,14 @@ class _Descent:
         for x, promised in self._steps(model):
             moved = self.corners.copy()
             moved[self._free] = np.clip(moved[self._free] + x, self._task.lower, self._task.upper)
-            merit, lacking = self._worth(moved)
+            look = self._seen(moved)
+            merit, lacking = self._worth(look, moved)
             gained = self._merit - merit
             if gained > 0.0 and gained >= WORSE * promised:
                 if gained >= GOOD * promised:
                     self._trust = min(GROW * self._trust, MOST_TRUST)
                 done = gained < SMALL_GAIN * self._merit
-                self.corners, self._merit, self._lacking = moved, merit, lacking
+                self.corners, self._look, self._merit, self._lacking = moved, look, merit, lacking
                 break
             self._trust *= SHRINK
         return done and not self._dearer()
@@ -110,16 +112,17 @@ class _Descent:
         self._trust = max(self._trust, TRUST_AGAIN)
         return True
 
-    def _worth(self, corners: FloatArray) -> tuple[float, float]:
+    def _seen(self, corners: FloatArray) -> Look:
+        return self._task.look(self._task.samples(corners), corners, self._task.reach)
+
+    def _worth(self, look: Look, corners: FloatArray) -> tuple[float, float]:
         """The merit of corners, and what is lacking there."""
-        samples = self._task.samples(corners)
-        lacking = self._task.shortfall(self._task.look(samples, corners, self._task.aim))
-        return self._task.cost(samples, corners) + self._price * lacking, lacking
+        lacking = self._task.shortfall(look)
+        return self._task.cost(look.samples, corners) + self._price * lacking, lacking
 
     def _model(self) -> _Convex:
-        task, corners = self._task, self.corners
-        samples = task.samples(corners)
-        look = task.look(samples, corners, task.reach)
+        task, corners, look = self._task, self.corners, self._look
+        samples = look.samples
         H = 2.0 * task.curvature(samples, len(corners))
         gradient = np.add.accumulate(H[:, :, None] * corners[None], axis=1)[:, -1][self._free]
         task.gradients += len(look.near.rows)
