@@ -149,7 +149,8 @@ class Run:
             book.attempts += 1
             with book.during(Stage.SEARCH) as entry:
                 optimum, touch = optimum_path(settings, points, self._checker, self._judge(book.padding))
-                book.polish = replace(judged(settings, optimum, touch), kept=touch is None)
+                report = judged(settings, optimum, touch)
+                book.polish = replace(report, kept=True, note="") if touch is None else report
                 entry.note = f"{settings.method.name}, {optimum.iterations} steps, start {book.attempts}"
                 entry.length = optimum.path.length
             proven = self._proven(optimum, ends) if touch is None else None
