@@ -6,6 +6,7 @@ lower bounds at many places of a curve, tight where pieces are apart.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks import queries
+from benchmarks import problems, queries
 from benchmarks.agreement import random_states
 from benchmarks.report import Promise, Report, Row, p50, spread, table
 from benchmarks.states import plan
@@ -35,6 +36,7 @@ LESSON = queries.Query("discs", 7, read_only([-2.5, 2.0]), read_only([2.2, -2.2]
 
 POLISH = Optimise()
 LONG = Optimise(waypoints=100, corners=16)
+PANDA = {"shortcut": None, "20 mm": POLISH, "2 mm": Optimise(clearance=0.002)}
 LONG_RUNS = 10
 """What a query's clearance is held against where neither its ends nor what was asked limit it."""
 
@@ -64,15 +66,20 @@ def _clearances(certifier: Certifier, path: JointPath) -> FloatArray:
     return certifier.clearances(np.clip(path(np.linspace(0.0, path.length, PLACES)), limits.lower, limits.upper))
 
 
+def _length(path: JointPath) -> float:
+    """Of the curve, in radians."""
+    steps = np.diff(path(np.linspace(0.0, path.length, 5 * PLACES)), axis=0)
+    return float(np.sqrt((steps * steps).sum(axis=1)).sum())
+
+
 def _motion(result: PlanResult, certifier: Certifier) -> Row:
     """A plan in numbers: length of the curve (rad), seconds, integral of squared acceleration, clearances."""
     path, trajectory = result.unwrap()
     t = np.linspace(0.0, trajectory.duration, 5 * PLACES + 1)
     middle = 0.5 * (t[1:] + t[:-1])
-    steps = np.diff(path(np.linspace(0.0, path.length, 5 * PLACES)), axis=0)
     clear = _clearances(certifier, path)
     return {
-        "length": float(np.sqrt((steps * steps).sum(axis=1)).sum()),
+        "length": _length(path),
         "duration": trajectory.duration,
         "acceleration": float((trajectory(middle, 2) ** 2).sum() * (t[1] - t[0])),
         "clearance": float(clear.min()),
@@ -124,6 +131,25 @@ def hybrid_rows(
                 "gradients": result.polish.gradients,
                 "polish_ms": ms,
             }
+
+
+def panda_rows(count: int | None = None) -> Iterator[Row]:
+    """The public Panda problems, planned with default requests, and optimised for 20 mm and for 2 mm."""
+    robot = load_robot(problems.ROBOT)
+    for problem in problems.public_problems().problems[:count]:
+        service = PlannerService(robot, problem.scene)
+        row: Row = {"problem": problem.id}
+        for name, polish in PANDA.items():
+            clock = time.process_time()
+            result = service.plan(replace(problems.asked(robot, problem), polish=polish))
+            row[name] = {
+                "ms": (time.process_time() - clock) * 1e3,
+                "certified": result.certificate is not None and result.certificate.certified,
+                "kept": result.polish is None or result.polish.kept,
+                "length": math.nan if result.path is None else _length(result.path),
+                "duration": math.nan if result.motion is None else result.motion.duration,
+            }
+        yield row
 
 
 def warning_rows(scenes: Sequence[str] = WARNING_SCENES, count: int = queries.PER_SCENE) -> Iterator[Row]:
@@ -203,18 +229,18 @@ def _moved(checker: CollisionChecker, Q: FloatArray, joint: int, by: float) -> d
 
 
 def run() -> Report:
-    """Measure it all; some three minutes."""
+    """Measure it all; some four minutes."""
     hybrids = list(hybrid_rows())
     looked_up = list(hybrid_rows(count=5, polish=Optimise(method=Chomp())))
-    warnings, gradients = list(warning_rows()), list(gradient_rows())
+    warnings, pandas, gradients = list(warning_rows()), list(panda_rows()), list(gradient_rows())
     tables = (
         _hybrid_table("The hybrid next to shortcutting alone", hybrids),
         _hybrid_table("The same by the other method, 5 queries a scene", looked_up),
         _warning_table(warnings),
+        _panda_table(pandas),
     )
-    return Report(
-        "optimise", (*hybrids, *looked_up, *warnings, *gradients), tables, promises(hybrids, warnings, gradients)
-    )
+    rows = (*hybrids, *looked_up, *warnings, *pandas, *gradients)
+    return Report("optimise", rows, tables, promises(hybrids, warnings, gradients))
 
 
 def _ratios(rows: Sequence[Row], what: str) -> list[float]:
@@ -329,3 +355,19 @@ def _warning_table(rows: Sequence[Row]) -> Table:
     scenes = dict.fromkeys(row["scene"] for row in rows)
     caption = "Converged is not collision-free: every other query was reported as OPTIMUM_IN_COLLISION, with where."
     return table("What a straight line converges to", columns, (cells(scene) for scene in scenes), caption=caption)
+
+
+def _panda_table(rows: Sequence[Row]) -> Table:
+    def cells(name: str) -> list[str]:
+        own = [row[name] for row in rows]
+        counted = [f"{sum(one[what] for one in own)}/{len(own)}" for what in ("certified", "kept")]
+        return [
+            name,
+            *counted,
+            *(spread([one[key] for one in own], 2) for key in ("length", "duration")),
+            spread([one["ms"] for one in own]),
+        ]
+
+    columns = ("", "certified", "kept", "length rad", "motion s", "CPU ms")
+    caption = "70 problems of MotionBenchMaker, seed 0, p50 / p95; CPU of whole plans."
+    return table("Public Panda problems", columns, (cells(name) for name in PANDA), caption=caption)
