@@ -61,6 +61,7 @@ from planner_service.roadmap import Roadmap
 from planner_service.robot import JointLimits, Robot, load_robot, robot_names
 from planner_service.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
 from planner_service.service import PlannerService
+from planner_service.several import best_of_seeds, plan_seeds
 from planner_service.task import Handling, Segment, TaskResult
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
 from planner_service.trajectory import Trajectory
@@ -138,12 +139,14 @@ __all__ = [
     "Trajectory",
     "Trapezoidal",
     "UnknownName",
+    "best_of_seeds",
     "inverse_kinematics",
     "load_robot",
     "load_scene",
     "move_linear",
     "pick",
     "place",
+    "plan_seeds",
     "robot_names",
     "save_scene",
     "scene_names",
