@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
@@ -22,9 +22,13 @@ from benchmarks.report import Promise, Report, Row, p50, spread, table
 from benchmarks.states import plan
 from planner_service import Chomp, CollisionChecker, Optimise, PlannerService, PlanResult, Reason, Stage, load_robot
 from planner_service.certify import Certifier
+from planner_service.data import data_folder
 from planner_service.geometry import FloatArray, read_only
 from planner_service.path import JointPath
 from planner_service.scene import load_scene
+
+if TYPE_CHECKING:
+    from tests.independent import IndependentChecker
 
 __all__ = ["SCENES", "gradient_rows", "hybrid_rows", "promises", "run", "warning_rows"]
 
@@ -42,6 +46,9 @@ LONG_RUNS = 10
 
 PLACES = 800
 """Of a curve, at which its clearance is taken; and between which its acceleration is integrated, five times as many."""
+
+MOTION_STEP = 0.001
+"""Metres of motion between two looks of the independent checker."""
 
 STATES, STATES_AT_ONCE = 10_000, 500
 NEAR, STEP, SPARE = 0.05, 1e-3, 0.02
@@ -87,6 +94,12 @@ def _motion(result: PlanResult, certifier: Certifier) -> Row:
     }
 
 
+def _touch(second: IndependentChecker, path: JointPath) -> str | None:
+    """What the independent checker finds on a curve, in words."""
+    touch = second.curve_touch(path, path.length, MOTION_STEP)
+    return None if touch is None else f"{touch.a} x {touch.b}"
+
+
 def _best_of_long_runs(service: PlannerService, certifier: Certifier, query: queries.Query) -> float:
     found = (plan(service, query, seed=seed, polish=LONG, max_checks=500_000) for seed in range(LONG_RUNS))
     return max((float(_clearances(certifier, one.path).min()) for one in found if one.path is not None), default=0.0)
@@ -96,9 +109,12 @@ def hybrid_rows(
     scenes: Sequence[str] = SCENES, count: int = queries.PER_SCENE, polish: Optimise = POLISH, **changes: Any
 ) -> Iterator[Row]:
     """Each query that has to be searched, by shortcutting alone and optimised."""
+    from tests.independent import IndependentChecker, tables_of
+
     for scene in scenes:
         service = PlannerService(queries.ROBOT, scene)
         certifier = Certifier(service.robot, service.scene)
+        second = IndependentChecker(data_folder("robots") / queries.ROBOT, tables_of(service.scene))
         plan(service, queries.load(scene)[0], polish=polish)  # libraries load, a field is made
         for query in queries.load(scene)[:count]:
             clock = time.process_time()
@@ -123,6 +139,7 @@ def hybrid_rows(
                 "failure": None,
                 "certified": result.certificate is not None and result.certificate.certified,
                 "kept": result.polish.kept,
+                "touch": _touch(second, result.unwrap()[0]),
                 "before": before,
                 "after": after,
                 "wanted": wanted,
@@ -266,6 +283,7 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
     solved = [row for row in caught if row["hybrid"] == "certified" and row["where"]]
     uncertified = sum(row["failure"] is None and not row["certified"] for row in rows)
     uncertified += sum("UNCERTIFIED" in (row["straight"], row["several"], row["hybrid"]) for row in warnings)
+    touched = [f"{row['query']}: {row['touch']}" for row in rows if row["failure"] is None and row["touch"]]
     total: Counter[str] = Counter()
     for row in gradients:
         total.update({key: value for key, value in row.items() if key not in ("scene", "worst")})
@@ -292,6 +310,11 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
         ),
         medians(equal, ACCELERATION, "integral of squared acceleration at most 1/3 in the same motion time"),
         Promise("no result without a proof", f"{uncertified} uncertified", uncertified == 0),
+        Promise(
+            "the independent checker, at every millimetre of motion, rejects no optimum",
+            f"{len(touched)} of {len(rows)}" + (f": {touched[0]}" if touched else ""),
+            not touched,
+        ),
         Promise(
             "an optimum of the straight line in collision is reported, with where, and the hybrid solves the query",
             f"{len(caught)} of {len(warnings)} reported, {len(solved)} of them solved",

@@ -122,8 +122,10 @@ ONLY_IN = {
 }
 """Where each of these may be imported; nowhere if empty: unpickling runs code, and lxml recovers from broken files."""
 
-SLOW = ("yourdfpy", "toppra", "trimesh", "scipy.optimize", "scipy.sparse", "piqp", "matplotlib", "lxml")
-SLOW += ("rich", "typer")
+SLOW = (
+    *("yourdfpy", "toppra", "trimesh", "scipy.optimize", "scipy.sparse", "piqp"),
+    *("matplotlib", "lxml", "rich", "typer"),
+)
 """Only imported when first used."""
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))
