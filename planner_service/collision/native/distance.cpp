@@ -434,14 +434,6 @@ class Looking {
   public:
     Looking(const Model& model, double within)
         : model_(model), within_(within), bodies_(model.joints.size() + 1), riders_(model.riders.size()) {
-        for (const Stander& stander : model.standers) {
-            Placed placed = of(stander.solid);
-            std::copy(stander.rotation, stander.rotation + 9, placed.pose.R);
-            placed.pose.t = point_of(stander.position);
-            placed.low = point_of(stander.low);
-            placed.high = point_of(stander.high);
-            standers_.push_back(placed);
-        }
         for (std::size_t k = 0; k < riders_.size(); ++k) riders_[k] = of(model.riders[k].solid);
     }
 
@@ -469,7 +461,7 @@ class Looking {
     const Model& model_;
     const double within_;
     std::vector<Pose> bodies_;
-    std::vector<Placed> riders_, standers_;
+    std::vector<Placed> riders_;
 
     Placed of(const Solid& solid) const {
         Placed placed{};
@@ -479,6 +471,13 @@ class Looking {
             placed.corners = model_.corners.data() + hull.start;
             placed.count = hull.padded;
         }
+        return placed;
+    }
+
+    Placed of(const Stander& stander) const {
+        Placed placed = of(stander.solid);
+        std::copy(stander.rotation, stander.rotation + 9, placed.pose.R);
+        placed.pose.t = point_of(stander.position);
         return placed;
     }
 
@@ -497,10 +496,9 @@ class Looking {
             return;
         }
         for (int i = node.first; i < node.first + node.count; ++i) {
-            const auto number = static_cast<std::size_t>(i);
-            const int pair = model_.pair_number(k, model_.standers[number]);
-            if (pair >= 0 && close(riders_[k], standers_[number].low.data(), standers_[number].high.data()))
-                measure({row, pair}, k, standers_[number], 0, out);
+            const Stander& stander = model_.standers[static_cast<std::size_t>(i)];
+            const int pair = model_.pair_number(k, stander);
+            if (pair >= 0 && close(riders_[k], stander.low, stander.high)) measure({row, pair}, k, of(stander), 0, out);
         }
     }
 
