@@ -347,19 +347,24 @@ def test_a_field_that_fills_the_memory_is_refused() -> None:
         field(Obstacle("hall", Box((9.0, 9.0, 9.0))), voxel=0.002)
 
 
-def test_balls_hold_the_moving_pieces() -> None:
-    checker = CollisionChecker(load_robot("wxai"), load_scene("bin"))
-    balls = Balls.of(checker)
-    rng = np.random.default_rng(0)
-    for part in checker.parts:
-        if part.body <= 0:
-            continue
-        ways = rng.normal(size=(60, 3))
-        for way in ways:
-            x = part.T[:3, :3] @ part.shape.support(way) * rng.uniform(0.0, 1.0) + part.T[:3, 3]
-            mine = balls.body == part.body
+@pytest.mark.parametrize("robot", ["wxai", "panda_mbm"])
+def test_balls_hold_the_moving_pieces(robot: str) -> None:
+    checker = CollisionChecker(load_robot(robot), load_scene("bin"))
+    balls, rng = Balls.of(checker), np.random.default_rng(0)
+    whole = balls.whole
+    assert whole is not None
+    moving = [part for part in checker.parts if part.body > 0]
+    for number, part in enumerate(moving):
+        mine = balls.piece == number
+        for one, other in rng.normal(size=(60, 2, 3)):
+            share = rng.uniform(0.0, 1.0)
+            local = share * part.shape.support(one) + (1.0 - share) * part.shape.support(other)
+            x = part.T[:3, :3] @ local + part.T[:3, 3]
             away = np.sqrt(((balls.centre[mine] - x) ** 2).sum(axis=1)) - balls.radius[mine]
             assert away.min() <= 1e-9
+            assert math.dist(whole.centre[number], x) <= whole.radius[number] + 1e-9
+        between = np.sqrt(((balls.centre[mine] - whole.centre[number]) ** 2).sum(axis=1)) + balls.radius[mine]
+        assert between.max() <= whole.radius[number] + 1e-9
 
 
 def test_the_slope_of_the_covariant_descent_is_that_of_its_merit() -> None:

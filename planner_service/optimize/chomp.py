@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -75,35 +75,61 @@ class Chomp:
 
 @dataclass(frozen=True, eq=False)
 class Balls:
-    """Balls that hold the moving pieces of a robot: body, centre in it and radius; (b,), (b, 3), (b,)."""
+    """Balls that hold the moving pieces of a robot: body, centre in it and radius; (b,), (b, 3), (b,).
+
+    ``piece`` numbers the pieces they are of, and ``whole`` are balls around whole pieces, one each; None for these.
+    """
 
     body: IntArray
     centre: FloatArray
     radius: FloatArray
+    piece: IntArray
+    whole: Balls | None = None
 
     @classmethod
     def of(cls, checker: CollisionChecker) -> Balls:
         """Those of a checker's robot and of what it carries."""
+        moving = [part for part in checker.parts if part.body > 0]
         rows = [
-            (part.body, *_moved(part.T, centre), radius)
-            for part in checker.parts
-            if part.body > 0
+            (part.body, *_moved(part.T, centre), radius, number)
+            for number, part in enumerate(moving)
             for centre, radius in _held_by(part.shape)
         ]
-        table = np.array(rows, dtype=np.float64).reshape(-1, 5)
-        return cls(table[:, 0].astype(np.intp), table[:, 1:4], table[:, 4])
+        balls = cls._from(rows)
+        return replace(balls, whole=cls._from([balls._around(number) for number in range(len(moving))]))
+
+    @classmethod
+    def _from(cls, rows: Sequence[tuple[float, ...]]) -> Balls:
+        table = np.array(rows, dtype=np.float64).reshape(-1, 6)
+        return cls(table[:, 0].astype(np.intp), table[:, 1:4], table[:, 4], table[:, 5].astype(np.intp))
+
+    def _around(self, piece: int) -> tuple[float, ...]:
+        """A ball around those of a piece."""
+        mine = self.piece == piece
+        centre, radius = self.centre[mine], self.radius[mine]
+        middle = 0.5 * (centre.min(axis=0) + centre.max(axis=0))
+        away = centre - middle
+        reach = np.sqrt(away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]) + radius
+        return (float(self.body[mine][0]), *middle.tolist(), float(reach.max()), float(piece))
+
+    def placed(self, poses: tuple[FloatArray, FloatArray], row: IntArray, ball: IntArray) -> FloatArray:
+        """The centres of some balls, each at one of the configurations that poses of bodies are for, (k, 3)."""
+        R, t = (part[row, self.body[ball]] for part in poses)
+        c = self.centre[ball]
+        return np.asarray(t + (R[..., 0] * c[:, 0, None] + R[..., 1] * c[:, 1, None] + R[..., 2] * c[:, 2, None]))
 
 
-def _moved(T: FloatArray, x: tuple[float, float, float]) -> list[float]:
+def _moved(T: FloatArray, x: Sequence[float]) -> list[float]:
     return [float(T[k, 0] * x[0] + T[k, 1] * x[1] + T[k, 2] * x[2] + T[k, 3]) for k in range(3)]
 
 
-def _held_by(shape: Shape) -> Iterator[tuple[tuple[float, float, float], float]]:
+def _held_by(shape: Shape) -> Iterator[tuple[tuple[float, ...], float]]:
     """Balls that hold a shape: centres in its frame, and radii."""
     if isinstance(shape, Sphere):
         yield (0.0, 0.0, 0.0), shape.radius
         return
-    middle = (0.0, 0.0, 0.0)
+    size: tuple[float, ...]
+    middle: tuple[float, ...] = (0.0, 0.0, 0.0)
     if isinstance(shape, Box):
         size = shape.size
     elif isinstance(shape, Capsule):
@@ -119,18 +145,23 @@ def _held_by(shape: Shape) -> Iterator[tuple[tuple[float, float, float], float]]
     cells = [side / count for side, count in zip(size, counts, strict=True)]
     grown = shape.radius if isinstance(shape, Capsule) else 0.0
     radius = 0.5 * math.sqrt(math.fsum(cell * cell for cell in cells)) + grown
-    for place in product(*(range(count) for count in counts)):
-        x, y, z = (
-            m - side / 2.0 + cell * (k + 0.5) for m, side, cell, k in zip(middle, size, cells, place, strict=True)
-        )
-        yield (x, y, z), radius
+    lows = [m - side / 2.0 for m, side in zip(middle, size, strict=True)]
+    places = product(*(range(count) for count in counts))
+    centres = [
+        tuple(low + cell * (k + 0.5) for low, cell, k in zip(lows, cells, place, strict=True)) for place in places
+    ]
+    if isinstance(shape, Mesh):  # not the corners of the box around it
+        within = shape.distance(np.array(centres)) <= radius
+        centres = [centre for centre, kept in zip(centres, within.tolist(), strict=True) if kept]
+    yield from ((centre, radius) for centre in centres)
 
 
 @dataclass(frozen=True, eq=False)
 class _Lacking:
-    """Points (m, n), and of each ball that is too near at one: the row, the ball, metres lacking, gradient, centre."""
+    """Points (m, n) with poses there, and of each ball too near at one: row, ball, metres lacking, gradient, centre."""
 
     points: FloatArray
+    poses: tuple[FloatArray, FloatArray]
     row: IntArray
     ball: IntArray
     metres: FloatArray
@@ -188,37 +219,46 @@ class _Descent:
 
     def _aims(self) -> FloatArray:
         """The distance that each ball is to keep at each point, (m, b): near the ends no more than it has there."""
-        task, radius = self._task, self._balls.radius
-        ends = self._placed(task.route[[0, -1]])
+        task, balls = self._task, self._balls
+        poses = task.checker.robot.body_poses_batch(task.route[[0, -1]])
         way = task.length * (np.arange(task.points) / (task.points - 1))
-        out = np.full((task.points, len(radius)), task.aim)
-        for centre, far in zip(ends, (way, task.length - way), strict=True):
-            own = math.inf if self._grid is None else self._grid.at(centre)[0] - radius
+        out = np.full((task.points, len(balls.radius)), task.aim)
+        for end, far in enumerate((way, task.length - way)):
+            every = np.arange(len(balls.radius))
+            centre = balls.placed(poses, np.full_like(every, end), every)
+            own = math.inf if self._grid is None else self._grid.at(centre)[0] - balls.radius
             out = np.minimum(out, own + RAMP * far[:, None])
         return out
 
-    def _placed(self, points: FloatArray) -> FloatArray:
-        """The centres of balls at configurations (m, n), (m, b, 3)."""
-        R, t = self._task.checker.robot.body_poses_batch(points)
-        R, t, c = R[:, self._balls.body], t[:, self._balls.body], self._balls.centre
-        return np.asarray(t + (R[..., 0] * c[:, 0, None] + R[..., 1] * c[:, 1, None] + R[..., 2] * c[:, 2, None]))
-
     def _lacking(self, samples: Samples, corners: FloatArray) -> _Lacking:
-        task = self._task
+        task, balls = self._task, self._balls
         points = np.minimum(np.maximum(samples.of(corners), task.lower), task.upper)
-        centre, wanted = self._placed(points), self._targets + self._balls.radius
-        flat = centre.reshape(-1, 3)
-        some: IntArray = np.zeros(0, dtype=np.intp)
+        poses = task.checker.robot.body_poses_batch(points)
+        row, ball = self._close(poses)
+        centre = balls.placed(poses, row, ball)
+        wanted = self._targets[row, ball] + balls.radius[ball]
         metres: FloatArray = np.zeros(0)
         gradient: FloatArray = np.zeros((0, 3))
         if self._grid is not None:
-            some = np.flatnonzero(self._grid.may_be_within(flat, wanted.ravel()))
-            value, gradient = self._grid.at(flat[some])
-            metres = wanted.ravel()[some] - value
+            some = self._grid.may_be_within(centre, wanted)
+            row, ball, centre, wanted = row[some], ball[some], centre[some], wanted[some]
+            value, gradient = self._grid.at(centre)
+            metres = wanted - value
         short = metres > 0.0
-        some = some[short]
-        row, ball = some // len(self._balls.radius), some % len(self._balls.radius)
-        return _Lacking(points, row, ball, metres[short], gradient[short], flat[some])
+        return _Lacking(points, poses, row[short], ball[short], metres[short], gradient[short], centre[short])
+
+    def _close(self, poses: tuple[FloatArray, FloatArray]) -> tuple[IntArray, IntArray]:
+        """Rows and balls of pieces that may be too near something there."""
+        none: IntArray = np.zeros(0, dtype=np.intp)
+        whole = self._balls.whole
+        if self._grid is None or whole is None:
+            return none, none
+        m, count = len(poses[0]), len(whole.radius)
+        row, piece = np.repeat(np.arange(m), count), np.tile(np.arange(count), m)
+        wanted = whole.radius[piece] + self._task.aim
+        near = self._grid.may_be_within(whole.placed(poses, row, piece), wanted).reshape(m, count)
+        rows, balls = near[:, self._balls.piece].nonzero()
+        return rows, balls
 
     def _worth(self, samples: Samples, corners: FloatArray) -> float:
         """The merit of corners: their cost, and for each waypoint the squares of the distances lacking."""
@@ -232,7 +272,7 @@ class _Descent:
         task = self._task
         task.gradients += len(lacking.row)
         force = lacking.gradient * (-2.0 * lacking.metres / task.between)[:, None]
-        R, t = task.checker.robot.body_poses_batch(lacking.points)
+        R, t = lacking.poses
         out = np.zeros(lacking.points.shape)
         bodies = task.checker.robot.bodies
         for index, body in enumerate(bodies[1:], 1):
