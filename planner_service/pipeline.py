@@ -123,7 +123,7 @@ class Run:
         deadline = None if left is None else time.monotonic() + POLISH_SHARE * left
         limited = self._checker.limited(deadline=deadline)
         with book.during(Stage.POLISH) as entry, self._optional(entry, "optimised"), limited:
-            optimum, touch = optimum_path(settings, found[0], self._checker, self._judge(book.padding))
+            optimum, touch = optimum_path(settings, found[0], self._checker, self._judge(ends.padding))
             if not optimum.iterations:
                 return None
             book.polish = judged(settings, optimum, touch)
@@ -148,7 +148,7 @@ class Run:
         for points in (route for turn in zip(*routes, strict=True) for route in turn):
             book.attempts += 1
             with book.during(Stage.SEARCH) as entry:
-                optimum, touch = optimum_path(settings, points, self._checker, self._judge(book.padding))
+                optimum, touch = optimum_path(settings, points, self._checker, self._judge(ends.padding))
                 report = judged(settings, optimum, touch)
                 book.polish = replace(report, kept=True, note="") if touch is None else report
                 entry.note = f"{settings.method.name}, {optimum.iterations} steps, start {book.attempts}"

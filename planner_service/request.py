@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose, numbers
-from planner_service.optimize import FEW_CORNERS, Optimise
+from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect
 from planner_service.pose_goal import PoseGoal
 from planner_service.robot import Robot
@@ -97,11 +97,17 @@ class PlanRequest:
 
     @property
     def optimise(self) -> Optimise | None:
-        """How paths are optimised, be it as a polish or by the planner; with as many corners as suit the timing law."""
+        """How paths are optimised, be it as a polish or by the planner.
+
+        With as many corners as suit the timing law, and with twice the padding as clearance at least: an optimum is
+        judged with the padding, and padded boxes are nearer by up to 1.74 of it at their corners.
+        """
         chosen = self.planner if isinstance(self.planner, Optimise) else self.polish
-        if chosen is None or chosen.corners is not None or isinstance(self.timing, ToppRa):
-            return chosen
-        return replace(chosen, corners=FEW_CORNERS)
+        if chosen is None:
+            return None
+        few = chosen.corners is None and not isinstance(self.timing, ToppRa)
+        clearance = max(chosen.clearance, min(2.0 * self.padding, MOST_CLEARANCE))
+        return replace(chosen, corners=FEW_CORNERS if few else chosen.corners, clearance=clearance)
 
     def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:
         """The goals one by one, joint vectors copied and checked for shape and finiteness.

@@ -251,6 +251,18 @@ def test_a_free_line_with_room_stays_a_line_and_one_without_room_bends(discs: Pl
     assert clearance(near, bent) >= 0.02
 
 
+def test_an_optimum_keeps_more_than_the_padding_it_is_judged_with() -> None:
+    service = PlannerService("wxai", "post")
+    touching = service.plan(query("post", 0, polish=Optimise(clearance=0.0)))
+    assert touching.polish is not None
+    assert touching.polish.kept
+    assert 0.0015 <= clearance(service, touching) < 0.004
+    padded = service.plan(query("post", 0, padding=0.03, polish=Optimise()))  # its ends are nearer than that
+    assert padded.polish is not None
+    assert padded.polish.kept
+    assert clearance(service, padded) > 0.02
+
+
 def test_a_retreat_and_an_optimum_meet_in_a_stop(bin_service: PlannerService) -> None:
     request = query("bin", 3, start=bin_service.robot.pose("sleep"), polish=Optimise())
     result = bin_service.plan(request)

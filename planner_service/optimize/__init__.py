@@ -6,7 +6,7 @@ Nothing here says that a curve is free: distances suggest, the checker and the c
 from planner_service.optimize.chomp import Chomp
 from planner_service.optimize.method import Found, Method
 from planner_service.optimize.program import load_solver
-from planner_service.optimize.settings import FEW_CORNERS, METHODS, Optimise, Optimum
+from planner_service.optimize.settings import FEW_CORNERS, METHODS, MOST_CLEARANCE, Optimise, Optimum
 from planner_service.optimize.task import Figures
 from planner_service.optimize.trajopt import TrajOpt
 

@@ -20,7 +20,10 @@ from planner_service.optimize.task import Figures, Task, Terms
 from planner_service.optimize.trajopt import TrajOpt
 from planner_service.path import JointPath
 
-__all__ = ["FEW_CORNERS", "METHODS", "Optimise", "Optimum"]
+__all__ = ["FEW_CORNERS", "METHODS", "MOST_CLEARANCE", "Optimise", "Optimum"]
+
+MOST_CLEARANCE = 0.1
+"""Metres; more is a unit mistake."""
 
 MANY_CORNERS, FEW_CORNERS = 8, 3
 """Measured: with 8, ToppRa is 1 to 3 % faster than with 6 or 5; with 3, SCurve is up to 30 % faster than with 8."""
@@ -66,7 +69,8 @@ class Optimise:
         waypoints: Points of the curve at which cost and distances are taken; between them distances are looked at, too.
         smoothness: Weight of squared second differences. Above some hundreds little changes, at 0 curves are short
             and have narrow bends.
-        clearance: Metres that every pair is to keep; near an end that is nearer, as much as that leaves.
+        clearance: Metres that the robot keeps from everything, and a quarter of it from itself; near an end that is
+            nearer, as much as that leaves. In a request no less than twice its padding.
         corners: Of the polygon, between its ends: with more of them there is room for more bends, and by ``ToppRa`` a
             curve is a little faster; laws that keep their speed on a blend (``SCurve``, ``Trapezoidal``) are slower.
             None for 8, in a request with such a law for 3.
@@ -91,7 +95,7 @@ class Optimise:
             require_whole("corners", self.corners, 1, 200)
         require_whole("starts", self.starts, 1, 100)
         number("smoothness", self.smoothness, "a number from 0 to 1e6", 0.0, 1e6)
-        number("clearance", self.clearance, "metres in [0, 0.1]", 0.0, 0.1)
+        number("clearance", self.clearance, f"metres in [0, {MOST_CLEARANCE:g}]", 0.0, MOST_CLEARANCE)
         if not callable(getattr(self.method, "minimise", None)):
             raise InvalidRequest("method", self.method, "TrajOpt() or Chomp()")
         if self.waypoints <= self._corners + 1:
