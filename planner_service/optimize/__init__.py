@@ -13,6 +13,7 @@ from planner_service.optimize.trajopt import TrajOpt
 __all__ = [
     "FEW_CORNERS",
     "METHODS",
+    "MOST_CLEARANCE",
     "Chomp",
     "Figures",
     "Found",
