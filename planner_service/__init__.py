@@ -34,7 +34,8 @@ from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.grasps import top_grasps
 from planner_service.kinematics import inverse_kinematics, straight_tool_line
 from planner_service.mesh import Mesh
-from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.optimize import Chomp, Optimise, TrajOpt
+from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.pace import Pace
 from planner_service.path import JointPath
 from planner_service.planners import (
@@ -62,6 +63,7 @@ from planner_service.roadmap_work import RoadmapUpdate
 from planner_service.robot import JointLimits, Robot, load_robot, robot_names
 from planner_service.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
 from planner_service.service import PlannerService
+from planner_service.several import best_of_seeds, plan_seeds
 from planner_service.task import Handling, Segment, TaskResult
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
 from planner_service.trajectory import Trajectory
@@ -85,6 +87,7 @@ __all__ = [
     "Certificate",
     "Certifier",
     "CheckCounts",
+    "Chomp",
     "CollisionChecker",
     "Compound",
     "Contact",
@@ -108,6 +111,7 @@ __all__ = [
     "MotionReport",
     "MotionStep",
     "Obstacle",
+    "Optimise",
     "PRMstar",
     "Pace",
     "PlanRequest",
@@ -116,6 +120,7 @@ __all__ = [
     "PlannerServiceError",
     "PlanningFailed",
     "PointCloud",
+    "PolishReport",
     "Pose",
     "PoseGoal",
     "RRTConnect",
@@ -134,16 +139,19 @@ __all__ = [
     "StageReport",
     "TaskResult",
     "ToppRa",
+    "TrajOpt",
     "Trajectory",
     "Trapezoidal",
     "UnknownName",
     "Verdict",
+    "best_of_seeds",
     "inverse_kinematics",
     "load_robot",
     "load_scene",
     "move_linear",
     "pick",
     "place",
+    "plan_seeds",
     "robot_names",
     "save_scene",
     "scene_names",

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from planner_service.geometry import FloatArray
 
-__all__ = ["STEEPEST", "STEEPEST_SLOPE", "Blends"]
+__all__ = ["STEEPEST", "STEEPEST_SLOPE", "Blends", "integral"]
 
 IntArray = NDArray[np.intp]
 
@@ -38,7 +38,7 @@ def _share(y: FloatArray) -> FloatArray:
     return np.asarray(0.5 + y * (5.0 - square * square) / 8.0)
 
 
-def _integral(y: FloatArray) -> FloatArray:
+def integral(y: FloatArray) -> FloatArray:
     """Of f from -1 to y; 1 at y = 1."""
     square = y * y
     return np.asarray((y + 1.0) / 2.0 + (square - 1.0) * 0.3125 - (square * square * square - 1.0) / 48.0)
@@ -102,7 +102,7 @@ class Blends:
 
     def _moved(self, row: IntArray, y: FloatArray) -> FloatArray:
         """q at y, of shape (k, 1) or (k, n), less q at -1."""
-        turned = _integral(y)
+        turned = integral(y)
         along = self.before.take(row, axis=0) * (y + 1.0 - turned) + self.after.take(row, axis=0) * turned
         return np.asarray(along * self.width.take(row)[:, None])
 

@@ -9,12 +9,13 @@ from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, PlanningFailed
 from planner_service.geometry import FloatArray
+from planner_service.optimize import Figures
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
 from planner_service.roadmap import Roadmap
 from planner_service.trajectory import Trajectory
 
-__all__ = ["Failure", "MotionReport", "PlanResult", "Reason", "Stage", "StageReport"]
+__all__ = ["Failure", "MotionReport", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
 
 
 class Stage(enum.Enum):
@@ -45,6 +46,7 @@ class Reason(enum.Enum):
     NOT_CERTIFIED = "NOT_CERTIFIED"
     TIMING_FAILED = "TIMING_FAILED"
     LINE_BLOCKED = "LINE_BLOCKED"
+    OPTIMUM_IN_COLLISION = "OPTIMUM_IN_COLLISION"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,8 @@ class Failure:
         stage: Where it ended.
         reason: The kind of reason.
         detail: A sentence for a person: what was wrong, the value, what would be right.
-        contacts: For an end in collision, what touches there, deepest first.
+        contacts: For an end in collision, or the first place at which an optimum is, what touches there, deepest
+            first.
         nearest_free: For an end in collision, the nearest free configuration found, shape (n,).
         blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
     """
@@ -110,6 +113,29 @@ class MotionReport:
     settle_time: float
 
 
+@dataclass(frozen=True)
+class PolishReport:
+    """What optimising came to.
+
+    Attributes:
+        method: Its name.
+        kept: Whether the plan is the optimum; if not, it is what was there before.
+        before: The path that was optimised, in numbers: with its corners as they were, not yet blended.
+        after: The optimum in numbers.
+        iterations: Of the method.
+        gradients: Of distances, worked out on the way; the distances are counted in the stage.
+        note: Why the optimum was not kept, else empty.
+    """
+
+    method: str
+    kept: bool
+    before: Figures
+    after: Figures
+    iterations: int
+    gradients: int
+    note: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class PlanResult:
     """A plan, or the reason why there is none.
@@ -127,6 +153,7 @@ class PlanResult:
         motion: Peaks over limits, tool speed and durations; None without a plan.
         notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
         roadmap: Of a planner with a roadmap, that roadmap with all that was learned; not kept in plan files.
+        polish: What optimising came to; None if it was not asked for, or there was nothing to optimise.
     """
 
     path: JointPath | None
@@ -141,6 +168,7 @@ class PlanResult:
     motion: MotionReport | None = None
     notes: tuple[str, ...] = ()
     roadmap: Roadmap | None = None
+    polish: PolishReport | None = None
 
     @property
     def ok(self) -> bool:

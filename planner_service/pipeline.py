@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -16,11 +17,13 @@ from planner_service.collision.ledger import Cancelled, CheckBudgetSpent, TimeBo
 from planner_service.endpoints import Endpoints, Ends
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray
+from planner_service.optimize import Optimise, Optimum
 from planner_service.oracle import SearchOracle
 from planner_service.outcome import MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
 from planner_service.planners import RRTConnect
+from planner_service.polishing import Touch, judged, lines, not_free, optimum_path
 from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap, Terms
@@ -36,6 +39,9 @@ __all__ = ["Run", "fresh_seed"]
 
 SEARCH_SHARE = 0.8
 """Part of ``max_checks`` that one search may use; the rest is kept for shortcutting and blending."""
+
+POLISH_SHARE = 0.7
+"""Part of the time that is left which optimising may take; the rest is kept for the path as it was."""
 
 ROOMIER, LEAST = 0.003, 0.0005
 """Metres of padding with which another path is searched when one cannot be certified, one after the other if less was
@@ -91,12 +97,17 @@ class Run:
         if ends.arrived_at is not None:
             return self._nowhere_to_go(ends, ends.arrived_at)
         points = self._straight_line(ends)
+        if points is None and isinstance(self._request.planner, Optimise) and self._request.optimise is not None:
+            return self._from_lines(ends, self._request.optimise)
         found = self._searched(ends) if points is None else [points]
         refused: Certificate | None = None
         roomier = dict.fromkeys(max(padding, self._request.padding) for padding in (ROOMIER, LEAST))
         for padding in (None, *roomier):
             if padding is not None and refused is not None:
                 found = self._searched_again(ends, padding, refused)
+            optimal = self._optimised(found, ends)
+            if optimal is not None:
+                return optimal
             for turn, points in enumerate(found):
                 if turn and refused is not None:
                     book.notes.append(f"corners put back where they were: {refused.refusal}")
@@ -131,6 +142,65 @@ class Run:
         """Whether what this round finds out is of what a roadmap is about: the padding it keeps, the step there is."""
         padding = self._request.padding if roadmap.terms is None else roadmap.terms.padding
         return self._rounds == 0 and self._book.padding == padding
+
+    def _optimised(self, found: Sequence[FloatArray], ends: Ends) -> PlanResult | None:
+        """The plan along the optimum of the path that was found, if that was asked for, and is free and proven."""
+        settings, book = self._request.optimise, self._book
+        if settings is None or not found or len(found[0]) < 2:
+            return None
+        optimum: Optimum | None = None
+        left = self._checker.ledger.time_left()
+        deadline = None if left is None else time.monotonic() + POLISH_SHARE * left
+        limited = self._checker.limited(deadline=deadline)
+        with book.during(Stage.POLISH) as entry, self._optional(entry, "optimised"), limited:
+            optimum, touch = optimum_path(settings, found[0], self._checker, self._judge(ends.padding))
+            if not optimum.iterations:
+                return None
+            book.polish = judged(settings, optimum, touch)
+            entry.length, entry.note = _length(found[0]), book.polish.note
+            if book.polish.kept:
+                entry.length, entry.note = optimum.path.length, f"{settings.method.name}, {optimum.iterations} steps"
+        if optimum is None or book.polish is None:
+            book.notes.append(entry.note)
+            return None
+        if book.polish.kept:
+            self._remember(0)
+            proven = self._proven(optimum, ends)
+            if isinstance(proven, PlanResult):
+                return proven
+            book.polish = replace(book.polish, kept=False, note=f"the optimum is not proven: {proven.refusal}")
+        book.notes.append(f"not optimised: {book.polish.note}")
+        return None
+
+    def _from_lines(self, ends: Ends, settings: Optimise) -> PlanResult:
+        """The plan along the first optimum of a line that is free and proven."""
+        book, robot, tried = self._book, self._checker.robot, list[tuple[Touch | None, str]]()
+        routes = [list(lines((ends.start, goal.q), settings, self._request.seed, robot)) for goal in ends.goals]
+        for points in (route for turn in zip(*routes, strict=True) for route in turn):
+            book.attempts += 1
+            with book.during(Stage.SEARCH) as entry:
+                optimum, touch = optimum_path(settings, points, self._checker, self._judge(ends.padding))
+                report = judged(settings, optimum, touch)
+                book.polish = replace(report, kept=True, note="") if touch is None else report
+                entry.note = f"{settings.method.name}, {optimum.iterations} steps, start {book.attempts}"
+                entry.length = optimum.path.length
+            proven = self._proven(optimum, ends) if touch is None else None
+            if isinstance(proven, PlanResult):
+                return proven
+            tried.append((touch, str(touch or (proven and proven.refusal))))
+            book.polish = replace(book.polish, kept=False, note=tried[-1][1])
+        raise NoPlan(not_free(tried))
+
+    def _proven(self, optimum: Optimum, ends: Ends) -> PlanResult | Certificate:
+        """The plan along an optimum, or its refused certificate; no blend is made narrower, which would not be free."""
+        course = optimum.path
+        route = self._route(course.waypoints, ends)
+        blends = np.zeros(len(route.path.waypoints))
+        first = 1 if ends.departure is not None else 0
+        blends[first : first + len(course.blends)] = course.blends
+        path = route.path.with_blends(blends)
+        certificate = self._book.certificate(self._certifier, path, route.exempt)
+        return self._closed(path, certificate, route.goal_index) if certificate.certified else certificate
 
     def _closed(self, path: JointPath, certificate: Certificate, goal_index: int) -> PlanResult:
         """The proven path in time; with stops instead of blends in the rare case that this is faster."""
@@ -226,6 +296,8 @@ class Run:
         return found[0], tuple(found[1:])
 
     def _search(self, start: FloatArray, goals: tuple[FloatArray, ...], oracle: SearchOracle) -> FloatArray:
+        if isinstance(self._request.planner, Optimise):
+            raise BrokenInvariant("an optimisation was asked to search")
         planner = self._grown(self._request.planner)
         limits = self._checker.robot.limits
         problem = SearchProblem(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
@@ -23,6 +23,7 @@ from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidFile, UnknownName
 from planner_service.geometry import Pose
 from planner_service.json_file import Node, read_json
+from planner_service.optimize import METHODS, Optimise
 from planner_service.outcome import Failure, PlanResult
 from planner_service.planners import PLANNERS
 from planner_service.pose_goal import PoseGoal
@@ -230,15 +231,16 @@ def _list(values: Any) -> list[float]:
 
 
 def _request(request: PlanRequest) -> dict[str, Any] | None:
-    chosen = RoadmapReference(request.planner.hash) if isinstance(request.planner, Roadmap) else request.planner
-    planner, timing = _settings(chosen, _PLANNERS), _settings(request.timing, TIMINGS)
-    if planner is None or timing is None:
+    planner, timing = _planner(request.planner), _settings(request.timing, TIMINGS)
+    polish = None if request.polish is None else _planner(request.polish)
+    if planner is None or timing is None or (polish is None) != (request.polish is None):
         return None
     return {
         "start": _list(request.start),
         "goals": [_goal(goal) for goal in _goals(request.goal)],
         "planner": planner,
         "timing": timing,
+        "polish": polish,
         **{name: int(getattr(request, name)) for name in _WHOLE},
         **{name: float(getattr(request, name)) for name in _REAL},
         **{name: None if (value := getattr(request, name)) is None else float(value) for name in _MAYBE},
@@ -272,6 +274,18 @@ def _settings(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | N
     return {"name": chosen.name, "settings": {item.name: getattr(chosen, item.name) for item in fields(chosen)}}
 
 
+def _planner(chosen: Any) -> dict[str, Any] | None:
+    """As ``_settings``; an optimisation has those of its method among its own, a roadmap its hash."""
+    if not isinstance(chosen, Optimise):
+        chosen = RoadmapReference(chosen.hash) if isinstance(chosen, Roadmap) else chosen
+        return _settings(chosen, _PLANNERS)
+    method = _settings(chosen.method, METHODS)
+    told = None if method is None else _settings(chosen, {chosen.name: Optimise})
+    if told is not None:
+        told["settings"]["method"] = method
+    return told
+
+
 def _read_request(node: Node, n: int) -> PlanRequest | None:
     goals = [
         _read_tool_goal(item) if item.has("pose") else item.at("joints").numbers(n) for item in node.at("goals").items()
@@ -282,12 +296,28 @@ def _read_request(node: Node, n: int) -> PlanRequest | None:
     limits |= {name: node.at(name).number() for name in _REAL}
     limits |= {name: node.at(name).optional(Node.number) for name in _MAYBE}
     start = node.at("start").numbers(n)
-    planner = _read_settings(node.at("planner"), "planner", _PLANNERS)
+    planner = _read_planner(node.at("planner"))
+    polish = node.at("polish").optional(_read_planner) if node.has("polish") else None  # files of before have none
     timing = _read_settings(node.at("timing"), "timing law", TIMINGS)
     if planner is None or timing is None:
         return None
     return node.attempt(
-        lambda: PlanRequest(start, goals[0] if len(goals) == 1 else tuple(goals), planner, timing, **limits)
+        lambda: PlanRequest(
+            start, goals[0] if len(goals) == 1 else tuple(goals), planner, timing, polish=polish, **limits
+        )
+    )
+
+
+def _read_planner(node: Node) -> Any:
+    optimise = Optimise().name
+    if node.at("name").value != optimise:
+        return _read_settings(node, "planner", _PLANNERS)
+    settings = node.at("settings")
+    method = _read_settings(settings.at("method"), "method", METHODS)
+    if method is None:
+        return None
+    return _made(
+        settings, [item.name for item in fields(Optimise)], lambda **given: Optimise(**{**given, "method": method})
     )
 
 
@@ -319,8 +349,12 @@ def _read_settings(node: Node, kind: str, known: Mapping[str, type[Any]]) -> Any
     if name not in known:
         node.problem(str(UnknownName(kind, name, known)))
         return None
-    allowed = [item.name for item in fields(known[name])]
-    if not isinstance(settings.value, dict) or not set(settings.value) <= set(allowed):
-        settings.wrong(f"an object with no other keys than {', '.join(allowed)}")
+    return _made(settings, [item.name for item in fields(known[name])], known[name])
+
+
+def _made(node: Node, allowed: Sequence[str], make: Callable[..., Any]) -> Any:
+    """What settings make, none of which has another name; None if they make nothing."""
+    if not isinstance(node.value, dict) or not set(node.value) <= set(allowed):
+        node.wrong(f"an object with no other keys than {', '.join(allowed)}")
         return None
-    return settings.attempt(lambda: known[name](**settings.value))
+    return node.attempt(lambda: make(**node.value))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose, numbers
+from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect
 from planner_service.pose_goal import PoseGoal
 from planner_service.robot import Robot
@@ -34,7 +35,8 @@ class PlanRequest:
         goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
             kinematics solution is a goal, joints that do not move the tool staying as in the start), a
             ``PoseGoal`` with room around one, or a sequence of these, any of which will do.
-        planner: The search, asked only when no straight line is free.
+        planner: The search, asked only when no straight line is free; or ``Optimise(...)``, which searches nothing and
+            improves straight lines, free or not.
         timing: The law s(t) along the path.
         seed: Decides every random choice; the same request and seed give the same plan and counts.
         max_checks: States the whole plan may judge (a PRM's building has its own budget).
@@ -46,6 +48,8 @@ class PlanRequest:
         max_tool_speed: Metres per second that the tool frame's origin may move at most; None for no limit.
         blend: Radians of path that the blend of a corner may replace before and after it; 0 keeps every
             corner a stop.
+        polish: How the path is optimised, after it was cut short; None to leave it. The optimum is kept only if it is
+            no worse, free and proven.
         start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
             then clamped, and the result says so.
 
@@ -55,7 +59,7 @@ class PlanRequest:
 
     start: ArrayLike
     goal: Goal
-    planner: Planner = field(default_factory=RRTConnect)
+    planner: Planner | Optimise = field(default_factory=RRTConnect)
     timing: Timing = field(default_factory=ToppRa)
     seed: int = 0
     max_checks: int = 50_000
@@ -67,6 +71,7 @@ class PlanRequest:
     max_tool_speed: float | None = None
     blend: float = 0.5
     start_tolerance: float = 0.01
+    polish: Optimise | None = None
 
     def __post_init__(self) -> None:
         _whole("seed", self.seed, 0, 2**63 - 1)
@@ -80,9 +85,29 @@ class PlanRequest:
             _number("time_limit", self.time_limit, 0.0, 86_400.0)
         for name in ("velocity_scale", "acceleration_scale"):
             require_scale(name, getattr(self, name))
-        if not callable(getattr(self.planner, "search", None)):
+        if not isinstance(self.planner, Optimise) and not callable(getattr(self.planner, "search", None)):
             raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
+        if self.polish is not None and not isinstance(self.polish, Optimise):
+            raise InvalidRequest("polish", self.polish, "Optimise(...) or None")
+        if self.polish is not None and isinstance(self.planner, Optimise):
+            raise InvalidRequest("polish", self.polish, "None: the planner optimises")
+        if self.optimise is not None and self.blend == 0.0:
+            raise InvalidRequest("blend", self.blend, "above 0: an optimum is a curve without stops")
         require_timing(self.timing)
+
+    @property
+    def optimise(self) -> Optimise | None:
+        """How paths are optimised, be it as a polish or by the planner.
+
+        With as many corners as suit the timing law, and with twice the padding as clearance at least: an optimum is
+        judged with the padding, and padded boxes are nearer by up to 1.74 of it at their corners.
+        """
+        chosen = self.planner if isinstance(self.planner, Optimise) else self.polish
+        if chosen is None:
+            return None
+        few = chosen.corners is None and not isinstance(self.timing, ToppRa)
+        clearance = max(chosen.clearance, min(2.0 * self.padding, MOST_CLEARANCE))
+        return replace(chosen, corners=FEW_CORNERS if few else chosen.corners, clearance=clearance)
 
     def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:
         """The goals one by one, joint vectors copied and checked for shape and finiteness.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import enum
 import math
+from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,7 +16,8 @@ from planner_service.certify import Certificate, ExemptInterval, Refusal
 from planner_service.collision import CheckCounts, Contact
 from planner_service.geometry import read_only
 from planner_service.json_file import Node
-from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.optimize import Figures
+from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks, Peak
 from planner_service.trajectory import Trajectory
@@ -64,6 +66,7 @@ def result_record(result: PlanResult) -> dict[str, Any]:
         "stages": [_stage(report) for report in result.stages],
         "certificate": None if result.certificate is None else certificate_record(result.certificate),
         "motion": None if result.motion is None else _motion(result.motion),
+        "polish": None if result.polish is None else _polish(result.polish),
         "path": None
         if path is None
         else {"length": path.length, "waypoints": path.waypoints.tolist(), "blends": path.blends.tolist()},
@@ -99,7 +102,28 @@ def read_result(node: Node, n: int) -> PlanResult:
         certificate=certificate,
         motion=motion,
         notes=read_texts(node.at("notes")),
+        polish=node.at("polish").optional(_read_polish) if node.has("polish") else None,  # files of before have none
     )
+
+
+def _polish(report: PolishReport) -> dict[str, Any]:
+    return {**vars(report), "before": dict(vars(report.before)), "after": dict(vars(report.after))}
+
+
+def _read_polish(node: Node) -> PolishReport:
+    return PolishReport(
+        node.at("method").text(),
+        node.at("kept").flag(),
+        _read_figures(node.at("before")),
+        _read_figures(node.at("after")),
+        node.at("iterations").whole(),
+        node.at("gradients").whole(),
+        node.at("note").text(),
+    )
+
+
+def _read_figures(node: Node) -> Figures:
+    return Figures(*(node.at(item.name).number() for item in fields(Figures)))
 
 
 def _read_path(node: Node, n: int) -> JointPath | None:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,6 +72,11 @@ class PlannerService:
 
     def _new_checker(self) -> CollisionChecker:
         return CollisionChecker(self.robot, self.scene, edge_step=self._edge_step, allowed=self._allowed)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Sent to another process, a service is built anew there."""
+        made = partial(PlannerService, edge_step=self._edge_step, allowed=self._allowed)
+        return made, (self.robot, self.scene)
 
     def with_scene(self, scene: Scene | str | Path) -> PlannerService:
         """A service for the same robot and settings in another scene."""

@@ -13,7 +13,7 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
-from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
+from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.path import JointPath
 from planner_service.roadmap import Roadmap
 from planner_service.smoothing import LEAST_BLEND
@@ -65,6 +65,7 @@ class StageBook:
         self.attempts = 0
         self.end_trouble = ""
         self.roadmap: Roadmap | None = None
+        self.polish: PolishReport | None = None
 
     @contextmanager
     def during(self, stage: Stage) -> Iterator[Entry]:
@@ -152,6 +153,7 @@ class StageBook:
             motion=motion,
             notes=tuple(self.notes),
             roadmap=self.roadmap,
+            polish=self.polish,
         )
 
     def gave_up(self) -> Failure:

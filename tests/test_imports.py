@@ -90,6 +90,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "follow",
             "pace",
             "oracle",
+            "polishing",
         },
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "certify", "search"},
     ),
@@ -98,7 +99,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"},
     ),
 }
-ABOVE = {FRONT, "__main__", "cli", "interchange", "plan_file", "result_record"}
+ABOVE = {FRONT, "__main__", "cli", "interchange", "plan_file", "result_record", "several"}
 """The public face, the command line and its files: they may import everything, nothing below imports them."""
 
 ONLY_IN = {
@@ -108,6 +109,7 @@ ONLY_IN = {
     "coacd": {"coacd_child.py"},
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"two_passes.py"},
+    "piqp": {"optimize"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "trimesh": set[str](),
     "pickle": set[str](),
@@ -122,7 +124,10 @@ ONLY_IN = {
 }
 """Where each of these may be imported; nowhere if empty: unpickling runs code, and lxml recovers from broken files."""
 
-SLOW = ("yourdfpy", "toppra", "trimesh", "scipy.optimize", "matplotlib", "lxml", "rich", "typer")
+SLOW = (
+    *("yourdfpy", "toppra", "trimesh", "scipy.optimize", "scipy.sparse", "piqp"),
+    *("matplotlib", "lxml", "rich", "typer"),
+)
 """Only imported when first used."""
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))

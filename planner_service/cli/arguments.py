@@ -11,8 +11,10 @@ import numpy as np
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray, Pose
 from planner_service.interchange import load_world
+from planner_service.optimize import Optimise, load_solver
 from planner_service.path import JointPath
 from planner_service.plan_file import TIMINGS, MadeFor
+from planner_service.planners import PLANNERS, Planner, planner_by_name
 from planner_service.request import PlanRequest
 from planner_service.robot import Robot, load_robot
 from planner_service.scene_file import require_writable
@@ -23,6 +25,8 @@ __all__ = [
     "configuration",
     "goals",
     "load_libraries",
+    "optimise",
+    "planner_or_optimise",
     "reopened",
     "service_for",
     "time_limit_of",
@@ -88,6 +92,27 @@ def _numbers(text: str) -> list[float] | None:
         return None
 
 
+def optimise(clearance: float | None) -> Optimise:
+    """An optimisation that keeps so many metres, or as many as it does by itself."""
+    return Optimise() if clearance is None else Optimise(clearance=clearance)
+
+
+def planner_or_optimise(name: str, clearance: float | None) -> Planner | Optimise:
+    """The planner of that name (any case) with its default settings, ``optimise`` among them.
+
+    Raises:
+        UnknownName: there is none; the message offers the nearest.
+        InvalidRequest: a clearance for a planner that takes none.
+    """
+    if name.lower() == Optimise().name:
+        return optimise(clearance)
+    if clearance is not None:
+        raise InvalidRequest("--clearance", clearance, "--polish, or --planner optimise")
+    if name.lower() not in PLANNERS:
+        raise UnknownName("planner", name, [*PLANNERS, Optimise().name])
+    return planner_by_name(name)
+
+
 def timing_by_name(name: str) -> Timing:
     """The timing law of that name (any case) with its default settings.
 
@@ -149,6 +174,8 @@ def _found(option: str, name: str, load: Callable[[str], T], made: str) -> T:
 def load_libraries(request: PlanRequest, robot: Robot) -> None:
     """Time a motion that nobody asked for: libraries load when first used, and no stage is to be charged for that."""
     request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
+    if request.optimise is not None:
+        load_solver()
 
 
 def unit_of(robot: Robot) -> str:

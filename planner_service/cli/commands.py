@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from planner_service.certify import Certifier
 from planner_service.cli import OUR_BUG, listings
 from planner_service.cli.arguments import (
     configuration,
     goals,
     load_libraries,
+    optimise,
+    planner_or_optimise,
     reopened,
     service_for,
     time_limit_of,
@@ -27,11 +30,14 @@ from planner_service.cli.options import (
     DEFAULT,
     AsJson,
     Blend,
+    Clearance,
     Goals,
     MaxChecks,
     Out,
     Padding,
     PlannerName,
+    Plot,
+    Polish,
     RobotName,
     SceneName,
     Seed,
@@ -41,6 +47,7 @@ from planner_service.cli.options import (
     ToolSpeed,
 )
 from planner_service.cli.pick_place import plan_pick_place
+from planner_service.cli.plot import write_clearance_plot
 from planner_service.cli.roadmaps import roadmaps
 from planner_service.cli.tables import (
     console,
@@ -57,14 +64,15 @@ from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.health import examine
 from planner_service.interchange import csv_text, joint_trajectory, load_world
+from planner_service.outcome import PlanResult
 from planner_service.plan_file import MadeFor, SavedPlan, load_plan, save_plan
-from planner_service.planners import planner_by_name
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record
 from planner_service.robot import load_robot
 from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
-from planner_service.scene_file import write_whole
+from planner_service.scene_file import require_writable, write_whole
+from planner_service.service import PlannerService
 from planner_service.stagebook import in_words
 
 __all__ = ["app"]
@@ -98,16 +106,21 @@ def plan(
     padding: Padding = DEFAULT.padding,
     blend: Blend = DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,
+    polish: Polish = False,
+    clearance: Clearance = None,
+    plot: Plot = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan a motion from one configuration to a goal, and print it stage by stage."""
     with bad_input_exits():
         service = service_for(robot, scene, out)
+        if plot is not None:
+            require_writable(plot)
         request = PlanRequest(
             configuration("--start", start, service.robot),
             goals(goal, service.robot),
-            planner_by_name(planner),
+            planner_or_optimise(planner, None if polish else clearance),
             timing_by_name(timing),
             seed=seed,
             max_checks=max_checks,
@@ -115,12 +128,15 @@ def plan(
             padding=padding,
             blend=blend,
             max_tool_speed=max_tool_speed,
+            polish=optimise(clearance) if polish else None,
         )
         load_libraries(request, service.robot)
         result = service.plan(request)
         saved = SavedPlan(MadeFor.of(service), request, result)
         if out is not None:
             save_plan(saved, out)
+        if plot is not None:
+            _plot(plot, service, request, result)
     words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     text = "" if as_json else render(table(words, plan_rows(result), console().width, unit_of(service.robot)))
     finish(saved.document(), text, result.failure, plan_words(result), as_json=as_json)
@@ -321,3 +337,12 @@ def import_robot_(
         words = f"imported: {found.robot.name}, written to {found.path}, in {found.seconds:.1f} s"
         checks = [f"check: {line}" for line in to_check(found, source)]
         emit(render(words, "", import_table(found), "", *wrapped(checks)))
+
+
+def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:
+    """Draw the clearance along a path; and of the one that there is without optimising, if it was."""
+    paths = {} if result.path is None else {"the path": result.path}
+    if result.path is not None and result.polish is not None and request.polish is not None:
+        before = service.plan(replace(request, polish=None)).path
+        paths = ({} if before is None else {"not optimised": before}) | {"optimised": result.path}
+    write_clearance_plot(file, Certifier(service.robot, service.scene), paths)

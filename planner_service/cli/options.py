@@ -13,11 +13,14 @@ __all__ = [
     "DEFAULT",
     "AsJson",
     "Blend",
+    "Clearance",
     "Goals",
     "MaxChecks",
     "Out",
     "Padding",
     "PlannerName",
+    "Plot",
+    "Polish",
     "RobotName",
     "SceneName",
     "Seed",
@@ -34,7 +37,7 @@ Goals = Annotated[
 ]
 RobotName = Annotated[str, typer.Option("--robot", help="Name, or path of a robot.toml.")]
 SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a TOML, MoveIt .scene or URDF file.")]
-PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}.")]
+PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}, optimise.")]
 TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
 Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
 MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
@@ -43,6 +46,11 @@ Padding = Annotated[float, typer.Option(help="Metres that the search keeps from 
 ToolSpeed = Annotated[float | None, typer.Option(help="Metres per second that the tool may move at most.")]
 Blend = Annotated[
     float, typer.Option(help="Radians of path that a blended corner may replace on each side; 0 for stops.")
+]
+Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: short, smooth, and clear of everything.")]
+Clearance = Annotated[float | None, typer.Option(help="Metres that --polish keeps where it can; 0.02 if not given.")]
+Plot = Annotated[
+    str | None, typer.Option(metavar="FILE", help="Draw the clearance along the path, and without --polish, as SVG.")
 ]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]

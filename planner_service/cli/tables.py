@@ -14,7 +14,7 @@ from rich.text import Text
 
 from planner_service.collision import CheckCounts
 from planner_service.health import Health
-from planner_service.outcome import MotionReport, PlanResult, Stage, StageReport
+from planner_service.outcome import MotionReport, PlanResult, PolishReport, Stage, StageReport
 from planner_service.plan_file import SavedTask
 from planner_service.stagebook import in_words
 
@@ -27,6 +27,7 @@ __all__ = [
     "motion_words",
     "plan_rows",
     "plan_words",
+    "polish_words",
     "proof_words",
     "render",
     "table",
@@ -123,6 +124,7 @@ def proof_words(results: Sequence[PlanResult]) -> str:
 def plan_words(result: PlanResult) -> list[str]:
     """How a plan moves, what is proven of it, and what was done beyond what was asked, a line each."""
     told = [] if result.motion is None else [motion_words(result.motion), proof_words([result])]
+    told += [] if result.polish is None else [polish_words(result.polish)]
     return [*told, *(f"note: {note}" for note in (*result.notes, *map(str, result.exempt)))]
 
 
@@ -139,6 +141,17 @@ def motion_words(motion: MotionReport) -> str:
     return (
         f"motion: {motion.duration:.2f} s{stops}; used of the limits: {peaks}; tool up to {motion.tool_speed:.2f} m/s"
     )
+
+
+def polish_words(report: PolishReport) -> str:
+    """What optimising came to, in a sentence."""
+    before, after = report.before, report.after
+    told = (
+        f"length {before.length:.2f} -> {after.length:.2f}, cost {before.cost:.3f} -> {after.cost:.3f}, "
+        f"smallest clearance at waypoints {before.clearance * 1000:.1f} -> {after.clearance * 1000:.1f} mm"
+    )
+    end = "" if report.kept else f"; not kept: {report.note}"
+    return f"optimised: {told}; {report.method}, {report.iterations} iterations, {report.gradients:,} gradients{end}"
 
 
 def health_words(health: Health, where: str) -> list[str]:

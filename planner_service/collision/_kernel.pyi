@@ -38,3 +38,13 @@ class Kernel:
         self, q1: object, q2: object, known: int, glance: int, many: int, /
     ) -> int | Found | tuple[int, int, int, int, int] | None: ...
     def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]: ...
+    def near(
+        self, Q: NDArray[np.float64], within: float, /
+    ) -> tuple[
+        NDArray[np.int64],
+        NDArray[np.int64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        NDArray[np.float64],
+        int,
+    ]: ...

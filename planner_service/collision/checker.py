@@ -25,10 +25,11 @@ from planner_service.collision.edges import (
 from planner_service.collision.judge import Backend, Compiled, judge_for
 from planner_service.collision.kernel import Found, Kernel, rules_of
 from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
+from planner_service.collision.near import NearPairs, measuring_kernel
 from planner_service.collision.parts import Parts, require_padding, sorted_pairs
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers, read_only
+from planner_service.geometry import FloatArray, number, numbers, read_only
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -154,7 +155,7 @@ class CollisionChecker:
 
     @property
     def parts(self) -> Parts:
-        """The pieces of robot and scene, as they are without padding."""
+        """The numbered pieces of robot and scene: ``parts.parts`` as they are, ``parts.shapes`` with the padding."""
         return self._parts
 
     @property
@@ -353,6 +354,42 @@ class CollisionChecker:
         gap = self._prefilter.smallest_gap(self._configuration("q", q))
         self.ledger.charge_distances(self.pair_count)
         return rounded_down(gap)
+
+    def near(self, Q: ArrayLike, within: float) -> NearPairs:
+        """All judged pairs that are nearer than ``within`` metres at configurations Q (m, n), and how to part them.
+
+        Counts one distance for each pair whose boxes are so near that it has to be measured.
+
+        Raises:
+            InvalidRequest: a row has the wrong shape, is not finite, or lies outside the joint limits; or the compiled
+                kernel was not built.
+        """
+        within = number("within", within, "metres in [0, 1]", 0.0, 1.0)
+        rows = np.ascontiguousarray(numbers("Q", Q, f"rows of {self.robot.n} joint values"))
+        if rows.ndim != 2 or rows.shape[1] != self.robot.n:
+            raise InvalidRequest("Q", rows.shape, f"rows of {self.robot.n} joint values, shape (m, {self.robot.n})")
+        outside = np.flatnonzero(~((rows >= self._lower) & (rows <= self._upper)).all(axis=1))  # NaN is outside
+        if len(outside):
+            self._configuration(f"Q[{outside[0]}]", rows[outside[0]])
+        with self.ledger.lock:
+            self.ledger.poll()
+            row, pair, distance, point, gradient, asked = self._measuring.near(rows, within)
+            self.ledger.charge_distances(asked)
+        return NearPairs(row, pair, distance, point, gradient)
+
+    @cached_property
+    def own_pairs(self) -> NDArray[np.bool_]:
+        """Of the judged pairs by their numbers, which are of two pieces that both ride on the robot, (p,)."""
+        own: NDArray[np.bool_] = self._parts.pairs[:, 1] < self._parts.riding
+        return own
+
+    def pair_names(self, pair: int) -> tuple[str, str]:
+        """The owners of a pair by its number: the link or carried object, then what it meets."""
+        return self._parts.names(pair)
+
+    @cached_property
+    def _measuring(self) -> Kernel:
+        return measuring_kernel(self._judge, self.robot, self._parts)
 
     def contacts(self, q: ArrayLike) -> tuple[Contact, ...]:
         """The pairs that touch at q (n,), deepest first; empty when q is free. Counts one state.

@@ -22,7 +22,7 @@ from planner_service.collision.parts import Parts
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
 
-__all__ = ["Asked", "Doubt", "Found", "Kernel", "build_kernel", "instruction_sets", "rules_of"]
+__all__ = ["Asked", "Doubt", "Found", "IntArray", "Kernel", "Nearby", "build_kernel", "instruction_sets", "rules_of"]
 
 IntArray = NDArray[np.int64]
 
@@ -37,6 +37,9 @@ and some more."""
 Asked = tuple[int, int, int, int, int]
 """An edge that is not finished: the ends to judge, the segments, the rows, the row to go on with, and how many rows
 before it were found free."""
+
+Nearby = tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray, int]
+"""Rows, pairs, distances, points, gradients, and how many pairs were looked at closely."""
 
 SLIDES = 1.0
 
@@ -82,6 +85,12 @@ class Kernel(Protocol):
 
     def samples(self, a: Sequence[float], b: Sequence[float], segments: int, /) -> list[list[float]]:
         """The interior of an edge in the order in which it is judged."""
+
+    def near(self, Q: FloatArray, within: float, /) -> Nearby:
+        """All pairs nearer than ``within`` metres at rows of Q (m, n), by row: what ``NearPairs`` is made of.
+
+        Equal bits with every instruction set.
+        """
 
 
 @lru_cache(maxsize=1)

@@ -136,6 +136,10 @@ class Ledger:
         """How many more states may be judged; None without a limit."""
         return None if self._state_limit is None else self._state_limit - self.states
 
+    def time_left(self) -> float | None:
+        """Seconds until the deadline, none below 0; None without one."""
+        return None if self._deadline is None else max(0.0, self._deadline - time.monotonic())
+
     def charge_states(self, judged: int) -> None:
         """Record ``judged`` states; when that is more than there is room for, record the room and stop."""
         if self._state_limit is not None and self.states + judged > self._state_limit:

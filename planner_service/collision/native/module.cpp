@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "distance.hpp"
 #include "model.hpp"
 #include "samples.hpp"
 
@@ -65,6 +66,14 @@ nb::object told(const std::optional<Doubt>& doubt) {
     return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs);
 }
 
+// A numpy array that keeps the numbers of a vector.
+template <typename T>
+nb::object array_of(std::vector<T>&& values, std::initializer_list<std::size_t> shape) {
+    auto* kept = new std::vector<T>(std::move(values));
+    const nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+    return nb::ndarray<nb::numpy, T>(kept->data(), shape, owner).cast();
+}
+
 class Kernel {
   public:
     Kernel(const Rows& joints, const Rows& bodies_and_poses, const Rows& solids, const NumberRows& runs,
@@ -100,6 +109,21 @@ class Kernel {
         require(0 <= start && start <= stop && stop <= edge.rows(), "start <= stop <= rows");
         nb::gil_scoped_release release;
         return first_in_doubt(model_, *variant_, edge, start, stop);
+    }
+
+    nb::object near(const Rows& Q, double within) const {
+        const int m = rows_of(Q);
+        require(std::isfinite(within), "a distance in metres");
+        Near found;
+        {
+            nb::gil_scoped_release release;
+            found = kernel::near(model_, Q.data(), m, within);
+        }
+        const std::size_t count = found.rows.size(), n = static_cast<std::size_t>(model_.dof);
+        return nb::make_tuple(array_of(std::move(found.rows), {count}), array_of(std::move(found.pairs), {count}),
+                              array_of(std::move(found.distances), {count}),
+                              array_of(std::move(found.points), {count, 2, 3}),
+                              array_of(std::move(found.gradients), {count, n}), found.asked);
     }
 
     void agree(std::vector<double> lower, std::vector<double> upper, std::vector<double> reach,
@@ -357,6 +381,7 @@ NB_MODULE(_kernel, m) {
                         int start, int stop) {
             return told(self.edge(std::move(a), std::move(b), ends, segments, start, stop));
         })
+        .def("near", &Kernel::near)
         .def("agree", &Kernel::agree)
         .def("state", &Kernel::state, nb::arg("q").none())
         .def("ask", &Kernel::ask, nb::arg("q1").none(), nb::arg("q2").none(), nb::arg("known"), nb::arg("glance"),
