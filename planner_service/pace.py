@@ -150,7 +150,7 @@ def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
 def _instants(trajectory: Trajectory) -> FloatArray:
     """Where a look at a trajectory begins: the ends of its pieces of time, and between them where it moves far."""
     starts = trajectory.coefficients[:, 0]
-    lengths = np.concatenate([starts[1:], [trajectory.path.length]]) - starts
+    lengths = np.concatenate([starts[1:], [trajectory.end]]) - starts
     counts = np.maximum(np.ceil(lengths / _SPACING), 1.0).astype(np.intp)
     piece = np.repeat(np.arange(len(counts)), counts)
     within = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -101,7 +101,13 @@ class StageBook:
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
-    def certificate(self, certifier: Certifier, path: JointPath, exempt: Sequence[ExemptInterval]) -> Certificate:
+    def certificate(
+        self,
+        certifier: Certifier,
+        path: JointPath,
+        exempt: Sequence[ExemptInterval],
+        part: tuple[float, float] | None = None,
+    ) -> Certificate:
         """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
         ledger = self._checker.ledger
 
@@ -110,7 +116,7 @@ class StageBook:
             ledger.charge_distances(bounds)
 
         with self.during(Stage.CERTIFY) as entry:
-            found = certifier.certify(path, exempt=exempt, charge=charge)
+            found = certifier.certify(path, exempt=exempt, part=part, charge=charge)
             entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
             return found
 

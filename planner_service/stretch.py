@@ -36,17 +36,21 @@ BETWEEN = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """The part of a path between two stops: its pieces between breaks, one or more."""
+    """The part of a path between two stops: its pieces between breaks, one or more.
+
+    ``since`` is where on its first piece, which is then straight, it begins, should it not begin with a stop.
+    """
 
     path: JointPath
     pieces: range
     limits: JointLimits
     speed_limit: SpeedLimit | None = None
+    since: float | None = None
 
     @property
     def start(self) -> float:
         """Where it begins in s."""
-        return float(self.path.breaks[self.pieces[0]])
+        return float(self.path.breaks[self.pieces[0]]) if self.since is None else self.since
 
     @property
     def length(self) -> float:
@@ -65,8 +69,8 @@ class Stretch:
         not asked.
         """
         firsts, breaks = self._firsts, self.path.breaks.tolist()
-        starts = [breaks[k] for k in firsts]
-        lengths = [breaks[end] - breaks[first] for first, end in pairwise([*firsts, self.pieces[-1] + 1])]
+        starts = [self.start, *(breaks[k] for k in firsts[1:])]
+        lengths = [end - start for start, end in pairwise([*starts, breaks[self.pieces[-1] + 1]])]
         blended = self.path.blended[firsts].tolist()
         bounds = self._bounds(blended, lengths, jerk)
         if self.speed_limit is not None:
@@ -140,12 +144,18 @@ def _least(limits: FloatArray, shares: FloatArray) -> FloatArray:
         return np.asarray(np.where(shares > 0.0, limits / shares, math.inf).min(axis=1))
 
 
-def stretches(path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Iterator[Stretch]:
-    """The parts of a path between its stops, none for a single point."""
-    if path.length > 0.0:
-        stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length])
-        for first, end in pairwise(stops.tolist()):
-            yield Stretch(path, range(first, end), limits, speed_limit)
+def stretches(
+    path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None, since: float | None = None
+) -> Iterator[Stretch]:
+    """The parts of a path between its stops, none for a single point; of what is left from ``since`` on, if given."""
+    if path.length > (since or 0.0):
+        stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length]).tolist()
+        if since is not None:
+            here = int(path.pieces_at(np.array([since]))[0])
+            stops = [here, *(stop for stop in stops if stop > here)]
+        for first, end in pairwise(stops):
+            yield Stretch(path, range(first, end), limits, speed_limit, since)
+            since = None
 
 
 def straight_parts(path: JointPath, limits: JointLimits, *, jerk: bool) -> list[Part]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Protocol
@@ -175,6 +175,49 @@ class ToppRa:
         require_usable(path, limits, jerk=False)
         return _held(_timed(path, stretches(path, limits, speed_limit), self._between_stops), limits)
 
+    def onward(
+        self,
+        path: JointPath,
+        limits: JointLimits,
+        moving: tuple[float, float],
+        *,
+        speed_limit: SpeedLimit | None = None,
+    ) -> list[Phase]:
+        """The law along what is left of a path, at whose end it rests, as phases; their limits are not verified.
+
+        Args:
+            moving: Where it begins in s, which is not within a blend, and ds/dt there.
+
+        Raises:
+            InvalidRequest: as ``time_path``.
+            TimingFailed: the speed is too high to slow down in time, or there is no solution.
+        """
+        require_usable(path, limits, jerk=False)
+        since, rate = moving
+        phases: list[Phase] = []
+        with _failing():
+            for stretch in stretches(path, limits, speed_limit, since):
+                phases += self._between_stops(stretch) if phases or not rate > 0.0 else self._going_on(stretch, rate)
+        return phases
+
+    def _going_on(self, stretch: Stretch, rate: float) -> list[Phase]:
+        """The motion to the next stop from ``rate``."""
+        parts = stretch.parts(jerk=False)
+        steady: list[Phase] | None = None
+        if len(parts) == 1 or not _blend_at_stop(parts[1:]):
+            with suppress(OverflowError):
+                steady = chained(parts, rate)
+        if steady is not None and (len(parts) == 1 or stretch.length < SHORT_MOVE):
+            return steady
+        unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
+        try:
+            quick = _topp_ra(stretch, parts, self.gridpoints, unit, rate)
+        except TimingFailed:
+            if steady is None:
+                raise
+            return steady
+        return quick if steady is None else min(quick, steady, key=_seconds)
+
     def _between_stops(self, stretch: Stretch) -> list[Phase]:
         parts = stretch.parts(jerk=False)
         steady = None if _blend_at_stop(parts) else chained(parts)
@@ -320,10 +363,12 @@ def _grid(part: Part, stretch: Stretch, gridpoints: int) -> FloatArray:
     return np.array([math.sin(math.pi / 2 * i / count) ** 2 for i in range(count + 1)])
 
 
-def _topp_ra(stretch: Stretch, parts: Sequence[Part], gridpoints: int, unit: float) -> list[Phase]:
-    """TOPP-RA's motion; ``unit`` is about as many seconds as it takes."""
+def _topp_ra(stretch: Stretch, parts: Sequence[Part], gridpoints: int, unit: float, rate: float = 0.0) -> list[Phase]:
+    """TOPP-RA's motion from ``rate``; ``unit`` is about as many seconds as it takes."""
     grids = [_grid(part, stretch, gridpoints) for part in parts]
-    return _constant_accelerations(parts, grids, _toppra_speeds(stretch, parts, grids, unit))
+    speeds = _toppra_speeds(stretch, parts, grids, (unit, rate))
+    speeds[0][0] = rate
+    return _constant_accelerations(parts, grids, speeds)
 
 
 def _constant_accelerations(
@@ -343,9 +388,9 @@ def _constant_accelerations(
 
 
 def _toppra_speeds(
-    stretch: Stretch, parts: Sequence[Part], grids: Sequence[FloatArray], unit: float
+    stretch: Stretch, parts: Sequence[Part], grids: Sequence[FloatArray], known: tuple[float, float]
 ) -> list[FloatArray]:
-    """ds/dt at each point of each part's grid by TOPP-RA."""
+    """ds/dt at each point of each part's grid by TOPP-RA; known are its unit and the first of these speeds."""
     length = stretch.length
     shares = [
         (part.start - stretch.start) / length + grid[:-1] * (part.length / length)
@@ -354,7 +399,7 @@ def _toppra_speeds(
     points = np.concatenate([*shares, [1.0]])
     if not np.all(points[1:] > points[:-1]):
         raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: grid points of a tiny blend coincide")
-    speeds = two_passes(stretch, points, unit)
+    speeds = two_passes(stretch, points, *known)
     if isinstance(speeds, str):
         raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {speeds}")
     ends = np.cumsum([0, *(len(grid) - 1 for grid in grids)])

@@ -23,15 +23,16 @@ MAX_TOPPRA_SPEED = 1e4
 """In units of about 1, for toppra, which takes no infinite speed."""
 
 
-def two_passes(stretch: Stretch, points: FloatArray, unit: float) -> FloatArray | str:
-    """ds/dt at grid points along a stretch, from rest to rest; toppra's word for it if there is none.
+def two_passes(stretch: Stretch, points: FloatArray, unit: float, rate: float = 0.0) -> FloatArray | str:
+    """ds/dt at grid points along a stretch, to a stop; toppra's word for it if there is none.
 
     Args:
         points: Shares of the stretch, growing from 0 to 1.
         unit: About as many seconds as it takes.
+        rate: ds/dt where it begins.
     """
     solver = _algorithm()(_bounds(stretch, points, unit), points)
-    _, speeds, _ = solver.compute_parameterization(0.0, 0.0)
+    _, speeds, _ = solver.compute_parameterization(rate * (unit / stretch.length), 0.0)
     if speeds is None or not np.all(np.isfinite(speeds)):
         return str(solver.problem_data.return_code.name)
     return np.asarray(speeds * (stretch.length / unit), dtype=np.float64)
