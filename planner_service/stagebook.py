@@ -19,7 +19,7 @@ from planner_service.smoothing import LEAST_BLEND
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
-__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words", "not_certified"]
+__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words", "narrower", "not_certified"]
 
 
 class NoPlan(Exception):
@@ -126,10 +126,10 @@ class StageBook:
         """The path and what is proven of it; blends that cannot be proven are halved, and in the end stops."""
         while True:
             found = self.certificate(certifier, path, exempt)
-            narrower = None if found.refusal is None or found.refusal.spent else _narrower(path, found.refusal)
-            if narrower is None:
+            less = None if found.refusal is None else narrower(path, found.refusal)
+            if less is None:
                 return path, found
-            path = narrower
+            path = less
             self.notes.append(f"blends made narrower: {found.refusal}")
 
     def result(
@@ -190,10 +190,12 @@ def not_certified(certificate: Certificate) -> Failure:
     return Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {certificate.refusal}")
 
 
-def _narrower(path: JointPath, refusal: Refusal) -> JointPath | None:
-    """The path with the blends halved that lie where it was refused; None if there is none."""
+def narrower(path: JointPath, refusal: Refusal, first: int = 0) -> JointPath | None:
+    """The path with the blends halved, from waypoint ``first`` on, that lie where it was refused; None if none does."""
+    if refusal.spent:
+        return None
     before, after = path.knots - path.blends, path.knots + path.blends
-    meant = (path.blends > 0.0) & (before <= refusal.s) & (after >= refusal.s)
+    meant = (path.blends > 0.0) & (np.arange(len(before)) >= first) & (before <= refusal.s) & (after >= refusal.s)
     if not np.any(meant):
         return None
     widths = np.where(meant, path.blends / 2.0, path.blends)

@@ -1,0 +1,214 @@
+"""Ways that leave what is left of an old path for a goal: along its waypoints where that is free, else searched.
+
+A way is the old curve, bit for bit, up to the blend in which it turns off. Where it may turn off depends on how fast
+the robot comes along: within the distance of a stop any turn can be driven, nearer only those that are slight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from planner_service.collision import CollisionChecker, Known
+from planner_service.collision.ledger import CheckBudgetSpent
+from planner_service.endpoints import GoalState
+from planner_service.geometry import FloatArray
+from planner_service.oracle import SearchOracle
+from planner_service.outcome import Failure, Reason, Stage
+from planner_service.path import JointPath
+from planner_service.pipeline import fresh_seed
+from planner_service.request import PlanRequest
+from planner_service.search import SearchProblem, joint_distance
+from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
+from planner_service.splice import Handover
+from planner_service.stagebook import NoPlan, StageBook
+
+__all__ = ["Detours", "Way", "way_length"]
+
+PLACES = (0.6, 1.05, 0.3, 0.1)
+"""Where to turn off, in distances of a stop, in the order in which they are tried."""
+
+NEAR = 1e-6
+"""Radians. What is that close to a waypoint is taken for it."""
+
+ROOM = 1e-3
+"""Radians between two blends that leave room to turn off in between."""
+
+LESS_PADDING = (1.0, 0.5, 0.25, 0.125, 0.0)
+"""Parts of the asked padding tried where the old path is closer to something."""
+
+SEARCH_SHARE = 0.5
+"""Part of the states that searching may use."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A path that follows the old one up to waypoint ``leaves``, from which on it is its own; at s there.
+
+    ``searched`` says whether a part of it had to be.
+    """
+
+    path: JointPath
+    leaves: int
+    s: float
+    handover: Handover
+    searched: bool
+
+
+class Detours:
+    """Ways from one path under way.
+
+    Args:
+        path: What is left of the old path.
+        ahead: Old waypoints beyond its end, (k, n), known from an earlier motion.
+    """
+
+    def __init__(
+        self, checker: CollisionChecker, request: PlanRequest, book: StageBook, old: tuple[JointPath, FloatArray]
+    ) -> None:
+        self._checker, self._request, self._book = checker, request, book
+        self._path, self._ahead = old
+        self._states = max(1, int(request.max_checks * SEARCH_SHARE))
+
+    def places(self, handover: Handover, stop: float) -> Iterator[tuple[float, int]]:
+        """Where to turn off, as s and the index of the waypoint that is to be there; ``stop`` is where a stop ends.
+
+        Where something is in the way before that, it is left out.
+        """
+        if not handover.rate > 0.0:
+            yield self._place(handover.s)
+            return
+        tried: list[float] = []
+        for part in PLACES:
+            s, index = self._place(min(handover.s + part * (stop - handover.s), self._path.length))
+            if all(abs(s - other) > ROOM for other in tried) and self._free_up_to(handover.s, s):
+                tried.append(s)
+                yield s, index
+
+    def _place(self, s: float) -> tuple[float, int]:
+        """The nearest s from there on that is on a straight piece, or a waypoint."""
+        path = self._path
+        index = int(np.flatnonzero(path.knots >= s - NEAR)[0])
+        knot, width = float(path.knots[index]), float(path.blends[index])
+        if s >= knot - max(width, NEAR) or index == 0:
+            return (s if s >= knot - NEAR and index == len(path.knots) - 1 else knot), index
+        after, before = float(path.knots[index - 1] + path.blends[index - 1]), knot - width
+        if s >= after:
+            return s, index
+        return ((after + before) / 2.0, index) if before - after > ROOM else (knot, index)
+
+    def _free_up_to(self, s: float, end: float) -> bool:
+        """Whether the old polyline is free in between."""
+        knots = [s, *(k for k in self._path.knots.tolist() if s + NEAR < k < end - NEAR), end]
+        points = self._path(np.array(knots))
+        with self._book.during(Stage.STRAIGHT_LINE):
+            ends = [Known.NEITHER, *(Known.START for _ in points[1:])]
+            edges = zip(pairwise(points), ends, strict=False)
+            return all(self._checker.edge_is_free(a, b, known=known) for (a, b), known in edges)
+
+    def way(self, handover: Handover, place: tuple[float, int], goal: GoalState) -> Way | None:
+        """A way that turns off there, its corners blended; None if there the robot would touch something.
+
+        Raises:
+            NoPlan: none was found.
+        """
+        (s, index), old = place, self._path
+        q = old(s)
+        padding = self._padding(q, goal.padding)
+        if padding is None:
+            return None
+        self._book.padding = padding
+        judge = self._checker.variant(padding=padding)
+        oracle = SearchOracle(judge, [q], [goal.q])
+        chain = [q, *old.waypoints[old.knots > s + NEAR], *self._ahead]
+        if len(chain) == 1 or chain[-1].tolist() != goal.q.tolist():
+            chain = [*(chain[:-1] if len(chain) > 1 else chain), goal.q]
+        points, searched = self._repaired(chain, oracle)
+        points = self._shortened(points, oracle)
+        path = JointPath(
+            np.concatenate([old.waypoints[:index], points]), np.append(old.blends[:index], np.zeros(len(points)))
+        )
+        with self._book.during(Stage.POLISH) as entry, suppress(CheckBudgetSpent):
+            sizes = np.full(len(path.waypoints), self._request.blend)
+            sizes[:index] = 0.0
+            reached = max(handover.s, float(path.knots[index - 1] + path.blends[index - 1])) if index else handover.s
+            sizes[index] = min(self._request.blend, max(0.0, s - reached))
+            path = blended(path, judge.blend_is_free, sizes)
+            entry.length = path.length - s
+        return Way(path, index, s, handover, searched)
+
+    def _padding(self, q: FloatArray, most: float) -> float | None:
+        """The widest padding of a short ladder with which q is free."""
+        ladder = [self._request.padding * part for part in LESS_PADDING]
+        with self._book.during(Stage.ENDPOINTS):
+            free = (p for p in ladder if p <= most and self._checker.variant(padding=p).state_is_free(q))
+            return next(free, None)
+
+    def _repaired(self, chain: Sequence[FloatArray], oracle: SearchOracle) -> tuple[FloatArray, bool]:
+        """The chain with what is blocked of it searched anew, and whether there was any."""
+        out, at, last, searched = [chain[0]], 0, len(chain) - 1, False
+        while at < last:
+            with self._book.during(Stage.STRAIGHT_LINE):
+                known = Known.BOTH if at + 1 == last else Known.START
+                free = oracle.edge_is_free(chain[at], chain[at + 1], known=known)
+                later = [] if free else [k for k in range(at + 1, last) if oracle.state_is_free(chain[k])]
+            if free:
+                at += 1
+                out.append(chain[at])
+                continue
+            searched = True
+            later.append(last)
+            found = self._search(chain[at], np.array([chain[k] for k in later]), oracle)
+            out += list(found[1:])
+            at = next(k for k in later if chain[k].tolist() == found[-1].tolist())
+        return np.array(out), searched
+
+    def _search(self, start: FloatArray, goals: FloatArray, oracle: SearchOracle) -> FloatArray:
+        """A path from the start to one of the goals, with fresh seeds if one gives up.
+
+        Raises:
+            NoPlan: none was found.
+        """
+        request, limits, ledger = self._request, self._checker.robot.limits, self._checker.ledger
+        planner = request.planner
+        tries = 1 if planner.patience is None else request.retries + 1
+        share = max(1, self._states // tries, planner.patience or 0)
+        with self._book.during(Stage.SEARCH) as entry:
+            entry.note = planner.name
+            for attempt in range(tries):
+                self._book.attempts += 1
+                seed = fresh_seed(request.seed, attempt)
+                problem = SearchProblem(start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll)
+                try:
+                    with self._checker.limited(states=share):
+                        found = planner.search(problem).waypoints
+                except CheckBudgetSpent:
+                    if ledger.room() == 0:
+                        raise
+                    continue
+                if found is not None:
+                    return found
+        detail = "no way from where the old one is left was found; whether there is one is unknown"
+        raise NoPlan(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, detail))
+
+    def _shortened(self, points: FloatArray, oracle: SearchOracle) -> FloatArray:
+        if len(points) < 3:
+            return points
+        with self._book.during(Stage.SHORTCUT) as entry, suppress(CheckBudgetSpent):
+            points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
+            entry.length = way_length(points)
+        with self._book.during(Stage.POLISH), suppress(CheckBudgetSpent):
+            points = pulled_in(points, oracle)
+            if self._request.blend > 0.0:
+                points = without_short_pieces(points, oracle)
+        return points
+
+
+def way_length(points: Sequence[FloatArray] | FloatArray) -> float:
+    """L2 length of a polyline."""
+    return math.fsum(joint_distance(a, b) for a, b in pairwise([q.tolist() for q in points]))

@@ -1,0 +1,417 @@
+"""Another motion while one is under way: what ``PlannerService.replan`` runs.
+
+What is left of the old motion is proven in the new scene, and goes on if nothing is in the way and nothing better is
+found. Else a new way leaves it, at a place that the robot passes at speed. If there is none, the robot stops along the
+old curve; if that cannot be proven either, nothing is safe, which is said.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from planner_service.certify import Certificate, Certifier, ExemptInterval
+from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.collision.ledger import CheckBudgetSpent, TimeBoxSpent
+from planner_service.detour import Detours, Way
+from planner_service.endpoints import Endpoints, GoalState
+from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.geometry import FloatArray, number
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
+from planner_service.pace import Pace, peak_tool_speed, tool_speed_limit
+from planner_service.path import JointPath
+from planner_service.peaks import LimitPeaks, peaks
+from planner_service.request import Goal, PlanRequest
+from planner_service.robot import Robot
+from planner_service.search import joint_distance
+from planner_service.splice import Underway
+from planner_service.stagebook import Limits, NoPlan, StageBook, narrower, not_certified
+from planner_service.timing import TimingFailed, ToppRa
+from planner_service.trajectory import Trajectory
+from planner_service.turns import Turns
+
+__all__ = ["MAX_CHECKS", "Outcome", "Replanned", "replan", "underway"]
+
+MAX_CHECKS = 20_000
+"""States that replanning may judge unless a request says otherwise: some hundredths of a second."""
+
+MAX_LATENCY = 10.0
+"""Seconds; more is a wrong unit."""
+
+SHORTER, SOONER = 0.98, 0.97
+"""A free old motion is left for a way that is shorter, and a motion that ends sooner, by that much."""
+
+SLIGHT = 1e-6
+"""Share by which a tool may seem faster than it may be: its peak is known to six digits."""
+
+
+class Outcome(enum.Enum):
+    """What came of replanning."""
+
+    NEW = "new motion"
+    KEPT = "old motion goes on"
+    STOP = "stop along the old curve"
+    UNSAFE = "nothing is safe"
+
+
+@dataclass(frozen=True, eq=False)
+class Replanned:
+    """What to do from the splice on.
+
+    Until then the robot keeps to the old motion. At ``splice`` seconds on the old motion's clock the new one begins,
+    at its own time 0: there position, velocity and acceleration are the same of both.
+
+    Attributes:
+        outcome: What came of it. Of all but UNSAFE there is a proven motion.
+        result: That motion, with what it cost. Its path begins at a waypoint shortly before the robot, and what is
+            proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``. Of
+            UNSAFE a failure.
+        splice: Seconds on the old motion's clock: ``at_time`` plus the latency, or its end if that is sooner.
+        request: What to go on with: the request with the start at the splice, and the goal.
+        failure: Why there is no new motion to the goal; None if there is one.
+        ahead: Old waypoints beyond the end of a stop, shape (k, n): the next call tries them first.
+        stop: Of UNSAFE the earliest stop, which is not proven free.
+    """
+
+    outcome: Outcome
+    result: PlanResult
+    splice: float
+    request: PlanRequest
+    failure: Failure | None
+    ahead: FloatArray
+    stop: Trajectory | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a proven motion, be it a stop."""
+        return self.outcome is not Outcome.UNSAFE
+
+    @property
+    def path(self) -> JointPath | None:
+        """That of the result."""
+        return self.result.path
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """That of the result: its time 0 is the splice."""
+        return self.result.trajectory
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """That of the result."""
+        return self.result.certificate
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What it asked of the collision checker."""
+        return self.result.counts
+
+
+@dataclass(frozen=True, eq=False)
+class _Old:
+    """A motion under way, what was not judged on what is left of it, and where else it was to go."""
+
+    underway: Underway
+    exempt: tuple[ExemptInterval, ...]
+    ahead: FloatArray
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it was to go in the end."""
+        end: FloatArray = (self.ahead if len(self.ahead) else self.underway.path.waypoints)[-1]
+        return end
+
+    @property
+    def arrives(self) -> bool:
+        """Whether it goes there, and does not stop before."""
+        return not len(self.ahead) and self.underway.end == self.underway.path.length
+
+
+def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, latency: float) -> _Old:
+    """The motion that is to be left, checked.
+
+    Raises:
+        InvalidRequest: ``previous`` is no motion of this robot, or a time is out of range.
+    """
+    result = previous.result if isinstance(previous, Replanned) else previous
+    expected = "a plan of this robot that is being executed"
+    if not isinstance(result, PlanResult):
+        raise InvalidRequest("previous", previous, expected)
+    if result.path is None or result.trajectory is None:
+        raise InvalidRequest("previous", str(result.failure), expected)
+    path, trajectory = result.path, result.trajectory
+    lower, upper = robot.limits.lower, robot.limits.upper
+    if path.n != robot.n or not np.all((path.waypoints >= lower - SLIGHT) & (path.waypoints <= upper + SLIGHT)):
+        found = f"a motion of {path.n} joints" if path.n != robot.n else "a motion outside this robot's joint limits"
+        raise InvalidRequest("previous", found, expected)
+    duration = trajectory.duration
+    now = number("at_time", at_time, f"seconds on the old motion, from 0 to {duration:.6g}", 0.0, duration)
+    late = number("latency", latency, f"seconds from 0 to {MAX_LATENCY:g}", 0.0, MAX_LATENCY)
+    motion = Underway(trajectory, now, min(now + late, duration))
+    passed = float(path.knots[len(path.waypoints) - len(motion.path.waypoints)])
+    exempt = [
+        replace(e, s_start=max(e.s_start - passed, 0.0), s_end=min(e.s_end - passed, motion.path.length))
+        for e in result.exempt
+        if e.s_end >= passed
+    ]
+    ahead = previous.ahead if isinstance(previous, Replanned) else np.zeros((0, robot.n))
+    return _Old(motion, tuple(exempt), ahead)
+
+
+def request_for(
+    previous: PlanResult | Replanned, old: _Old, request: PlanRequest | None, goal: Goal | None
+) -> PlanRequest:
+    """What to go on with: of the request given, or the one before, all but the start and maybe the goal.
+
+    Raises:
+        InvalidRequest: its timing law cannot begin at speed.
+    """
+    start = old.underway.trajectory(old.underway.splice)
+    if isinstance(previous, Replanned):
+        goal = previous.request.goal if goal is None else goal
+        request = request or previous.request
+    goal = old.end if goal is None else goal
+    if request is None:
+        return PlanRequest(start, goal, max_checks=MAX_CHECKS)
+    if not isinstance(request, PlanRequest):
+        raise InvalidRequest("request", request, "a PlanRequest")
+    if not isinstance(request.timing, ToppRa):
+        raise InvalidRequest("request.timing", request.timing, "ToppRa(), the law that can begin at speed")
+    return replace(request, start=start, goal=goal)
+
+
+def replan(
+    checker: CollisionChecker,
+    certifier: Certifier,
+    motion: tuple[PlanResult | Replanned, float, float],
+    asked: tuple[PlanRequest | None, Goal | None],
+    caller: tuple[Turns, CancelToken | None],
+) -> Replanned:
+    """What to do from the splice on; ``motion`` is the old one, the time on it and the latency.
+
+    Raises:
+        InvalidRequest: as ``underway`` and ``request_for`` say, or a goal is neither a pose nor n finite joint values.
+    """
+    old = underway(motion[0], checker.robot, *motion[1:])
+    request = request_for(motion[0], old, *asked)
+    return _Run((checker, certifier), old, request, caller[1]).result(caller[0])
+
+
+class _Run:
+    """One call."""
+
+    def __init__(
+        self, judges: tuple[CollisionChecker, Certifier], old: _Old, request: PlanRequest, cancel: CancelToken | None
+    ) -> None:
+        self._checker, self._certifier = judges
+        self._old, self._motion, self._request = old, old.underway, request
+        self._pace = Pace.of(request)
+        self._limits = self._pace.limits(self._checker.robot)
+        self._book = StageBook(
+            self._checker, Limits(request.max_checks, request.max_checks, request.time_limit, cancel)
+        )
+        self._endpoints = Endpoints(self._checker, request, self._book)
+        self._detours = Detours(self._checker, request, self._book, (self._motion.path, old.ahead))
+
+    def result(self, turns: Turns) -> Replanned:
+        """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""
+        try:
+            with self._book.within_limits(turns, padding=self._request.padding):
+                return self._going_on()
+        except NoPlan as no_plan:
+            failure = no_plan.failure
+        with turns.taken():
+            return self._stopping(failure)
+
+    def _going_on(self) -> Replanned:
+        """The old motion, or a new one.
+
+        Raises:
+            NoPlan: there is none.
+        """
+        kept = self._kept()
+        try:
+            with self._book.during(Stage.ENDPOINTS):
+                goals = self._goals()
+            old_end = self._old.end.tolist()
+            same = next((goal for goal in goals if goal.q.tolist() == old_end), None)
+            if kept is not None and same is not None:
+                return self._improved(kept, same) or self._told(Outcome.KEPT, kept, same.index)
+            kept = None
+            return self._new(goals[0] if same is None else same)
+        except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
+            if kept is None:
+                raise
+            self._book.deterministic &= not isinstance(stopped, TimeBoxSpent)
+            self._book.notes.append(f"the old motion goes on: {stopped}")
+            return self._told(Outcome.KEPT, kept, None)
+
+    def _goals(self) -> tuple[GoalState, ...]:
+        """Free goals, the nearest to the old one first.
+
+        Raises:
+            NoPlan: there is none, or the robot touches something at the splice.
+        """
+        ends = self._endpoints.find()
+        goals = [goal for goal in ends.goals if goal.arrival is None]
+        if ends.departure is not None or not goals:
+            detail = "a fixed way out of a pose, or into one, cannot be entered at speed: plan it from a stop"
+            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
+        return tuple(sorted(goals, key=lambda goal: joint_distance(self._old.end.tolist(), goal.q.tolist())))
+
+    def _kept(self) -> _Motion | None:
+        """What is left of the old motion, if it goes to its end and is proven."""
+        if not self._old.arrives:
+            return None
+        path, part = self._motion.path, (self._motion.s(self._motion.now), self._motion.end)
+        certificate = self._book.certificate(self._certifier, path, self._old.exempt, part)
+        return _Motion(path, self._motion.rest(), certificate, None) if certificate.certified else None
+
+    def _improved(self, kept: _Motion, goal: GoalState) -> Replanned | None:
+        """A motion that ends sooner than the old one, which is free; None if there is none."""
+        handover = next(self._motion.handovers(), None)
+        if handover is None or not handover.s < self._motion.end:
+            return None
+        place = next(self._detours.places(handover, self._stop.end), None)
+        if place is None or not place[0] < self._motion.end:
+            return None
+        way = self._detours.way(handover, place, goal)
+        left = self._motion.end - place[0]
+        if way is None or not way.path.length - way.s <= SHORTER * left:
+            return None
+        with suppress(NoPlan):
+            found = self._moving(way)
+            if found.trajectory.duration <= SOONER * kept.trajectory.duration:
+                return self._told(Outcome.NEW, found, goal.index)
+        return None
+
+    def _new(self, goal: GoalState) -> Replanned:
+        """The first way that can be driven and proven.
+
+        Raises:
+            NoPlan: there is none; why not is said of the first.
+        """
+        failures: list[NoPlan] = []
+        for handover in self._motion.handovers():
+            for place in self._detours.places(handover, self._stop.end):
+                try:
+                    way = self._detours.way(handover, place, goal)
+                    if way is not None:
+                        return self._told(Outcome.NEW, self._moving(way), goal.index)
+                except NoPlan as no_plan:
+                    failures.append(no_plan)
+        if failures:
+            raise failures[0]
+        detail = "the robot cannot turn off before what is in the way"
+        raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
+
+    def _moving(self, way: Way) -> _Motion:
+        """A way proven, and in time from the splice on.
+
+        Raises:
+            NoPlan: it cannot be proven, or entered as fast as the robot comes along.
+        """
+        path, since = way.path, self._motion.s(self._motion.now)
+        exempt = tuple(e for e in self._old.exempt if e.s_end <= way.s)
+        while True:
+            certificate = self._book.certificate(self._certifier, path, exempt, (since, path.length))
+            if certificate.refusal is None:
+                break
+            less = narrower(path, certificate.refusal, way.leaves)
+            if less is None:
+                raise NoPlan(not_certified(certificate), certificate)
+            path = less
+        speed_limit = tool_speed_limit(path, self._pace, self._checker.robot)
+        with self._book.during(Stage.TIMING) as entry:
+            try:
+                trajectory, found = self._motion.onward(
+                    path, way.handover, (self._timing, self._limits), speed_limit=speed_limit
+                )
+            except TimingFailed as failed:
+                raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
+            entry.note, entry.length = f"{self._timing.name}, {trajectory.duration:.2f} s", path.length
+            return _Motion(path, trajectory, certificate, self._report(trajectory, found))
+
+    @cached_property
+    def _timing(self) -> ToppRa:
+        timing = self._request.timing
+        if not isinstance(timing, ToppRa):
+            raise BrokenInvariant("a timing law that was refused is used")
+        return timing
+
+    @cached_property
+    def _stop(self) -> Trajectory:
+        """The quickest stop along the old curve."""
+        with self._book.during(Stage.TIMING):
+            return self._motion.braked(self._limits)
+
+    def _report(self, trajectory: Trajectory, found: LimitPeaks) -> MotionReport:
+        """How a motion moves.
+
+        Raises:
+            NoPlan: its tool is faster than it may be.
+        """
+        robot, most = self._checker.robot, self._pace.max_tool_speed
+        speed = peak_tool_speed(robot, trajectory)
+        if most is not None and speed > most * (1.0 + SLIGHT):
+            detail = f"the tool would move at {speed:.6g} m/s, faster than {most:.6g}"
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
+        settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
+        return MotionReport(found, speed, trajectory.duration, math.inf, settle)
+
+    def _stopping(self, failure: Failure) -> Replanned:
+        """The quickest stop along the old curve, if it can be proven."""
+        stop, motion = self._stop, self._motion
+        part = motion.s(motion.now), stop.end
+        exempt = tuple(e for e in self._old.exempt if e.s_start <= stop.path.length)
+        exempt = tuple(replace(e, s_end=min(e.s_end, stop.path.length)) for e in exempt)
+        certificate = self._book.certificate(self._certifier, stop.path, exempt, part)
+        if certificate.certified:
+            self._book.notes.append(f"a stop along the old curve: {failure}")
+            report = MotionReport(
+                peaks(stop, self._limits),
+                peak_tool_speed(self._checker.robot, stop),
+                stop.duration,
+                math.inf,
+                self._checker.robot.settle_time,
+            )
+            return self._told(Outcome.STOP, _Motion(stop.path, stop, certificate, report), None, failure)
+        detail = (
+            f"nothing is safe: the earliest stop along the old curve ends {stop.duration:.3f} s after the splice at "
+            f"s = {stop.end:.4g}, and {certificate.refusal}; no new motion: {failure}"
+        )
+        unsafe = Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail)
+        result = self._book.result(failure=unsafe, certificate=certificate)
+        return Replanned(Outcome.UNSAFE, result, motion.splice, self._request, failure, self._ahead(stop), stop)
+
+    def _told(
+        self, outcome: Outcome, found: _Motion, goal_index: int | None, failure: Failure | None = None
+    ) -> Replanned:
+        report = found.report
+        if report is None:
+            with self._book.during(Stage.TIMING):
+                report = self._report(found.trajectory, peaks(found.trajectory, self._limits))
+        result = self._book.result(
+            found.path, (found.trajectory, report), goal_index=goal_index, certificate=found.certificate
+        )
+        ahead = self._ahead(found.trajectory) if outcome is Outcome.STOP else self._old.ahead[:0]
+        return Replanned(outcome, result, self._motion.splice, self._request, failure, ahead)
+
+    def _ahead(self, stop: Trajectory) -> FloatArray:
+        """The old waypoints beyond the path of a stop."""
+        return np.concatenate([self._motion.path.waypoints[len(stop.path.waypoints) :], self._old.ahead])
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A proven motion from the splice on."""
+
+    path: JointPath
+    trajectory: Trajectory
+    certificate: Certificate
+    report: MotionReport | None

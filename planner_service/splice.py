@@ -1,0 +1,306 @@
+"""Going on from a motion that is under way: what is left of it, the quickest stop along it, and another way onwards.
+
+Whatever comes next begins with the old motion itself, the same curve under the same law, for at least ``HOLD`` seconds:
+so position, velocity and acceleration do not jump at the splice. From there on speed is another, and after that the
+way. A law that bounds acceleration, and not jerk, lets acceleration jump wherever its pieces meet: here, where the old
+law ends, never at the splice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray
+from planner_service.path import JointPath
+from planner_service.peaks import STANDING, TOLERANCE, LimitPeaks, peaks
+from planner_service.stretch import SpeedLimit
+from planner_service.timing import TimingFailed, ToppRa
+from planner_service.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from planner_service.robot import JointLimits
+
+__all__ = ["HOLD", "Handover", "Underway"]
+
+HOLD = 0.01
+"""Seconds from the splice on for which the old law goes on: a cycle of a slow controller."""
+
+SHARES = (0.995, 0.98, 0.95)
+"""Parts of the acceleration limits that a law is given, one after the other, until what it makes of them holds the
+limits between its grid points too: what has begun cannot be slowed down as a whole."""
+
+MARGINS = (0.0, 0.003, 0.01, 0.03, 0.1)
+"""Parts of what braking could do that are left on blends, for the same reason."""
+
+INTERVALS = 24
+"""Of constant braking on a whole blend."""
+
+MEETING = 5e-10
+"""Where laws meet at a break of the path, s is taken for it that close to it."""
+
+SLIVER = 1e-12
+"""Seconds. A shorter piece of time is left out."""
+
+AT_REST = 1e-9
+"""Of the highest speed: slower is standing."""
+
+
+class Handover(NamedTuple):
+    """An instant from which another law may take over: its time, s, which is not within a blend, and ds/dt."""
+
+    time: float
+    s: float
+    rate: float
+
+
+class _Row(NamedTuple):
+    """A piece of s(t): seconds, and four coefficients."""
+
+    seconds: float
+    c0: float
+    c1: float
+    c2: float
+    c3: float
+
+
+@dataclass(frozen=True, eq=False)
+class Underway:
+    """A motion under way at ``now`` (seconds on it), to be spliced at ``splice``, which is not earlier.
+
+    Attributes:
+        path: What is left of its path at ``now``, from the waypoint before on: arc lengths below are along it.
+    """
+
+    trajectory: Trajectory
+    now: float
+    splice: float
+
+    @cached_property
+    def _first(self) -> int:
+        """The last waypoint that is passed at ``now`` with its blend."""
+        path = self.trajectory.path
+        return int(np.flatnonzero(path.knots + path.blends <= float(self.trajectory.s(self.now)) + SLIVER)[-1])
+
+    @cached_property
+    def path(self) -> JointPath:
+        old, first = self.trajectory.path, self._first
+        blends = old.blends[first:].copy()
+        blends[0] = 0.0
+        return JointPath(old.waypoints[first:], blends)
+
+    def s(self, t: float) -> float:
+        """Arc length at an instant of the old motion."""
+        return self._moved(float(self.trajectory.s(t)))
+
+    @property
+    def end(self) -> float:
+        """Arc length where the old motion ends."""
+        return self._moved(self.trajectory.end)
+
+    def _moved(self, s: float) -> float:
+        """An arc length of the old path on what is left of it."""
+        return min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
+
+    def rows(self, until: float) -> list[_Row]:
+        """The old law from the splice on."""
+        law = self.trajectory
+        out = []
+        for k, (began, h) in enumerate(zip(law.knots.tolist(), law.durations.tolist(), strict=False)):
+            x, end = max(self.splice - began, 0.0), min(until - began, h)
+            if end - x > SLIVER:
+                c0, c1, c2, c3 = law.coefficients[k].tolist()
+                there = c0 + x * (c1 + x * (c2 + x * c3))
+                rate = max(c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0)
+                out.append(_Row(end - x, self._moved(there), rate, c2 + 3.0 * c3 * x, c3))
+        return out
+
+    def rest(self) -> Trajectory:
+        """The old motion from the splice on."""
+        return self._along(self.path, self.rows(self.trajectory.duration), self.end)
+
+    def _along(self, path: JointPath, rows: Sequence[_Row], end: float) -> Trajectory:
+        """What rows make of a path up to ``end``; where they begin is the splice."""
+        table = np.array(rows).reshape(-1, 5)
+        begin = float(table[0, 1]) if len(table) else end
+        return Trajectory(path, table[:, 0], table[:, 1:], self.trajectory.dilation, (begin, end))
+
+    def handovers(self) -> Iterator[Handover]:
+        """Where another law may take over: as soon as may be, then after each blend that is still ahead."""
+        law, path = self.trajectory, self.path
+        t = min(self.splice + HOLD, law.duration)
+        rests = law.knots[self._resting]
+        soon = rests[(rests >= t) & (rests <= t + HOLD)]
+        t = float(soon[0]) if len(soon) else t
+        s = self.s(t)
+        ends = (path.knots + path.blends)[path.blends > 0.0]
+        starts = (path.knots - path.blends)[path.blends > 0.0]
+        within = (starts + MEETING < s) & (s < ends - MEETING)
+        if not np.any(within):
+            near = path.breaks[np.abs(path.breaks - s) <= MEETING]
+            yield Handover(t, float(near[0]) if len(near) else s, self._rate(t))
+        arrivals = np.array([self._moved(c0) for c0 in law.coefficients[:, 0].tolist()])
+        for end in ends[ends > s + MEETING].tolist():
+            (there,) = np.flatnonzero(np.abs(arrivals - end) <= MEETING).tolist()[:1] or [None]
+            if there is not None:
+                yield Handover(float(law.knots[there]), end, self._rate(float(law.knots[there])))
+
+    @cached_property
+    def _resting(self) -> FloatArray:
+        """Which knots of the old law are rests, the end included."""
+        speeds = np.append(self.trajectory.coefficients[:, 1], 0.0)
+        return np.asarray(speeds <= AT_REST * speeds.max())
+
+    def _rate(self, t: float) -> float:
+        rate, highest = float(self.trajectory.s(t, 1)), self.trajectory.coefficients[:, 1].max(initial=0.0)
+        return 0.0 if rate <= AT_REST * highest else rate
+
+    # -- the quickest stop
+
+    def braked(self, limits: JointLimits) -> Trajectory:
+        """The quickest stop along the old curve, within limits: with the least margin with which they hold.
+
+        Where the old law stops itself as quickly, at a corner or at its end, it is left to do so. The path ends with
+        the piece on which the robot stops.
+        """
+        begin = min(self.splice + HOLD, self.trajectory.duration)
+        for margin in MARGINS:
+            braking = self._braking(self.s(begin), self._rate(begin), limits, margin)
+            if braking is None:
+                break
+            rows, end = braking
+            found = self._along(self._up_to(end), [*self.rows(begin), *rows], end)
+            if _highest(peaks(found, limits)) <= 1.0 + TOLERANCE:
+                return found
+        rests = self.trajectory.knots[self._resting]
+        times = rests[rests >= begin]
+        end = self.s(float(times[0]))
+        return self._along(self._up_to(end), self.rows(float(times[0])), end)
+
+    def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> tuple[list[_Row], float] | None:
+        """Rows of a stop that begins at s, and where it ends; None if the old law rests before."""
+        path, rows = self.path, list[_Row]()
+        rests = [k for k in path.knots[list(path.corners)].tolist() if k > s] + [self.end]
+        while rate > 0.0:
+            if s >= rests[0]:
+                return None
+            piece = path.pieces_at(np.array([s]))
+            stop = min(float(path.breaks[piece[0] + 1]), rests[0])
+            count = (
+                max(1, math.ceil(INTERVALS * (stop - s) / self._length(int(piece[0])))) if path.blended[piece[0]] else 1
+            )
+            at = np.minimum(s + (stop - s) * (np.arange(count + 1) / count), stop)
+            pieces = np.repeat(piece, count + 1)
+            slopes = path.on_pieces(pieces, at, 1), path.on_pieces(pieces, at, 2)
+            for k in range(count):
+                a, b = float(at[k]), float(at[k + 1])
+                window = _window(slopes[0][k : k + 2], slopes[1][k : k + 2], (rate * rate, b - a), limits)
+                if window is None:
+                    return None
+                change = window[0] + margin * (window[1] - window[0])
+                square = rate * rate + 2.0 * change * (b - a)
+                if square <= 0.0:
+                    rows.append(_Row(rate / -change, a, rate, change / 2.0, 0.0))
+                    return rows, a + rate * rate / (-2.0 * change)
+                after = math.sqrt(square)
+                rows.append(_Row(2.0 * (b - a) / (rate + after), a, rate, change / 2.0, 0.0))
+                rate = after
+            s = stop
+        return rows, s
+
+    def _length(self, piece: int) -> float:
+        return float(self.path.breaks[piece + 1] - self.path.breaks[piece])
+
+    def _up_to(self, s: float) -> JointPath:
+        """The path as far as the waypoint that follows s, or the one after if s is within a blend."""
+        path = self.path
+        last = int(np.flatnonzero(path.knots - path.blends >= s - SLIVER)[0])
+        if last == len(path.waypoints) - 1:
+            return path
+        blends = path.blends[: last + 1].copy()
+        blends[-1] = 0.0
+        return JointPath(path.waypoints[: last + 1], blends)
+
+    # -- another way
+
+    def onward(
+        self,
+        path: JointPath,
+        handover: Handover,
+        law: tuple[ToppRa, JointLimits],
+        *,
+        speed_limit: SpeedLimit | None = None,
+    ) -> tuple[Trajectory, LimitPeaks]:
+        """Along a path that is the old curve up to the handover at least: the old law up to there, then another.
+
+        Returns:
+            The motion from the splice on, and how close it comes to its limits, which it holds.
+
+        Raises:
+            TimingFailed: what comes after cannot be entered that fast, or there is no solution.
+        """
+        timing, limits = law
+        head = self.rows(handover.time)
+        limit = _eased(speed_limit, path, handover, limits)
+        for share in SHARES:
+            less = replace(limits, acceleration=limits.acceleration * share)
+            phases = timing.onward(path, less, (handover.s, handover.rate), speed_limit=limit)
+            rows = [_Row(p.duration, p.position, p.speed, p.acceleration / 2.0, p.jerk / 6.0) for p in phases]
+            try:
+                found = self._along(path, [*head, *rows], path.length)
+            except InvalidRequest as error:
+                raise TimingFailed(f"the laws do not meet ({error})") from error
+            ratios = peaks(found, limits)
+            if _highest(ratios) <= 1.0 + TOLERANCE:
+                return found, ratios
+        raise TimingFailed(f"limits are exceeded by {_highest(ratios) - 1.0:.2%}")
+
+
+def _highest(found: LimitPeaks) -> float:
+    return max(found.velocity.ratio, found.acceleration.ratio)
+
+
+def _window(
+    slopes: FloatArray, bends: FloatArray, known: tuple[float, float], limits: JointLimits
+) -> tuple[float, float] | None:
+    """The least and the largest d2s/dt2 within the limits at both ends of an interval; None if there is none.
+
+    Args:
+        slopes, bends: Derivatives of the path at both ends, (2, n).
+        known: The square of ds/dt at the first, and the length.
+    """
+    square, length = known
+    # at the second end the square is square + 2 length u
+    per_change = slopes + np.array([[0.0], [2.0 * length]]) * bends
+    fixed = bends * square
+    acceleration = np.broadcast_to(limits.acceleration, slopes.shape)
+    on = np.abs(per_change) > STANDING
+    if not np.any(on):
+        return None
+    a, b = (-acceleration[on] - fixed[on]) / per_change[on], (acceleration[on] - fixed[on]) / per_change[on]
+    low, high = float(np.minimum(a, b).max()), float(np.maximum(a, b).min())
+    return (low, high) if low <= high else None
+
+
+def _eased(
+    speed_limit: SpeedLimit | None, path: JointPath, handover: Handover, limits: JointLimits
+) -> SpeedLimit | None:
+    """A speed limit that leaves room to slow down from the speed there is, which may be just above it."""
+    if speed_limit is None:
+        return None
+    share = np.abs(path(handover.s, 1))
+    with np.errstate(divide="ignore"):
+        slowing = float(np.where(share > STANDING, limits.acceleration / share, math.inf).min()) / 2.0
+    square = (handover.rate * 1.002) ** 2
+
+    def limit(s: FloatArray) -> FloatArray:
+        room = np.maximum(square - 2.0 * slowing * np.maximum(s - handover.s, 0.0), 0.0)
+        return np.asarray(np.maximum(speed_limit(s), np.sqrt(room)))
+
+    return limit
