@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,10 +29,14 @@ from planner_service.smoothing import blended, pulled_in, shortcut, without_shor
 from planner_service.splice import Handover
 from planner_service.stagebook import NoPlan, StageBook
 
-__all__ = ["Detours", "Way", "way_length"]
+__all__ = ["Detours", "Place", "Way"]
 
 PLACES = (0.6, 1.05, 0.3, 0.1)
 """Where to turn off, in distances of a stop, in the order in which they are tried."""
+
+BEYOND = (0.3, 0.8)
+"""How far beyond the old end to turn, in distances from there to the goal: a robot that is braking for a stop there
+cannot stop sooner, nor turn sharply, but can overshoot a little and turn on its way."""
 
 NEAR = 1e-6
 """Radians. What is that close to a waypoint is taken for it."""
@@ -44,6 +49,14 @@ LESS_PADDING = (1.0, 0.5, 0.25, 0.125, 0.0)
 
 SEARCH_SHARE = 0.5
 """Part of the states that searching may use."""
+
+
+class Place(NamedTuple):
+    """Where to turn off: s, the index of the waypoint that is to be there, and where that is, (n,)."""
+
+    s: float
+    waypoint: int
+    q: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +88,8 @@ class Detours:
         self._path, self._ahead = old
         self._states = max(1, int(request.max_checks * SEARCH_SHARE))
 
-    def places(self, handover: Handover, stop: float) -> Iterator[tuple[float, int]]:
-        """Where to turn off, as s and the index of the waypoint that is to be there; ``stop`` is where a stop ends.
+    def places(self, handover: Handover, stop: float, goal: FloatArray) -> Iterator[Place]:
+        """Where to turn off for a goal; ``stop`` is where a stop ends.
 
         Where something is in the way before that, it is left out.
         """
@@ -85,13 +98,32 @@ class Detours:
             return
         tried: list[float] = []
         for part in PLACES:
-            s, index = self._place(min(handover.s + part * (stop - handover.s), self._path.length))
-            if all(abs(s - other) > ROOM for other in tried) and self._free_up_to(handover.s, s):
-                tried.append(s)
-                yield s, index
+            place = self._place(min(handover.s + part * (stop - handover.s), self._path.length))
+            if all(abs(place.s - other) > ROOM for other in tried) and self._free_up_to(handover.s, place.s):
+                tried.append(place.s)
+                yield place
+        yield from self._beyond(goal)
 
-    def _place(self, s: float) -> tuple[float, int]:
-        """The nearest s from there on that is on a straight piece, or a waypoint."""
+    def _beyond(self, goal: FloatArray) -> Iterator[Place]:
+        """Places straight beyond the old end."""
+        path, limits = self._path, self._checker.robot.limits
+        last = len(path.waypoints) - 1
+        if last == 0:
+            return
+        end, way = path.waypoints[-1], path(path.length, 1)
+        away = joint_distance(end.tolist(), goal.tolist())
+        for part in BEYOND:
+            q = end + way * (part * away)
+            if part * away > ROOM and np.all((q >= limits.lower) & (q <= limits.upper)):
+                yield Place(path.length + part * away, last, q)
+
+    def _place(self, s: float) -> Place:
+        """The nearest place from there on that is on a straight piece, or a waypoint."""
+        s, index = self._straight(s)
+        path = self._path
+        return Place(s, index, path.waypoints[index] if s == path.knots[index] else path(s))  # a blend cuts its corner
+
+    def _straight(self, s: float) -> tuple[float, int]:
         path = self._path
         index = int(np.flatnonzero(path.knots >= s - NEAR)[0])
         knot, width = float(path.knots[index]), float(path.blends[index])
@@ -111,14 +143,13 @@ class Detours:
             edges = zip(pairwise(points), ends, strict=False)
             return all(self._checker.edge_is_free(a, b, known=known) for (a, b), known in edges)
 
-    def way(self, handover: Handover, place: tuple[float, int], goal: GoalState) -> Way | None:
+    def way(self, handover: Handover, place: Place, goal: GoalState) -> Way | None:
         """A way that turns off there, its corners blended; None if there the robot would touch something.
 
         Raises:
             NoPlan: none was found.
         """
-        (s, index), old = place, self._path
-        q = old(s)
+        (s, index, q), old = place, self._path
         padding = self._padding(q, goal.padding)
         if padding is None:
             return None
@@ -201,7 +232,7 @@ class Detours:
             return points
         with self._book.during(Stage.SHORTCUT) as entry, suppress(CheckBudgetSpent):
             points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
-            entry.length = way_length(points)
+            entry.length = _length(points)
         with self._book.during(Stage.POLISH), suppress(CheckBudgetSpent):
             points = pulled_in(points, oracle)
             if self._request.blend > 0.0:
@@ -209,6 +240,6 @@ class Detours:
         return points
 
 
-def way_length(points: Sequence[FloatArray] | FloatArray) -> float:
+def _length(points: Sequence[FloatArray] | FloatArray) -> float:
     """L2 length of a polyline."""
     return math.fsum(joint_distance(a, b) for a, b in pairwise([q.tolist() for q in points]))

@@ -63,15 +63,16 @@ class Outcome(enum.Enum):
 class Replanned:
     """What to do from the splice on.
 
-    Until then the robot keeps to the old motion. At ``splice`` seconds on the old motion's clock the new one begins,
-    at its own time 0: there position, velocity and acceleration are the same of both.
+    Until then the robot keeps to the old motion, and rests once that has ended. At ``splice`` seconds on the old
+    motion's clock the new one begins, at its own time 0: there position, velocity and acceleration are the same of
+    both, or the robot is at rest.
 
     Attributes:
         outcome: What came of it. Of all but UNSAFE there is a proven motion.
         result: That motion, with what it cost. Its path begins at a waypoint shortly before the robot, and what is
             proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``. Of
             UNSAFE a failure.
-        splice: Seconds on the old motion's clock: ``at_time`` plus the latency, or its end if that is sooner.
+        splice: Seconds on the old motion's clock: ``at_time`` plus the latency.
         request: What to go on with: the request with the start at the splice, and the goal.
         failure: Why there is no new motion to the goal; None if there is one.
         ahead: Old waypoints beyond the end of a stop, shape (k, n): the next call tries them first.
@@ -117,6 +118,7 @@ class _Old:
     """A motion under way, what was not judged on what is left of it, and where else it was to go."""
 
     underway: Underway
+    splice: float
     exempt: tuple[ExemptInterval, ...]
     ahead: FloatArray
 
@@ -160,7 +162,7 @@ def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, lat
         if e.s_end >= passed
     ]
     ahead = previous.ahead if isinstance(previous, Replanned) else np.zeros((0, robot.n))
-    return _Old(motion, tuple(exempt), ahead)
+    return _Old(motion, now + late, tuple(exempt), ahead)
 
 
 def request_for(
@@ -277,11 +279,11 @@ class _Run:
         handover = next(self._motion.handovers(), None)
         if handover is None or not handover.s < self._motion.end:
             return None
-        place = next(self._detours.places(handover, self._stop.end), None)
-        if place is None or not place[0] < self._motion.end:
+        place = next(self._detours.places(handover, self._stop.end, goal.q), None)
+        if place is None or not place.s < self._motion.end:
             return None
         way = self._detours.way(handover, place, goal)
-        left = self._motion.end - place[0]
+        left = self._motion.end - place.s
         if way is None or not way.path.length - way.s <= SHORTER * left:
             return None
         with suppress(NoPlan):
@@ -298,7 +300,7 @@ class _Run:
         """
         failures: list[NoPlan] = []
         for handover in self._motion.handovers():
-            for place in self._detours.places(handover, self._stop.end):
+            for place in self._detours.places(handover, self._stop.end, goal.q):
                 try:
                     way = self._detours.way(handover, place, goal)
                     if way is not None:
@@ -387,7 +389,7 @@ class _Run:
         )
         unsafe = Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail)
         result = self._book.result(failure=unsafe, certificate=certificate)
-        return Replanned(Outcome.UNSAFE, result, motion.splice, self._request, failure, self._ahead(stop), stop)
+        return Replanned(Outcome.UNSAFE, result, self._old.splice, self._request, failure, self._ahead(stop), stop)
 
     def _told(
         self, outcome: Outcome, found: _Motion, goal_index: int | None, failure: Failure | None = None
@@ -400,7 +402,7 @@ class _Run:
             found.path, (found.trajectory, report), goal_index=goal_index, certificate=found.certificate
         )
         ahead = self._ahead(found.trajectory) if outcome is Outcome.STOP else self._old.ahead[:0]
-        return Replanned(outcome, result, self._motion.splice, self._request, failure, ahead)
+        return Replanned(outcome, result, self._old.splice, self._request, failure, ahead)
 
     def _ahead(self, stop: Trajectory) -> FloatArray:
         """The old waypoints beyond the path of a stop."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -33,8 +33,8 @@ HOLD = 0.01
 """Seconds from the splice on for which the old law goes on: a cycle of a slow controller."""
 
 SHARES = (0.995, 0.98, 0.95)
-"""Parts of the acceleration limits that a law is given, one after the other, until what it makes of them holds the
-limits between its grid points too: what has begun cannot be slowed down as a whole."""
+"""Parts of the acceleration limits that a law may use on blends, one after the other, until what it makes of them holds
+the limits between its grid points too: what has begun cannot be slowed down as a whole."""
 
 MARGINS = (0.0, 0.003, 0.01, 0.03, 0.1)
 """Parts of what braking could do that are left on blends, for the same reason."""
@@ -106,7 +106,9 @@ class Underway:
 
     def _moved(self, s: float) -> float:
         """An arc length of the old path on what is left of it."""
-        return min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
+        there = min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
+        near = self.path.breaks[np.abs(self.path.breaks - there) <= MEETING]
+        return float(near[0]) if len(near) else there
 
     def rows(self, until: float) -> list[_Row]:
         """The old law from the splice on."""
@@ -143,8 +145,7 @@ class Underway:
         starts = (path.knots - path.blends)[path.blends > 0.0]
         within = (starts + MEETING < s) & (s < ends - MEETING)
         if not np.any(within):
-            near = path.breaks[np.abs(path.breaks - s) <= MEETING]
-            yield Handover(t, float(near[0]) if len(near) else s, self._rate(t))
+            yield Handover(t, s, self._rate(t))
         arrivals = np.array([self._moved(c0) for c0 in law.coefficients[:, 0].tolist()])
         for end in ends[ends > s + MEETING].tolist():
             (there,) = np.flatnonzero(np.abs(arrivals - end) <= MEETING).tolist()[:1] or [None]
@@ -249,8 +250,8 @@ class Underway:
         head = self.rows(handover.time)
         limit = _eased(speed_limit, path, handover, limits)
         for share in SHARES:
-            less = replace(limits, acceleration=limits.acceleration * share)
-            phases = timing.onward(path, less, (handover.s, handover.rate), speed_limit=limit)
+            moving = (handover.s, handover.rate)
+            phases = timing.onward(path, limits, moving, speed_limit=limit, blend_share=share)
             rows = [_Row(p.duration, p.position, p.speed, p.acceleration / 2.0, p.jerk / 6.0) for p in phases]
             try:
                 found = self._along(path, [*head, *rows], path.length)

@@ -38,7 +38,8 @@ BETWEEN = 1e-3
 class Stretch:
     """The part of a path between two stops: its pieces between breaks, one or more.
 
-    ``since`` is where on its first piece, which is then straight, it begins, should it not begin with a stop.
+    ``since`` is where on its first piece, which is then straight, it begins, should it not begin with a stop. Laws that
+    look at grid points alone may use ``blend_share`` of the acceleration limits on blends.
     """
 
     path: JointPath
@@ -46,6 +47,7 @@ class Stretch:
     limits: JointLimits
     speed_limit: SpeedLimit | None = None
     since: float | None = None
+    blend_share: float = 1.0
 
     @property
     def start(self) -> float:
@@ -94,8 +96,17 @@ class Stretch:
 
         A straight part has one direction, that of its first piece, whatever rounding makes of short ones.
         """
+        return self.path.on_pieces(self._first_at(s), s, order)
+
+    def shares(self, s: FloatArray) -> FloatArray:
+        """The parts of the acceleration limits that may be used at each s, shape (m,)."""
+        return np.where(self.path.blended[self._first_at(s)], self.blend_share, 1.0)
+
+    def _first_at(self, s: FloatArray) -> NDArray[np.intp]:
+        """The first piece of the part on which each s lies."""
         firsts = np.array(self._firsts)
-        return self.path.on_pieces(firsts[np.searchsorted(self.path.breaks[firsts[1:]], s, side="right")], s, order)
+        found: NDArray[np.intp] = firsts[np.searchsorted(self.path.breaks[firsts[1:]], s, side="right")]
+        return found
 
     def allowed(self, s: FloatArray) -> FloatArray:
         """What the speed limit leaves of ds/dt at each s, a little less than it says.

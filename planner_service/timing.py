@@ -182,11 +182,14 @@ class ToppRa:
         moving: tuple[float, float],
         *,
         speed_limit: SpeedLimit | None = None,
+        blend_share: float = 1.0,
     ) -> list[Phase]:
         """The law along what is left of a path, at whose end it rests, as phases; their limits are not verified.
 
         Args:
             moving: Where it begins in s, which is not within a blend, and ds/dt there.
+            blend_share: The part of the acceleration limits that may be used on blends, between whose grid points they
+                are exceeded a little.
 
         Raises:
             InvalidRequest: as ``time_path``.
@@ -196,7 +199,8 @@ class ToppRa:
         since, rate = moving
         phases: list[Phase] = []
         with _failing():
-            for stretch in stretches(path, limits, speed_limit, since):
+            for whole in stretches(path, limits, speed_limit, since):
+                stretch = replace(whole, blend_share=blend_share)
                 phases += self._between_stops(stretch) if phases or not rate > 0.0 else self._going_on(stretch, rate)
         return phases
 

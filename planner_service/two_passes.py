@@ -60,6 +60,9 @@ def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
     if stretch.speed_limit is not None:
         speeds = np.minimum(speeds, stretch.allowed(s) * (unit / length))
     squares = np.minimum(speeds, MAX_TOPPRA_SPEED) ** 2
+    if stretch.blend_share < 1.0:
+        shares = stretch.shares(s)[:, None]
+        first, second = first / shares, second / shares
     both_ways = np.concatenate([np.eye(len(joints)), -np.eye(len(joints))])
     linear = (first, second, np.zeros_like(first), both_ways, np.tile(acceleration, 2), None, None)
     rows = toppra.constraint.canlinear_colloc_to_interpolate(*linear, points, identical=True)[:-2]
