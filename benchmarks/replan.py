@@ -32,6 +32,9 @@ RUNS, STEPS, PERIOD, STRIDE = 4, 50, 0.1, 0.01
 RADIUS, EARLY, ROOM = 0.04, 0.12, 0.03
 """Metres: of the ball, how far from the middle of the first way it begins, and how far it stays from both ends."""
 
+PADDING = 0.02
+"""Metres that ways keep from everything: what moves in two steps."""
+
 DRAWS = 1000
 
 MOST_MS, MOST_STOPS, MOST_JUMP = 100.0, 2, 1e-9
@@ -70,13 +73,13 @@ def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: i
     """Execute a plan, replanning every 0.1 s."""
     told = Drive()
     previous: PlanResult | Replanned = first
-    at, outcome = 0.0, Outcome.NEW
+    at, outcome, request = 0.0, Outcome.NEW, _request(service.robot.home, service.robot.home)
     for step in range(steps):
         old = _trajectory(previous)
         rests = min(at + PERIOD, old.duration) == old.duration
         scene, goal = changes(step, rests and outcome is not Outcome.STOP)
         clock = time.process_time()
-        found = service.replan(previous, at_time=at, latency=PERIOD, scene=scene, goal=goal)
+        found = service.replan(previous, at_time=at, latency=PERIOD, scene=scene, goal=goal, request=request)
         told.ms.append((time.process_time() - clock) * 1e3)
         told.states.append(found.counts.states)
         told.outcomes[found.outcome] += 1
@@ -87,6 +90,10 @@ def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: i
         _verified(told, service, scene, found, (old, at))
         previous, at, outcome = found, 0.0, found.outcome
     return told
+
+
+def _request(start: FloatArray, goal: FloatArray, seed: int = 0) -> PlanRequest:
+    return PlanRequest(start, goal, seed=seed, padding=PADDING, max_checks=20_000, time_limit=None)
 
 
 def _trajectory(motion: PlanResult | Replanned) -> Trajectory:
@@ -131,7 +138,7 @@ def _verified(
 def crossing(service: PlannerService, query: queries.Query) -> tuple[PlanResult, Changes]:
     """A ball that crosses the middle of the first way, while the robot goes to and fro."""
     robot, ends = service.robot, (query.start, query.goal)
-    clear = service.plan(PlanRequest(*ends, seed=query.number, time_limit=None)).unwrap()[0]
+    clear = service.plan(_request(*ends, query.number)).unwrap()[0]
     middle = robot.tool_pose(clear(clear.length / 2.0))[:3, 3]
     rng = np.random.default_rng([queries.SEED, query.number])
     for _ in range(DRAWS):
@@ -141,7 +148,7 @@ def crossing(service: PlannerService, query: queries.Query) -> tuple[PlanResult,
         wide = [_with_ball(service.scene, middle + way * (STRIDE * step - EARLY), ROOM) for step in range(0, STEPS, 3)]
         if all(service.with_scene(scene).checker.states_are_free(np.array(ends)).all() for scene in wide):
             break
-    first = service.with_scene(scenes[0]).plan(PlanRequest(*ends, seed=query.number, time_limit=None))
+    first = service.with_scene(scenes[0]).plan(_request(*ends, query.number))
     turns = [query.goal]
 
     def change(step: int, arrived: bool) -> Change:
@@ -159,7 +166,7 @@ def _with_ball(scene: Scene, centre: FloatArray, more: float) -> Scene:
 def wandering(service: PlannerService, query: queries.Query) -> tuple[PlanResult, Changes]:
     """A goal of the tool that moves along a horizontal line, and back."""
     robot = service.robot
-    first = service.plan(PlanRequest(query.start, query.goal, seed=query.number, time_limit=None))
+    first = service.plan(_request(query.start, query.goal, query.number))
     there = Pose.from_matrix(robot.tool_pose(query.goal))
     rng = np.random.default_rng([queries.SEED, query.number, 1])
     for _ in range(DRAWS):

@@ -15,11 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from planner_service.blend import STEEPEST
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.ledger import CheckBudgetSpent
 from planner_service.endpoints import GoalState
 from planner_service.geometry import FloatArray
-from planner_service.oracle import SearchOracle
+from planner_service.oracle import SearchOracle, TieredOracle
 from planner_service.outcome import Failure, Reason, Stage
 from planner_service.path import JointPath
 from planner_service.pipeline import fresh_seed
@@ -38,17 +39,32 @@ BEYOND = (0.3, 0.8)
 """How far beyond the old end to turn, in distances from there to the goal: a robot that is braking for a stop there
 cannot stop sooner, nor turn sharply, but can overshoot a little and turn on its way."""
 
+PART = 0.9
+"""Of the widest blend that the robot can be slow enough for."""
+
 NEAR = 1e-6
 """Radians. What is that close to a waypoint is taken for it."""
 
+COINCIDING = 1e-9
+"""Radians between points that are taken for one."""
+
 ROOM = 1e-3
 """Radians between two blends that leave room to turn off in between."""
+
+LEAST_BLEND = 1e-4
+"""Radians. Of a robot that follows a goal all moves are short, and corners slight."""
+
+FINEST = 0.002
+"""Metres between samples of edges that keep less: blends and edges that pass are then mostly proven, too."""
 
 LESS_PADDING = (1.0, 0.5, 0.25, 0.125, 0.0)
 """Parts of the asked padding tried where the old path is closer to something."""
 
 SEARCH_SHARE = 0.5
 """Part of the states that searching may use."""
+
+
+Judge = SearchOracle | TieredOracle
 
 
 class Place(NamedTuple):
@@ -86,23 +102,32 @@ class Detours:
     ) -> None:
         self._checker, self._request, self._book = checker, request, book
         self._path, self._ahead = old
+        self._acceleration = checker.robot.limits.acceleration * request.acceleration_scale
         self._states = max(1, int(request.max_checks * SEARCH_SHARE))
 
-    def places(self, handover: Handover, stop: float, goal: FloatArray) -> Iterator[Place]:
+    def places(self, handover: Handover, stop: float, goal: FloatArray, *, roomy: bool = False) -> Iterator[Place]:
         """Where to turn off for a goal; ``stop`` is where a stop ends.
 
-        Where something is in the way before that, it is left out.
+        First where the old way keeps the full padding up to there, then, unless these must be ``roomy``, where it is
+        free at all.
         """
         if not handover.rate > 0.0:
             yield self._place(handover.s)
             return
-        tried: list[float] = []
+        places: list[Place] = []
         for part in PLACES:
             place = self._place(min(handover.s + part * (stop - handover.s), self._path.length))
-            if all(abs(place.s - other) > ROOM for other in tried) and self._free_up_to(handover.s, place.s):
-                tried.append(place.s)
-                yield place
-        yield from self._beyond(goal)
+            if all(abs(place.s - other.s) > ROOM for other in places):
+                places.append(place)
+        full = self._checker.variant(padding=self._request.padding)
+        wide = [place for place in places if self._free_up_to(handover.s, place.s, full)]
+        yield from wide
+        if not roomy:
+            bare = self._checker.variant(motion_step=FINEST)
+            yield from (
+                p for p in places if not any(p is other for other in wide) and self._free_up_to(handover.s, p.s, bare)
+            )
+            yield from self._beyond(goal)
 
     def _beyond(self, goal: FloatArray) -> Iterator[Place]:
         """Places straight beyond the old end."""
@@ -134,33 +159,36 @@ class Detours:
             return s, index
         return ((after + before) / 2.0, index) if before - after > ROOM else (knot, index)
 
-    def _free_up_to(self, s: float, end: float) -> bool:
+    def _free_up_to(self, s: float, end: float, checker: CollisionChecker) -> bool:
         """Whether the old polyline is free in between."""
         knots = [s, *(k for k in self._path.knots.tolist() if s + NEAR < k < end - NEAR), end]
         points = self._path(np.array(knots))
         with self._book.during(Stage.STRAIGHT_LINE):
             ends = [Known.NEITHER, *(Known.START for _ in points[1:])]
             edges = zip(pairwise(points), ends, strict=False)
-            return all(self._checker.edge_is_free(a, b, known=known) for (a, b), known in edges)
+            return all(checker.edge_is_free(a, b, known=known) for (a, b), known in edges)
 
-    def way(self, handover: Handover, place: Place, goal: GoalState) -> Way | None:
+    def way(self, handover: Handover, place: Place, goal: GoalState, turn: int = 0) -> Way | None:
         """A way that turns off there, its corners blended; None if there the robot would touch something.
+
+        Args:
+            turn: Another number, another search.
 
         Raises:
             NoPlan: none was found.
         """
         (s, index, q), old = place, self._path
-        padding = self._padding(q, goal.padding)
-        if padding is None:
+        least = self._padding(q, goal.padding)
+        if least is None:
             return None
-        self._book.padding = padding
-        judge = self._checker.variant(padding=padding)
-        oracle = SearchOracle(judge, [q], [goal.q])
+        self._book.padding = self._request.padding
+        tight = self._checker.variant(padding=least)
+        oracle = self._oracle(least, (q, goal.q))
         chain = [q, *old.waypoints[old.knots > s + NEAR], *self._ahead]
         if len(chain) == 1 or chain[-1].tolist() != goal.q.tolist():
             chain = [*(chain[:-1] if len(chain) > 1 else chain), goal.q]
-        points, searched = self._repaired(chain, oracle)
-        points = self._shortened(points, oracle)
+        points, searched = self._repaired(chain, oracle, turn)
+        points = _apart(self._shortened(points, oracle))
         path = JointPath(
             np.concatenate([old.waypoints[:index], points]), np.append(old.blends[:index], np.zeros(len(points)))
         )
@@ -168,10 +196,37 @@ class Detours:
             sizes = np.full(len(path.waypoints), self._request.blend)
             sizes[:index] = 0.0
             reached = max(handover.s, float(path.knots[index - 1] + path.blends[index - 1])) if index else handover.s
-            sizes[index] = min(self._request.blend, max(0.0, s - reached))
-            path = blended(path, judge.blend_is_free, sizes)
+            sizes[index] = min(sizes[index], max(0.0, s - reached))
+            if index and handover.rate > 0.0 and len(points) > 1:
+                sizes[index] = min(sizes[index], self._passable(path, index, handover))
+            path = blended(path, tight.blend_is_free, sizes, least=LEAST_BLEND)
             entry.length = path.length - s
         return Way(path, index, s, handover, searched)
+
+    def _passable(self, path: JointPath, index: int, handover: Handover) -> float:
+        """How wide the blend at a corner may be at most for the robot to be slow enough when it begins.
+
+        A blend as wide as w is passed at a square of speed of w times something, and a narrower one leaves more way
+        to slow down: where that gains more, there is a widest.
+        """
+        u, v = path.on_pieces(path.pieces_at(path.knots[index - 1 : index + 1]), path.knots[index - 1 : index + 1], 1)
+        with np.errstate(divide="ignore"):
+            passing = float((self._acceleration / (STEEPEST * np.abs(v - u))).min())
+            braking = float((self._acceleration / np.abs(u)).min())
+        way = float(path.knots[index]) - handover.s
+        if passing >= 2.0 * braking:
+            return math.inf
+        return max(0.0, PART * (2.0 * braking * way - handover.rate * handover.rate) / (2.0 * braking - passing))
+
+    def _oracle(self, least: float, ends: tuple[FloatArray, FloatArray]) -> Judge:
+        """The oracle of a way between two ends that keep that much."""
+        wide = self._checker.variant(padding=self._request.padding)
+        roomy = SearchOracle(wide, ends[:1], ends[1:])
+        if least == self._request.padding:
+            return roomy
+        tight = self._checker.variant(padding=least, motion_step=max(least, FINEST))
+        near = [q for q in ends if not wide.state_is_free(q)]
+        return TieredOracle(roomy, SearchOracle(tight), near)
 
     def _padding(self, q: FloatArray, most: float) -> float | None:
         """The widest padding of a short ladder with which q is free."""
@@ -180,13 +235,13 @@ class Detours:
             free = (p for p in ladder if p <= most and self._checker.variant(padding=p).state_is_free(q))
             return next(free, None)
 
-    def _repaired(self, chain: Sequence[FloatArray], oracle: SearchOracle) -> tuple[FloatArray, bool]:
+    def _repaired(self, chain: Sequence[FloatArray], oracle: Judge, turn: int) -> tuple[FloatArray, bool]:
         """The chain with what is blocked of it searched anew, and whether there was any."""
         out, at, last, searched = [chain[0]], 0, len(chain) - 1, False
         while at < last:
             with self._book.during(Stage.STRAIGHT_LINE):
-                known = Known.BOTH if at + 1 == last else Known.START
-                free = oracle.edge_is_free(chain[at], chain[at + 1], known=known)
+                there = at + 1 == last or oracle.state_is_free(chain[at + 1])
+                free = there and oracle.edge_is_free(chain[at], chain[at + 1], known=Known.BOTH)
                 later = [] if free else [k for k in range(at + 1, last) if oracle.state_is_free(chain[k])]
             if free:
                 at += 1
@@ -194,26 +249,26 @@ class Detours:
                 continue
             searched = True
             later.append(last)
-            found = self._search(chain[at], np.array([chain[k] for k in later]), oracle)
+            found = self._search(chain[at], np.array([chain[k] for k in later]), (oracle, turn))
             out += list(found[1:])
             at = next(k for k in later if chain[k].tolist() == found[-1].tolist())
         return np.array(out), searched
 
-    def _search(self, start: FloatArray, goals: FloatArray, oracle: SearchOracle) -> FloatArray:
+    def _search(self, start: FloatArray, goals: FloatArray, asked: tuple[Judge, int]) -> FloatArray:
         """A path from the start to one of the goals, with fresh seeds if one gives up.
 
         Raises:
             NoPlan: none was found.
         """
         request, limits, ledger = self._request, self._checker.robot.limits, self._checker.ledger
-        planner = request.planner
+        planner, (oracle, turn) = request.planner, asked
         tries = 1 if planner.patience is None else request.retries + 1
         share = max(1, self._states // tries, planner.patience or 0)
         with self._book.during(Stage.SEARCH) as entry:
             entry.note = planner.name
             for attempt in range(tries):
                 self._book.attempts += 1
-                seed = fresh_seed(request.seed, attempt)
+                seed = fresh_seed(request.seed, attempt + tries * turn)
                 problem = SearchProblem(start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll)
                 try:
                     with self._checker.limited(states=share):
@@ -227,7 +282,7 @@ class Detours:
         detail = "no way from where the old one is left was found; whether there is one is unknown"
         raise NoPlan(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, detail))
 
-    def _shortened(self, points: FloatArray, oracle: SearchOracle) -> FloatArray:
+    def _shortened(self, points: FloatArray, oracle: Judge) -> FloatArray:
         if len(points) < 3:
             return points
         with self._book.during(Stage.SHORTCUT) as entry, suppress(CheckBudgetSpent):
@@ -238,6 +293,16 @@ class Detours:
             if self._request.blend > 0.0:
                 points = without_short_pieces(points, oracle)
         return points
+
+
+def _apart(points: FloatArray) -> FloatArray:
+    """Points none of which all but coincides with the one before; the last stays."""
+    kept = [points[0]]
+    for q in points[1:]:
+        if joint_distance(kept[-1].tolist(), q.tolist()) <= COINCIDING:
+            kept.pop()
+        kept.append(q)
+    return np.array(kept)
 
 
 def _length(points: Sequence[FloatArray] | FloatArray) -> float:

@@ -8,12 +8,16 @@ from collections.abc import Iterable
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
 from planner_service.geometry import FloatArray
-from planner_service.search import Configuration
+from planner_service.search import Configuration, joint_distance
 
-__all__ = ["SearchOracle"]
+__all__ = ["SearchOracle", "TieredOracle"]
 
 TELLING_MOTIONS = 20
 """Motions tried at an end, all in vain, before a user is told that it is boxed in."""
+
+
+NEAR_END = 0.2
+"""Radians from an end within which an edge keeps no more than that end does."""
 
 
 class SearchOracle:
@@ -91,6 +95,62 @@ class SearchOracle:
             for end, tried in self._motions.items()
             if tried[False] >= TELLING_MOTIONS and not tried[True]
         )
+
+
+class TieredOracle:
+    """An oracle that keeps less near the ends of a problem, which are closer to something than the rest is to come.
+
+    Args:
+        roomy: Judges what is no end, and edges but for their first 0.2 rad from an end.
+        tight: Judges the ends, and edges so far.
+    """
+
+    def __init__(self, roomy: SearchOracle, tight: SearchOracle, ends: Iterable[FloatArray]) -> None:
+        self._roomy, self._tight = roomy, tight
+        self._ends = {tuple(q.tolist()) for q in ends}
+
+    @property
+    def states(self) -> int:
+        """States counted so far."""
+        return self._roomy.states
+
+    def state_is_free(self, q: FloatArray | Configuration) -> bool:
+        """Whether q (n,) is free with the padding that it is to keep."""
+        return (self._tight if _tuple(q) in self._ends else self._roomy).state_is_free(q)
+
+    def edge_is_free(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> bool:
+        """Whether the edge is free with the padding that it is to keep."""
+        parts = self._parts(_tuple(q1), _tuple(q2), known)
+        return all(oracle.edge_is_free(a, b, known=ends) for oracle, a, b, ends in parts)
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether a first look at a few samples of the edge finds no collision."""
+        return all(oracle.edge_seems_free(a, b, known=ends) for oracle, a, b, ends in self._parts(q1, q2, known))
+
+    def _parts(
+        self, q1: Configuration, q2: Configuration, known: Known
+    ) -> list[tuple[SearchOracle, Configuration, Configuration, Known]]:
+        """What to ask whom about an edge; where it is cut is judged with what is roomy."""
+        length, ends = joint_distance(q1, q2), (q1 in self._ends, q2 in self._ends)
+        if not any(ends):
+            return [(self._roomy, q1, q2, known)]
+        if length <= NEAR_END * sum(ends):
+            return [(self._tight, q1, q2, known)]
+        share, parts = NEAR_END / length, list[tuple[SearchOracle, Configuration, Configuration, Known]]()
+        a, b, left = q1, q2, known
+        if ends[0]:
+            a, left = _between(q1, q2, share), left & ~Known.START
+            parts.append((self._tight, q1, a, known & Known.START))
+        if ends[1]:
+            b, left = _between(q2, q1, share), left & ~Known.END
+            parts.append((self._tight, b, q2, known & Known.END))
+        return [*parts, (self._roomy, a, b, left)]
+
+
+def _between(a: Configuration, b: Configuration, share: float) -> Configuration:
+    return tuple(x + (y - x) * share for x, y in zip(a, b, strict=True))
 
 
 def _tuple(q: FloatArray | Configuration) -> Configuration:

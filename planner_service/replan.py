@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import enum
 import math
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice, product
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, S
 from planner_service.pace import Pace, peak_tool_speed, tool_speed_limit
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks, peaks
+from planner_service.pipeline import Run
 from planner_service.request import Goal, PlanRequest
 from planner_service.robot import Robot
 from planner_service.search import joint_distance
@@ -45,6 +47,12 @@ MAX_LATENCY = 10.0
 
 SHORTER, SOONER = 0.98, 0.97
 """A free old motion is left for a way that is shorter, and a motion that ends sooner, by that much."""
+
+FEW, ENOUGH, MOST_TRIES, TURNS = 4, 3, 10, 2
+"""Ways tried beside a free old motion; without one, when one is found and at most; searches at each place."""
+
+GOOD = 1.3
+"""Of the time left to the old motion: a new one that takes no longer is taken without looking for a better one."""
 
 SLIGHT = 1e-6
 """Share by which a tool may seem faster than it may be: its peak is known to six digits."""
@@ -211,7 +219,7 @@ class _Run:
         self, judges: tuple[CollisionChecker, Certifier], old: _Old, request: PlanRequest, cancel: CancelToken | None
     ) -> None:
         self._checker, self._certifier = judges
-        self._old, self._motion, self._request = old, old.underway, request
+        self._old, self._motion, self._request, self._cancel = old, old.underway, request, cancel
         self._pace = Pace.of(request)
         self._limits = self._pace.limits(self._checker.robot)
         self._book = StageBook(
@@ -224,11 +232,39 @@ class _Run:
         """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""
         try:
             with self._book.within_limits(turns, padding=self._request.padding):
-                return self._going_on()
+                if not self._motion.rests:
+                    return self._going_on()
+                self._prove_last_stretch()
+            return self._from_rest(turns)
         except NoPlan as no_plan:
             failure = no_plan.failure
         with turns.taken():
             return self._stopping(failure)
+
+    def _prove_last_stretch(self) -> None:
+        """What is left until the old motion rests.
+
+        Raises:
+            NoPlan: it cannot be proven.
+        """
+        part = self._motion.s(self._motion.now), self._motion.end
+        if part[0] < part[1]:
+            certificate = self._book.certificate(self._certifier, self._motion.path, self._old.exempt, part)
+            if not certificate.certified:
+                raise NoPlan(not_certified(certificate), certificate)
+
+    def _from_rest(self, turns: Turns) -> Replanned:
+        """A plan from where the old motion has ended when the new one begins.
+
+        Raises:
+            NoPlan: there is none.
+        """
+        plan = Run(self._checker, self._certifier, self._request, self._cancel).result(turns)
+        result = self._book.with_plan(plan)
+        if plan.failure is not None:
+            raise NoPlan(plan.failure)
+        outcome = Outcome.NEW if plan.path is not None and plan.path.length > 0.0 else Outcome.KEPT
+        return Replanned(outcome, result, self._old.splice, self._request, None, self._old.ahead[:0])
 
     def _going_on(self) -> Replanned:
         """The old motion, or a new one.
@@ -242,10 +278,10 @@ class _Run:
                 goals = self._goals()
             old_end = self._old.end.tolist()
             same = next((goal for goal in goals if goal.q.tolist() == old_end), None)
-            if kept is not None and same is not None:
-                return self._improved(kept, same) or self._told(Outcome.KEPT, kept, same.index)
-            kept = None
-            return self._new(goals[0] if same is None else same)
+            if kept is None or same is None:
+                kept = None
+                return self._new(goals[0] if same is None else same)
+            return self._improved(kept, same) or self._told(Outcome.KEPT, kept, same.index)
         except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
             if kept is None:
                 raise
@@ -275,21 +311,30 @@ class _Run:
         return _Motion(path, self._motion.rest(), certificate, None) if certificate.certified else None
 
     def _improved(self, kept: _Motion, goal: GoalState) -> Replanned | None:
-        """A motion that ends sooner than the old one, which is free; None if there is none."""
+        """A motion that keeps more from things than the old one, or ends sooner; None if there is none."""
         handover = next(self._motion.handovers(), None)
-        if handover is None or not handover.s < self._motion.end:
+        if handover is None:
             return None
-        place = next(self._detours.places(handover, self._stop.end, goal.q), None)
-        if place is None or not place.s < self._motion.end:
-            return None
-        way = self._detours.way(handover, place, goal)
-        left = self._motion.end - place.s
-        if way is None or not way.path.length - way.s <= SHORTER * left:
-            return None
-        with suppress(NoPlan):
-            found = self._moving(way)
-            if found.trajectory.duration <= SOONER * kept.trajectory.duration:
+        failures: list[NoPlan] = []
+        for place in islice(self._detours.places(handover, self._stop.end, goal.q, roomy=True), FEW):
+            if not place.s < self._motion.end:
+                break
+            way = self._detours.way(handover, place, goal)
+            if way is None:
+                continue
+            shorter = way.path.length - way.s <= SHORTER * (self._motion.end - way.s)
+            if not way.searched and not shorter:
+                break
+            try:
+                found = self._moving(way)
+            except NoPlan as no_plan:
+                failures.append(no_plan)
+                continue
+            if way.searched or found.trajectory.duration <= SOONER * kept.trajectory.duration:
                 return self._told(Outcome.NEW, found, goal.index)
+            break
+        if failures:
+            self._book.notes.append(f"no better motion: {failures[0]}")
         return None
 
     def _new(self, goal: GoalState) -> Replanned:
@@ -299,18 +344,40 @@ class _Run:
             NoPlan: there is none; why not is said of the first.
         """
         failures: list[NoPlan] = []
-        for handover in self._motion.handovers():
-            for place in self._detours.places(handover, self._stop.end, goal.q):
-                try:
-                    way = self._detours.way(handover, place, goal)
-                    if way is not None:
-                        return self._told(Outcome.NEW, self._moving(way), goal.index)
-                except NoPlan as no_plan:
-                    failures.append(no_plan)
+        best: _Motion | None = None
+        left = self._motion.trajectory.duration - self._motion.splice
+        for tries, way in enumerate(self._ways(goal, failures)):
+            try:
+                found = self._moving(way)
+                best = found if best is None else min(best, found, key=lambda motion: motion.trajectory.duration)
+                if best.trajectory.duration <= GOOD * left:
+                    break
+            except NoPlan as no_plan:
+                failures.append(no_plan)
+            except CheckBudgetSpent:
+                if best is None:
+                    raise
+                break
+            if tries + 1 >= (ENOUGH if best else MOST_TRIES):
+                break
+        if best is not None:
+            return self._told(Outcome.NEW, best, goal.index)
         if failures:
             raise failures[0]
         detail = "the robot cannot turn off before what is in the way"
         raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
+
+    def _ways(self, goal: GoalState, failures: list[NoPlan]) -> Iterator[Way]:
+        """Ways to try, one after the other."""
+        for turn, handover in product(range(TURNS), self._motion.handovers()):
+            for place in self._detours.places(handover, self._stop.end, goal.q):
+                try:
+                    way = self._detours.way(handover, place, goal, turn)
+                except NoPlan as no_plan:
+                    failures.append(no_plan)
+                else:
+                    if way is not None:
+                        yield way
 
     def _moving(self, way: Way) -> _Motion:
         """A way proven, and in time from the splice on.

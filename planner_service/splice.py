@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -39,11 +40,17 @@ the limits between its grid points too: what has begun cannot be slowed down as 
 MARGINS = (0.0, 0.003, 0.01, 0.03, 0.1)
 """Parts of what braking could do that are left on blends, for the same reason."""
 
+LATER = (0.0, 0.02, 0.05, 0.1)
+"""Seconds for which the old law goes on longer where nothing else is within the limits: on blends it may be at them."""
+
 INTERVALS = 24
 """Of constant braking on a whole blend."""
 
 MEETING = 5e-10
 """Where laws meet at a break of the path, s is taken for it that close to it."""
+
+RUN_IN = 1e-4
+"""Radians before a blend within which no law takes over: there would be no way to change the speed on."""
 
 SLIVER = 1e-12
 """Seconds. A shorter piece of time is left out."""
@@ -95,6 +102,11 @@ class Underway:
         blends[0] = 0.0
         return JointPath(old.waypoints[first:], blends)
 
+    @property
+    def rests(self) -> bool:
+        """Whether the old motion has ended at the splice."""
+        return self.splice >= self.trajectory.duration
+
     def s(self, t: float) -> float:
         """Arc length at an instant of the old motion."""
         return self._moved(float(self.trajectory.s(t)))
@@ -143,7 +155,7 @@ class Underway:
         s = self.s(t)
         ends = (path.knots + path.blends)[path.blends > 0.0]
         starts = (path.knots - path.blends)[path.blends > 0.0]
-        within = (starts + MEETING < s) & (s < ends - MEETING)
+        within = (starts - RUN_IN < s) & (s < ends - MEETING)
         if not np.any(within):
             yield Handover(t, s, self._rate(t))
         arrivals = np.array([self._moved(c0) for c0 in law.coefficients[:, 0].tolist()])
@@ -171,18 +183,21 @@ class Underway:
         the piece on which the robot stops.
         """
         begin = min(self.splice + HOLD, self.trajectory.duration)
-        for margin in MARGINS:
-            braking = self._braking(self.s(begin), self._rate(begin), limits, margin)
-            if braking is None:
+        rests = self.trajectory.knots[self._resting]
+        rest = float(rests[rests >= begin][0])
+        for later, margin in product(LATER, MARGINS):
+            since = begin + later
+            if since >= rest:
                 break
+            braking = self._braking(self.s(since), self._rate(since), limits, margin)
+            if braking is None:
+                continue
             rows, end = braking
-            found = self._along(self._up_to(end), [*self.rows(begin), *rows], end)
+            found = self._along(self._up_to(end), [*self.rows(since), *rows], end)
             if _highest(peaks(found, limits)) <= 1.0 + TOLERANCE:
                 return found
-        rests = self.trajectory.knots[self._resting]
-        times = rests[rests >= begin]
-        end = self.s(float(times[0]))
-        return self._along(self._up_to(end), self.rows(float(times[0])), end)
+        end = self.s(rest)
+        return self._along(self._up_to(end), self.rows(rest), end)
 
     def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> tuple[list[_Row], float] | None:
         """Rows of a stop that begins at s, and where it ends; None if the old law rests before."""
@@ -201,7 +216,8 @@ class Underway:
             slopes = path.on_pieces(pieces, at, 1), path.on_pieces(pieces, at, 2)
             for k in range(count):
                 a, b = float(at[k]), float(at[k + 1])
-                window = _window(slopes[0][k : k + 2], slopes[1][k : k + 2], (rate * rate, b - a), limits)
+                ends, known = (slopes[0][k : k + 2], slopes[1][k : k + 2]), (rate * rate, b - a)
+                window = _window(*ends, known, limits) or _window(ends[0][:1], ends[1][:1], known, limits)
                 if window is None:
                     return None
                 change = window[0] + margin * (window[1] - window[0])
@@ -273,12 +289,12 @@ def _window(
     """The least and the largest d2s/dt2 within the limits at both ends of an interval; None if there is none.
 
     Args:
-        slopes, bends: Derivatives of the path at both ends, (2, n).
+        slopes, bends: Derivatives of the path at both ends, (2, n), or at the first alone, (1, n).
         known: The square of ds/dt at the first, and the length.
     """
     square, length = known
     # at the second end the square is square + 2 length u
-    per_change = slopes + np.array([[0.0], [2.0 * length]]) * bends
+    per_change = slopes + np.array([[0.0], [2.0 * length]])[: len(slopes)] * bends
     fixed = bends * square
     acceleration = np.broadcast_to(limits.acceleration, slopes.shape)
     on = np.abs(per_change) > STANDING

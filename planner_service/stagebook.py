@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -147,7 +147,7 @@ class StageBook:
             path=path,
             trajectory=trajectory,
             failure=failure,
-            stages=tuple(self._reports[stage] for stage in Stage if stage in self._reports),
+            stages=self._stages,
             goal_index=goal_index,
             attempts=self.attempts,
             padding=self.padding,
@@ -156,6 +156,26 @@ class StageBook:
             motion=motion,
             notes=tuple(self.notes),
         )
+
+    def with_plan(self, plan: PlanResult) -> PlanResult:
+        """A plan made meanwhile, with what these books have beside it; they take over what it cost."""
+        for report in plan.stages:
+            before = self._reports.get(report.stage, StageReport(report.stage, CheckCounts(), 0.0))
+            counts, seconds = before.counts + report.counts, before.seconds + report.seconds
+            self._reports[report.stage] = replace(report, counts=counts, seconds=seconds)
+        self.attempts += plan.attempts
+        self.deterministic &= plan.deterministic
+        return replace(
+            plan,
+            stages=self._stages,
+            attempts=self.attempts,
+            deterministic=self.deterministic,
+            notes=(*self.notes, *plan.notes),
+        )
+
+    @property
+    def _stages(self) -> tuple[StageReport, ...]:
+        return tuple(self._reports[stage] for stage in Stage if stage in self._reports)
 
     def gave_up(self) -> Failure:
         """The failure of a search that ended by itself without a path."""
