@@ -112,11 +112,11 @@ class Detours:
         free at all.
         """
         if not handover.rate > 0.0:
-            yield self._place(handover.s)
+            yield self._place(handover.s, handover.s)
             return
         places: list[Place] = []
         for part in PLACES:
-            place = self._place(min(handover.s + part * (stop - handover.s), self._path.length))
+            place = self._place(min(handover.s + part * (stop - handover.s), self._path.length), handover.s)
             if all(abs(place.s - other.s) > ROOM for other in places):
                 places.append(place)
         full = self._checker.variant(padding=self._request.padding)
@@ -142,27 +142,26 @@ class Detours:
             if part * away > ROOM and np.all((q >= limits.lower) & (q <= limits.upper)):
                 yield Place(path.length + part * away, last, q)
 
-    def _place(self, s: float) -> Place:
-        """The nearest place from there on that is on a straight piece, or a waypoint."""
-        s, index = self._straight(s)
-        path = self._path
-        return Place(s, index, path.waypoints[index] if s == path.knots[index] else path(s))  # a blend cuts its corner
-
-    def _straight(self, s: float) -> tuple[float, int]:
+    def _place(self, s: float, since: float) -> Place:
+        """The nearest place from s on that is on a straight piece, or a waypoint whose blend begins after ``since``."""
         path = self._path
         index = int(np.flatnonzero(path.knots >= s - NEAR)[0])
-        knot, width = float(path.knots[index]), float(path.blends[index])
-        if s >= knot - max(width, NEAR) or index == 0:
-            return (s if s >= knot - NEAR and index == len(path.knots) - 1 else knot), index
-        after, before = float(path.knots[index - 1] + path.blends[index - 1]), knot - width
-        if s >= after:
-            return s, index
-        return ((after + before) / 2.0, index) if before - after > ROOM else (knot, index)
+        begins, knot = float(path.knots[index] - path.blends[index]), float(path.knots[index])
+        if index and begins < since - NEAR < knot:  # within this blend
+            s, index = float(path.knots[index] + path.blends[index]), index + 1
+            begins, knot = float(path.knots[index] - path.blends[index]), float(path.knots[index])
+        if index and s < begins - NEAR:
+            after = float(path.knots[index - 1] + path.blends[index - 1])
+            if s > after:
+                return Place(s, index, path(s))
+            if begins - after > ROOM:
+                return Place((after + begins) / 2.0, index, path((after + begins) / 2.0))
+        return Place(knot, index, path.waypoints[index])
 
     def _free_up_to(self, s: float, end: float, checker: CollisionChecker) -> bool:
         """Whether the old polyline is free in between."""
         knots = [s, *(k for k in self._path.knots.tolist() if s + NEAR < k < end - NEAR), end]
-        points = self._path(np.array(knots))
+        points = self._path(np.minimum(np.array(knots), self._path.length))
         with self._book.during(Stage.STRAIGHT_LINE):
             ends = [Known.NEITHER, *(Known.START for _ in points[1:])]
             edges = zip(pairwise(points), ends, strict=False)

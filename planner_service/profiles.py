@@ -116,7 +116,7 @@ def chained(parts: Sequence[Part], entry: float = 0.0) -> list[Phase]:
     an S-curve.
 
     Args:
-        entry: Speed where the first part, which is then straight, begins.
+        entry: Speed where the first part begins.
 
     Raises:
         ZeroDivisionError: a blend begins or ends at a stop, where no constant speed will do.
@@ -131,7 +131,8 @@ def chained(parts: Sequence[Part], entry: float = 0.0) -> list[Phase]:
         speeds[k + 1] = min(speeds[k + 1], _leaving(part, speeds[k]))
     for k, part in reversed(list(enumerate(parts))):
         speeds[k] = min(speeds[k], _leaving(part, speeds[k + 1]))
-    if speeds[0] < entry * (1.0 - ALIKE):
+    fast = speeds[1] if parts[0].blended else speeds[0]
+    if fast < entry * (1.0 - ALIKE):
         raise OverflowError(f"{entry:.6g} is too fast to slow down in time from")
     speeds[0] = entry
     phases: list[Phase] = []

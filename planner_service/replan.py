@@ -31,7 +31,7 @@ from planner_service.pipeline import Run
 from planner_service.request import Goal, PlanRequest
 from planner_service.robot import Robot
 from planner_service.search import joint_distance
-from planner_service.splice import Underway
+from planner_service.splice import Handover, Underway
 from planner_service.stagebook import Limits, NoPlan, StageBook, narrower, not_certified
 from planner_service.timing import TimingFailed, ToppRa
 from planner_service.trajectory import Trajectory
@@ -316,7 +316,7 @@ class _Run:
         if handover is None:
             return None
         failures: list[NoPlan] = []
-        for place in islice(self._detours.places(handover, self._stop.end, goal.q, roomy=True), FEW):
+        for place in islice(self._detours.places(handover, self._stop_from(handover), goal.q, roomy=True), FEW):
             if not place.s < self._motion.end:
                 break
             way = self._detours.way(handover, place, goal)
@@ -370,7 +370,7 @@ class _Run:
     def _ways(self, goal: GoalState, failures: list[NoPlan]) -> Iterator[Way]:
         """Ways to try, one after the other."""
         for turn, handover in product(range(TURNS), self._motion.handovers()):
-            for place in self._detours.places(handover, self._stop.end, goal.q):
+            for place in self._detours.places(handover, self._stop_from(handover), goal.q):
                 try:
                     way = self._detours.way(handover, place, goal, turn)
                 except NoPlan as no_plan:
@@ -418,6 +418,9 @@ class _Run:
         """The quickest stop along the old curve."""
         with self._book.during(Stage.TIMING):
             return self._motion.braked(self._limits)
+
+    def _stop_from(self, handover: Handover) -> float:
+        return self._motion.stop_from(handover, self._limits)
 
     def _report(self, trajectory: Trajectory, found: LimitPeaks) -> MotionReport:
         """How a motion moves.

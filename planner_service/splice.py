@@ -33,7 +33,7 @@ __all__ = ["HOLD", "Handover", "Underway"]
 HOLD = 0.01
 """Seconds from the splice on for which the old law goes on: a cycle of a slow controller."""
 
-SHARES = (0.995, 0.98, 0.95)
+SHARES = (0.9985, 0.995, 0.98, 0.95)
 """Parts of the acceleration limits that a law may use on blends, one after the other, until what it makes of them holds
 the limits between its grid points too: what has begun cannot be slowed down as a whole."""
 
@@ -50,7 +50,7 @@ MEETING = 5e-10
 """Where laws meet at a break of the path, s is taken for it that close to it."""
 
 RUN_IN = 1e-4
-"""Radians before a blend within which no law takes over: there would be no way to change the speed on."""
+"""Radians before a blend begins or ends within which no law takes over: there would be no way to change speed on."""
 
 SLIVER = 1e-12
 """Seconds. A shorter piece of time is left out."""
@@ -60,7 +60,7 @@ AT_REST = 1e-9
 
 
 class Handover(NamedTuple):
-    """An instant from which another law may take over: its time, s, which is not within a blend, and ds/dt."""
+    """An instant from which another law may take over: its time, s and ds/dt."""
 
     time: float
     s: float
@@ -153,16 +153,17 @@ class Underway:
         soon = rests[(rests >= t) & (rests <= t + HOLD)]
         t = float(soon[0]) if len(soon) else t
         s = self.s(t)
-        ends = (path.knots + path.blends)[path.blends > 0.0]
-        starts = (path.knots - path.blends)[path.blends > 0.0]
-        within = (starts - RUN_IN < s) & (s < ends - MEETING)
-        if not np.any(within):
-            yield Handover(t, s, self._rate(t))
         arrivals = np.array([self._moved(c0) for c0 in law.coefficients[:, 0].tolist()])
-        for end in ends[ends > s + MEETING].tolist():
-            (there,) = np.flatnonzero(np.abs(arrivals - end) <= MEETING).tolist()[:1] or [None]
-            if there is not None:
-                yield Handover(float(law.knots[there]), end, self._rate(float(law.knots[there])))
+        blended = path.blends > 0.0
+        ends = (path.knots + path.blends)[blended].tolist()
+        near = [x for x in sorted([*ends, *(path.knots - path.blends)[blended].tolist()]) if s < x <= s + RUN_IN]
+        later = [x for x in ends if x > s + RUN_IN]
+        if not near:
+            yield Handover(t, s, self._rate(t))
+        for x in [*near[-1:], *later]:
+            knots = law.knots[:-1][np.abs(arrivals - x) <= MEETING]
+            if len(knots):
+                yield Handover(float(knots[0]), x, self._rate(float(knots[0])))
 
     @cached_property
     def _resting(self) -> FloatArray:
@@ -198,6 +199,11 @@ class Underway:
                 return found
         end = self.s(rest)
         return self._along(self._up_to(end), self.rows(rest), end)
+
+    def stop_from(self, handover: Handover, limits: JointLimits) -> float:
+        """About where a stop along the old curve ends that begins there."""
+        found = self._braking(handover.s, handover.rate, limits, 0.0) if handover.rate > 0.0 else ([], handover.s)
+        return self.end if found is None else found[1]
 
     def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> tuple[list[_Row], float] | None:
         """Rows of a stop that begins at s, and where it ends; None if the old law rests before."""

@@ -38,7 +38,7 @@ BETWEEN = 1e-3
 class Stretch:
     """The part of a path between two stops: its pieces between breaks, one or more.
 
-    ``since`` is where on its first piece, which is then straight, it begins, should it not begin with a stop. Laws that
+    ``since`` is where on its first piece it begins, should it not begin with a stop. Laws that
     look at grid points alone may use ``blend_share`` of the acceleration limits on blends.
     """
 
@@ -72,9 +72,11 @@ class Stretch:
         """
         firsts, breaks = self._firsts, self.path.breaks.tolist()
         starts = [self.start, *(breaks[k] for k in firsts[1:])]
-        lengths = [end - start for start, end in pairwise([*starts, breaks[self.pieces[-1] + 1]])]
+        ends = [*(breaks[k] for k in firsts[1:]), breaks[self.pieces[-1] + 1]]
+        lengths = [end - start for start, end in zip(starts, ends, strict=True)]
         blended = self.path.blended[firsts].tolist()
-        bounds = self._bounds(blended, lengths, jerk)
+        whole = [end - breaks[first] for first, end in zip(firsts, ends, strict=True)]
+        bounds = self._bounds(blended, whole, jerk)
         if self.speed_limit is not None:
             bounds = list(map(self._slowed, starts, lengths, bounds))
         return list(map(Part, starts, lengths, bounds, blended))

@@ -187,7 +187,7 @@ class ToppRa:
         """The law along what is left of a path, at whose end it rests, as phases; their limits are not verified.
 
         Args:
-            moving: Where it begins in s, which is not within a blend, and ds/dt there.
+            moving: Where it begins in s, and ds/dt there.
             blend_share: The part of the acceleration limits that may be used on blends, between whose grid points they
                 are exceeded a little.
 
@@ -208,7 +208,7 @@ class ToppRa:
         """The motion to the next stop from ``rate``."""
         parts = stretch.parts(jerk=False)
         steady: list[Phase] | None = None
-        if len(parts) == 1 or not _blend_at_stop(parts[1:]):
+        if not parts[-1].blended and (len(parts) == 1 or not _blend_at_stop(parts[1:])):
             with suppress(OverflowError):
                 steady = chained(parts, rate)
         if steady is not None and (len(parts) == 1 or stretch.length < SHORT_MOVE):
