@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -50,13 +51,26 @@ class Change(NamedTuple):
     goal: Pose | FloatArray
 
 
+TO_AND_FRO = [STRIDE * (STEPS // 2 - abs(step - STEPS // 2)) for step in range(STEPS)]
+"""Metres from where it began that something is at each step."""
+
+SPARSE = 3
+"""Of so many steps one is looked at with more room."""
+
+POSTS = {"bin": "demo_post", "post": "post_ahead", "clutter": "post_0"}
+"""What moves in each scene."""
+
 Changes = Callable[[int, bool], Change]
 """What a step brings, given its number and whether the robot has arrived."""
 
 
+Setting = tuple[PlanResult, Changes]
+"""The plan that is being executed at first, and what then changes."""
+
+
 @dataclass
 class Drive:
-    """What happened on the way: CPU milliseconds a step, jumps of q, qd and qdd, outcomes, and stops short of a goal."""
+    """What happened on the way: CPU milliseconds a step, jumps of q, qd and qdd, outcomes, stops short of a goal."""
 
     ms: list[float] = field(default_factory=list)
     states: list[int] = field(default_factory=list)
@@ -84,9 +98,8 @@ def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: i
         told.states.append(found.counts.states)
         told.outcomes[found.outcome] += 1
         _stopped(told, old, at, outcome)
-        if not found.ok:  # it stays where it stops
-            previous, at = _standing(service, scene, found), 0.0
-            continue
+        if not found.ok:
+            break
         _verified(told, service, scene, found, (old, at))
         previous, at, outcome = found, 0.0, found.outcome
     return told
@@ -100,10 +113,6 @@ def _trajectory(motion: PlanResult | Replanned) -> Trajectory:
     if motion.trajectory is None:
         raise ValueError("no motion")
     return motion.trajectory
-
-
-def _standing(service: PlannerService, scene: Scene, found: Replanned) -> PlanResult:
-    raise RuntimeError(str(found.result.failure))
 
 
 def _stopped(told: Drive, old: Trajectory, at: float, outcome: Outcome) -> None:
@@ -135,20 +144,46 @@ def _verified(
         told.peak = max(told.peak, peaks.velocity.ratio, peaks.acceleration.ratio)
 
 
-def crossing(service: PlannerService, query: queries.Query) -> tuple[PlanResult, Changes]:
-    """A ball that crosses the middle of the first way, while the robot goes to and fro."""
-    robot, ends = service.robot, (query.start, query.goal)
-    clear = service.plan(_request(*ends, query.number)).unwrap()[0]
-    middle = robot.tool_pose(clear(clear.length / 2.0))[:3, 3]
+def moving_post(service: PlannerService, query: queries.Query) -> Setting | None:
+    """One of the scene's posts moves along a horizontal line, and back, while the robot goes to and fro."""
+    post = next(o for o in service.scene.obstacles if o.name == POSTS[service.scene.name])
+    rng = np.random.default_rng([queries.SEED, query.number])
+    for _ in range(DRAWS):
+        angle = rng.uniform(0.0, 2.0 * math.pi)
+        places = [_moved(post.pose, angle, distance) for distance in TO_AND_FRO]
+        scenes = [service.scene.moved(post.name, place) for place in places]
+        found = _to_and_fro(service, query, scenes, scenes)
+        if found is not None:
+            return found
+    return None
+
+
+def crossing_ball(service: PlannerService, query: queries.Query) -> Setting | None:
+    """A ball crosses the middle of the first way, while the robot goes to and fro: the worst there is."""
+    path = service.plan(_request(query.start, query.goal, query.number)).unwrap()[0]
+    middle = service.robot.tool_pose(path(path.length / 2.0))[:3, 3]
     rng = np.random.default_rng([queries.SEED, query.number])
     for _ in range(DRAWS):
         way = rng.normal(size=3)
         way = way / math.sqrt(math.fsum((way * way).tolist()))
-        scenes = [_with_ball(service.scene, middle + way * (STRIDE * step - EARLY), 0.0) for step in range(STEPS)]
-        wide = [_with_ball(service.scene, middle + way * (STRIDE * step - EARLY), ROOM) for step in range(0, STEPS, 3)]
-        if all(service.with_scene(scene).checker.states_are_free(np.array(ends)).all() for scene in wide):
-            break
-    first = service.with_scene(scenes[0]).plan(_request(*ends, query.number))
+        places = [middle + way * (STRIDE * step - EARLY) for step in range(STEPS)]
+        scenes, wide = ([_with_ball(service.scene, at, more) for at in places] for more in (0.0, ROOM))
+        found = _to_and_fro(service, query, scenes, wide)
+        if found is not None:
+            return found
+    return None
+
+
+def _to_and_fro(
+    service: PlannerService, query: queries.Query, scenes: Sequence[Scene], wide: Sequence[Scene]
+) -> Setting | None:
+    """The first plan and what follows, if in all of the scenes both ends are free, the wide ones included."""
+    ends = np.array([query.start, query.goal])
+    if not all(service.with_scene(scene).checker.states_are_free(ends).all() for scene in wide[::SPARSE]):
+        return None
+    if not all(service.with_scene(scene).checker.states_are_free(ends).all() for scene in scenes):
+        return None
+    first = service.with_scene(scenes[0]).plan(_request(query.start, query.goal, query.number))
     turns = [query.goal]
 
     def change(step: int, arrived: bool) -> Change:
@@ -156,25 +191,24 @@ def crossing(service: PlannerService, query: queries.Query) -> tuple[PlanResult,
             turns.append(query.start if turns[-1] is query.goal else query.goal)
         return Change(scenes[step], turns[-1])
 
-    return first, change
+    return (first, change) if first.ok else None
 
 
 def _with_ball(scene: Scene, centre: FloatArray, more: float) -> Scene:
     return scene.with_obstacle(Obstacle("ball", Sphere(RADIUS + more), Pose(tuple(centre.tolist()))))
 
 
-def wandering(service: PlannerService, query: queries.Query) -> tuple[PlanResult, Changes]:
+def wandering_goal(service: PlannerService, query: queries.Query) -> Setting | None:
     """A goal of the tool that moves along a horizontal line, and back."""
-    robot = service.robot
     first = service.plan(_request(query.start, query.goal, query.number))
-    there = Pose.from_matrix(robot.tool_pose(query.goal))
+    there = Pose.from_matrix(service.robot.tool_pose(query.goal))
     rng = np.random.default_rng([queries.SEED, query.number, 1])
     for _ in range(DRAWS):
         angle = rng.uniform(0.0, 2.0 * math.pi)
-        goals = [_moved(there, angle, STRIDE * (STEPS // 2 - abs(step + 1 - STEPS // 2))) for step in range(STEPS)]
+        goals = [_moved(there, angle, distance) for distance in TO_AND_FRO]
         if all(_reachable(service, goal) for goal in goals):
-            break
-    return first, lambda step, arrived: Change(service.scene, goals[step])
+            return first, lambda step, arrived: Change(service.scene, goals[step])
+    return None
 
 
 def _moved(pose: Pose, angle: float, distance: float) -> Pose:
@@ -186,7 +220,7 @@ def _reachable(service: PlannerService, goal: Pose) -> bool:
     return any(service.checker.state_is_free(q) for q in inverse_kinematics(service.robot, goal))
 
 
-KINDS = {"a ball crosses": crossing, "the goal wanders": wandering}
+KINDS = {"a post moves": moving_post, "the goal moves": wandering_goal, "a ball crosses": crossing_ball}
 
 
 def rows(scenes: Sequence[str] = SCENES, count: int = RUNS, steps: int = STEPS) -> Iterator[Row]:
@@ -194,7 +228,8 @@ def rows(scenes: Sequence[str] = SCENES, count: int = RUNS, steps: int = STEPS) 
     for kind, setting in KINDS.items():
         for scene in scenes:
             service = PlannerService(queries.ROBOT, scene)
-            drives = [drive(service, *setting(service, query), steps) for query in queries.load(scene)[:count]]
+            settings = filter(None, (setting(service, query) for query in queries.load(scene)))
+            drives = [drive(service, *one, steps) for one in islice(settings, count)]
             yield {
                 "kind": kind,
                 "scene": scene,
