@@ -25,7 +25,7 @@ from planner_service.outcome import Failure, Reason, Stage
 from planner_service.path import JointPath
 from planner_service.pipeline import fresh_seed
 from planner_service.request import PlanRequest
-from planner_service.search import SearchProblem, joint_distance
+from planner_service.search import Configuration, SearchProblem, joint_distance
 from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from planner_service.splice import Handover
 from planner_service.stagebook import NoPlan, StageBook
@@ -57,7 +57,7 @@ LEAST_BLEND = 1e-4
 FINEST = 0.002
 """Metres between samples of edges that keep less: blends and edges that pass are then mostly proven, too."""
 
-LESS_PADDING = (1.0, 0.5, 0.25, 0.125, 0.0)
+LESS_PADDING = (1.0, 0.75, 0.5, 0.25, 0.125, 0.0)
 """Parts of the asked padding tried where the old path is closer to something."""
 
 SEARCH_SHARE = 0.5
@@ -68,18 +68,22 @@ Judge = SearchOracle | TieredOracle
 
 
 class Place(NamedTuple):
-    """Where to turn off: s, the index of the waypoint that is to be there, and where that is, (n,)."""
+    """Where to turn off: s, the index of the waypoint that is to be there, and where that is, (n,).
+
+    ``roomy`` says whether the old way keeps the full padding up to there.
+    """
 
     s: float
     waypoint: int
     q: FloatArray
+    roomy: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
     """A path that follows the old one up to waypoint ``leaves``, from which on it is its own; at s there.
 
-    ``searched`` says whether a part of it had to be.
+    ``searched`` says whether a part of it had to be, ``roomy`` whether the old way keeps the full padding so far.
     """
 
     path: JointPath
@@ -87,6 +91,7 @@ class Way:
     s: float
     handover: Handover
     searched: bool
+    roomy: bool
 
 
 class Detours:
@@ -105,11 +110,11 @@ class Detours:
         self._acceleration = checker.robot.limits.acceleration * request.acceleration_scale
         self._states = max(1, int(request.max_checks * SEARCH_SHARE))
 
-    def places(self, handover: Handover, stop: float, goal: FloatArray, *, roomy: bool = False) -> Iterator[Place]:
+    def places(self, handover: Handover, stop: float, goal: FloatArray, *, beyond: bool = True) -> Iterator[Place]:
         """Where to turn off for a goal; ``stop`` is where a stop ends.
 
-        First where the old way keeps the full padding up to there, then, unless these must be ``roomy``, where it is
-        free at all.
+        First where the old way keeps the full padding up to there, then where it is free at all, then straight
+        ``beyond`` its end.
         """
         if not handover.rate > 0.0:
             yield self._place(handover.s, handover.s)
@@ -119,14 +124,12 @@ class Detours:
             place = self._place(min(handover.s + part * (stop - handover.s), self._path.length), handover.s)
             if all(abs(place.s - other.s) > ROOM for other in places):
                 places.append(place)
-        full = self._checker.variant(padding=self._request.padding)
+        full, bare = self._checker.variant(padding=self._request.padding), self._checker.variant(motion_step=FINEST)
         wide = [place for place in places if self._free_up_to(handover.s, place.s, full)]
-        yield from wide
-        if not roomy:
-            bare = self._checker.variant(motion_step=FINEST)
-            yield from (
-                p for p in places if not any(p is other for other in wide) and self._free_up_to(handover.s, p.s, bare)
-            )
+        yield from (place._replace(roomy=True) for place in wide)
+        rest = [place for place in places if not any(place is other for other in wide)]
+        yield from (place for place in rest if self._free_up_to(handover.s, place.s, bare))
+        if beyond:
             yield from self._beyond(goal)
 
     def _beyond(self, goal: FloatArray) -> Iterator[Place]:
@@ -176,13 +179,13 @@ class Detours:
         Raises:
             NoPlan: none was found.
         """
-        (s, index, q), old = place, self._path
-        least = self._padding(q, goal.padding)
+        (s, index, q, roomy), old = place, self._path
+        least = self._padding(q)
         if least is None:
             return None
         self._book.padding = self._request.padding
-        tight = self._checker.variant(padding=least)
-        oracle = self._oracle(least, (q, goal.q))
+        tight = self._checker.variant(padding=min(least, goal.padding))
+        oracle = self._oracle((q, goal.q), (least, goal.padding))
         chain = [q, *old.waypoints[old.knots > s + NEAR], *self._ahead]
         if len(chain) == 1 or chain[-1].tolist() != goal.q.tolist():
             chain = [*(chain[:-1] if len(chain) > 1 else chain), goal.q]
@@ -200,7 +203,7 @@ class Detours:
                 sizes[index] = min(sizes[index], self._passable(path, index, handover))
             path = blended(path, tight.blend_is_free, sizes, least=LEAST_BLEND)
             entry.length = path.length - s
-        return Way(path, index, s, handover, searched)
+        return Way(path, index, s, handover, searched, roomy)
 
     def _passable(self, path: JointPath, index: int, handover: Handover) -> float:
         """How wide the blend at a corner may be at most for the robot to be slow enough when it begins.
@@ -217,21 +220,21 @@ class Detours:
             return math.inf
         return max(0.0, PART * (2.0 * braking * way - handover.rate * handover.rate) / (2.0 * braking - passing))
 
-    def _oracle(self, least: float, ends: tuple[FloatArray, FloatArray]) -> Judge:
+    def _oracle(self, ends: tuple[FloatArray, FloatArray], paddings: tuple[float, float]) -> Judge:
         """The oracle of a way between two ends that keep that much."""
-        wide = self._checker.variant(padding=self._request.padding)
-        roomy = SearchOracle(wide, ends[:1], ends[1:])
-        if least == self._request.padding:
-            return roomy
-        tight = self._checker.variant(padding=least, motion_step=max(least, FINEST))
-        near = [q for q in ends if not wide.state_is_free(q)]
-        return TieredOracle(roomy, SearchOracle(tight), near)
+        roomy = SearchOracle(self._checker.variant(padding=self._request.padding), ends[:1], ends[1:])
+        tight: dict[Configuration, SearchOracle] = {}
+        for q, padding in zip(ends, paddings, strict=True):
+            if padding < self._request.padding:
+                checker = self._checker.variant(padding=padding, motion_step=max(padding, FINEST))
+                tight[tuple(q.tolist())] = SearchOracle(checker)
+        return TieredOracle(roomy, tight) if tight else roomy
 
-    def _padding(self, q: FloatArray, most: float) -> float | None:
+    def _padding(self, q: FloatArray) -> float | None:
         """The widest padding of a short ladder with which q is free."""
         ladder = [self._request.padding * part for part in LESS_PADDING]
         with self._book.during(Stage.ENDPOINTS):
-            free = (p for p in ladder if p <= most and self._checker.variant(padding=p).state_is_free(q))
+            free = (p for p in ladder if self._checker.variant(padding=p).state_is_free(q))
             return next(free, None)
 
     def _repaired(self, chain: Sequence[FloatArray], oracle: Judge, turn: int) -> tuple[FloatArray, bool]:

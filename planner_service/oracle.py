@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
@@ -101,13 +101,12 @@ class TieredOracle:
     """An oracle that keeps less near the ends of a problem, which are closer to something than the rest is to come.
 
     Args:
-        roomy: Judges what is no end, and edges but for their first 0.2 rad from an end.
-        tight: Judges the ends, and edges so far.
+        roomy: Judges what is no end, and edges but for their first 0.2 rad from such an end.
+        tight: For each of these ends its judge, and that of edges so far.
     """
 
-    def __init__(self, roomy: SearchOracle, tight: SearchOracle, ends: Iterable[FloatArray]) -> None:
-        self._roomy, self._tight = roomy, tight
-        self._ends = {tuple(q.tolist()) for q in ends}
+    def __init__(self, roomy: SearchOracle, tight: Mapping[Configuration, SearchOracle]) -> None:
+        self._roomy, self._tight = roomy, dict(tight)
 
     @property
     def states(self) -> int:
@@ -116,7 +115,7 @@ class TieredOracle:
 
     def state_is_free(self, q: FloatArray | Configuration) -> bool:
         """Whether q (n,) is free with the padding that it is to keep."""
-        return (self._tight if _tuple(q) in self._ends else self._roomy).state_is_free(q)
+        return self._tight.get(_tuple(q), self._roomy).state_is_free(q)
 
     def edge_is_free(
         self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
@@ -132,21 +131,29 @@ class TieredOracle:
     def _parts(
         self, q1: Configuration, q2: Configuration, known: Known
     ) -> list[tuple[SearchOracle, Configuration, Configuration, Known]]:
-        """What to ask whom about an edge; where it is cut is judged with what is roomy."""
-        length, ends = joint_distance(q1, q2), (q1 in self._ends, q2 in self._ends)
-        if not any(ends):
-            return [(self._roomy, q1, q2, known)]
-        if length <= NEAR_END * sum(ends):
-            return [(self._tight, q1, q2, known)]
-        share, parts = NEAR_END / length, list[tuple[SearchOracle, Configuration, Configuration, Known]]()
-        a, b, left = q1, q2, known
-        if ends[0]:
-            a, left = _between(q1, q2, share), left & ~Known.START
-            parts.append((self._tight, q1, a, known & Known.START))
-        if ends[1]:
-            b, left = _between(q2, q1, share), left & ~Known.END
-            parts.append((self._tight, b, q2, known & Known.END))
-        return [*parts, (self._roomy, a, b, left)]
+        """What to ask whom about an edge, part by part."""
+        first, second = self._tight.get(q1), self._tight.get(q2)
+        length = joint_distance(q1, q2)
+        if length == 0.0 or (first is None and second is None):
+            return [(first or second or self._roomy, q1, q2, known)]
+        share = min(NEAR_END / length, 1.0 if first is None or second is None else 0.5)
+        points, judges = [q1, q2], [self._roomy]
+        if first is not None:
+            points.insert(1, _between(q1, q2, share))
+            judges.insert(0, first)
+        if second is not None:
+            points.insert(-1, _between(q1, q2, 1.0 - share))
+            judges.append(second)
+        parts = [(judge, a, b) for judge, a, b in zip(judges, points[:-1], points[1:], strict=True) if a != b]
+        return [
+            (
+                judge,
+                a,
+                b,
+                (known & Known.START if k == 0 else Known.NEITHER) | (known & Known.END if b == q2 else Known.NEITHER),
+            )
+            for k, (judge, a, b) in enumerate(parts)
+        ]
 
 
 def _between(a: Configuration, b: Configuration, share: float) -> Configuration:

@@ -316,7 +316,7 @@ class _Run:
         if handover is None:
             return None
         failures: list[NoPlan] = []
-        for place in islice(self._detours.places(handover, self._stop_from(handover), goal.q, roomy=True), FEW):
+        for place in islice(self._detours.places(handover, self._stop_from(handover), goal.q, beyond=False), FEW):
             if not place.s < self._motion.end:
                 break
             way = self._detours.way(handover, place, goal)
@@ -324,7 +324,9 @@ class _Run:
                 continue
             shorter = way.path.length - way.s <= SHORTER * (self._motion.end - way.s)
             if not way.searched and not shorter:
-                break
+                if way.roomy:
+                    break
+                continue
             try:
                 found = self._moving(way)
             except NoPlan as no_plan:
