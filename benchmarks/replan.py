@@ -10,7 +10,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import NamedTuple
 
@@ -36,6 +36,9 @@ RADIUS, EARLY, ROOM = 0.04, 0.12, 0.03
 PADDING = 0.02
 """Metres that ways keep from everything: what moves in two steps."""
 
+LATER = (2, 4, 6)
+"""Steps after which what moves is expected where it will then be."""
+
 DRAWS = 1000
 
 MOST_MS, MOST_STOPS, MOST_JUMP = 100.0, 2, 1e-9
@@ -45,9 +48,10 @@ SAMPLING = 0.005
 
 
 class Change(NamedTuple):
-    """What one step brings: the scene, and where to go."""
+    """What one step brings: the scene, the same with where things will soon be, and where to go."""
 
     scene: Scene
+    soon: Scene
     goal: Pose | FloatArray
 
 
@@ -76,6 +80,7 @@ class Drive:
     states: list[int] = field(default_factory=list)
     jumps: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     outcomes: Counter[Outcome] = field(default_factory=Counter)
+    now: int = 0
     stops: int = 0
     arrivals: int = 0
     uncertified: int = 0
@@ -91,9 +96,12 @@ def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: i
     for step in range(steps):
         old = _trajectory(previous)
         rests = min(at + PERIOD, old.duration) == old.duration
-        scene, goal = changes(step, rests and outcome is not Outcome.STOP)
+        scene, soon, goal = changes(step, rests and outcome is not Outcome.STOP)
         clock = time.process_time()
-        found = service.replan(previous, at_time=at, latency=PERIOD, scene=scene, goal=goal, request=request)
+        found = service.replan(previous, at_time=at, latency=PERIOD, scene=soon, goal=goal, request=request)
+        if not found.ok and scene is not soon:
+            told.now += 1
+            found = service.replan(previous, at_time=at, latency=PERIOD, scene=scene, goal=goal, request=request)
         told.ms.append((time.process_time() - clock) * 1e3)
         told.states.append(found.counts.states)
         told.outcomes[found.outcome] += 1
@@ -152,7 +160,7 @@ def moving_post(service: PlannerService, query: queries.Query) -> Setting | None
         angle = rng.uniform(0.0, 2.0 * math.pi)
         places = [_moved(post.pose, angle, distance) for distance in TO_AND_FRO]
         scenes = [service.scene.moved(post.name, place) for place in places]
-        found = _to_and_fro(service, query, scenes, scenes)
+        found = _to_and_fro(service, query, (scenes, _soon(scenes, post.name)), scenes)
         if found is not None:
             return found
     return None
@@ -168,17 +176,32 @@ def crossing_ball(service: PlannerService, query: queries.Query) -> Setting | No
         way = way / math.sqrt(math.fsum((way * way).tolist()))
         places = [middle + way * (STRIDE * step - EARLY) for step in range(STEPS)]
         scenes, wide = ([_with_ball(service.scene, at, more) for at in places] for more in (0.0, ROOM))
-        found = _to_and_fro(service, query, scenes, wide)
+        found = _to_and_fro(service, query, (scenes, _soon(scenes, "ball")), wide)
         if found is not None:
             return found
     return None
 
 
+def _soon(scenes: Sequence[Scene], name: str) -> list[Scene]:
+    """Each scene with what moves also where it will be in a few steps."""
+    poses = [next(o for o in scene.obstacles if o.name == name) for scene in scenes]
+    out = []
+    for step, scene in enumerate(scenes):
+        for later in LATER:
+            there = poses[min(step + later, len(poses) - 1)]
+            scene = scene.with_obstacle(replace(there, name=f"{name} in {later} steps"))
+        out.append(scene)
+    return out
+
+
 def _to_and_fro(
-    service: PlannerService, query: queries.Query, scenes: Sequence[Scene], wide: Sequence[Scene]
+    service: PlannerService,
+    query: queries.Query,
+    worlds: tuple[Sequence[Scene], Sequence[Scene]],
+    wide: Sequence[Scene],
 ) -> Setting | None:
     """The first plan and what follows, if in all of the scenes both ends are free, the wide ones included."""
-    ends = np.array([query.start, query.goal])
+    ends, (scenes, soon) = np.array([query.start, query.goal]), worlds
     if not all(service.with_scene(scene).checker.states_are_free(ends).all() for scene in wide[::SPARSE]):
         return None
     if not all(service.with_scene(scene).checker.states_are_free(ends).all() for scene in scenes):
@@ -189,7 +212,7 @@ def _to_and_fro(
     def change(step: int, arrived: bool) -> Change:
         if arrived and step:
             turns.append(query.start if turns[-1] is query.goal else query.goal)
-        return Change(scenes[step], turns[-1])
+        return Change(scenes[step], soon[step], turns[-1])
 
     return (first, change) if first.ok else None
 
@@ -207,7 +230,7 @@ def wandering_goal(service: PlannerService, query: queries.Query) -> Setting | N
         angle = rng.uniform(0.0, 2.0 * math.pi)
         goals = [_moved(there, angle, distance) for distance in TO_AND_FRO]
         if all(_reachable(service, goal) for goal in goals):
-            return first, lambda step, arrived: Change(service.scene, goals[step])
+            return first, lambda step, arrived: Change(service.scene, service.scene, goals[step])
     return None
 
 
