@@ -36,7 +36,7 @@ RADIUS, EARLY, ROOM = 0.04, 0.12, 0.03
 PADDING = 0.02
 """Metres that ways keep from everything: what moves in two steps."""
 
-LATER = (2, 4, 6)
+LATER = (2, 4, 6, 8)
 """Steps after which what moves is expected where it will then be."""
 
 DRAWS = 1000
@@ -48,10 +48,9 @@ SAMPLING = 0.005
 
 
 class Change(NamedTuple):
-    """What one step brings: the scene, the same with where things will soon be, and where to go."""
+    """What one step brings: the scene with where things will soon be, sooner, and without; and where to go."""
 
-    scene: Scene
-    soon: Scene
+    scenes: Sequence[Scene]
     goal: Pose | FloatArray
 
 
@@ -96,12 +95,13 @@ def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: i
     for step in range(steps):
         old = _trajectory(previous)
         rests = min(at + PERIOD, old.duration) == old.duration
-        scene, soon, goal = changes(step, rests and outcome is not Outcome.STOP)
+        scenes, goal = changes(step, rests and outcome is not Outcome.STOP)
         clock = time.process_time()
-        found = service.replan(previous, at_time=at, latency=PERIOD, scene=soon, goal=goal, request=request)
-        if not found.ok and scene is not soon:
-            told.now += 1
+        for scene in scenes:
             found = service.replan(previous, at_time=at, latency=PERIOD, scene=scene, goal=goal, request=request)
+            if found.ok:
+                break
+            told.now += 1
         told.ms.append((time.process_time() - clock) * 1e3)
         told.states.append(found.counts.states)
         told.outcomes[found.outcome] += 1
@@ -182,22 +182,24 @@ def crossing_ball(service: PlannerService, query: queries.Query) -> Setting | No
     return None
 
 
-def _soon(scenes: Sequence[Scene], name: str) -> list[Scene]:
-    """Each scene with what moves also where it will be in a few steps."""
-    poses = [next(o for o in scene.obstacles if o.name == name) for scene in scenes]
+def _soon(scenes: Sequence[Scene], name: str) -> list[tuple[Scene, ...]]:
+    """Each scene with what moves also where it will be in some steps, and in fewer."""
+    moving = [next(o for o in scene.obstacles if o.name == name) for scene in scenes]
     out = []
     for step, scene in enumerate(scenes):
+        ways = []
         for later in LATER:
-            there = poses[min(step + later, len(poses) - 1)]
+            there = moving[min(step + later, len(moving) - 1)]
             scene = scene.with_obstacle(replace(there, name=f"{name} in {later} steps"))
-        out.append(scene)
+            ways.append(scene)
+        out.append(tuple(reversed(ways)))
     return out
 
 
 def _to_and_fro(
     service: PlannerService,
     query: queries.Query,
-    worlds: tuple[Sequence[Scene], Sequence[Scene]],
+    worlds: tuple[Sequence[Scene], Sequence[Sequence[Scene]]],
     wide: Sequence[Scene],
 ) -> Setting | None:
     """The first plan and what follows, if in all of the scenes both ends are free, the wide ones included."""
@@ -212,7 +214,7 @@ def _to_and_fro(
     def change(step: int, arrived: bool) -> Change:
         if arrived and step:
             turns.append(query.start if turns[-1] is query.goal else query.goal)
-        return Change(scenes[step], soon[step], turns[-1])
+        return Change((*soon[step], scenes[step]), turns[-1])
 
     return (first, change) if first.ok else None
 
@@ -230,8 +232,12 @@ def wandering_goal(service: PlannerService, query: queries.Query) -> Setting | N
         angle = rng.uniform(0.0, 2.0 * math.pi)
         goals = [_moved(there, angle, distance) for distance in TO_AND_FRO]
         if all(_reachable(service, goal) for goal in goals):
-            return first, lambda step, arrived: Change(service.scene, service.scene, goals[step])
+            return first, _going(service.scene, goals)
     return None
+
+
+def _going(scene: Scene, goals: Sequence[Pose]) -> Changes:
+    return lambda step, arrived: Change((scene,), goals[step])
 
 
 def _moved(pose: Pose, angle: float, distance: float) -> Pose:

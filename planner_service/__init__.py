@@ -55,7 +55,7 @@ from planner_service.planners import (
 )
 from planner_service.pose_goal import PoseGoal
 from planner_service.primitives import move_linear, pick, place
-from planner_service.replan import Outcome, Replanned
+from planner_service.replanned import Outcome, Replanned
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap
 from planner_service.robot import JointLimits, Robot, load_robot, robot_names

@@ -7,7 +7,6 @@ old curve; if that cannot be proven either, nothing is safe, which is said.
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -16,34 +15,29 @@ from itertools import islice, product
 
 import numpy as np
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval
-from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.certify import Certificate, Certifier
+from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.ledger import CheckBudgetSpent, TimeBoxSpent
 from planner_service.detour import Detours, Way
 from planner_service.endpoints import Endpoints, GoalState
-from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry import FloatArray, number
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry import FloatArray, Pose
 from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, peak_tool_speed, tool_speed_limit
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks, peaks
 from planner_service.pipeline import Run
+from planner_service.pose_goal import PoseGoal
+from planner_service.replanned import Old, Outcome, Replanned, request_for, underway
 from planner_service.request import Goal, PlanRequest
-from planner_service.robot import Robot
 from planner_service.search import joint_distance
-from planner_service.splice import Handover, Underway
+from planner_service.splice import Handover
 from planner_service.stagebook import Limits, NoPlan, StageBook, narrower, not_certified
 from planner_service.timing import TimingFailed, ToppRa
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
-__all__ = ["MAX_CHECKS", "Outcome", "Replanned", "replan", "underway"]
-
-MAX_CHECKS = 20_000
-"""States that replanning may judge unless a request says otherwise: some hundredths of a second."""
-
-MAX_LATENCY = 10.0
-"""Seconds; more is a wrong unit."""
+__all__ = ["replan"]
 
 SHORTER, SOONER = 0.98, 0.97
 """A free old motion is left for a way that is shorter, and a motion that ends sooner, by that much."""
@@ -56,143 +50,6 @@ GOOD = 1.3
 
 SLIGHT = 1e-6
 """Share by which a tool may seem faster than it may be: its peak is known to six digits."""
-
-
-class Outcome(enum.Enum):
-    """What came of replanning."""
-
-    NEW = "new motion"
-    KEPT = "old motion goes on"
-    STOP = "stop along the old curve"
-    UNSAFE = "nothing is safe"
-
-
-@dataclass(frozen=True, eq=False)
-class Replanned:
-    """What to do from the splice on.
-
-    Until then the robot keeps to the old motion, and rests once that has ended. At ``splice`` seconds on the old
-    motion's clock the new one begins, at its own time 0: there position, velocity and acceleration are the same of
-    both, or the robot is at rest.
-
-    Attributes:
-        outcome: What came of it. Of all but UNSAFE there is a proven motion.
-        result: That motion, with what it cost. Its path begins at a waypoint shortly before the robot, and what is
-            proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``. Of
-            UNSAFE a failure.
-        splice: Seconds on the old motion's clock: ``at_time`` plus the latency.
-        request: What to go on with: the request with the start at the splice, and the goal.
-        failure: Why there is no new motion to the goal; None if there is one.
-        ahead: Old waypoints beyond the end of a stop, shape (k, n): the next call tries them first.
-        stop: Of UNSAFE the earliest stop, which is not proven free.
-    """
-
-    outcome: Outcome
-    result: PlanResult
-    splice: float
-    request: PlanRequest
-    failure: Failure | None
-    ahead: FloatArray
-    stop: Trajectory | None = None
-
-    @property
-    def ok(self) -> bool:
-        """Whether there is a proven motion, be it a stop."""
-        return self.outcome is not Outcome.UNSAFE
-
-    @property
-    def path(self) -> JointPath | None:
-        """That of the result."""
-        return self.result.path
-
-    @property
-    def trajectory(self) -> Trajectory | None:
-        """That of the result: its time 0 is the splice."""
-        return self.result.trajectory
-
-    @property
-    def certificate(self) -> Certificate | None:
-        """That of the result."""
-        return self.result.certificate
-
-    @property
-    def counts(self) -> CheckCounts:
-        """What it asked of the collision checker."""
-        return self.result.counts
-
-
-@dataclass(frozen=True, eq=False)
-class _Old:
-    """A motion under way, what was not judged on what is left of it, and where else it was to go."""
-
-    underway: Underway
-    splice: float
-    exempt: tuple[ExemptInterval, ...]
-    ahead: FloatArray
-
-    @property
-    def end(self) -> FloatArray:
-        """Where it was to go in the end."""
-        end: FloatArray = (self.ahead if len(self.ahead) else self.underway.path.waypoints)[-1]
-        return end
-
-    @property
-    def arrives(self) -> bool:
-        """Whether it goes there, and does not stop before."""
-        return not len(self.ahead) and self.underway.end == self.underway.path.length
-
-
-def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, latency: float) -> _Old:
-    """The motion that is to be left, checked.
-
-    Raises:
-        InvalidRequest: ``previous`` is no motion of this robot, or a time is out of range.
-    """
-    result = previous.result if isinstance(previous, Replanned) else previous
-    expected = "a plan of this robot that is being executed"
-    if not isinstance(result, PlanResult):
-        raise InvalidRequest("previous", previous, expected)
-    if result.path is None or result.trajectory is None:
-        raise InvalidRequest("previous", str(result.failure), expected)
-    path, trajectory = result.path, result.trajectory
-    lower, upper = robot.limits.lower, robot.limits.upper
-    if path.n != robot.n or not np.all((path.waypoints >= lower - SLIGHT) & (path.waypoints <= upper + SLIGHT)):
-        found = f"a motion of {path.n} joints" if path.n != robot.n else "a motion outside this robot's joint limits"
-        raise InvalidRequest("previous", found, expected)
-    duration = trajectory.duration
-    now = number("at_time", at_time, f"seconds on the old motion, from 0 to {duration:.6g}", 0.0, duration)
-    late = number("latency", latency, f"seconds from 0 to {MAX_LATENCY:g}", 0.0, MAX_LATENCY)
-    motion = Underway(trajectory, now, min(now + late, duration))
-    passed = float(path.knots[len(path.waypoints) - len(motion.path.waypoints)])
-    exempt = [
-        replace(e, s_start=max(e.s_start - passed, 0.0), s_end=min(e.s_end - passed, motion.path.length))
-        for e in result.exempt
-        if e.s_end >= passed
-    ]
-    ahead = previous.ahead if isinstance(previous, Replanned) else np.zeros((0, robot.n))
-    return _Old(motion, now + late, tuple(exempt), ahead)
-
-
-def request_for(
-    previous: PlanResult | Replanned, old: _Old, request: PlanRequest | None, goal: Goal | None
-) -> PlanRequest:
-    """What to go on with: of the request given, or the one before, all but the start and maybe the goal.
-
-    Raises:
-        InvalidRequest: its timing law cannot begin at speed.
-    """
-    start = old.underway.trajectory(old.underway.splice)
-    if isinstance(previous, Replanned):
-        goal = previous.request.goal if goal is None else goal
-        request = request or previous.request
-    goal = old.end if goal is None else goal
-    if request is None:
-        return PlanRequest(start, goal, max_checks=MAX_CHECKS)
-    if not isinstance(request, PlanRequest):
-        raise InvalidRequest("request", request, "a PlanRequest")
-    if not isinstance(request.timing, ToppRa):
-        raise InvalidRequest("request.timing", request.timing, "ToppRa(), the law that can begin at speed")
-    return replace(request, start=start, goal=goal)
 
 
 def replan(
@@ -216,7 +73,7 @@ class _Run:
     """One call."""
 
     def __init__(
-        self, judges: tuple[CollisionChecker, Certifier], old: _Old, request: PlanRequest, cancel: CancelToken | None
+        self, judges: tuple[CollisionChecker, Certifier], old: Old, request: PlanRequest, cancel: CancelToken | None
     ) -> None:
         self._checker, self._certifier = judges
         self._old, self._motion, self._request, self._cancel = old, old.underway, request, cancel
@@ -278,16 +135,22 @@ class _Run:
                 goals = self._goals()
             old_end = self._old.end.tolist()
             same = next((goal for goal in goals if goal.q.tolist() == old_end), None)
-            if kept is None or same is None:
+            if same is None:
                 kept = None
+            if kept is None or same is None:
                 return self._new(goals[0] if same is None else same)
             return self._improved(kept, same) or self._told(Outcome.KEPT, kept, same.index)
         except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
-            if kept is None:
+            if kept is None or not self._is_asked(self._old.end):
                 raise
             self._book.deterministic &= not isinstance(stopped, TimeBoxSpent)
             self._book.notes.append(f"the old motion goes on: {stopped}")
             return self._told(Outcome.KEPT, kept, None)
+
+    def _is_asked(self, q: FloatArray) -> bool:
+        """Whether a configuration is one of the goals, or may be one of a pose."""
+        goals = self._request.goals(self._checker.robot)
+        return any(isinstance(goal, Pose | PoseGoal) or goal.tolist() == q.tolist() for goal in goals)
 
     def _goals(self) -> tuple[GoalState, ...]:
         """Free goals, the nearest to the old one first.
@@ -370,8 +233,16 @@ class _Run:
         raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
 
     def _ways(self, goal: GoalState, failures: list[NoPlan]) -> Iterator[Way]:
-        """Ways to try, one after the other."""
-        for turn, handover in product(range(TURNS), self._motion.handovers()):
+        """Ways to try, one after the other, as far as what comes before them can be proven."""
+        handovers: list[Handover] = []
+        for handover in self._motion.handovers():
+            part = self._motion.s(self._motion.now), handover.s
+            certificate = self._book.certificate(self._certifier, self._motion.path, self._old.exempt, part)
+            if not certificate.certified:
+                failures.append(NoPlan(not_certified(certificate), certificate))
+                break
+            handovers.append(handover)
+        for turn, handover in product(range(TURNS), handovers):
             for place in self._detours.places(handover, self._stop_from(handover), goal.q):
                 try:
                     way = self._detours.way(handover, place, goal, turn)

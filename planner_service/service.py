@@ -24,7 +24,8 @@ from planner_service.path import JointPath
 from planner_service.pipeline import Run
 from planner_service.planners import PRM, PRMstar
 from planner_service.remedies import WayOut, way_out
-from planner_service.replan import Replanned, replan
+from planner_service.replan import replan
+from planner_service.replanned import Replanned
 from planner_service.request import Goal, PlanRequest, joint_vector
 from planner_service.roadmap import Roadmap
 from planner_service.robot import Robot, load_robot

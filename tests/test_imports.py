@@ -93,6 +93,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "oracle",
             "detour",
             "replan",
+            "replanned",
         },
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "certify", "search"},
     ),
