@@ -34,7 +34,7 @@ HOLD = 0.01
 """Seconds from the splice on for which the old law goes on: a cycle of a slow controller."""
 
 SHARES = (0.9985, 0.995, 0.98, 0.95)
-"""Parts of the acceleration limits that a law may use on blends, one after the other, until what it makes of them holds
+"""Parts of the limits that a law may use on blends, one after the other, until what it makes of them holds
 the limits between its grid points too: what has begun cannot be slowed down as a whole."""
 
 MARGINS = (0.0, 0.003, 0.01, 0.03, 0.1)

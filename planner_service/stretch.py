@@ -39,7 +39,7 @@ class Stretch:
     """The part of a path between two stops: its pieces between breaks, one or more.
 
     ``since`` is where on its first piece it begins, should it not begin with a stop. Laws that
-    look at grid points alone may use ``blend_share`` of the acceleration limits on blends.
+    look at grid points alone may use ``blend_share`` of the limits on blends.
     """
 
     path: JointPath
@@ -101,7 +101,7 @@ class Stretch:
         return self.path.on_pieces(self._first_at(s), s, order)
 
     def shares(self, s: FloatArray) -> FloatArray:
-        """The parts of the acceleration limits that may be used at each s, shape (m,)."""
+        """The parts of the limits that may be used at each s, shape (m,)."""
         return np.where(self.path.blended[self._first_at(s)], self.blend_share, 1.0)
 
     def _first_at(self, s: FloatArray) -> NDArray[np.intp]:

@@ -188,8 +188,8 @@ class ToppRa:
 
         Args:
             moving: Where it begins in s, and ds/dt there.
-            blend_share: The part of the acceleration limits that may be used on blends, between whose grid points they
-                are exceeded a little.
+            blend_share: The part of the limits that may be used on blends, between whose grid points they are exceeded
+                a little.
 
         Raises:
             InvalidRequest: as ``time_path``.

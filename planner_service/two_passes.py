@@ -31,7 +31,7 @@ def two_passes(stretch: Stretch, points: FloatArray, unit: float, rate: float = 
         unit: About as many seconds as it takes.
         rate: ds/dt where it begins.
     """
-    solver = _algorithm()(_bounds(stretch, points, unit), points)
+    solver = _algorithm()(_bounds(stretch, points, unit, rate), points)
     _, speeds, _ = solver.compute_parameterization(rate * (unit / stretch.length), 0.0)
     if speeds is None or not np.all(np.isfinite(speeds)):
         return str(solver.problem_data.return_code.name)
@@ -44,7 +44,7 @@ class _UnitInterval:
     path_interval = (0.0, 1.0)
 
 
-def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
+def _bounds(stretch: Stretch, points: FloatArray, unit: float, rate: float) -> Any:
     """All limits at the grid points as one constraint of toppra.
 
     Its tolerances are absolute: in units of the stretch and of about its time they suit every move. Accelerations
@@ -59,10 +59,11 @@ def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
         speeds = np.where(first != 0.0, velocity / np.abs(first), math.inf).min(axis=1)
     if stretch.speed_limit is not None:
         speeds = np.minimum(speeds, stretch.allowed(s) * (unit / length))
-    squares = np.minimum(speeds, MAX_TOPPRA_SPEED) ** 2
     if stretch.blend_share < 1.0:
         shares = stretch.shares(s)[:, None]
-        first, second = first / shares, second / shares
+        first, second, speeds = first / shares, second / shares, speeds * shares[:, 0]
+        speeds[0] = max(speeds[0], rate * (unit / length))
+    squares = np.minimum(speeds, MAX_TOPPRA_SPEED) ** 2
     both_ways = np.concatenate([np.eye(len(joints)), -np.eye(len(joints))])
     linear = (first, second, np.zeros_like(first), both_ways, np.tile(acceleration, 2), None, None)
     rows = toppra.constraint.canlinear_colloc_to_interpolate(*linear, points, identical=True)[:-2]
