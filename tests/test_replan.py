@@ -15,6 +15,8 @@ from planner_service import (
     Cylinder,
     InvalidRequest,
     JointPath,
+    JointStep,
+    Known,
     Obstacle,
     Outcome,
     Pace,
@@ -32,6 +34,7 @@ from planner_service import (
     load_scene,
 )
 from planner_service.certify import Certifier
+from planner_service.oracle import SearchOracle, TieredOracle
 from planner_service.peaks import peaks
 from planner_service.scene import Scene
 from planner_service.splice import HOLD, Underway
@@ -106,10 +109,10 @@ def test_splices_in_a_blend_and_on_a_straight_stretch_were_among_them(curved: Pl
     assert set(path.blended[path.pieces_at(motion.s(times))].tolist()) == {False, True}
 
 
-@pytest.mark.parametrize("law", [Trapezoidal(), SCurve(), ToppRa()])
+@pytest.mark.parametrize("law", [Trapezoidal(), SCurve(), SCurve(jerk=4.0), ToppRa()])
 def test_the_old_motion_may_be_under_any_law(room: PlannerService, law: Any) -> None:
     old = room.follow(BENT, pace=Pace(law), blends=WIDE)
-    for share in (0.2, 0.5, 0.7):
+    for share in (0.05, 0.2, 0.5, 0.7):
         found = room.replan(old, at_time=share * trajectory_of(old).duration, goal=(2.3, 1.2))
         assert found.outcome is Outcome.NEW
         assert max(jumps(old, found)) <= NO_JUMP
@@ -155,6 +158,7 @@ def test_twenty_steps_in_a_row_after_a_goal_that_moves_are_one_smooth_motion(roo
         assert new.outcome in (Outcome.NEW, Outcome.KEPT)
         before, after = trajectory_of(old), trajectory_of(new)
         assert max(float(np.abs(before(LATENCY, k) - after(0.0, k)).max()) for k in range(3)) <= NO_JUMP
+        assert after.s(np.linspace(0.0, LATENCY, 50), 1).min() > 0.0 or step == 0
         old = new
 
 
@@ -242,6 +246,21 @@ def test_a_robot_that_stopped_goes_on_to_its_goal_when_the_way_is_free_again(
         assert found.outcome is Outcome.NEW
         motion = trajectory_of(found)
         assert motion(motion.duration).tolist() == [2.4, 0.0]
+
+
+def test_a_robot_that_stopped_remembers_that_its_goal_had_moved(room: PlannerService, swing: PlanResult) -> None:
+    stop = room.replan(swing, at_time=0.5, goal=(2.0, 0.5), scene=disc(2.0, away=1.0))
+    assert stop.outcome is Outcome.STOP
+    found = trajectory_of(room.replan(stop, at_time=0.1))
+    assert found(found.duration).tolist() == [2.0, 0.5]
+
+
+def test_a_way_that_samples_pass_but_cannot_be_proven_is_not_taken(swing: PlanResult) -> None:
+    coarse = PlannerService("planar2", disc(1.9, 0.001, away=0.7), edge_step=JointStep(0.5))
+    found = coarse.replan(swing, at_time=0.5)
+    assert found.outcome is Outcome.STOP
+    assert found.failure is not None
+    assert found.failure.reason is Reason.NOT_CERTIFIED
 
 
 def test_a_stop_remembers_the_waypoints_beyond_it(room: PlannerService, curved: PlanResult) -> None:
@@ -446,6 +465,33 @@ def test_what_is_no_plan_is_refused(room: PlannerService) -> None:
         room.replan(JointPath(BENT), at_time=0.0)  # type: ignore[arg-type]
 
 
+def asked_of(a: tuple[float, ...], b: tuple[float, ...], *ends: tuple[float, ...]) -> list[tuple[str, float, float]]:
+    """Which oracle of a tiered one, of the arm among nothing, is asked from where to where along the first joint."""
+    told: list[tuple[str, float, float]] = []
+
+    class Told(SearchOracle):
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def edge_is_free(self, q1: Any, q2: Any, *, known: Known = Known.NEITHER) -> bool:
+            told.append((self.name, q1[0], q2[0]))
+            return True
+
+    tight = {end: Told(f"tight {k}") for k, end in enumerate(ends)}
+    assert TieredOracle(Told("roomy"), tight).edge_is_free(a, b)
+    return told
+
+
+def test_of_an_edge_only_what_is_near_a_tight_end_keeps_less() -> None:
+    a, b, c = (0.0, 0.0), (1.0, 0.0), (0.25, 0.0)
+    assert asked_of(a, b) == [("roomy", 0.0, 1.0)]
+    assert asked_of(a, b, a) == [("tight 0", 0.0, 0.2), ("roomy", 0.2, 1.0)]
+    assert asked_of(a, b, b) == [("roomy", 0.0, 0.8), ("tight 0", 0.8, 1.0)]
+    assert asked_of(a, b, a, b) == [("tight 0", 0.0, 0.2), ("roomy", 0.2, 0.8), ("tight 1", 0.8, 1.0)]
+    assert asked_of(a, c, a, c) == [("tight 0", 0.0, 0.125), ("tight 1", 0.125, 0.25)]
+    assert asked_of(a, (0.1, 0.0), a) == [("tight 0", 0.0, 0.1)]
+
+
 # -- what it is made of ---------------------------------------------------------------------------
 
 
@@ -507,6 +553,15 @@ def test_a_law_that_is_not_along_its_part_is_refused(begin: float, end: float) -
     path = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]]))
     with pytest.raises(InvalidRequest, match=r"part|coefficients"):
         Trajectory(path, np.array([1.0]), np.array([[0.5, 1.0, -0.5, 0.0]]), 1.0, (begin, end))
+
+
+def test_corners_before_and_after_a_part_are_passed_by_others() -> None:
+    path = JointPath(np.array([[0.0, 1.0], [0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]))
+    law = np.array([[1.5, 1.0, -0.5, 0.0]])
+    assert Trajectory(path, np.array([1.0]), law, 1.0, (1.5, 2.0))(0.0).tolist() == [0.5, 0.0]
+    law = np.array([[0.5, 1.0, 0.0, 0.0], [1.5, 1.0, -0.5, 0.0]])
+    with pytest.raises(InvalidRequest, match=r"a stop at the path's corner at s = 1$"):
+        Trajectory(path, np.array([1.0, 1.0]), law, 1.0, (0.5, 2.0))
 
 
 def test_a_part_must_end_at_rest() -> None:
