@@ -270,10 +270,9 @@ class Underway:
         """
         timing, limits = law
         head = self.rows(handover.time)
-        limit = _eased(speed_limit, path, handover, limits)
         for share in SHARES:
             moving = (handover.s, handover.rate)
-            phases = timing.onward(path, limits, moving, speed_limit=limit, blend_share=share)
+            phases = timing.onward(path, limits, moving, speed_limit=speed_limit, blend_share=share)
             rows = [_Row(p.duration, p.position, p.speed, p.acceleration / 2.0, p.jerk / 6.0) for p in phases]
             try:
                 found = self._along(path, [*head, *rows], path.length)
@@ -309,21 +308,3 @@ def _window(
     a, b = (-acceleration[on] - fixed[on]) / per_change[on], (acceleration[on] - fixed[on]) / per_change[on]
     low, high = float(np.minimum(a, b).max()), float(np.maximum(a, b).min())
     return (low, high) if low <= high else None
-
-
-def _eased(
-    speed_limit: SpeedLimit | None, path: JointPath, handover: Handover, limits: JointLimits
-) -> SpeedLimit | None:
-    """A speed limit that leaves room to slow down from the speed there is, which may be just above it."""
-    if speed_limit is None:
-        return None
-    share = np.abs(path(handover.s, 1))
-    with np.errstate(divide="ignore"):
-        slowing = float(np.where(share > STANDING, limits.acceleration / share, math.inf).min()) / 2.0
-    square = (handover.rate * 1.002) ** 2
-
-    def limit(s: FloatArray) -> FloatArray:
-        room = np.maximum(square - 2.0 * slowing * np.maximum(s - handover.s, 0.0), 0.0)
-        return np.asarray(np.maximum(speed_limit(s), np.sqrt(room)))
-
-    return limit

@@ -162,6 +162,13 @@ def test_twenty_steps_in_a_row_after_a_goal_that_moves_are_one_smooth_motion(roo
         old = new
 
 
+def test_a_goal_that_creeps_along_is_followed_without_a_stop(room: PlannerService) -> None:
+    old: PlanResult | Replanned = room.plan(PlanRequest((0.0, 0.0), (0.3, 0.2), time_limit=None))
+    for step in range(1, 25):
+        old = room.replan(old, at_time=0.0, latency=LATENCY, goal=(0.3 + 0.03 * step, 0.2 + 0.02 * math.sin(step)))
+        assert trajectory_of(old).s(np.linspace(0.0, LATENCY, 50), 1).min() > 0.0 or step == 1
+
+
 # -- what is in the way ---------------------------------------------------------------------------
 
 
