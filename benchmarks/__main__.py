@@ -16,7 +16,7 @@ from planner_service.scene_file import require_writable
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
-    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
+    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "replan", "scaling", "panda"),
 )
 
 COMMANDS = {
@@ -61,6 +61,7 @@ clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans a
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
 latency   whole plans of a service that has planned before, the first one, and free straight lines
+replan    50 steps at 10 Hz while a post, a goal or a ball moves 1 cm a step
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
 panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
 differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;

@@ -203,34 +203,36 @@ class _Run:
         return None
 
     def _new(self, goal: GoalState) -> Replanned:
-        """The first way that can be driven and proven.
+        """The quickest of the first few ways that can be driven and proven.
 
         Raises:
             NoPlan: there is none; why not is said of the first.
         """
         failures: list[NoPlan] = []
-        best: _Motion | None = None
-        left = self._motion.trajectory.duration - self._motion.splice
-        for tries, way in enumerate(self._ways(goal, failures)):
-            try:
-                found = self._moving(way)
-                best = found if best is None else min(best, found, key=lambda motion: motion.trajectory.duration)
-                if best.trajectory.duration <= GOOD * left:
-                    break
-            except NoPlan as no_plan:
-                failures.append(no_plan)
-            except CheckBudgetSpent:
-                if best is None:
-                    raise
-                break
-            if tries + 1 >= (ENOUGH if best else MOST_TRIES):
-                break
-        if best is not None:
-            return self._told(Outcome.NEW, best, goal.index)
+        found: list[_Motion] = []
+        try:
+            self._collect(self._ways(goal, failures), found, failures)
+        except CheckBudgetSpent:
+            if not found:
+                raise
+        if found:
+            return self._told(Outcome.NEW, min(found, key=lambda motion: motion.trajectory.duration), goal.index)
         if failures:
             raise failures[0]
         detail = "the robot cannot turn off before what is in the way"
         raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
+
+    def _collect(self, ways: Iterator[Way], found: list[_Motion], failures: list[NoPlan]) -> None:
+        """Motions along ways, until there are enough of them, or a good one."""
+        left = self._motion.trajectory.duration - self._motion.splice
+        for tries, way in enumerate(ways, start=1):
+            try:
+                found.append(self._moving(way))
+            except NoPlan as no_plan:
+                failures.append(no_plan)
+            good = bool(found) and found[-1].trajectory.duration <= GOOD * left
+            if good or tries >= (ENOUGH if found else MOST_TRIES):
+                break
 
     def _ways(self, goal: GoalState, failures: list[NoPlan]) -> Iterator[Way]:
         """Ways to try, one after the other, as far as what comes before them can be proven."""
@@ -249,7 +251,7 @@ class _Run:
                 except NoPlan as no_plan:
                     failures.append(no_plan)
                 else:
-                    if way is not None:
+                    if way is not None and (way.searched or turn == 0):
                         yield way
 
     def _moving(self, way: Way) -> _Motion:

@@ -50,7 +50,7 @@ class Replanned:
 
     Attributes:
         outcome: What came of it. Of all but UNSAFE there is a proven motion.
-        result: That motion, with what it cost. Its path begins at a waypoint shortly before the robot, and what is
+        result: That motion, with what it cost. Its path begins at the waypoint before the robot, and what is
             proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``. Of
             UNSAFE a failure.
         splice: Seconds on the old motion's clock: ``at_time`` plus the latency.

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -149,8 +149,7 @@ class Underway:
         """Where another law may take over: as soon as may be, then after each blend that is still ahead."""
         law, path = self.trajectory, self.path
         t = min(self.splice + HOLD, law.duration)
-        rests = law.knots[self._resting]
-        soon = rests[(rests >= t) & (rests <= t + HOLD)]
+        soon = self._rests[(self._rests >= t) & (self._rests <= t + HOLD)]
         t = float(soon[0]) if len(soon) else t
         s = self.s(t)
         arrivals = np.array([self._moved(c0) for c0 in law.coefficients[:, 0].tolist()])
@@ -166,10 +165,11 @@ class Underway:
                 yield Handover(float(knots[0]), x, self._rate(float(knots[0])))
 
     @cached_property
-    def _resting(self) -> FloatArray:
-        """Which knots of the old law are rests, the end included."""
+    def _rests(self) -> FloatArray:
+        """When the old motion rests, at its end for the last time."""
         speeds = np.append(self.trajectory.coefficients[:, 1], 0.0)
-        return np.asarray(speeds <= AT_REST * speeds.max())
+        rests: FloatArray = self.trajectory.knots[speeds <= AT_REST * speeds.max()]
+        return rests
 
     def _rate(self, t: float) -> float:
         rate, highest = float(self.trajectory.s(t, 1)), self.trajectory.coefficients[:, 1].max(initial=0.0)
@@ -184,8 +184,7 @@ class Underway:
         the piece on which the robot stops.
         """
         begin = min(self.splice + HOLD, self.trajectory.duration)
-        rests = self.trajectory.knots[self._resting]
-        rest = float(rests[rests >= begin][0])
+        rest = float(self._rests[self._rests >= begin][0])
         for later, margin in product(LATER, MARGINS):
             since = begin + later
             if since >= rest:
@@ -202,43 +201,42 @@ class Underway:
 
     def stop_from(self, handover: Handover, limits: JointLimits) -> float:
         """About where a stop along the old curve ends that begins there."""
-        found = self._braking(handover.s, handover.rate, limits, 0.0) if handover.rate > 0.0 else ([], handover.s)
+        if not handover.rate > 0.0:
+            return handover.s
+        found = self._braking(handover.s, handover.rate, limits, 0.0)
         return self.end if found is None else found[1]
 
     def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> tuple[list[_Row], float] | None:
         """Rows of a stop that begins at s, and where it ends; None if the old law rests before."""
         path, rows = self.path, list[_Row]()
-        rests = [k for k in path.knots[list(path.corners)].tolist() if k > s] + [self.end]
-        while rate > 0.0:
-            if s >= rests[0]:
-                return None
+        rest = min([k for k in path.knots[list(path.corners)].tolist() if k > s], default=self.end)
+        while s < min(rest, self.end):
             piece = path.pieces_at(np.array([s]))
-            stop = min(float(path.breaks[piece[0] + 1]), rests[0])
-            count = (
-                max(1, math.ceil(INTERVALS * (stop - s) / self._length(int(piece[0])))) if path.blended[piece[0]] else 1
-            )
-            at = np.minimum(s + (stop - s) * (np.arange(count + 1) / count), stop)
-            pieces = np.repeat(piece, count + 1)
-            slopes = path.on_pieces(pieces, at, 1), path.on_pieces(pieces, at, 2)
-            for k in range(count):
-                a, b = float(at[k]), float(at[k + 1])
-                ends, known = (slopes[0][k : k + 2], slopes[1][k : k + 2]), (rate * rate, b - a)
-                window = _window(*ends, known, limits) or _window(ends[0][:1], ends[1][:1], known, limits)
+            at = self._grid(s, int(piece[0]), min(rest, self.end))
+            slopes, bends = (path.on_pieces(np.repeat(piece, len(at)), at, order) for order in (1, 2))
+            for k, (a, b) in enumerate(pairwise(at.tolist())):
+                known = rate * rate, b - a
+                both = _window(slopes[k : k + 2], bends[k : k + 2], known, limits)
+                window = both or _window(slopes[k : k + 1], bends[k : k + 1], known, limits)
                 if window is None:
                     return None
                 change = window[0] + margin * (window[1] - window[0])
                 square = rate * rate + 2.0 * change * (b - a)
                 if square <= 0.0:
                     rows.append(_Row(rate / -change, a, rate, change / 2.0, 0.0))
-                    return rows, a + rate * rate / (-2.0 * change)
+                    return rows, min(a + rate * rate / (-2.0 * change), b)
                 after = math.sqrt(square)
                 rows.append(_Row(2.0 * (b - a) / (rate + after), a, rate, change / 2.0, 0.0))
                 rate = after
-            s = stop
-        return rows, s
+            s = float(at[-1])
+        return None
 
-    def _length(self, piece: int) -> float:
-        return float(self.path.breaks[piece + 1] - self.path.breaks[piece])
+    def _grid(self, s: float, piece: int, end: float) -> FloatArray:
+        """From s to the end of its piece, or an end before: in small steps on a blend."""
+        begins, ends = self.path.breaks[piece : piece + 2].tolist()
+        stop = min(ends, end)
+        steps = max(1, math.ceil(INTERVALS * (stop - s) / (ends - begins))) if self.path.blended[piece] else 1
+        return np.asarray(np.minimum(s + (stop - s) * (np.arange(steps + 1) / steps), stop))
 
     def _up_to(self, s: float) -> JointPath:
         """The path as far as the waypoint that follows s, or the one after if s is within a blend."""

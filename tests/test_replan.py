@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import queries
+from benchmarks import replan as measure
 from planner_service import (
     CancelToken,
     Cylinder,
@@ -34,8 +36,10 @@ from planner_service import (
     load_scene,
 )
 from planner_service.certify import Certifier
+from planner_service.json_file import Node
 from planner_service.oracle import SearchOracle, TieredOracle
 from planner_service.peaks import peaks
+from planner_service.result_record import read_result, result_record
 from planner_service.scene import Scene
 from planner_service.splice import HOLD, Underway
 from planner_service.timing import TimingFailed
@@ -160,6 +164,16 @@ def test_twenty_steps_in_a_row_after_a_goal_that_moves_are_one_smooth_motion(roo
         assert max(float(np.abs(before(LATENCY, k) - after(0.0, k)).max()) for k in range(3)) <= NO_JUMP
         assert after.s(np.linspace(0.0, LATENCY, 50), 1).min() > 0.0 or step == 0
         old = new
+
+
+def test_a_tool_follows_a_goal_that_wanders_and_stops_at_most_once() -> None:
+    service = PlannerService("wxai", "post")
+    setting = measure.wandering_goal(service, queries.load("post")[2])
+    assert setting is not None
+    told = measure.drive(service, *setting, steps=40)
+    assert told.stops <= 1
+    assert told.uncertified == told.touching == 0
+    assert max(told.jumps) <= 1e-11
 
 
 def test_a_goal_that_creeps_along_is_followed_without_a_stop(room: PlannerService) -> None:
@@ -326,6 +340,40 @@ def test_a_robot_at_rest_at_its_goal_stays_there(room: PlannerService, swing: Pl
     found = room.replan(swing, at_time=trajectory_of(swing).duration)
     assert found.outcome is Outcome.KEPT
     assert trajectory_of(found).duration == 0.0
+
+
+def test_a_robot_at_rest_that_can_go_nowhere_stays_and_that_is_proven(room: PlannerService, swing: PlanResult) -> None:
+    for at in (trajectory_of(swing).duration, trajectory_of(swing).duration - 0.05):
+        found = room.replan(swing, at_time=at, goal=(1.0, 0.0), scene=disc(1.0))
+        assert found.outcome is Outcome.STOP
+        assert trajectory_of(found).duration == 0.0
+        assert trajectory_of(found)(0.0).tolist() == [2.4, 0.0]
+        assert found.certificate is not None
+        assert found.certificate.certified
+
+
+def test_on_a_fixed_way_out_of_a_pose_the_old_motion_goes_on() -> None:
+    service = PlannerService("wxai", "table")
+    old = service.plan(PlanRequest(service.robot.pose("sleep"), service.robot.home, time_limit=None))
+    found = service.replan(old, at_time=0.05)
+    assert found.outcome is Outcome.KEPT
+    assert [interval.pairs for interval in found.result.exempt] == [interval.pairs for interval in old.exempt]
+    assert found.certificate is not None
+    assert found.certificate.certified
+
+
+def test_what_came_of_replanning_is_saved_and_read_without_losing_a_bit(
+    room: PlannerService, swing: PlanResult
+) -> None:
+    result = room.replan(swing, at_time=0.5, scene=disc(2.0)).result
+    problems: list[str] = []
+    again = read_result(Node("", json.loads(json.dumps(result_record(result))), problems), 2)
+    assert problems == []
+    assert again.trajectory is not None
+    assert result.trajectory is not None
+    assert again.trajectory.part == result.trajectory.part
+    assert again.trajectory(0.1).tolist() == result.trajectory(0.1).tolist()
+    assert again.certificate == result.certificate
 
 
 def test_where_nothing_is_in_the_way_any_more_the_detour_is_cut_short(room: PlannerService) -> None:
