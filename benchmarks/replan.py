@@ -97,13 +97,15 @@ def drive(service: PlannerService, first: PlanResult, changes: Changes, steps: i
         rests = min(at + PERIOD, old.duration) == old.duration
         scenes, goal = changes(step, rests and outcome is not Outcome.STOP)
         clock = time.process_time()
+        states = 0
         for scene in scenes:
             found = service.replan(previous, at_time=at, latency=PERIOD, scene=scene, goal=goal, request=request)
+            states += found.counts.states
             if found.ok:
                 break
             told.now += 1
         told.ms.append((time.process_time() - clock) * 1e3)
-        told.states.append(found.counts.states)
+        told.states.append(states)
         told.outcomes[found.outcome] += 1
         _stopped(told, old, at, outcome)
         if not found.ok:
