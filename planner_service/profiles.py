@@ -7,13 +7,17 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-__all__ = ["Bounds", "Part", "Phase", "chained", "s_curve", "trapezoid"]
+__all__ = ["Bounds", "Part", "Phase", "TooFast", "chained", "s_curve", "trapezoid"]
 
 CLOSE = 2e-15
 """Relative: about what rounding makes of a speed computed in closed form."""
 
 ALIKE = 1e-9
 """Relative: a speed that much above the highest is taken for it."""
+
+
+class TooFast(ArithmeticError):
+    """A speed from which there is no way to slow down in time."""
 
 
 class Phase(NamedTuple):
@@ -120,7 +124,7 @@ def chained(parts: Sequence[Part], entry: float = 0.0) -> list[Phase]:
 
     Raises:
         ZeroDivisionError: a blend begins or ends at a stop, where no constant speed will do.
-        OverflowError: the speed at the start is too high to slow down in time.
+        TooFast: the speed at the start is too high to slow down in time.
     """
     if len(parts) == 1 and not parts[0].blended and entry == 0.0:
         start, length, (speed, acceleration, jerk), _ = parts[0]
@@ -133,7 +137,7 @@ def chained(parts: Sequence[Part], entry: float = 0.0) -> list[Phase]:
         speeds[k] = min(speeds[k], _leaving(part, speeds[k + 1]))
     fast = speeds[1] if parts[0].blended else speeds[0]
     if fast < entry * (1.0 - ALIKE):
-        raise OverflowError(f"{entry:.6g} is too fast to slow down in time from")
+        raise TooFast(f"{entry:.6g} is too fast to slow down in time")
     speeds[0] = entry
     phases: list[Phase] = []
     for part, (entry, leave) in zip(parts, pairwise(speeds), strict=True):

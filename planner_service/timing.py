@@ -21,7 +21,7 @@ from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry import FloatArray, number
 from planner_service.path import JointPath
 from planner_service.peaks import TOLERANCE, LimitPeaks, peaks, require_usable
-from planner_service.profiles import Part, Phase, chained, trapezoid
+from planner_service.profiles import Part, Phase, TooFast, chained, trapezoid
 from planner_service.stretch import SpeedLimit, Stretch, straight_parts, stretches
 from planner_service.trajectory import Trajectory
 from planner_service.two_passes import two_passes
@@ -201,36 +201,24 @@ class ToppRa:
         with _failing():
             for whole in stretches(path, limits, speed_limit, since):
                 stretch = replace(whole, blend_share=blend_share)
-                phases += self._between_stops(stretch) if phases or not rate > 0.0 else self._going_on(stretch, rate)
+                phases += self._to_stop(stretch, 0.0 if phases else rate)
         return phases
 
-    def _going_on(self, stretch: Stretch, rate: float) -> list[Phase]:
-        """The motion to the next stop from ``rate``."""
+    def _between_stops(self, stretch: Stretch) -> list[Phase]:
+        return self._to_stop(stretch, 0.0)
+
+    def _to_stop(self, stretch: Stretch, rate: float) -> list[Phase]:
         parts = stretch.parts(jerk=False)
         steady: list[Phase] | None = None
-        if not parts[-1].blended and (len(parts) == 1 or not _blend_at_stop(parts[1:])):
-            with suppress(OverflowError):
+        if not _blend_at_stop(parts, rate):
+            with suppress(TooFast):
                 steady = chained(parts, rate)
-        if steady is not None and (len(parts) == 1 or stretch.length < SHORT_MOVE):
-            return steady
-        unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
-        try:
-            quick = _topp_ra(stretch, parts, self.gridpoints, unit, rate)
-        except TimingFailed:
-            if steady is None:
-                raise
-            return steady
-        return quick if steady is None else min(quick, steady, key=_seconds)
-
-    def _between_stops(self, stretch: Stretch) -> list[Phase]:
-        parts = stretch.parts(jerk=False)
-        steady = None if _blend_at_stop(parts) else chained(parts)
         straight = len(parts) == 1 and stretch.speed_limit is None
         if steady is not None and (straight or stretch.length < SHORT_MOVE):
             return steady
         unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
         try:
-            quick = _topp_ra(stretch, parts, self.gridpoints, unit)
+            quick = _topp_ra(stretch, parts, self.gridpoints, unit, rate)
         except TimingFailed:
             if steady is None:
                 raise
@@ -315,11 +303,11 @@ def _steady(stretch: Stretch, parts: Sequence[Part]) -> list[Phase]:
     return chained(parts)
 
 
-def _blend_at_stop(parts: Sequence[Part]) -> bool:
-    """Whether there is no way worth the name to speed up before the first blend, or to slow down after the last."""
+def _blend_at_stop(parts: Sequence[Part], rate: float = 0.0) -> bool:
+    """Whether there is no way worth the name to slow down after the last blend, or, from rest, to speed up before."""
     if len(parts) == 1:
         return parts[0].blended
-    ends = ((parts[0], parts[1]), (parts[-1], parts[-2]))
+    ends = ((parts[-1], parts[-2]), (parts[0], parts[1]))[: 1 if rate > 0.0 else 2]
     return any(end.blended or end.length < RUN_UP * inner.length for end, inner in ends)
 
 
