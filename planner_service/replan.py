@@ -17,7 +17,7 @@ import numpy as np
 
 from planner_service.certify import Certificate, Certifier
 from planner_service.collision import CancelToken, CollisionChecker
-from planner_service.collision.ledger import CheckBudgetSpent, TimeBoxSpent
+from planner_service.collision.ledger import CheckBudgetSpent, SearchStopped, TimeBoxSpent
 from planner_service.detour import Detours, Way
 from planner_service.endpoints import Endpoints, GoalState
 from planner_service.errors import BrokenInvariant
@@ -45,11 +45,14 @@ SHORTER, SOONER = 0.98, 0.97
 FEW, ENOUGH, MOST_TRIES, TURNS = 4, 3, 10, 2
 """Ways tried beside a free old motion; without one, when one is found and at most; searches at each place."""
 
+BESIDE = 0.2
+"""Part of the states that looking for something better than a free old motion may use."""
+
 GOOD = 1.3
 """Of the time left to the old motion: a new one that takes no longer is taken without looking for a better one."""
 
 SLIGHT = 1e-6
-"""Share by which a tool may seem faster than it may be: its peak is known to six digits."""
+"""Share by which a tool may seem too fast, its peak being known to six digits; metres at which it is at a pose."""
 
 
 def replan(
@@ -133,24 +136,37 @@ class _Run:
         try:
             with self._book.during(Stage.ENDPOINTS):
                 goals = self._goals()
-            old_end = self._old.end.tolist()
-            same = next((goal for goal in goals if goal.q.tolist() == old_end), None)
-            if same is None:
-                kept = None
-            if kept is None or same is None:
-                return self._new(goals[0] if same is None else same)
-            return self._improved(kept, same) or self._told(Outcome.KEPT, kept, same.index)
         except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
             if kept is None or not self._is_asked(self._old.end):
                 raise
-            self._book.deterministic &= not isinstance(stopped, TimeBoxSpent)
-            self._book.notes.append(f"the old motion goes on: {stopped}")
-            return self._told(Outcome.KEPT, kept, None)
+            return self._still(kept, stopped)
+        end = self._old.end.tolist()
+        same = next((goal for goal in goals if goal.q.tolist() == end), None)
+        if kept is None or same is None:
+            return self._new(goals[0] if same is None else same)
+        try:
+            with self._checker.limited(states=max(1, int(self._request.max_checks * BESIDE))):
+                better = self._improved(kept, same)
+        except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
+            return self._still(kept, stopped)
+        return better or self._told(Outcome.KEPT, kept, same.index)
+
+    def _still(self, kept: _Motion, stopped: NoPlan | SearchStopped) -> Replanned:
+        """The old motion, since nothing better was found."""
+        self._book.deterministic &= not isinstance(stopped, TimeBoxSpent)
+        self._book.notes.append(f"the old motion goes on: {stopped}")
+        return self._told(Outcome.KEPT, kept, None)
 
     def _is_asked(self, q: FloatArray) -> bool:
-        """Whether a configuration is one of the goals, or may be one of a pose."""
+        """Whether a configuration is one of the goals, or brings the tool to one."""
         goals = self._request.goals(self._checker.robot)
-        return any(isinstance(goal, Pose | PoseGoal) or goal.tolist() == q.tolist() for goal in goals)
+        there = self._checker.robot.tool_pose(q)
+        return any(
+            np.abs(there - goal.matrix).max() <= SLIGHT
+            if isinstance(goal, Pose)
+            else not isinstance(goal, PoseGoal) and goal.tolist() == q.tolist()
+            for goal in goals
+        )
 
     def _goals(self) -> tuple[GoalState, ...]:
         """Free goals, the nearest to the old one first.

@@ -269,6 +269,21 @@ def test_a_robot_that_stopped_goes_on_to_its_goal_when_the_way_is_free_again(
         assert motion(motion.duration).tolist() == [2.4, 0.0]
 
 
+def test_a_goal_out_of_reach_is_not_answered_with_the_way_to_the_old_one(
+    room: PlannerService, swing: PlanResult
+) -> None:
+    found = room.replan(swing, at_time=0.5, goal=Pose((5.0, 0.0, 0.0)))
+    assert found.outcome is Outcome.STOP
+    assert found.failure is not None
+    assert found.failure.reason is Reason.NO_IK_SOLUTION
+
+
+def test_the_old_goal_as_a_pose_is_still_the_goal(room: PlannerService, swing: PlanResult) -> None:
+    there = Pose.from_matrix(room.robot.tool_pose((2.4, 0.0)))
+    found = room.replan(swing, at_time=0.5, goal=there, request=small(swing, max_checks=1))
+    assert found.outcome is Outcome.KEPT
+
+
 def test_a_robot_that_stopped_remembers_that_its_goal_had_moved(room: PlannerService, swing: PlanResult) -> None:
     stop = room.replan(swing, at_time=0.5, goal=(2.0, 0.5), scene=disc(2.0, away=1.0))
     assert stop.outcome is Outcome.STOP
