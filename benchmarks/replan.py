@@ -33,8 +33,8 @@ RUNS, STEPS, PERIOD, STRIDE = 4, 50, 0.1, 0.01
 RADIUS, EARLY, ROOM = 0.04, 0.12, 0.03
 """Metres: of the ball, how far from the middle of the first way it begins, and how far it stays from both ends."""
 
-PADDING = 0.02
-"""Metres that ways keep from everything: what moves in two steps."""
+PADDING = 0.03
+"""Metres that ways keep from everything: what moves in three steps."""
 
 LATER = (2, 4, 6, 8)
 """Steps after which what moves is expected where it will then be."""

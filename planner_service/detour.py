@@ -194,7 +194,7 @@ class Detours:
         path = JointPath(
             np.concatenate([old.waypoints[:index], points]), np.append(old.blends[:index], np.zeros(len(points)))
         )
-        with self._book.during(Stage.POLISH) as entry, suppress(CheckBudgetSpent):
+        with self._book.during(Stage.POLISH) as entry:
             sizes = np.full(len(path.waypoints), self._request.blend)
             sizes[:index] = 0.0
             reached = max(handover.s, float(path.knots[index - 1] + path.blends[index - 1])) if index else handover.s

@@ -211,15 +211,16 @@ class _Run:
             except NoPlan as no_plan:
                 failures.append(no_plan)
                 continue
-            if way.searched or found.trajectory.duration <= SOONER * kept.trajectory.duration:
+            if found.stops <= kept.stops and (
+                way.searched or found.trajectory.duration <= SOONER * kept.trajectory.duration
+            ):
                 return self._told(Outcome.NEW, found, goal.index)
-            break
         if failures:
             self._book.notes.append(f"no better motion: {failures[0]}")
         return None
 
     def _new(self, goal: GoalState) -> Replanned:
-        """The quickest of the first few ways that can be driven and proven.
+        """Of the first few ways that can be driven and proven that with the fewest stops, and then the quickest.
 
         Raises:
             NoPlan: there is none; why not is said of the first.
@@ -232,7 +233,8 @@ class _Run:
             if not found:
                 raise
         if found:
-            return self._told(Outcome.NEW, min(found, key=lambda motion: motion.trajectory.duration), goal.index)
+            best = min(found, key=lambda motion: (motion.stops, motion.trajectory.duration))
+            return self._told(Outcome.NEW, best, goal.index)
         if failures:
             raise failures[0]
         detail = "the robot cannot turn off before what is in the way"
@@ -246,7 +248,7 @@ class _Run:
                 found.append(self._moving(way))
             except NoPlan as no_plan:
                 failures.append(no_plan)
-            good = bool(found) and found[-1].trajectory.duration <= GOOD * left
+            good = bool(found) and not found[-1].stops and found[-1].trajectory.duration <= GOOD * left
             if good or tries >= (ENOUGH if found else MOST_TRIES):
                 break
 
@@ -378,3 +380,9 @@ class _Motion:
     trajectory: Trajectory
     certificate: Certificate
     report: MotionReport | None
+
+    @property
+    def stops(self) -> int:
+        """How many corners it stops at before its end."""
+        s = self.path.knots[list(self.path.corners)]
+        return int(((s > self.trajectory.begin) & (s < self.trajectory.end)).sum())
