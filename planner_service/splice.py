@@ -30,8 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["HOLD", "Handover", "Underway"]
 
-HOLD = 0.01
-"""Seconds from the splice on for which the old law goes on: a cycle of a slow controller."""
+HOLD = 0.0107
+"""Seconds from the splice on for which the old law goes on: a cycle of a slow controller. It is no whole number of
+milliseconds, so that the next splice hardly ever falls on the very instant at which laws meet and acceleration jumps."""
 
 SHARES = (0.9985, 0.995, 0.98, 0.95)
 """Parts of the limits that a law may use on blends, one after the other, until what it makes of them holds
