@@ -16,18 +16,8 @@ from planner_service.scene_file import require_writable
 
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
-    *(
-        "problems",
-        "clouds",
-        "agreement",
-        "kernel",
-        "certificates",
-        "latency",
-        "scaling",
-        "panda",
-        "roadmaps",
-        "optimise",
-    ),
+    *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
+    *("roadmaps", "optimise", "replan"),
 )
 
 COMMANDS = {
@@ -78,6 +68,7 @@ clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans a
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
 latency   whole plans of a service that has planned before, the first one, and free straight lines
+replan    50 steps at 10 Hz while a post, a goal or a ball moves 1 cm a step
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
 panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
 roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large

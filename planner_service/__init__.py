@@ -57,6 +57,7 @@ from planner_service.planners import (
 )
 from planner_service.pose_goal import PoseGoal
 from planner_service.primitives import move_linear, pick, place
+from planner_service.replanned import Outcome, Replanned
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap, Verdict
 from planner_service.roadmap_work import RoadmapUpdate
@@ -112,6 +113,7 @@ __all__ = [
     "MotionStep",
     "Obstacle",
     "Optimise",
+    "Outcome",
     "PRMstar",
     "Pace",
     "PlanRequest",
@@ -127,6 +129,7 @@ __all__ = [
     "RRTstar",
     "Reason",
     "Refusal",
+    "Replanned",
     "Roadmap",
     "RoadmapUpdate",
     "Robot",

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
 from planner_service.geometry import FloatArray
 from planner_service.roadmap.knowledge import SELF
-from planner_service.search import Configuration
+from planner_service.search import Configuration, joint_distance
 
-__all__ = ["SearchOracle"]
+__all__ = ["SearchOracle", "TieredOracle"]
 
 TELLING_MOTIONS = 20
 """Motions tried at an end, all in vain, before a user is told that it is boxed in."""
+
+
+NEAR_END = 0.2
+"""Radians from an end within which an edge keeps no more than that end does."""
 
 
 class SearchOracle:
@@ -108,6 +112,69 @@ class SearchOracle:
             for end, tried in self._motions.items()
             if tried[False] >= TELLING_MOTIONS and not tried[True]
         )
+
+
+class TieredOracle:
+    """An oracle that keeps less near the ends of a problem, which are closer to something than the rest is to come.
+
+    Args:
+        roomy: Judges what is no end, and edges but for their first 0.2 rad from such an end.
+        tight: For each of these ends its judge, and that of edges so far.
+    """
+
+    def __init__(self, roomy: SearchOracle, tight: Mapping[Configuration, SearchOracle]) -> None:
+        self._roomy, self._tight = roomy, dict(tight)
+
+    @property
+    def states(self) -> int:
+        """States counted so far."""
+        return self._roomy.states
+
+    def state_is_free(self, q: FloatArray | Configuration) -> bool:
+        """Whether q (n,) is free with the padding that it is to keep."""
+        return self._tight.get(_tuple(q), self._roomy).state_is_free(q)
+
+    def edge_is_free(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> bool:
+        """Whether the edge is free with the padding that it is to keep."""
+        parts = self._parts(_tuple(q1), _tuple(q2), known)
+        return all(oracle.edge_is_free(a, b, known=ends) for oracle, a, b, ends in parts)
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether a first look at a few samples of the edge finds no collision."""
+        return all(oracle.edge_seems_free(a, b, known=ends) for oracle, a, b, ends in self._parts(q1, q2, known))
+
+    def _parts(
+        self, q1: Configuration, q2: Configuration, known: Known
+    ) -> list[tuple[SearchOracle, Configuration, Configuration, Known]]:
+        """What to ask whom about an edge, part by part."""
+        first, second = self._tight.get(q1), self._tight.get(q2)
+        length = joint_distance(q1, q2)
+        if length == 0.0 or (first is None and second is None):
+            return [(first or second or self._roomy, q1, q2, known)]
+        share = min(NEAR_END / length, 1.0 if first is None or second is None else 0.5)
+        points, judges = [q1, q2], [self._roomy]
+        if first is not None:
+            points.insert(1, _between(q1, q2, share))
+            judges.insert(0, first)
+        if second is not None:
+            points.insert(-1, _between(q1, q2, 1.0 - share))
+            judges.append(second)
+        parts = [(judge, a, b) for judge, a, b in zip(judges, points[:-1], points[1:], strict=True) if a != b]
+        return [
+            (
+                judge,
+                a,
+                b,
+                (known & Known.START if k == 0 else Known.NEITHER) | (known & Known.END if b == q2 else Known.NEITHER),
+            )
+            for k, (judge, a, b) in enumerate(parts)
+        ]
+
+
+def _between(a: Configuration, b: Configuration, share: float) -> Configuration:
+    return tuple(x + (y - x) * share for x, y in zip(a, b, strict=True))
 
 
 def _tuple(q: FloatArray | Configuration) -> Configuration:

@@ -21,7 +21,7 @@ from planner_service.stretch import SpeedLimit
 from planner_service.timing import Timing, TimingFailed, held_limits, measured, stop_duration
 from planner_service.trajectory import Trajectory
 
-__all__ = ["Pace", "peak_tool_speed", "timed"]
+__all__ = ["Pace", "peak_tool_speed", "timed", "tool_speed_limit"]
 
 _SPACING = 0.04
 """Radians of path between first samples, on average: joints that turn so little bend the tool's way by as little."""
@@ -86,7 +86,7 @@ def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[T
     limits = pace.limits(robot)
     with book.during(Stage.TIMING) as entry:
         try:
-            trajectory, found = measured(pace.timing, path, limits, _speed_limit(path, pace, robot))
+            trajectory, found = measured(pace.timing, path, limits, tool_speed_limit(path, pace, robot))
             tool_speed = peak_tool_speed(robot, trajectory)
             if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
                 factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
@@ -99,7 +99,7 @@ def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[T
         return trajectory, MotionReport(found, tool_speed, trajectory.duration, stops, settle)
 
 
-def _speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
+def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
     """The largest ds/dt at which the tool is no faster than it may be."""
     speed = pace.max_tool_speed
     if speed is None:
@@ -127,7 +127,7 @@ def _stopping(path: JointPath, pace: Pace, robot: Robot, limits: JointLimits) ->
     if pace.max_tool_speed is None:
         return stop_duration(path, pace.timing, limits)
     sharp = path.with_blends(None)
-    stopping = pace.timing.time_path(sharp, limits, speed_limit=_speed_limit(sharp, pace, robot))
+    stopping = pace.timing.time_path(sharp, limits, speed_limit=tool_speed_limit(sharp, pace, robot))
     return stopping.duration * max(1.0, peak_tool_speed(robot, stopping) / pace.max_tool_speed)
 
 
@@ -150,7 +150,7 @@ def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
 def _instants(trajectory: Trajectory) -> FloatArray:
     """Where a look at a trajectory begins: the ends of its pieces of time, and between them where it moves far."""
     starts = trajectory.coefficients[:, 0]
-    lengths = np.concatenate([starts[1:], [trajectory.path.length]]) - starts
+    lengths = np.concatenate([starts[1:], [trajectory.end]]) - starts
     counts = np.maximum(np.ceil(lengths / _SPACING), 1.0).astype(np.intp)
     piece = np.repeat(np.arange(len(counts)), counts)
     within = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -139,19 +139,21 @@ def _peak(rates: FloatArray, share: FloatArray, limit: FloatArray, times: FloatA
 def _jump(trajectory: Trajectory) -> Peak | None:
     """The largest instantaneous change of acceleration, rest before and after included, or None where there is none.
 
-    The path's own curvature has no part in it: it is zero where blends meet straight pieces, and the path is smooth
-    where it is passed at speed.
+    A start at speed continues another motion, and is none. The path's own curvature has no part in it: it is zero where
+    blends meet straight pieces, and the path is smooth where it is passed at speed.
     """
     path, geometry = trajectory.path, trajectory.geometry
     c0, c1, c2, c3 = trajectory.coefficients.T
     first = path.on_pieces(geometry, c0, 1)
-    last = path.on_pieces(geometry, np.append(c0[1:], path.length), 1)
+    last = path.on_pieces(geometry, np.append(c0[1:], trajectory.end), 1)
     passing = c1[1:] > TOLERANCE * c1.max()
     last[:-1][passing] = first[1:][passing]  # equal but for the rounding of short pieces
     rest = np.zeros((1, path.n))
     begins = np.concatenate([first * (2.0 * c2)[:, None], rest])
     ends = np.concatenate([rest, last * (2.0 * c2 + 6.0 * c3 * trajectory.durations)[:, None]])
     jumps = np.abs(begins - ends)
+    if c1[0] > TOLERANCE * c1.max():
+        jumps[0] = 0.0
     knot, joint = np.unravel_index(int(jumps.argmax()), jumps.shape)
     if jumps[knot, joint] <= TOLERANCE * max(np.abs(begins).max(), np.abs(ends).max()):
         return None

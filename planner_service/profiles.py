@@ -7,10 +7,17 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-__all__ = ["Bounds", "Part", "Phase", "chained", "s_curve", "trapezoid"]
+__all__ = ["Bounds", "Part", "Phase", "TooFast", "chained", "s_curve", "trapezoid"]
 
 CLOSE = 2e-15
 """Relative: about what rounding makes of a speed computed in closed form."""
+
+ALIKE = 1e-9
+"""Relative: a speed that much above the highest is taken for it."""
+
+
+class TooFast(ArithmeticError):
+    """A speed from which there is no way to slow down in time."""
 
 
 class Phase(NamedTuple):
@@ -104,26 +111,34 @@ class Part(NamedTuple):
     blended: bool
 
 
-def chained(parts: Sequence[Part]) -> list[Phase]:
-    """The motion from rest to rest along parts of a curve, each blend at one speed; positions are the curve's own.
+def chained(parts: Sequence[Part], entry: float = 0.0) -> list[Phase]:
+    """The motion to rest along parts of a curve, each blend at one speed; positions are the curve's own.
 
     Straight parts speed up as far as their length and bounds allow, cruise, and slow down, with no acceleration where
     they end if jerk is bounded. The speed on each blend is the largest that its own bound, its neighbours' and a
     pass forwards and one backwards over what straight parts can reach leave. A single straight part is a trapezoid or
     an S-curve.
 
+    Args:
+        entry: Speed where the first part begins.
+
     Raises:
         ZeroDivisionError: a blend begins or ends at a stop, where no constant speed will do.
+        TooFast: the speed at the start is too high to slow down in time.
     """
-    if len(parts) == 1 and not parts[0].blended:
+    if len(parts) == 1 and not parts[0].blended and entry == 0.0:
         start, length, (speed, acceleration, jerk), _ = parts[0]
         rest = trapezoid(length, speed, acceleration) if jerk == math.inf else s_curve(length, *parts[0].bounds)
         return [phase._replace(position=start + phase.position) for phase in rest]
-    speeds = [0.0, *_meeting(parts), 0.0]
+    speeds = [entry, *_meeting(parts), 0.0]
     for k, part in enumerate(parts):
         speeds[k + 1] = min(speeds[k + 1], _leaving(part, speeds[k]))
     for k, part in reversed(list(enumerate(parts))):
         speeds[k] = min(speeds[k], _leaving(part, speeds[k + 1]))
+    fast = speeds[1] if parts[0].blended else speeds[0]
+    if fast < entry * (1.0 - ALIKE):
+        raise TooFast(f"{entry:.6g} is too fast to slow down in time")
+    speeds[0] = entry
     phases: list[Phase] = []
     for part, (entry, leave) in zip(parts, pairwise(speeds), strict=True):
         if part.blended:

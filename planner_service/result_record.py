@@ -77,6 +77,7 @@ def result_record(result: PlanResult) -> dict[str, Any]:
             "dilation": trajectory.dilation,
             "durations": trajectory.durations.tolist(),
             "coefficients": trajectory.coefficients.tolist(),
+            **_part(trajectory.part),
         },
     }
 
@@ -139,8 +140,20 @@ def _read_trajectory(node: Node, path: JointPath) -> Trajectory | None:
     durations = [item.number() for item in node.at("durations").items()]
     coefficients = node.at("coefficients").rows(4)
     dilation = node.at("dilation").number()
-    table = np.array(coefficients, dtype=np.float64).reshape(-1, 4)
-    return node.attempt(lambda: Trajectory(path, np.array(durations, dtype=np.float64), table, dilation))
+    table, part = np.array(coefficients, dtype=np.float64).reshape(-1, 4), _read_part(node)
+    return node.attempt(lambda: Trajectory(path, np.array(durations, dtype=np.float64), table, dilation, part))
+
+
+def _part(part: tuple[float, float] | None) -> dict[str, Any]:
+    """The part of a path that is meant, said only if it is not the whole."""
+    return {} if part is None else {"part": list(part)}
+
+
+def _read_part(node: Node) -> tuple[float, float] | None:
+    if not node.has("part"):
+        return None
+    begin, end = node.at("part").numbers(2)
+    return begin, end
 
 
 def _stage(report: StageReport) -> dict[str, Any]:
@@ -194,6 +207,7 @@ def certificate_record(certificate: Certificate) -> dict[str, Any]:
         "padding": certificate.padding,
         "exempt": [_exempt(interval) for interval in certificate.exempt],
         "refusal": None if refusal is None else dict(vars(refusal)),
+        **_part(certificate.part),
     }
 
 
@@ -218,6 +232,7 @@ def _read_certificate(node: Node) -> Certificate:
         node.at("padding").number(),
         tuple(_read_exempt(item) for item in node.at("exempt").items()),
         refusal,
+        _read_part(node),
     )
 
 

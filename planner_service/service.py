@@ -25,7 +25,9 @@ from planner_service.path import JointPath
 from planner_service.pipeline import Run
 from planner_service.progress import bar
 from planner_service.remedies import WayOut, way_out
-from planner_service.request import PlanRequest, joint_vector
+from planner_service.replan import replan
+from planner_service.replanned import Replanned
+from planner_service.request import Goal, PlanRequest, joint_vector
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.robot import Robot, load_robot
@@ -103,6 +105,43 @@ class PlannerService:
         """
         self._require_own_process()
         return Run(self._planning, self._certifier, request, cancel).result(self._turns)
+
+    def replan(
+        self,
+        previous: PlanResult | Replanned,
+        *,
+        at_time: float,
+        latency: float = 0.1,
+        scene: Scene | str | Path | None = None,
+        goal: Goal | None = None,
+        request: PlanRequest | None = None,
+        cancel: CancelToken | None = None,
+    ) -> Replanned:
+        """Another motion for a robot that is executing one, without a stop: the scene changed, or the goal moved.
+
+        The old motion is to be kept to for ``latency`` seconds more, in which the new one is found; it begins there,
+        at its own time 0, with the position, velocity and acceleration that the robot then has. What is left of the
+        old motion is kept where it is free and nothing better is found. If there is no way to the goal, a stop
+        along the old curve, proven in the new scene, is returned, and if that is not free, that nothing is safe.
+
+        Args:
+            previous: The plan being executed, or what this method returned before.
+            at_time: Seconds since the start of its trajectory: now.
+            scene: What the world is like from now on; this service's scene if not given.
+            goal: Where to go; where ``previous`` was to go if not given.
+            request: Search, padding, blends, budgets and scales, its start and goal apart. If not given those of the
+                call before, or, after a plan, those of a ``PlanRequest`` with ``max_checks=20_000``.
+
+        Raises:
+            InvalidRequest: ``previous`` failed or is of another robot, ``at_time`` is not on it, ``latency`` is not in
+                [0, 10], the request's timing law is not ``ToppRa``, or the goal is no n finite numbers or pose.
+        """
+        self._require_own_process()
+        if scene is not None:
+            other = self.with_scene(scene)
+            return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
+        motion, asked = (previous, at_time, latency), (request, goal)
+        return replan(self._planning, self._certifier, motion, asked, (self._turns, cancel))
 
     @cached_property
     def _certifier(self) -> Certifier:

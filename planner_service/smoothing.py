@@ -128,7 +128,9 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
     return read_only(chain)
 
 
-def blended(path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: FloatArray) -> JointPath:
+def blended(
+    path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: FloatArray, *, least: float = LEAST_BLEND
+) -> JointPath:
     """The path with each corner blended as widely as is free, halving from its size to 0.01 rad; else it stays a stop.
 
     A blend takes less than half of each piece it joins. Corners that all but turn back are left.
@@ -137,6 +139,7 @@ def blended(path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: F
         is_free: Whether the blend at that waypoint of that path is free.
         sizes: For each waypoint the arc length (rad) that its blend may replace before and after the corner, shape
             (N,); 0 leaves the corner.
+        least: Radians of the narrowest blend.
     """
     lengths = (path.knots[1:] - path.knots[:-1]).tolist()
     widths = path.blends.copy()
@@ -144,9 +147,9 @@ def blended(path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: F
         if path.turns_back(k):
             continue
         width = min(float(sizes[k]), BLEND_SHARE * min(lengths[k - 1], lengths[k]))
-        while width >= LEAST_BLEND and not is_free(path.with_blends(_only(width, k, len(widths))), k):
+        while width >= least and not is_free(path.with_blends(_only(width, k, len(widths))), k):
             width /= 2.0
-        widths[k] = width if width >= LEAST_BLEND else 0.0
+        widths[k] = width if width >= least else 0.0
     return path.with_blends(widths)
 
 

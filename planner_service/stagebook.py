@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from planner_service.smoothing import LEAST_BLEND
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
-__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words", "not_certified"]
+__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words", "narrower", "not_certified"]
 
 
 class NoPlan(Exception):
@@ -104,7 +104,13 @@ class StageBook:
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
-    def certificate(self, certifier: Certifier, path: JointPath, exempt: Sequence[ExemptInterval]) -> Certificate:
+    def certificate(
+        self,
+        certifier: Certifier,
+        path: JointPath,
+        exempt: Sequence[ExemptInterval],
+        part: tuple[float, float] | None = None,
+    ) -> Certificate:
         """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
         ledger = self._checker.ledger
 
@@ -113,7 +119,7 @@ class StageBook:
             ledger.charge_distances(bounds)
 
         with self.during(Stage.CERTIFY) as entry:
-            found = certifier.certify(path, exempt=exempt, charge=charge)
+            found = certifier.certify(path, exempt=exempt, part=part, charge=charge)
             entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
             return found
 
@@ -123,10 +129,10 @@ class StageBook:
         """The path and what is proven of it; blends that cannot be proven are halved, and in the end stops."""
         while True:
             found = self.certificate(certifier, path, exempt)
-            narrower = None if found.refusal is None or found.refusal.spent else _narrower(path, found.refusal)
-            if narrower is None:
+            less = None if found.refusal is None else narrower(path, found.refusal)
+            if less is None:
                 return path, found
-            path = narrower
+            path = less
             self.notes.append(f"blends made narrower: {found.refusal}")
 
     def result(
@@ -144,7 +150,7 @@ class StageBook:
             path=path,
             trajectory=trajectory,
             failure=failure,
-            stages=tuple(self._reports[stage] for stage in Stage if stage in self._reports),
+            stages=self._stages,
             goal_index=goal_index,
             attempts=self.attempts,
             padding=self.padding,
@@ -155,6 +161,26 @@ class StageBook:
             roadmap=self.roadmap,
             polish=self.polish,
         )
+
+    def with_plan(self, plan: PlanResult) -> PlanResult:
+        """A plan made meanwhile, with what these books have beside it; they take over what it cost."""
+        for report in plan.stages:
+            before = self._reports.get(report.stage, StageReport(report.stage, CheckCounts(), 0.0))
+            counts, seconds = before.counts + report.counts, before.seconds + report.seconds
+            self._reports[report.stage] = replace(report, counts=counts, seconds=seconds)
+        self.attempts += plan.attempts
+        self.deterministic &= plan.deterministic
+        return replace(
+            plan,
+            stages=self._stages,
+            attempts=self.attempts,
+            deterministic=self.deterministic,
+            notes=(*self.notes, *plan.notes),
+        )
+
+    @property
+    def _stages(self) -> tuple[StageReport, ...]:
+        return tuple(self._reports[stage] for stage in Stage if stage in self._reports)
 
     def gave_up(self) -> Failure:
         """The failure of a search that ended by itself without a path."""
@@ -189,10 +215,12 @@ def not_certified(certificate: Certificate) -> Failure:
     return Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {certificate.refusal}")
 
 
-def _narrower(path: JointPath, refusal: Refusal) -> JointPath | None:
-    """The path with the blends halved that lie where it was refused; None if there is none."""
+def narrower(path: JointPath, refusal: Refusal, first: int = 0) -> JointPath | None:
+    """The path with the blends halved, from waypoint ``first`` on, that lie where it was refused; None if none does."""
+    if refusal.spent:
+        return None
     before, after = path.knots - path.blends, path.knots + path.blends
-    meant = (path.blends > 0.0) & (before <= refusal.s) & (after >= refusal.s)
+    meant = (path.blends > 0.0) & (np.arange(len(before)) >= first) & (before <= refusal.s) & (after >= refusal.s)
     if not np.any(meant):
         return None
     widths = np.where(meant, path.blends / 2.0, path.blends)

@@ -36,17 +36,23 @@ BETWEEN = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """The part of a path between two stops: its pieces between breaks, one or more."""
+    """The part of a path between two stops: its pieces between breaks, one or more.
+
+    ``since`` is where on its first piece it begins, should it not begin with a stop. Laws that
+    look at grid points alone may use ``blend_share`` of the limits on blends.
+    """
 
     path: JointPath
     pieces: range
     limits: JointLimits
     speed_limit: SpeedLimit | None = None
+    since: float | None = None
+    blend_share: float = 1.0
 
     @property
     def start(self) -> float:
         """Where it begins in s."""
-        return float(self.path.breaks[self.pieces[0]])
+        return float(self.path.breaks[self.pieces[0]]) if self.since is None else self.since
 
     @property
     def length(self) -> float:
@@ -65,10 +71,12 @@ class Stretch:
         not asked.
         """
         firsts, breaks = self._firsts, self.path.breaks.tolist()
-        starts = [breaks[k] for k in firsts]
-        lengths = [breaks[end] - breaks[first] for first, end in pairwise([*firsts, self.pieces[-1] + 1])]
+        starts = [self.start, *(breaks[k] for k in firsts[1:])]
+        ends = [*(breaks[k] for k in firsts[1:]), breaks[self.pieces[-1] + 1]]
+        lengths = [end - start for start, end in zip(starts, ends, strict=True)]
         blended = self.path.blended[firsts].tolist()
-        bounds = self._bounds(blended, lengths, jerk)
+        whole = [end - breaks[first] for first, end in zip(firsts, ends, strict=True)]
+        bounds = self._bounds(blended, whole, jerk)
         if self.speed_limit is not None:
             bounds = list(map(self._slowed, starts, lengths, bounds))
         return list(map(Part, starts, lengths, bounds, blended))
@@ -90,8 +98,17 @@ class Stretch:
 
         A straight part has one direction, that of its first piece, whatever rounding makes of short ones.
         """
+        return self.path.on_pieces(self._first_at(s), s, order)
+
+    def shares(self, s: FloatArray) -> FloatArray:
+        """The parts of the limits that may be used at each s, shape (m,)."""
+        return np.where(self.path.blended[self._first_at(s)], self.blend_share, 1.0)
+
+    def _first_at(self, s: FloatArray) -> NDArray[np.intp]:
+        """The first piece of the part on which each s lies."""
         firsts = np.array(self._firsts)
-        return self.path.on_pieces(firsts[np.searchsorted(self.path.breaks[firsts[1:]], s, side="right")], s, order)
+        found: NDArray[np.intp] = firsts[np.searchsorted(self.path.breaks[firsts[1:]], s, side="right")]
+        return found
 
     def allowed(self, s: FloatArray) -> FloatArray:
         """What the speed limit leaves of ds/dt at each s, a little less than it says.
@@ -140,12 +157,18 @@ def _least(limits: FloatArray, shares: FloatArray) -> FloatArray:
         return np.asarray(np.where(shares > 0.0, limits / shares, math.inf).min(axis=1))
 
 
-def stretches(path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Iterator[Stretch]:
-    """The parts of a path between its stops, none for a single point."""
-    if path.length > 0.0:
-        stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length])
-        for first, end in pairwise(stops.tolist()):
-            yield Stretch(path, range(first, end), limits, speed_limit)
+def stretches(
+    path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None, since: float | None = None
+) -> Iterator[Stretch]:
+    """The parts of a path between its stops, none for a single point; of what is left from ``since`` on, if given."""
+    if path.length > (since or 0.0):
+        stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length]).tolist()
+        if since is not None:
+            here = int(path.pieces_at(np.array([since]))[0])
+            stops = [here, *(stop for stop in stops if stop > here)]
+        for first, end in pairwise(stops):
+            yield Stretch(path, range(first, end), limits, speed_limit, since)
+            since = None
 
 
 def straight_parts(path: JointPath, limits: JointLimits, *, jerk: bool) -> list[Part]:

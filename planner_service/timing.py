@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Protocol
@@ -21,7 +21,7 @@ from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry import FloatArray, number
 from planner_service.path import JointPath
 from planner_service.peaks import TOLERANCE, LimitPeaks, peaks, require_usable
-from planner_service.profiles import Part, Phase, chained, trapezoid
+from planner_service.profiles import Part, Phase, TooFast, chained, trapezoid
 from planner_service.stretch import SpeedLimit, Stretch, straight_parts, stretches
 from planner_service.trajectory import Trajectory
 from planner_service.two_passes import two_passes
@@ -175,15 +175,50 @@ class ToppRa:
         require_usable(path, limits, jerk=False)
         return _held(_timed(path, stretches(path, limits, speed_limit), self._between_stops), limits)
 
+    def onward(
+        self,
+        path: JointPath,
+        limits: JointLimits,
+        moving: tuple[float, float],
+        *,
+        speed_limit: SpeedLimit | None = None,
+        blend_share: float = 1.0,
+    ) -> list[Phase]:
+        """The law along what is left of a path, at whose end it rests, as phases; their limits are not verified.
+
+        Args:
+            moving: Where it begins in s, and ds/dt there.
+            blend_share: The part of the limits that may be used on blends, between whose grid points they are exceeded
+                a little.
+
+        Raises:
+            InvalidRequest: as ``time_path``.
+            TimingFailed: the speed is too high to slow down in time, or there is no solution.
+        """
+        require_usable(path, limits, jerk=False)
+        since, rate = moving
+        phases: list[Phase] = []
+        with _failing():
+            for whole in stretches(path, limits, speed_limit, since):
+                stretch = replace(whole, blend_share=blend_share)
+                phases += self._to_stop(stretch, 0.0 if phases else rate)
+        return phases
+
     def _between_stops(self, stretch: Stretch) -> list[Phase]:
+        return self._to_stop(stretch, 0.0)
+
+    def _to_stop(self, stretch: Stretch, rate: float) -> list[Phase]:
         parts = stretch.parts(jerk=False)
-        steady = None if _blend_at_stop(parts) else chained(parts)
+        steady: list[Phase] | None = None
+        if not _blend_at_stop(parts, rate):
+            with suppress(TooFast):
+                steady = chained(parts, rate)
         straight = len(parts) == 1 and stretch.speed_limit is None
         if steady is not None and (straight or stretch.length < SHORT_MOVE):
             return steady
         unit = min(_seconds(phases) for phases in (steady, _slowest(parts)) if phases is not None)
         try:
-            quick = _topp_ra(stretch, parts, self.gridpoints, unit)
+            quick = _topp_ra(stretch, parts, self.gridpoints, unit, rate)
         except TimingFailed:
             if steady is None:
                 raise
@@ -268,11 +303,11 @@ def _steady(stretch: Stretch, parts: Sequence[Part]) -> list[Phase]:
     return chained(parts)
 
 
-def _blend_at_stop(parts: Sequence[Part]) -> bool:
-    """Whether there is no way worth the name to speed up before the first blend, or to slow down after the last."""
+def _blend_at_stop(parts: Sequence[Part], rate: float = 0.0) -> bool:
+    """Whether there is no way worth the name to slow down after the last blend, or, from rest, to speed up before."""
     if len(parts) == 1:
         return parts[0].blended
-    ends = ((parts[0], parts[1]), (parts[-1], parts[-2]))
+    ends = ((parts[-1], parts[-2]), (parts[0], parts[1]))[: 1 if rate > 0.0 else 2]
     return any(end.blended or end.length < RUN_UP * inner.length for end, inner in ends)
 
 
@@ -320,10 +355,12 @@ def _grid(part: Part, stretch: Stretch, gridpoints: int) -> FloatArray:
     return np.array([math.sin(math.pi / 2 * i / count) ** 2 for i in range(count + 1)])
 
 
-def _topp_ra(stretch: Stretch, parts: Sequence[Part], gridpoints: int, unit: float) -> list[Phase]:
-    """TOPP-RA's motion; ``unit`` is about as many seconds as it takes."""
+def _topp_ra(stretch: Stretch, parts: Sequence[Part], gridpoints: int, unit: float, rate: float = 0.0) -> list[Phase]:
+    """TOPP-RA's motion from ``rate``; ``unit`` is about as many seconds as it takes."""
     grids = [_grid(part, stretch, gridpoints) for part in parts]
-    return _constant_accelerations(parts, grids, _toppra_speeds(stretch, parts, grids, unit))
+    speeds = _toppra_speeds(stretch, parts, grids, (unit, rate))
+    speeds[0][0] = rate
+    return _constant_accelerations(parts, grids, speeds)
 
 
 def _constant_accelerations(
@@ -343,9 +380,9 @@ def _constant_accelerations(
 
 
 def _toppra_speeds(
-    stretch: Stretch, parts: Sequence[Part], grids: Sequence[FloatArray], unit: float
+    stretch: Stretch, parts: Sequence[Part], grids: Sequence[FloatArray], known: tuple[float, float]
 ) -> list[FloatArray]:
-    """ds/dt at each point of each part's grid by TOPP-RA."""
+    """ds/dt at each point of each part's grid by TOPP-RA; known are its unit and the first of these speeds."""
     length = stretch.length
     shares = [
         (part.start - stretch.start) / length + grid[:-1] * (part.length / length)
@@ -354,7 +391,7 @@ def _toppra_speeds(
     points = np.concatenate([*shares, [1.0]])
     if not np.all(points[1:] > points[:-1]):
         raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: grid points of a tiny blend coincide")
-    speeds = two_passes(stretch, points, unit)
+    speeds = two_passes(stretch, points, *known)
     if isinstance(speeds, str):
         raise TimingFailed(f"TOPP-RA on the piece from s = {stretch.start:.6g}: {speeds}")
     ends = np.cumsum([0, *(len(grid) - 1 for grid in grids)])

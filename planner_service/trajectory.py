@@ -49,22 +49,26 @@ class _Where(NamedTuple):
 class Trajectory:
     """A path with a time law, ``trajectory(t)`` for t in [0, ``duration``]; at rest at both ends and at corners.
 
+    It may be a ``part`` of its path that another motion leads to: then it begins at whatever speed, and ends at rest.
+
     Args:
         path: The curve; every configuration of the trajectory is one of its own.
         durations: Seconds of each of the m pieces of s(t), shape (m,). They are kept rather than the knots, because a
             difference of knots has lost the digits that a short piece needs.
         coefficients: s(t) of each piece as c0 + c1 x + c2 x^2 + c3 x^3, x the time since its start, shape (m, 4).
         dilation: By how much time was stretched to hold the limits; 1.0 when nothing had to be.
+        part: s where it begins, and where it ends; the whole path, from rest, if None.
 
     Raises:
-        InvalidRequest: s(t) does not run from 0 to ``path.length``, jumps, turns back, does not rest at an end,
-            passes a corner of the path at speed, or has a piece that lies partly on a blend.
+        InvalidRequest: s(t) does not run from 0 to ``path.length``, or along its part, jumps, turns back, does not
+            rest at an end, passes a corner of the path at speed, or has a piece that lies partly on a blend.
     """
 
     path: JointPath
     durations: FloatArray
     coefficients: FloatArray
     dilation: float = 1.0
+    part: tuple[float, float] | None = None
     knots: FloatArray = field(init=False)
     geometry: NDArray[np.intp] = field(init=False)
     _ends: FloatArray = field(init=False)
@@ -76,9 +80,11 @@ class Trajectory:
             raise InvalidRequest("coefficients", c.shape, f"finite numbers, shape ({h.size}, 4), one row per duration")
         if not np.all(h > 0.0):
             raise InvalidRequest("durations", float(h.min()), "positive numbers")
-        ends = read_only([*c[1:, 0], self.path.length][: len(h)])
+        if self.part is not None:
+            object.__setattr__(self, "part", _checked_part(self.part, self.path.length))
+        ends = read_only([*c[1:, 0], self.end][: len(h)])
         with np.errstate(over="ignore", invalid="ignore"):  # numbers too large are refused, not warned of
-            _check_law(self.path, h, c, ends)
+            _check_law(self, h, c, ends)
         object.__setattr__(self, "durations", h)
         object.__setattr__(self, "coefficients", c)
         object.__setattr__(self, "knots", read_only(list(accumulate(h.tolist(), initial=0.0))))
@@ -87,6 +93,16 @@ class Trajectory:
 
     def __repr__(self) -> str:
         return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"
+
+    @property
+    def begin(self) -> float:
+        """s where it begins."""
+        return 0.0 if self.part is None else self.part[0]
+
+    @property
+    def end(self) -> float:
+        """s where it ends."""
+        return self.path.length if self.part is None else self.part[1]
 
     @property
     def duration(self) -> float:
@@ -154,11 +170,11 @@ class Trajectory:
         """s or a derivative of it there."""
         times, piece, x, c = where
         if not len(self.durations):
-            return np.zeros(times.shape)
+            return np.full(times.shape, 0.0 if order else self.end)
         value = _derivative(c, x, order)
         if order == 0:
             value = np.minimum(np.maximum(value, c[..., 0]), self._ends[piece])
-            value = np.where(times == self.duration, self.path.length, value)
+            value = np.where(times == self.duration, self.end, value)
         elif order == 1:
             value = np.where(times == self.duration, 0.0, np.maximum(value, 0.0))
         return value
@@ -188,7 +204,8 @@ class Trajectory:
         factor = number("factor", factor, expected, 1 / MAX_DILATION, MAX_DILATION)
         powers = np.array([1.0, factor, factor * factor, factor * factor * factor])
         with np.errstate(over="ignore"):  # a trajectory refuses what is not finite
-            return Trajectory(self.path, self.durations * factor, self.coefficients / powers, self.dilation * factor)
+            slower = self.durations * factor, self.coefficients / powers
+            return Trajectory(self.path, *slower, self.dilation * factor, self.part)
 
 
 def _derivative(c: FloatArray, x: FloatArray, order: int) -> FloatArray:
@@ -219,15 +236,23 @@ def _geometry(path: JointPath, c: FloatArray, ends: FloatArray) -> NDArray[np.in
     return piece
 
 
-def _check_law(path: JointPath, h: FloatArray, c: FloatArray, ends: FloatArray) -> None:
-    """Raise unless s(t) runs from 0 to the path's length without a jump, turn or passed corner."""
-    if len(h) == 0 or path.length == 0.0:
-        if len(h) or path.length > 0.0:
+def _checked_part(part: object, length: float) -> tuple[float, float]:
+    begin, end = numbers("part", part, "two numbers, s where it begins and ends").tolist()
+    if not 0.0 <= begin <= end <= length:
+        raise InvalidRequest("part", (begin, end), f"0 <= begin <= end <= {length:.9g}")
+    return begin, end
+
+
+def _check_law(trajectory: Trajectory, h: FloatArray, c: FloatArray, ends: FloatArray) -> None:
+    """Raise unless s(t) runs along its part of the path without a jump, turn or passed corner."""
+    path, begin, end = trajectory.path, trajectory.begin, trajectory.end
+    if len(h) == 0 or end == begin:
+        if len(h) or end > begin:
             raise InvalidRequest("durations", len(h), "pieces for a path with a length, none for a single point")
         return
     gap = OVERSHOOT * max(1.0, path.length)
-    if c[0, 0] != 0.0 or np.any(np.abs(_derivative(c, h, 0) - ends) > gap):
-        raise InvalidRequest("coefficients", float(c[0, 0]), f"s(t) from 0 to {path.length:.9g} without a jump")
+    if c[0, 0] != begin or np.any(np.abs(_derivative(c, h, 0) - ends) > gap):
+        raise InvalidRequest("coefficients", float(c[0, 0]), f"s(t) from {begin:.9g} to {end:.9g} without a jump")
     speeds, arrivals = c[:, 1], _derivative(c, h, 1)
     slack = OVERSHOOT * max(speeds.max(), arrivals.max())
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -235,10 +260,11 @@ def _check_law(path: JointPath, h: FloatArray, c: FloatArray, ends: FloatArray) 
     slowest = np.minimum(np.minimum(speeds, arrivals), _derivative(c, np.clip(turning, 0.0, h), 1))
     if np.any(slowest < -slack) or np.any(ends < c[:, 0]):
         raise InvalidRequest("coefficients", float(slowest.min()), "s(t) that never turns back")
-    if np.any(np.abs(arrivals[:-1] - speeds[1:]) > slack) or max(speeds[0], arrivals[-1]) > slack:
+    departure = speeds[0] if trajectory.part is None else 0.0
+    if np.any(np.abs(arrivals[:-1] - speeds[1:]) > slack) or max(departure, arrivals[-1]) > slack:
         raise InvalidRequest("coefficients", float(speeds[0]), "a speed ds/dt without jumps, 0 at both ends")
     corners = path.corners
     stops = set(c[speeds <= slack, 0].tolist()) if corners else set()
     for s in path.knots[list(corners)].tolist():
-        if s not in stops:
+        if begin < s < end and s not in stops:
             raise InvalidRequest("coefficients", s, f"a stop at the path's corner at s = {s:.9g}")

@@ -23,15 +23,16 @@ MAX_TOPPRA_SPEED = 1e4
 """In units of about 1, for toppra, which takes no infinite speed."""
 
 
-def two_passes(stretch: Stretch, points: FloatArray, unit: float) -> FloatArray | str:
-    """ds/dt at grid points along a stretch, from rest to rest; toppra's word for it if there is none.
+def two_passes(stretch: Stretch, points: FloatArray, unit: float, rate: float = 0.0) -> FloatArray | str:
+    """ds/dt at grid points along a stretch, to a stop; toppra's word for it if there is none.
 
     Args:
         points: Shares of the stretch, growing from 0 to 1.
         unit: About as many seconds as it takes.
+        rate: ds/dt where it begins.
     """
-    solver = _algorithm()(_bounds(stretch, points, unit), points)
-    _, speeds, _ = solver.compute_parameterization(0.0, 0.0)
+    solver = _algorithm()(_bounds(stretch, points, unit, rate), points)
+    _, speeds, _ = solver.compute_parameterization(rate * (unit / stretch.length), 0.0)
     if speeds is None or not np.all(np.isfinite(speeds)):
         return str(solver.problem_data.return_code.name)
     return np.asarray(speeds * (stretch.length / unit), dtype=np.float64)
@@ -43,7 +44,7 @@ class _UnitInterval:
     path_interval = (0.0, 1.0)
 
 
-def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
+def _bounds(stretch: Stretch, points: FloatArray, unit: float, rate: float) -> Any:
     """All limits at the grid points as one constraint of toppra.
 
     Its tolerances are absolute: in units of the stretch and of about its time they suit every move. Accelerations
@@ -58,6 +59,10 @@ def _bounds(stretch: Stretch, points: FloatArray, unit: float) -> Any:
         speeds = np.where(first != 0.0, velocity / np.abs(first), math.inf).min(axis=1)
     if stretch.speed_limit is not None:
         speeds = np.minimum(speeds, stretch.allowed(s) * (unit / length))
+    if stretch.blend_share < 1.0:
+        shares = stretch.shares(s)[:, None]
+        first, second, speeds = first / shares, second / shares, speeds * shares[:, 0]
+        speeds[0] = max(speeds[0], rate * (unit / length))
     squares = np.minimum(speeds, MAX_TOPPRA_SPEED) ** 2
     both_ways = np.concatenate([np.eye(len(joints)), -np.eye(len(joints))])
     linear = (first, second, np.zeros_like(first), both_ways, np.tile(acceleration, 2), None, None)

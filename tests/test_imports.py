@@ -65,7 +65,10 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {"kinematics", "numeric_inverse", "pose_goal", "thinning", "tool_chain", "wxai_inverse"},
         {"errors", "shapes", "robot", "path"},
     ),
-    "timing": ({"timing", "two_passes", "profiles", "peaks", "stretch"}, {"errors", "shapes", "robot", "path"}),
+    "timing": (
+        {"timing", "two_passes", "profiles", "peaks", "splice", "stretch"},
+        {"errors", "shapes", "robot", "path"},
+    ),
     "certify": ({"certify"}, {"errors", "shapes", "robot", "scene", "path"}),
     "import": (
         {"contact_table", "health", "robot_import"},
@@ -91,6 +94,9 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "pace",
             "oracle",
             "polishing",
+            "detour",
+            "replan",
+            "replanned",
         },
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "certify", "search"},
     ),

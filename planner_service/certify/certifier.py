@@ -100,6 +100,7 @@ class Certificate:
         padding: Every judged pair was proven farther apart than this and ``MARGIN``.
         exempt: Stretches on which named pairs were not judged.
         refusal: None when the whole curve is proven.
+        part: From where to where in s the curve was judged; None: all of it.
     """
 
     clearance: float
@@ -107,10 +108,11 @@ class Certificate:
     padding: float
     exempt: tuple[ExemptInterval, ...] = ()
     refusal: Refusal | None = None
+    part: Span | None = None
 
     @property
     def certified(self) -> bool:
-        """Whether the whole curve is proven."""
+        """Whether the whole curve, or the part of it that was judged, is proven."""
         return self.refusal is None
 
 
@@ -149,6 +151,7 @@ class Certifier:
         *,
         padding: float = 0.0,
         exempt: Sequence[ExemptInterval] = (),
+        part: Span | None = None,
         charge: Callable[[int], None] | None = None,
     ) -> Certificate:
         """The proof that every judged pair is farther apart than ``padding`` on the whole of ``path``, or its refusal.
@@ -157,11 +160,12 @@ class Certifier:
             path: Straight or blended, judged as the curve it is; or waypoints (N, n) of a polyline.
             exempt: Stretches on which pairs are not judged; at the ends of a stretch they are, unless it ends with the
                 path or another one follows there.
+            part: From where to where in s to judge it; all of it if None.
             charge: Called with the number of bounds before each batch of them; what it raises comes out unchanged.
 
         Raises:
             InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],
-                or an exempt stretch that is not on the path.
+                or an exempt stretch or a part that is not on the path.
             UnknownName: an exempt pair names nothing that is there.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
@@ -171,13 +175,14 @@ class Certifier:
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         self._check_path(curve)
         self._check_exempt(curve.length, stretches)
-        proof = self.prover.prove(curve, padding + MARGIN, self.roots(curve.length, stretches), charge)
+        judged = (0.0, curve.length) if part is None else _part_of(curve.length, part)
+        proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
         obstruction = proof.obstruction
         if obstruction is None:
-            return Certificate(_floored(proof.proven), proof.asked, padding, stretches)
+            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, part=part)
         names = self.listed.names(obstruction.pair)
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, proof.asked, padding, stretches, refusal)
+        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, part)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
@@ -218,15 +223,19 @@ class Certifier:
 
     def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
         """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span."""
-        spans: dict[Span, int] = {(0.0, length): 0}
+        return self._roots((0.0, length), exempt)
+
+    def _roots(self, judged: Span, exempt: Sequence[ExemptInterval]) -> tuple[list[Span], NDArray[np.intp]]:
+        """The same of a part of a path."""
+        spans: dict[Span, int] = {judged: 0}
         cuts: dict[frozenset[str], list[Span]] = {}
         for interval in exempt:
             for names in interval.pairs:
-                cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, length)))
+                cuts.setdefault(frozenset(names), []).append((interval.s_start, min(interval.s_end, judged[1])))
         parts, after = [], 0
         for row in sorted(row for names in cuts for row in self._rows_of.get(names, ())):
             pair = int(self._whole[row, 0])
-            left = _left_over(length, cuts[frozenset(self.listed.names(pair))])
+            left = _left_over(judged, cuts[frozenset(self.listed.names(pair))])
             numbered = [(pair, spans.setdefault(span, len(spans))) for span in left]
             parts += [self._whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
             after = row + 1
@@ -298,12 +307,22 @@ def _floored(gap: float) -> float:
     return math.floor(gap * NANO) / NANO if math.isfinite(gap) else gap
 
 
-def _left_over(length: float, cut: Iterable[Span]) -> list[Span]:
-    """What closed intervals leave of [0, length], with its ends."""
-    if not length > 0.0:
-        return [] if list(cut) else [(0.0, length)]
-    out, start = [], 0.0
-    for low, high in sorted(span for span in cut if span[1] > span[0]):
+def _part_of(length: float, part: Span) -> Span:
+    """A part of a path, checked."""
+    expected = f"0 <= begin <= end <= {length:.12g}"
+    begin, end = numbers("part", part, expected).tolist()
+    if not 0.0 <= begin <= end <= length:
+        raise InvalidRequest("part", (begin, end), expected)
+    return begin, end
+
+
+def _left_over(judged: Span, cut: Iterable[Span]) -> list[Span]:
+    """What closed intervals leave of the judged one, with its ends."""
+    start, length = judged
+    if not length > start:
+        return [] if any(low - END_SLACK <= start <= high + END_SLACK for low, high in cut) else [judged]
+    out = []
+    for low, high in sorted(span for span in cut if span[1] > span[0] and span[0] < length):
         if low > start:
             out.append((start, low))
         start = max(start, high)

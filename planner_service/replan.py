@@ -1,0 +1,388 @@
+"""Another motion while one is under way: what ``PlannerService.replan`` runs.
+
+What is left of the old motion is proven in the new scene, and goes on if nothing is in the way and nothing better is
+found. Else a new way leaves it, at a place that the robot passes at speed. If there is none, the robot stops along the
+old curve; if that cannot be proven either, nothing is safe, which is said.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice, product
+
+import numpy as np
+
+from planner_service.certify import Certificate, Certifier
+from planner_service.collision import CancelToken, CollisionChecker
+from planner_service.collision.ledger import CheckBudgetSpent, SearchStopped, TimeBoxSpent
+from planner_service.detour import Detours, Way
+from planner_service.endpoints import Endpoints, GoalState
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry import FloatArray, Pose
+from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
+from planner_service.pace import Pace, peak_tool_speed, tool_speed_limit
+from planner_service.path import JointPath
+from planner_service.peaks import LimitPeaks, peaks
+from planner_service.pipeline import Run
+from planner_service.pose_goal import PoseGoal
+from planner_service.replanned import Old, Outcome, Replanned, request_for, underway
+from planner_service.request import Goal, PlanRequest
+from planner_service.search import joint_distance
+from planner_service.splice import Handover
+from planner_service.stagebook import Limits, NoPlan, StageBook, narrower, not_certified
+from planner_service.timing import TimingFailed, ToppRa
+from planner_service.trajectory import Trajectory
+from planner_service.turns import Turns
+
+__all__ = ["replan"]
+
+SHORTER, SOONER = 0.98, 0.97
+"""A free old motion is left for a way that is shorter, and a motion that ends sooner, by that much."""
+
+FEW, ENOUGH, MOST_TRIES, TURNS = 4, 3, 10, 2
+"""Ways tried beside a free old motion; without one, when one is found and at most; searches at each place."""
+
+BESIDE = 0.2
+"""Part of the states that looking for something better than a free old motion may use."""
+
+GOOD = 1.3
+"""Of the time left to the old motion: a new one that takes no longer is taken without looking for a better one."""
+
+SLIGHT = 1e-6
+"""Share by which a tool may seem too fast, its peak being known to six digits; metres at which it is at a pose."""
+
+
+def replan(
+    checker: CollisionChecker,
+    certifier: Certifier,
+    motion: tuple[PlanResult | Replanned, float, float],
+    asked: tuple[PlanRequest | None, Goal | None],
+    caller: tuple[Turns, CancelToken | None],
+) -> Replanned:
+    """What to do from the splice on; ``motion`` is the old one, the time on it and the latency.
+
+    Raises:
+        InvalidRequest: as ``underway`` and ``request_for`` say, or a goal is neither a pose nor n finite joint values.
+    """
+    old = underway(motion[0], checker.robot, *motion[1:])
+    request = request_for(motion[0], old, *asked)
+    return _Run((checker, certifier), old, request, caller[1]).result(caller[0])
+
+
+class _Run:
+    """One call."""
+
+    def __init__(
+        self, judges: tuple[CollisionChecker, Certifier], old: Old, request: PlanRequest, cancel: CancelToken | None
+    ) -> None:
+        self._checker, self._certifier = judges
+        self._old, self._motion, self._request, self._cancel = old, old.underway, request, cancel
+        self._pace = Pace.of(request)
+        self._limits = self._pace.limits(self._checker.robot)
+        self._book = StageBook(
+            self._checker, Limits(request.max_checks, request.max_checks, request.time_limit, cancel)
+        )
+        self._endpoints = Endpoints(self._checker, request, self._book)
+        self._detours = Detours(self._checker, request, self._book, (self._motion.path, old.ahead))
+
+    def result(self, turns: Turns) -> Replanned:
+        """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""
+        try:
+            with self._book.within_limits(turns, padding=self._request.padding):
+                if not self._motion.rests:
+                    return self._going_on()
+                self._prove_last_stretch()
+            return self._from_rest(turns)
+        except NoPlan as no_plan:
+            failure = no_plan.failure
+        with turns.taken():
+            return self._stopping(failure)
+
+    def _prove_last_stretch(self) -> None:
+        """What is left until the old motion rests.
+
+        Raises:
+            NoPlan: it cannot be proven.
+        """
+        part = self._motion.s(self._motion.now), self._motion.end
+        if part[0] < part[1]:
+            certificate = self._book.certificate(self._certifier, self._motion.path, self._old.exempt, part)
+            if not certificate.certified:
+                raise NoPlan(not_certified(certificate), certificate)
+
+    def _from_rest(self, turns: Turns) -> Replanned:
+        """A plan from where the old motion has ended when the new one begins.
+
+        Raises:
+            NoPlan: there is none.
+        """
+        plan = Run(self._checker, self._certifier, self._request, self._cancel).result(turns)
+        result = self._book.with_plan(plan)
+        if plan.failure is not None:
+            raise NoPlan(plan.failure)
+        outcome = Outcome.NEW if plan.path is not None and plan.path.length > 0.0 else Outcome.KEPT
+        return Replanned(outcome, result, self._old.splice, self._request, None, self._old.ahead[:0])
+
+    def _going_on(self) -> Replanned:
+        """The old motion, or a new one.
+
+        Raises:
+            NoPlan: there is none.
+        """
+        kept = self._kept()
+        try:
+            with self._book.during(Stage.ENDPOINTS):
+                goals = self._goals()
+        except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
+            if kept is None or not self._is_asked(self._old.end):
+                raise
+            return self._still(kept, stopped)
+        end = self._old.end.tolist()
+        same = next((goal for goal in goals if goal.q.tolist() == end), None)
+        if kept is None or same is None:
+            return self._new(goals[0] if same is None else same)
+        try:
+            with self._checker.limited(states=max(1, int(self._request.max_checks * BESIDE))):
+                better = self._improved(kept, same)
+        except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
+            return self._still(kept, stopped)
+        return better or self._told(Outcome.KEPT, kept, same.index)
+
+    def _still(self, kept: _Motion, stopped: NoPlan | SearchStopped) -> Replanned:
+        """The old motion, since nothing better was found."""
+        self._book.deterministic &= not isinstance(stopped, TimeBoxSpent)
+        self._book.notes.append(f"the old motion goes on: {stopped}")
+        return self._told(Outcome.KEPT, kept, None)
+
+    def _is_asked(self, q: FloatArray) -> bool:
+        """Whether a configuration is one of the goals, or brings the tool to one."""
+        goals = self._request.goals(self._checker.robot)
+        there = self._checker.robot.tool_pose(q)
+        return any(
+            np.abs(there - goal.matrix).max() <= SLIGHT
+            if isinstance(goal, Pose)
+            else not isinstance(goal, PoseGoal) and goal.tolist() == q.tolist()
+            for goal in goals
+        )
+
+    def _goals(self) -> tuple[GoalState, ...]:
+        """Free goals, the nearest to the old one first.
+
+        Raises:
+            NoPlan: there is none, or the robot touches something at the splice.
+        """
+        ends = self._endpoints.find()
+        goals = [goal for goal in ends.goals if goal.arrival is None]
+        if ends.departure is not None or not goals:
+            detail = "a fixed way out of a pose, or into one, cannot be entered at speed: plan it from a stop"
+            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
+        return tuple(sorted(goals, key=lambda goal: joint_distance(self._old.end.tolist(), goal.q.tolist())))
+
+    def _kept(self) -> _Motion | None:
+        """What is left of the old motion, if it goes to its end and is proven."""
+        if not self._old.arrives:
+            return None
+        path, part = self._motion.path, (self._motion.s(self._motion.now), self._motion.end)
+        certificate = self._book.certificate(self._certifier, path, self._old.exempt, part)
+        return _Motion(path, self._motion.rest(), certificate, None) if certificate.certified else None
+
+    def _improved(self, kept: _Motion, goal: GoalState) -> Replanned | None:
+        """A motion that keeps more from things than the old one, or ends sooner; None if there is none."""
+        handover = next(self._motion.handovers(), None)
+        if handover is None:
+            return None
+        failures: list[NoPlan] = []
+        for place in islice(self._detours.places(handover, self._stop_from(handover), goal.q, beyond=False), FEW):
+            if not place.s < self._motion.end:
+                break
+            way = self._detours.way(handover, place, goal)
+            if way is None:
+                continue
+            shorter = way.path.length - way.s <= SHORTER * (self._motion.end - way.s)
+            if not way.searched and not shorter:
+                if way.roomy:
+                    break
+                continue
+            try:
+                found = self._moving(way)
+            except NoPlan as no_plan:
+                failures.append(no_plan)
+                continue
+            if found.stops <= kept.stops and (
+                way.searched or found.trajectory.duration <= SOONER * kept.trajectory.duration
+            ):
+                return self._told(Outcome.NEW, found, goal.index)
+        if failures:
+            self._book.notes.append(f"no better motion: {failures[0]}")
+        return None
+
+    def _new(self, goal: GoalState) -> Replanned:
+        """Of the first few ways that can be driven and proven that with the fewest stops, and then the quickest.
+
+        Raises:
+            NoPlan: there is none; why not is said of the first.
+        """
+        failures: list[NoPlan] = []
+        found: list[_Motion] = []
+        try:
+            self._collect(self._ways(goal, failures), found, failures)
+        except CheckBudgetSpent:
+            if not found:
+                raise
+        if found:
+            best = min(found, key=lambda motion: (motion.stops, motion.trajectory.duration))
+            return self._told(Outcome.NEW, best, goal.index)
+        if failures:
+            raise failures[0]
+        detail = "the robot cannot turn off before what is in the way"
+        raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
+
+    def _collect(self, ways: Iterator[Way], found: list[_Motion], failures: list[NoPlan]) -> None:
+        """Motions along ways, until there are enough of them, or a good one."""
+        left = self._motion.trajectory.duration - self._motion.splice
+        for tries, way in enumerate(ways, start=1):
+            try:
+                found.append(self._moving(way))
+            except NoPlan as no_plan:
+                failures.append(no_plan)
+            good = bool(found) and not found[-1].stops and found[-1].trajectory.duration <= GOOD * left
+            if good or tries >= (ENOUGH if found else MOST_TRIES):
+                break
+
+    def _ways(self, goal: GoalState, failures: list[NoPlan]) -> Iterator[Way]:
+        """Ways to try, one after the other, as far as what comes before them can be proven."""
+        handovers: list[Handover] = []
+        for handover in self._motion.handovers():
+            part = self._motion.s(self._motion.now), handover.s
+            certificate = self._book.certificate(self._certifier, self._motion.path, self._old.exempt, part)
+            if not certificate.certified:
+                failures.append(NoPlan(not_certified(certificate), certificate))
+                break
+            handovers.append(handover)
+        for turn, handover in product(range(TURNS), handovers):
+            for place in self._detours.places(handover, self._stop_from(handover), goal.q):
+                try:
+                    way = self._detours.way(handover, place, goal, turn)
+                except NoPlan as no_plan:
+                    failures.append(no_plan)
+                else:
+                    if way is not None and (way.searched or turn == 0):
+                        yield way
+
+    def _moving(self, way: Way) -> _Motion:
+        """A way proven, and in time from the splice on.
+
+        Raises:
+            NoPlan: it cannot be proven, or entered as fast as the robot comes along.
+        """
+        path, since = way.path, self._motion.s(self._motion.now)
+        exempt = tuple(e for e in self._old.exempt if e.s_end <= way.s)
+        while True:
+            certificate = self._book.certificate(self._certifier, path, exempt, (since, path.length))
+            if certificate.refusal is None:
+                break
+            less = narrower(path, certificate.refusal, way.leaves)
+            if less is None:
+                raise NoPlan(not_certified(certificate), certificate)
+            path = less
+        speed_limit = tool_speed_limit(path, self._pace, self._checker.robot)
+        with self._book.during(Stage.TIMING) as entry:
+            try:
+                trajectory, found = self._motion.onward(
+                    path, way.handover, (self._timing, self._limits), speed_limit=speed_limit
+                )
+            except TimingFailed as failed:
+                raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
+            entry.note, entry.length = f"{self._timing.name}, {trajectory.duration:.2f} s", path.length
+            return _Motion(path, trajectory, certificate, self._report(trajectory, found))
+
+    @cached_property
+    def _timing(self) -> ToppRa:
+        timing = self._request.timing
+        if not isinstance(timing, ToppRa):
+            raise BrokenInvariant("a timing law that was refused is used")
+        return timing
+
+    @cached_property
+    def _stop(self) -> Trajectory:
+        """The quickest stop along the old curve."""
+        with self._book.during(Stage.TIMING):
+            return self._motion.braked(self._limits)
+
+    def _stop_from(self, handover: Handover) -> float:
+        return self._motion.stop_from(handover, self._limits)
+
+    def _report(self, trajectory: Trajectory, found: LimitPeaks) -> MotionReport:
+        """How a motion moves.
+
+        Raises:
+            NoPlan: its tool is faster than it may be.
+        """
+        robot, most = self._checker.robot, self._pace.max_tool_speed
+        speed = peak_tool_speed(robot, trajectory)
+        if most is not None and speed > most * (1.0 + SLIGHT):
+            detail = f"the tool would move at {speed:.6g} m/s, faster than {most:.6g}"
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
+        settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
+        return MotionReport(found, speed, trajectory.duration, math.inf, settle)
+
+    def _stopping(self, failure: Failure) -> Replanned:
+        """The quickest stop along the old curve, if it can be proven."""
+        stop, motion = self._stop, self._motion
+        part = motion.s(motion.now), stop.end
+        exempt = tuple(e for e in self._old.exempt if e.s_start <= stop.path.length)
+        exempt = tuple(replace(e, s_end=min(e.s_end, stop.path.length)) for e in exempt)
+        certificate = self._book.certificate(self._certifier, stop.path, exempt, part)
+        if certificate.certified:
+            self._book.notes.append(f"a stop along the old curve: {failure}")
+            report = MotionReport(
+                peaks(stop, self._limits),
+                peak_tool_speed(self._checker.robot, stop),
+                stop.duration,
+                math.inf,
+                self._checker.robot.settle_time,
+            )
+            return self._told(Outcome.STOP, _Motion(stop.path, stop, certificate, report), None, failure)
+        detail = (
+            f"nothing is safe: the earliest stop along the old curve ends {stop.duration:.3f} s after the splice at "
+            f"s = {stop.end:.4g}, and {certificate.refusal}; no new motion: {failure}"
+        )
+        unsafe = Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail)
+        result = self._book.result(failure=unsafe, certificate=certificate)
+        return Replanned(Outcome.UNSAFE, result, self._old.splice, self._request, failure, self._ahead(stop), stop)
+
+    def _told(
+        self, outcome: Outcome, found: _Motion, goal_index: int | None, failure: Failure | None = None
+    ) -> Replanned:
+        report = found.report
+        if report is None:
+            with self._book.during(Stage.TIMING):
+                report = self._report(found.trajectory, peaks(found.trajectory, self._limits))
+        result = self._book.result(
+            found.path, (found.trajectory, report), goal_index=goal_index, certificate=found.certificate
+        )
+        ahead = self._ahead(found.trajectory) if outcome is Outcome.STOP else self._old.ahead[:0]
+        return Replanned(outcome, result, self._old.splice, self._request, failure, ahead)
+
+    def _ahead(self, stop: Trajectory) -> FloatArray:
+        """The old waypoints beyond the path of a stop."""
+        return np.concatenate([self._motion.path.waypoints[len(stop.path.waypoints) :], self._old.ahead])
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A proven motion from the splice on."""
+
+    path: JointPath
+    trajectory: Trajectory
+    certificate: Certificate
+    report: MotionReport | None
+
+    @property
+    def stops(self) -> int:
+        """How many corners it stops at before its end."""
+        s = self.path.knots[list(self.path.corners)]
+        return int(((s > self.trajectory.begin) & (s < self.trajectory.end)).sum())

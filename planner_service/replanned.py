@@ -1,0 +1,168 @@
+"""What came of replanning, and the motion under way that it began with."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planner_service.certify import Certificate, ExemptInterval
+from planner_service.collision import CheckCounts
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray, number
+from planner_service.outcome import Failure, PlanResult
+from planner_service.path import JointPath
+from planner_service.request import Goal, PlanRequest
+from planner_service.robot import Robot
+from planner_service.splice import Underway
+from planner_service.timing import ToppRa
+from planner_service.trajectory import Trajectory
+
+__all__ = ["MAX_CHECKS", "Old", "Outcome", "Replanned", "request_for", "underway"]
+
+MAX_CHECKS = 20_000
+"""States that replanning may judge unless a request says otherwise: some hundredths of a second."""
+
+MAX_LATENCY = 10.0
+"""Seconds; more is a wrong unit."""
+
+OUTSIDE = 1e-6
+"""Radians by which a waypoint may lie outside a limit before a motion is another robot's."""
+
+
+class Outcome(enum.Enum):
+    """What came of replanning."""
+
+    NEW = "new motion"
+    KEPT = "old motion goes on"
+    STOP = "stop along the old curve"
+    UNSAFE = "nothing is safe"
+
+
+@dataclass(frozen=True, eq=False)
+class Replanned:
+    """What to do from the splice on.
+
+    Until then the robot keeps to the old motion, and rests once that has ended. At ``splice`` seconds on the old
+    motion's clock the new one begins, at its own time 0: there position, velocity and acceleration are the same of
+    both, or the robot is at rest.
+
+    Attributes:
+        outcome: What came of it. Of all but UNSAFE there is a proven motion.
+        result: That motion, with what it cost. Its path begins at the waypoint before the robot, and what is
+            proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``. Of
+            UNSAFE a failure.
+        splice: Seconds on the old motion's clock: ``at_time`` plus the latency.
+        request: What to go on with: the request with the start at the splice, and the goal.
+        failure: Why there is no new motion to the goal; None if there is one.
+        ahead: Old waypoints beyond the end of a stop, shape (k, n): the next call tries them first.
+        stop: Of UNSAFE the earliest stop, which is not proven free.
+    """
+
+    outcome: Outcome
+    result: PlanResult
+    splice: float
+    request: PlanRequest
+    failure: Failure | None
+    ahead: FloatArray
+    stop: Trajectory | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a proven motion, be it a stop."""
+        return self.outcome is not Outcome.UNSAFE
+
+    @property
+    def path(self) -> JointPath | None:
+        """That of the result."""
+        return self.result.path
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """That of the result: its time 0 is the splice."""
+        return self.result.trajectory
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """That of the result."""
+        return self.result.certificate
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What it asked of the collision checker."""
+        return self.result.counts
+
+
+@dataclass(frozen=True, eq=False)
+class Old:
+    """A motion under way, what was not judged on what is left of it, and where else it was to go."""
+
+    underway: Underway
+    splice: float
+    exempt: tuple[ExemptInterval, ...]
+    ahead: FloatArray
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it was to go in the end."""
+        end: FloatArray = (self.ahead if len(self.ahead) else self.underway.path.waypoints)[-1]
+        return end
+
+    @property
+    def arrives(self) -> bool:
+        """Whether it goes there, and does not stop before."""
+        return not len(self.ahead) and self.underway.end == self.underway.path.length
+
+
+def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, latency: float) -> Old:
+    """The motion that is to be left, checked.
+
+    Raises:
+        InvalidRequest: ``previous`` is no motion of this robot, or a time is out of range.
+    """
+    result = previous.result if isinstance(previous, Replanned) else previous
+    expected = "a plan of this robot that is being executed"
+    if not isinstance(result, PlanResult):
+        raise InvalidRequest("previous", previous, expected)
+    if result.path is None or result.trajectory is None:
+        raise InvalidRequest("previous", str(result.failure), expected)
+    path, trajectory = result.path, result.trajectory
+    lower, upper = robot.limits.lower, robot.limits.upper
+    if path.n != robot.n or not np.all((path.waypoints >= lower - OUTSIDE) & (path.waypoints <= upper + OUTSIDE)):
+        found = f"a motion of {path.n} joints" if path.n != robot.n else "a motion outside this robot's joint limits"
+        raise InvalidRequest("previous", found, expected)
+    duration = trajectory.duration
+    now = number("at_time", at_time, f"seconds on the old motion, from 0 to {duration:.6g}", 0.0, duration)
+    late = number("latency", latency, f"seconds from 0 to {MAX_LATENCY:g}", 0.0, MAX_LATENCY)
+    motion = Underway(trajectory, now, min(now + late, duration))
+    passed = float(path.knots[len(path.waypoints) - len(motion.path.waypoints)])
+    exempt = [
+        replace(e, s_start=max(e.s_start - passed, 0.0), s_end=min(e.s_end - passed, motion.path.length))
+        for e in result.exempt
+        if e.s_end >= passed
+    ]
+    ahead = previous.ahead if isinstance(previous, Replanned) else np.zeros((0, robot.n))
+    return Old(motion, now + late, tuple(exempt), ahead)
+
+
+def request_for(
+    previous: PlanResult | Replanned, old: Old, request: PlanRequest | None, goal: Goal | None
+) -> PlanRequest:
+    """What to go on with: of the request given, or the one before, all but the start and maybe the goal.
+
+    Raises:
+        InvalidRequest: its timing law cannot begin at speed.
+    """
+    start = old.underway.trajectory(old.underway.splice)
+    if isinstance(previous, Replanned):
+        goal = previous.request.goal if goal is None else goal
+        request = request or previous.request
+    goal = old.end if goal is None else goal
+    if request is None:
+        return PlanRequest(start, goal, max_checks=MAX_CHECKS)
+    if not isinstance(request, PlanRequest):
+        raise InvalidRequest("request", request, "a PlanRequest")
+    if not isinstance(request.timing, ToppRa):
+        raise InvalidRequest("request.timing", request.timing, "ToppRa(), the law that can begin at speed")
+    return replace(request, start=start, goal=goal)
