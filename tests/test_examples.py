@@ -43,3 +43,12 @@ def test_what_the_page_on_roadmaps_shows_is_what_happens(
             assert (below, capsys.readouterr().out) == ("text", expected)
     commands = re.findall(r"^\$ planner-service (.*)$", page, flags=re.MULTILINE)
     assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 5
+
+
+def test_a_motion_is_replanned_while_it_is_under_way(capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(EXAMPLES / "07_replanning.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    jumps = [float(jump) for jump in re.findall(r"largest jump (\S+)$", printed, flags=re.MULTILINE)]
+    assert len(jumps) > 10
+    assert max(jumps) < 1e-9
+    assert printed.rstrip().endswith("arrived")
