@@ -25,7 +25,7 @@ from planner_service.geometry import FloatArray, Pose
 from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, peak_tool_speed, tool_speed_limit
 from planner_service.path import JointPath
-from planner_service.peaks import LimitPeaks, peaks
+from planner_service.peaks import TOLERANCE, LimitPeaks, peaks
 from planner_service.pipeline import Run
 from planner_service.pose_goal import PoseGoal
 from planner_service.replanned import Old, Outcome, Replanned, request_for, underway
@@ -297,7 +297,7 @@ class _Run:
             except TimingFailed as failed:
                 raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
             entry.note, entry.length = f"{self._timing.name}, {trajectory.duration:.2f} s", path.length
-            return _Motion(path, trajectory, certificate, self._report(trajectory, found))
+            return _Motion(path, trajectory, certificate, self._slow_enough(self._report(trajectory, found)))
 
     @cached_property
     def _timing(self) -> ToppRa:
@@ -306,46 +306,51 @@ class _Run:
             raise BrokenInvariant("a timing law that was refused is used")
         return timing
 
-    @cached_property
-    def _stop(self) -> Trajectory:
-        """The quickest stop along the old curve."""
-        with self._book.during(Stage.TIMING):
-            return self._motion.braked(self._limits)
+    def _stops(self) -> Iterator[Trajectory]:
+        """Stops along the old curve: the quickest within the limits asked; then, where these are parts of the robot's,
+        within the robot's own, for a robot that is faster than asked cannot stop within what is asked.
+        """
+        whole = replace(self._pace, velocity_scale=1.0, acceleration_scale=1.0)
+        for pace in dict.fromkeys((self._pace, whole)):
+            limits = pace.limits(self._checker.robot)
+            with self._book.during(Stage.TIMING):
+                stop = self._motion.braked(limits)
+            if pace == whole or not _exceeded(peaks(stop, limits)):
+                yield stop
 
     def _stop_from(self, handover: Handover) -> float:
         return self._motion.stop_from(handover, self._limits)
 
-    def _report(self, trajectory: Trajectory, found: LimitPeaks) -> MotionReport:
-        """How a motion moves.
+    def _report(self, trajectory: Trajectory, found: LimitPeaks | None = None) -> MotionReport:
+        """How a motion moves, its peaks next to the limits asked."""
+        robot, ratios = self._checker.robot, found or peaks(trajectory, self._limits)
+        settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
+        return MotionReport(ratios, peak_tool_speed(robot, trajectory), trajectory.duration, math.inf, settle)
+
+    def _slow_enough(self, report: MotionReport) -> MotionReport:
+        """The report of a motion whose tool is no faster than it may be.
 
         Raises:
-            NoPlan: its tool is faster than it may be.
+            NoPlan: it is faster.
         """
-        robot, most = self._checker.robot, self._pace.max_tool_speed
-        speed = peak_tool_speed(robot, trajectory)
+        speed, most = report.tool_speed, self._pace.max_tool_speed
         if most is not None and speed > most * (1.0 + SLIGHT):
             detail = f"the tool would move at {speed:.6g} m/s, faster than {most:.6g}"
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
-        settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
-        return MotionReport(found, speed, trajectory.duration, math.inf, settle)
+        return report
 
     def _stopping(self, failure: Failure) -> Replanned:
         """The quickest stop along the old curve, if it can be proven."""
-        stop, motion = self._stop, self._motion
-        part = motion.s(motion.now), stop.end
-        exempt = tuple(e for e in self._old.exempt if e.s_start <= stop.path.length)
-        exempt = tuple(replace(e, s_end=min(e.s_end, stop.path.length)) for e in exempt)
-        certificate = self._book.certificate(self._certifier, stop.path, exempt, part)
-        if certificate.certified:
-            self._book.notes.append(f"a stop along the old curve: {failure}")
-            report = MotionReport(
-                peaks(stop, self._limits),
-                peak_tool_speed(self._checker.robot, stop),
-                stop.duration,
-                math.inf,
-                self._checker.robot.settle_time,
-            )
-            return self._told(Outcome.STOP, _Motion(stop.path, stop, certificate, report), None, failure)
+        motion = self._motion
+        for stop in self._stops():
+            exempt = tuple(e for e in self._old.exempt if e.s_start <= stop.path.length)
+            exempt = tuple(replace(e, s_end=min(e.s_end, stop.path.length)) for e in exempt)
+            part = motion.s(motion.now), stop.end
+            certificate = self._book.certificate(self._certifier, stop.path, exempt, part)
+            if certificate.certified:
+                self._book.notes.append(f"a stop along the old curve: {failure}")
+                found = _Motion(stop.path, stop, certificate, self._report(stop))
+                return self._told(Outcome.STOP, found, None, failure)
         detail = (
             f"nothing is safe: the earliest stop along the old curve ends {stop.duration:.3f} s after the splice at "
             f"s = {stop.end:.4g}, and {certificate.refusal}; no new motion: {failure}"
@@ -360,7 +365,10 @@ class _Run:
         report = found.report
         if report is None:
             with self._book.during(Stage.TIMING):
-                report = self._report(found.trajectory, peaks(found.trajectory, self._limits))
+                report = self._slow_enough(self._report(found.trajectory))
+        if _exceeded(report.peaks):
+            parts = f"velocity {report.peaks.velocity.ratio:.0%}, acceleration {report.peaks.acceleration.ratio:.0%}"
+            self._book.notes.append(f"beyond the limits asked: {parts} of them")
         result = self._book.result(
             found.path, (found.trajectory, report), goal_index=goal_index, certificate=found.certificate
         )
@@ -370,6 +378,11 @@ class _Run:
     def _ahead(self, stop: Trajectory) -> FloatArray:
         """The old waypoints beyond the path of a stop."""
         return np.concatenate([self._motion.path.waypoints[len(stop.path.waypoints) :], self._old.ahead])
+
+
+def _exceeded(found: LimitPeaks) -> bool:
+    """Whether a motion is beyond limits of velocity or acceleration."""
+    return max(found.velocity.ratio, found.acceleration.ratio) > 1.0 + TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)

@@ -257,6 +257,33 @@ def test_a_stop_in_a_blend_ends_there_within_the_limits(room: PlannerService, cu
     assert found.duration < 0.9 * (old.duration - at - LATENCY)
 
 
+def test_a_robot_that_is_faster_than_asked_stops_within_its_own_limits(room: PlannerService, swing: PlanResult) -> None:
+    scene = disc(2.4)
+    found = room.replan(swing, at_time=1.0, scene=scene, request=small(swing, velocity_scale=0.3))
+    assert found.outcome is Outcome.STOP
+    assert trajectory_of(found).duration == trajectory_of(room.replan(swing, at_time=1.0, scene=scene)).duration
+    assert found.result.notes[-1].startswith("beyond the limits asked: velocity 333%")
+
+
+def test_a_stop_is_as_gentle_as_asked_where_that_is_safe(room: PlannerService) -> None:
+    request = PlanRequest((0.0, 0.0), (2.4, 0.0), acceleration_scale=0.5, time_limit=None)
+    slow = room.plan(request)
+    gentle = room.replan(slow, at_time=1.0, scene=disc(2.4), request=request)
+    assert gentle.outcome is Outcome.STOP
+    assert gentle.result.motion is not None
+    assert gentle.result.motion.peaks.acceleration.ratio == pytest.approx(1.0)
+    here = float(trajectory_of(gentle)(trajectory_of(gentle).duration)[0])
+    hard = room.replan(slow, at_time=1.0, scene=disc(here, away=0.9), request=request)
+    assert hard.outcome is Outcome.STOP
+    assert trajectory_of(hard).duration < trajectory_of(gentle).duration
+
+
+def test_an_old_motion_that_goes_on_faster_than_asked_says_so(room: PlannerService, swing: PlanResult) -> None:
+    found = room.replan(swing, at_time=1.0, request=small(swing, velocity_scale=0.3))
+    assert found.outcome is Outcome.KEPT
+    assert found.result.notes == ("beyond the limits asked: velocity 333%, acceleration 100% of them",)
+
+
 def test_a_robot_that_stopped_goes_on_to_its_goal_when_the_way_is_free_again(
     room: PlannerService, swing: PlanResult
 ) -> None:
