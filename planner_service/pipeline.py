@@ -14,6 +14,7 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.ledger import Cancelled, CheckBudgetSpent, TimeBoxSpent
+from planner_service.collision.near import require_kernel
 from planner_service.endpoints import Endpoints, Ends
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray
@@ -75,6 +76,8 @@ class Run:
         self._rounds = 0
         self._searched_paths: list[FloatArray] = []
         self._found_by = SearchOracle(checker)
+        if request.optimise is not None:
+            require_kernel("polish" if request.polish is not None else "planner", request.optimise)
         if isinstance(request.planner, Roadmap):
             require_robot(request.planner, checker.robot)
             self._book.roadmap = request.planner

@@ -85,7 +85,8 @@ class PlanRequest:
             _number("time_limit", self.time_limit, 0.0, 86_400.0)
         for name in ("velocity_scale", "acceleration_scale"):
             require_scale(name, getattr(self, name))
-        if not isinstance(self.planner, Optimise) and not callable(getattr(self.planner, "search", None)):
+        search = callable(getattr(self.planner, "search", None)) and not isinstance(self.planner, type)
+        if not isinstance(self.planner, Optimise) and not search:
             raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
         if self.polish is not None and not isinstance(self.polish, Optimise):
             raise InvalidRequest("polish", self.polish, "Optimise(...) or None")
@@ -145,7 +146,7 @@ def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
 
 def require_timing(value: object) -> None:
     """Refuse what is no timing law."""
-    if not callable(getattr(value, "time_path", None)):
+    if isinstance(value, type) or not callable(getattr(value, "time_path", None)):
         raise InvalidRequest("timing", value, "a timing law such as ToppRa()")
 
 

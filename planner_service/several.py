@@ -51,8 +51,8 @@ def plan_seeds(
     """
     if isinstance(processes, bool) or not isinstance(processes, int) or processes < 1:
         raise InvalidRequest("processes", processes, "a whole number of at least 1")
-    if not len(seeds):
-        raise InvalidRequest("seeds", list(seeds), "at least one")
+    if isinstance(seeds, str) or not hasattr(seeds, "__len__") or not len(seeds):
+        raise InvalidRequest("seeds", seeds, "at least one, in a list")
     requests = [replace(request, seed=seed) for seed in seeds]
     many = min(processes, len(requests))
     if many == 1:

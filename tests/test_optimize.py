@@ -405,6 +405,7 @@ def test_the_slope_of_the_covariant_descent_is_that_of_its_merit() -> None:
         ({"corners": 60}, "waypoints"),
         ({"starts": 0}, "starts"),
         ({"method": "trajopt"}, "method"),
+        ({"method": TrajOpt}, "method"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused_by_name(given: dict[str, Any], named: str) -> None:
@@ -433,9 +434,12 @@ def test_a_voxel_is_a_length() -> None:
         ([START, [0.0, 0.0, 0.0]], (1, 1), "route"),
         ([START, GOAL], (5, 5), "held"),
         ([START, GOAL], (0, 1), "held"),
+        ([START, GOAL], (1,), "held"),
+        ([START, GOAL], (1.5, 1), "held"),
+        ([START, GOAL], None, "held"),
     ],
 )
-def test_what_is_no_route_is_refused(route: Any, held: tuple[int, int], named: str) -> None:
+def test_what_is_no_route_is_refused(route: Any, held: Any, named: str) -> None:
     with pytest.raises(InvalidRequest, match=f"^{named}"):
         Optimise().improved(route, planar(), held=held)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -225,6 +226,30 @@ def test_an_optimum_that_takes_too_long_is_left(bin_service: PlannerService) -> 
     assert not result.deterministic
     assert result.polish is None
     assert result.notes == ("not optimised: the time limit passed",)
+
+
+def test_a_descent_keeps_to_the_time_limit(discs: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slowly(_: object) -> bool:
+        time.sleep(0.01)
+        return True
+
+    monkeypatch.setattr("planner_service.optimize.chomp._Descent.advance", slowly)
+    result = discs.plan(asked(polish=Optimise(method=Chomp()), time_limit=1.0))
+    assert result.ok
+    assert result.polish is None
+    assert result.notes == ("not optimised: the time limit passed",)
+
+
+@pytest.mark.parametrize(
+    ("field", "given"), [("polish", {"polish": Optimise()}), ("planner", {"planner": Optimise(method=Chomp())})]
+)
+def test_without_the_compiled_kernel_it_is_refused_before_anything_is_planned(
+    monkeypatch: pytest.MonkeyPatch, field: str, given: dict[str, Any]
+) -> None:
+    monkeypatch.setattr("planner_service.collision.kernel._extension", lambda: None)
+    service = PlannerService("planar2", "empty")
+    with pytest.raises(InvalidRequest, match=f"^{field}: optimising needs the compiled kernel"):
+        service.plan(asked(**given))
 
 
 def test_checks_that_are_spent_end_optimising_and_nothing_else(bin_service: PlannerService) -> None:

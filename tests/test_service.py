@@ -303,7 +303,9 @@ def test_a_call_cancelled_while_waiting_for_its_turn_ends_too() -> None:
         ({"velocity_scale": 0.0}, r"velocity_scale: got 0.0"),
         ({"acceleration_scale": 1.5}, r"acceleration_scale: got 1.5"),
         ({"planner": "rrt"}, r"planner: got 'rrt'; expected a planner such as RRTConnect\(\)"),
+        ({"planner": RRTConnect}, r"planner: got <class .*RRTConnect'>; expected a planner such as RRTConnect\(\)"),
         ({"timing": "fast"}, r"timing: got 'fast'"),
+        ({"timing": Trapezoidal}, r"timing: got <class"),
     ],
 )
 def test_a_bad_request_names_the_field_the_value_and_what_would_be_right(

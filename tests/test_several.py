@@ -73,7 +73,14 @@ def test_without_a_plan_the_first_failure_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("seeds", "processes", "named"),
-    [((), 1, "seeds"), ((-1,), 1, "seed"), ((1,), 0, "processes"), ((1,), 1.5, "processes")],
+    [
+        ((), 1, "seeds"),
+        (None, 1, "seeds"),
+        ("12", 1, "seeds"),
+        ((-1,), 1, "seed"),
+        ((1,), 0, "processes"),
+        ((1,), 1.5, "processes"),
+    ],
 )
 def test_what_makes_no_sense_is_refused(service: PlannerService, seeds: Any, processes: Any, named: str) -> None:
     with pytest.raises(InvalidRequest, match=f"^{named}: "):

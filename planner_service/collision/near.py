@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planner_service.collision.judge import Compiled, Judge
-from planner_service.collision.kernel import IntArray, Kernel, build_kernel
+from planner_service.collision.kernel import IntArray, Kernel, build_kernel, instruction_sets
 from planner_service.collision.parts import Parts
 from planner_service.collision.prefilter import MARGIN
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
 
-__all__ = ["NearPairs", "measuring_kernel"]
+__all__ = ["NearPairs", "measuring_kernel", "require_kernel"]
+
+BUILT = "the compiled kernel, which measures distances and was not built here: install with a C++17 compiler"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,5 +48,11 @@ def measuring_kernel(judge: Judge, robot: Robot, parts: Parts) -> Kernel:
     """
     kernel = judge.kernel if isinstance(judge, Compiled) else build_kernel(robot, parts, MARGIN)
     if kernel is None:
-        raise InvalidRequest("near", "no compiled kernel", "an installation in which it was built: distances need it")
+        raise InvalidRequest("near", None, BUILT, message=f"near: it needs {BUILT}")
     return kernel
+
+
+def require_kernel(field: str, value: object) -> None:
+    """Refuse what asks for distances where the compiled kernel was not built."""
+    if not instruction_sets():
+        raise InvalidRequest(field, value, BUILT, message=f"{field}: optimising needs {BUILT}")

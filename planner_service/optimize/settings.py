@@ -96,7 +96,7 @@ class Optimise:
         require_whole("starts", self.starts, 1, 100)
         number("smoothness", self.smoothness, "a number from 0 to 1e6", 0.0, 1e6)
         number("clearance", self.clearance, f"metres in [0, {MOST_CLEARANCE:g}]", 0.0, MOST_CLEARANCE)
-        if not callable(getattr(self.method, "minimise", None)):
+        if isinstance(self.method, type) or not callable(getattr(self.method, "minimise", None)):
             raise InvalidRequest("method", self.method, "TrajOpt() or Chomp()")
         if self.waypoints <= self._corners + 1:
             raise InvalidRequest("waypoints", self.waypoints, f"more than the {self._corners} corners and an end")
@@ -128,14 +128,19 @@ class Optimise:
         """
         points = _route(route, checker.robot.n)
         corners = points if warm else evenly(points, self._corners + 2)
-        if len(corners) < 3 or sum(held) >= len(corners) or min(held) < 1:
-            raise InvalidRequest("held", held, f"at least one at each end, and fewer than the {len(corners)} corners")
+        _require_held(held, len(corners))
         task = Task(checker, Terms(self.waypoints, self.smoothness, self.clearance), points)
         before = task.route_figures()
         if len(points) == 2 and before.shortfall == 0.0:  # nothing is shorter than a straight line, or smoother
             return Optimum(read_only(corners), before, before, 0, 0)
         found = self.method.minimise(task, corners, held)
         return Optimum(read_only(found.corners), before, task.figures(found.corners), found.iterations, task.gradients)
+
+
+def _require_held(held: Any, corners: int) -> None:
+    both = isinstance(held, (tuple, list)) and len(held) == 2 and all(type(k) is int and k >= 1 for k in held)
+    if not both or sum(held) >= corners:
+        raise InvalidRequest("held", held, f"at least one at each end, and fewer than the {corners} corners")
 
 
 def _route(values: ArrayLike, n: int) -> FloatArray:
