@@ -148,7 +148,12 @@ class PlannerService:
         return Certifier(self.robot, self.scene, allowed=self._allowed)
 
     def certify(
-        self, path: JointPath | ArrayLike, *, padding: float = 0.0, exempt: Sequence[ExemptInterval] = ()
+        self,
+        path: JointPath | ArrayLike,
+        *,
+        padding: float = 0.0,
+        exempt: Sequence[ExemptInterval] = (),
+        part: tuple[float, float] | None = None,
     ) -> Certificate:
         """The proof that a path from anywhere is free between its samples too, or where it cannot be proven.
 
@@ -158,12 +163,14 @@ class PlannerService:
             path: A ``JointPath``, or waypoints (N, n) of a polyline.
             padding: Metres that every pair is to keep.
             exempt: Stretches on which named pairs are not judged.
+            part: From where to where in s to judge it, such as ``certificate.part`` of a motion that was replanned; all
+                of it if None.
 
         Raises:
             InvalidRequest: the path is not one of this robot within its limits, or another value is out of range.
         """
         self._require_own_process()
-        return self._certifier.certify(path, padding=padding, exempt=exempt)
+        return self._certifier.certify(path, padding=padding, exempt=exempt, part=part)
 
     def follow(
         self,

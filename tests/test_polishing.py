@@ -528,6 +528,31 @@ def test_the_picture_shows_both_paths_and_what_they_keep(tmp_path: Path, bin_ser
     assert len(curves[0]) == len(curves[1]) == 400
 
 
+def test_the_picture_of_an_optimum_that_was_not_kept_shows_one_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("planner_service.polishing._worse", lambda *_: True)
+    done = CliRunner().invoke(app, line("--polish", "--plot", str(tmp_path / "clear.svg")))
+    assert "not optimised" in done.stdout
+    texts = (tmp_path / "clear.svg").read_text()
+    assert (texts.count("<polyline"), "the path: at least" in texts) == (1, True)
+
+
+def test_without_a_path_there_is_no_picture_and_that_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "clear.svg"
+    done = CliRunner().invoke(app, line("--max-checks", "1", "--plot", str(file)))
+    assert done.exit_code == 1
+    assert "note: without a path" in done.stdout
+    assert not file.exists()
+
+
+def test_a_picture_does_not_take_the_place_of_the_plan(tmp_path: Path) -> None:
+    file = str(tmp_path / "plan.json")
+    done = CliRunner().invoke(app, line("--out", file, "--plot", file))
+    assert done.exit_code == 2
+    assert "--plot: got" in done.stderr
+
+
 def test_names_in_a_picture_are_no_markup() -> None:
     root = ElementTree.fromstring(clearance_svg({"a < b & c": np.array([0.01, math.inf, -0.001])}))
     assert any("a < b & c" in "".join(element.itertext()) for element in root.iter())

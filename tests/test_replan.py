@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from benchmarks import queries
 from benchmarks import replan as measure
@@ -34,11 +36,14 @@ from planner_service import (
     Trajectory,
     Trapezoidal,
     load_scene,
+    save_scene,
 )
 from planner_service.certify import Certifier
+from planner_service.cli.commands import app
 from planner_service.json_file import Node
 from planner_service.oracle import SearchOracle, TieredOracle
 from planner_service.peaks import peaks
+from planner_service.plan_file import MadeFor, SavedPlan, save_plan
 from planner_service.result_record import read_result, result_record
 from planner_service.scene import Scene
 from planner_service.splice import HOLD, Underway
@@ -366,6 +371,19 @@ def test_an_obstacle_where_the_robot_is_before_the_splice_makes_nothing_safe(
 def test_what_the_robot_has_passed_is_no_longer_in_its_way(room: PlannerService, swing: PlanResult) -> None:
     behind = float(trajectory_of(swing)(1.0)[0]) - 0.2
     assert room.replan(swing, at_time=1.0, scene=disc(behind)).outcome is Outcome.KEPT
+
+
+def test_nor_in_the_way_of_the_proof_of_its_saved_plan(room: PlannerService, swing: PlanResult, tmp_path: Path) -> None:
+    plan, world = str(tmp_path / "plan.json"), str(tmp_path / "world.toml")
+    service = room.with_scene(disc(float(trajectory_of(swing)(1.0)[0]) - 0.2))
+    save_scene(service.scene, world)
+    found = service.replan(swing, at_time=1.0)
+    save_plan(SavedPlan(MadeFor.of(service), found.request, found.result), plan)
+    assert found.path is not None
+    assert not service.certify(found.path).certified
+    done = CliRunner().invoke(app, ["certify", plan, "--robot", "planar2", "--scene", world])
+    assert done.stdout.startswith("certified: ")
+    assert "of the path is left to go" in done.stdout
 
 
 def test_a_robot_at_rest_at_its_goal_is_given_an_ordinary_plan(room: PlannerService, swing: PlanResult) -> None:

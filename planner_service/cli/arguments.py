@@ -97,16 +97,18 @@ def optimise(clearance: float | None) -> Optimise:
     return Optimise() if clearance is None else Optimise(clearance=clearance)
 
 
-def planner_or_optimise(name: str, clearance: float | None) -> Planner | Optimise:
+def planner_or_optimise(name: str, clearance: float | None, *, polish: bool) -> Planner | Optimise:
     """The planner of that name (any case) with its default settings, ``optimise`` among them.
 
     Raises:
         UnknownName: there is none; the message offers the nearest.
-        InvalidRequest: a clearance for a planner that takes none.
+        InvalidRequest: a clearance for a planner that takes none, or a polish of one that optimises.
     """
     if name.lower() == Optimise().name:
+        if polish:
+            raise InvalidRequest("--polish", True, "another planner with it: optimise optimises by itself")
         return optimise(clearance)
-    if clearance is not None:
+    if clearance is not None and not polish:
         raise InvalidRequest("--clearance", clearance, "--polish, or --planner optimise")
     if name.lower() not in PLANNERS:
         raise UnknownName("planner", name, [*PLANNERS, Optimise().name])

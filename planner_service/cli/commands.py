@@ -115,12 +115,11 @@ def plan(
     """Plan a motion from one configuration to a goal, and print it stage by stage."""
     with bad_input_exits():
         service = service_for(robot, scene, out)
-        if plot is not None:
-            require_writable(plot)
+        _require_plot_place(plot, out)
         request = PlanRequest(
             configuration("--start", start, service.robot),
             goals(goal, service.robot),
-            planner_or_optimise(planner, None if polish else clearance),
+            planner_or_optimise(planner, clearance, polish=polish),
             timing_by_name(timing),
             seed=seed,
             max_checks=max_checks,
@@ -135,11 +134,14 @@ def plan(
         saved = SavedPlan(MadeFor.of(service), request, result)
         if out is not None:
             save_plan(saved, out)
-        if plot is not None:
+        lines = plan_words(result)
+        if plot is not None and result.path is not None:
             _plot(plot, service, request, result)
+        elif plot is not None:
+            lines.append(f"note: without a path {plot} is not drawn")
     words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
     text = "" if as_json else render(table(words, plan_rows(result), console().width, unit_of(service.robot)))
-    finish(saved.document(), text, result.failure, plan_words(result), as_json=as_json)
+    finish(saved.document(), text, result.failure, lines, as_json=as_json)
 
 
 @app.command("pick-place", short_help="Plan a whole pick-and-place.")
@@ -205,14 +207,17 @@ def certify_(
 ) -> None:
     """Prove that the whole path of a plan is free, between samples too, or tell where and of what it is not proven.
 
-    Stretches on which the plan says that pairs were not judged are left out here, too.
+    Stretches on which the plan says that pairs were not judged are left out here, too, and what a robot had passed
+    when its motion was replanned.
     """
     with bad_input_exits():
         saved = load_plan(plan_file)
         if saved.result.path is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
         service, notes = reopened(saved.made_for, robot, scene)
-        found = service.certify(saved.result.path, padding=padding, exempt=saved.result.exempt)
+        part = None if saved.result.certificate is None else saved.result.certificate.part
+        found = service.certify(saved.result.path, padding=padding, exempt=saved.result.exempt, part=part)
+        notes += [] if part is None else [f"only s = {part[0]:.4g} to {part[1]:.4g} of the path is left to go"]
     if as_json:
         emit(json_text({"robot": service.robot.name, "scene": service.scene.name, **certificate_record(found)}))
     else:
@@ -339,10 +344,18 @@ def import_robot_(
         emit(render(words, "", import_table(found), "", *wrapped(checks)))
 
 
+def _require_plot_place(plot: str | None, out: str | None) -> None:
+    if plot is None:
+        return
+    if out is not None and os.path.realpath(out) == os.path.realpath(plot):
+        raise InvalidRequest("--plot", plot, "another file than --out")
+    require_writable(plot)
+
+
 def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:
-    """Draw the clearance along a path; and of the one that there is without optimising, if it was."""
+    """Draw the clearance along a path; and along the one that there is without optimising, if the optimum was kept."""
     paths = {} if result.path is None else {"the path": result.path}
-    if result.path is not None and result.polish is not None and request.polish is not None:
+    if result.path is not None and request.polish is not None and result.polish is not None and result.polish.kept:
         before = service.plan(replace(request, polish=None)).path
         paths = ({} if before is None else {"not optimised": before}) | {"optimised": result.path}
     write_clearance_plot(file, Certifier(service.robot, service.scene), paths)

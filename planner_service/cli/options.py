@@ -48,9 +48,13 @@ Blend = Annotated[
     float, typer.Option(help="Radians of path that a blended corner may replace on each side; 0 for stops.")
 ]
 Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: short, smooth, and clear of everything.")]
-Clearance = Annotated[float | None, typer.Option(help="Metres that --polish keeps where it can; 0.02 if not given.")]
+Clearance = Annotated[
+    float | None,
+    typer.Option(help="Metres kept where there is room, by --polish or --planner optimise.  [default: 0.02]"),
+]
 Plot = Annotated[
-    str | None, typer.Option(metavar="FILE", help="Draw the clearance along the path, and without --polish, as SVG.")
+    str | None,
+    typer.Option(metavar="FILE", help="Draw the clearance along the path as SVG, with --polish before and after."),
 ]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
