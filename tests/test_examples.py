@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import runpy
 from itertools import pairwise
@@ -43,6 +44,25 @@ def test_what_the_page_on_roadmaps_shows_is_what_happens(
             assert (below, capsys.readouterr().out) == ("text", expected)
     commands = re.findall(r"^\$ planner-service (.*)$", page, flags=re.MULTILINE)
     assert [CliRunner().invoke(app, command).exit_code for command in commands] == [0] * 5
+
+
+@pytest.mark.parametrize("name", ["optimisation.md", "replanning.md"])
+def test_what_the_pages_on_optimising_and_replanning_show_is_what_happens(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (EXAMPLES.parent / "docs" / name).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE)
+    names: dict[str, Any] = {}
+    for (language, code), (below, expected) in pairwise([*blocks, ("", "")]):
+        if language == "python":
+            exec(compile(code, name, "exec"), names)
+            assert capsys.readouterr().out == (expected if below == "text" else "")
+    assert "text" in dict(blocks)
+    if "drive" in names:
+        clock = itertools.count()
+        around = {"now": lambda: 0.05 * next(clock), "wait_until": lambda _: None, "as_seen": lambda: names["scene"]}
+        names |= around | {"halt": lambda: pytest.fail("nothing is safe")}
+        names["drive"](names["motion"], names["request"], names["GOAL"])
 
 
 def test_a_motion_is_replanned_while_it_is_under_way(capsys: pytest.CaptureFixture[str]) -> None:
