@@ -133,6 +133,11 @@ def test_a_query_is_printed_as_a_plan_and_adds_up(there: Path) -> None:
     assert "proof:" in result.stdout
 
 
+def test_what_a_query_finds_is_optimised_if_asked(there: Path) -> None:
+    assert document("query", there, *ENDS, "--polish", "--clearance", "0.01")["result"]["polish"]["kept"]
+    assert "--polish with it" in refused("query", there, *ENDS, "--clearance", "0.01")
+
+
 def test_a_query_leaves_the_file_alone_unless_it_is_asked_to_learn(there: Path) -> None:
     before = there.read_bytes()
     path = there.with_name("lazy.npz")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 import runpy
 from itertools import pairwise
@@ -59,9 +58,9 @@ def test_what_the_pages_on_optimising_and_replanning_show_is_what_happens(
             assert capsys.readouterr().out == (expected if below == "text" else "")
     assert "text" in dict(blocks)
     if "drive" in names:
-        clock = itertools.count()
-        around = {"now": lambda: 0.05 * next(clock), "wait_until": lambda _: None, "as_seen": lambda: names["scene"]}
-        names |= around | {"halt": lambda: pytest.fail("nothing is safe")}
+        clock = [0.0]
+        around = {"now": lambda: clock[0], "wait_until": lambda t: clock.__setitem__(0, t)}
+        names |= around | {"as_seen": lambda: names["scene"], "halt": lambda: pytest.fail("nothing is safe")}
         names["drive"](names["motion"], names["request"], names["GOAL"])
 
 

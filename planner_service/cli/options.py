@@ -50,7 +50,7 @@ Blend = Annotated[
 Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: short, smooth, and clear of everything.")]
 Clearance = Annotated[
     float | None,
-    typer.Option(help="Metres kept where there is room, by --polish or --planner optimise.  [default: 0.02]"),
+    typer.Option(help="Metres that an optimised path keeps where there is room.  [default: 0.02]"),
 ]
 Plot = Annotated[
     str | None,

@@ -16,6 +16,7 @@ from planner_service.cli.arguments import (
     configuration,
     goals,
     load_libraries,
+    optimise,
     reopened,
     time_limit_of,
     timing_by_name,
@@ -26,9 +27,11 @@ from planner_service.cli.options import (
     DEFAULT,
     AsJson,
     Blend,
+    Clearance,
     Goals,
     MaxChecks,
     Padding,
+    Polish,
     RobotName,
     SceneName,
     Seed,
@@ -136,6 +139,8 @@ def query(
     padding: Annotated[float | None, typer.Option(help="Metres to keep; if not given, the roadmap's own.")] = None,
     blend: Blend = DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,
+    polish: Polish = False,
+    clearance: Clearance = None,
     plan_out: Annotated[str | None, typer.Option("--plan", metavar="JSON", help="Write the plan to a file.")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -146,6 +151,8 @@ def query(
     """
     with bad_input_exits():
         target = _learning(roadmap_file, out, learn=learn, remember=remember)
+        if clearance is not None and not polish:
+            raise InvalidRequest("--clearance", clearance, "--polish with it")
         _require_plan_place(plan_out, (roadmap_file, target))
         kept = Roadmap.load(roadmap_file)
         own = _own_padding(kept) if padding is None else padding
@@ -162,6 +169,7 @@ def query(
             padding=own,
             blend=blend,
             max_tool_speed=max_tool_speed,
+            polish=optimise(clearance) if polish else None,
         )
         load_libraries(request, service.robot)
         result = service.plan(request)
