@@ -36,7 +36,7 @@ import json
 import os
 import reprlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -255,6 +255,10 @@ class Scene:
     def attached_hash(self) -> str:
         """SHA-256, in hex, of all that is attached to the tool."""
         return _digest([[*_canonical(a), list(a.touch_links)] for a in self.attached])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process, a scene leaves behind what it has worked out: views of it cannot be sent."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     def _index(self, name: str) -> int:
         for k, obstacle in enumerate(self.obstacles):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import os
 import pickle
@@ -169,6 +170,13 @@ def test_the_hash_leaves_out_what_changes_no_verdict() -> None:
 )
 def test_every_other_content_has_another_hash(other: Scene) -> None:
     assert other.hash != SCENE.hash
+
+
+def test_a_scene_that_was_asked_for_its_hashes_is_copied_and_sent() -> None:
+    scene = load_scene("bin")
+    told = scene.hash, dict(scene.obstacle_hashes)
+    for again in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene)):
+        assert (again.hash, dict(again.obstacle_hashes)) == told
 
 
 def test_the_hash_is_the_same_in_every_process() -> None:
