@@ -47,7 +47,15 @@ def shown(value: object) -> str:
 
 
 class PlannerServiceError(Exception):
-    """Everything this package raises on purpose."""
+    """Everything this package raises on purpose. It comes back from another process as it was."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (type(self), self.args), dict(self.__dict__)
+
+
+def _again(kind: type[PlannerServiceError], args: tuple[Any, ...]) -> PlannerServiceError:
+    """An error of that kind, made without its own arguments, which its message was made of."""
+    return kind.__new__(kind, *args)
 
 
 class InvalidRequest(PlannerServiceError, ValueError):

@@ -43,8 +43,8 @@ def plan_seeds(
 
     Args:
         processes: With more than one, so many are started, build the service anew and share the seeds; their clocks
-            are their own, all else is as in one process, to the last bit. They import the calling script: what starts
-            them there belongs under ``if __name__ == "__main__"``.
+            are their own and ``result.roadmap`` stays behind, all else is as in one process, to the last bit. They
+            import the calling script: what starts them there belongs under ``if __name__ == "__main__"``.
 
     Raises:
         InvalidRequest: no seeds, one that is none, or no positive number of processes.

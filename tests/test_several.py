@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from typing import Any
 
@@ -10,13 +11,19 @@ import pytest
 
 from benchmarks import queries
 from planner_service import (
+    Failure,
+    InvalidFile,
     InvalidRequest,
     JointStep,
+    MissingDependency,
     Optimise,
     PlannerService,
+    PlanningFailed,
     PlanRequest,
     PlanResult,
     Reason,
+    Stage,
+    UnknownName,
     best_of_seeds,
     plan_seeds,
 )
@@ -91,6 +98,27 @@ def test_without_a_plan_the_first_failure_is_told() -> None:
 def test_what_makes_no_sense_is_refused(service: PlannerService, seeds: Any, processes: Any, named: str) -> None:
     with pytest.raises(InvalidRequest, match=f"^{named}: "):
         plan_seeds(service, request(), seeds, processes=processes)
+
+
+def test_a_mistake_found_in_another_process_is_told_as_in_this_one(service: PlannerService) -> None:
+    with pytest.raises(InvalidRequest, match=r"^start: got 'shape \(2,\)'"):
+        plan_seeds(service, replace(request(), start=(1.0, 2.0)), SEEDS[:2], processes=2)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InvalidRequest("seed", -1, "at least 0"),
+        UnknownName("scene", "tabel", ["table"]),
+        InvalidFile("a.toml", ["one", "two"]),
+        MissingDependency("coacd", "decompose"),
+        PlanningFailed(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, "none")),
+    ],
+)
+def test_errors_come_back_from_another_process_as_they_were(error: Exception) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again)) == (type(error), str(error))
+    assert again.__dict__.keys() == error.__dict__.keys()
 
 
 def test_a_service_that_is_sent_is_built_anew(service: PlannerService) -> None:
