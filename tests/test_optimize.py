@@ -30,6 +30,7 @@ from planner_service import (
     load_robot,
     load_scene,
 )
+from planner_service.collision.ledger import Cancelled
 from planner_service.geometry import FloatArray, Shape
 from planner_service.mesh import Mesh
 from planner_service.optimize.chomp import Balls, _Descent
@@ -340,6 +341,23 @@ def test_a_field_is_made_once_for_a_scene() -> None:
     assert field_of(planar(one), 0.02) is field_of(planar(other), 0.02)
     assert field_of(planar(one), 0.02) is not field_of(planar(disc(1.0, 0.51)), 0.02)
     assert field_of(planar(), 0.02) is None
+
+
+@pytest.mark.parametrize("after", [1, 12], ids=["the field is being made", "it is being followed"])
+def test_making_a_field_and_following_it_are_held_to_the_limits_of_the_call(
+    after: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checker = planar(disc(1.4, 0.6, 0.1 + after * 1e-3))  # one of which there is no field yet
+    task, looks = Task(checker, Terms(50, 100.0, 0.02), ROUTE), iter(range(1, 1000))
+
+    def poll() -> None:
+        if next(looks) == after:
+            raise Cancelled("by the caller")
+
+    monkeypatch.setattr(checker.ledger, "poll", poll)
+    with pytest.raises(Cancelled, match="by the caller"):
+        Chomp().minimise(task, evenly(ROUTE, 10), (1, 1))
+    assert Chomp().minimise(task, evenly(ROUTE, 10), (1, 1)).iterations > 10
 
 
 def test_a_field_that_fills_the_memory_is_refused() -> None:

@@ -7,7 +7,7 @@ nearest grid point outside, to half a voxel. Between grid points it is interpola
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -27,6 +27,9 @@ BAND = 0.25
 
 MOST_VOXELS = 30_000_000
 """120 MB; a scene as large as a hall in voxels of a centimetre has more."""
+
+AT_ONCE = 50_000
+"""Grid points worked out between two looks at the limits of a call."""
 
 KEPT = 4
 """Fields kept in memory, the one used longest ago being forgotten first."""
@@ -84,17 +87,19 @@ class _Key:
     voxel: float
     reach: float
     standing: Sequence[Part] = field(compare=False, repr=False)
+    poll: Callable[[], None] = field(compare=False, repr=False)
 
 
 def field_of(checker: CollisionChecker, voxel: float) -> DistanceField | None:
     """The field of a checker's scene as far as its robot reaches, made once for each scene; None if nothing is there.
 
     Raises:
+        SearchStopped: the checker's limits ended it, which are looked at between slabs of the grid.
         InvalidRequest: it would have more than 30,000,000 voxels.
     """
     standing = tuple(part for part in checker.parts.parts if part.body < 0)
     reach = math.fsum(checker.robot.reach().tolist())
-    return _made(_Key(checker.scene.hash, voxel, reach, standing)) if standing else None
+    return _made(_Key(checker.scene.hash, voxel, reach, standing, checker.ledger.poll)) if standing else None
 
 
 @lru_cache(maxsize=KEPT)
@@ -111,7 +116,12 @@ def _made(key: _Key) -> DistanceField:
         if (first < end).all():
             axes = [low[k] + key.voxel * np.arange(first[k], end[k]) for k in range(3)]
             window = values[tuple(slice(a, b) for a, b in zip(first, end, strict=True))]
-            np.minimum(window, _distances(part, axes), out=window)
+            thick = max(1, AT_ONCE // window[0].size)
+            for x in range(0, len(window), thick):
+                key.poll()
+                slab = window[x : x + thick]
+                np.minimum(slab, _distances(part, [axes[0][x : x + thick], *axes[1:]]), out=slab)
+    key.poll()
     return DistanceField(low, key.voxel, _with_depths(values, key.voxel))
 
 
@@ -146,6 +156,7 @@ def _with_depths(values: FloatArray, voxel: float) -> FloatArray:
 
     inside = values <= 0.0
     if inside.any():
-        depths = np.asarray(distance_transform_edt(inside)) * voxel - 0.5 * voxel
-        values = np.where(inside, -depths, values).astype(np.float32)
+        box = tuple(slice(max(int(k.min()) - 1, 0), int(k.max()) + 2) for k in inside.nonzero())  # and a way out
+        depths = np.asarray(distance_transform_edt(inside[box])) * voxel - 0.5 * voxel
+        values[box] = np.where(inside[box], -depths, values[box])
     return values
