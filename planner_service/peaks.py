@@ -57,6 +57,11 @@ class LimitPeaks:
     acceleration: Peak
     jerk: Peak
 
+    @property
+    def highest(self) -> float:
+        """The larger of the ratios of velocity and acceleration."""
+        return max(self.velocity.ratio, self.acceleration.ratio)
+
     def dilated(self, factor: float) -> LimitPeaks:
         """Those of the same motion ``factor`` times slower."""
         by_order = enumerate((self.velocity, self.acceleration, self.jerk), start=1)

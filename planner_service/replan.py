@@ -8,14 +8,14 @@ old curve; if that cannot be proven either, nothing is safe, which is said.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, product
 
 import numpy as np
 
-from planner_service.certify import Certificate, Certifier
+from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.ledger import CheckBudgetSpent, SearchStopped, TimeBoxSpent
 from planner_service.detour import Detours, Way
@@ -68,8 +68,18 @@ def replan(
         InvalidRequest: as ``underway`` and ``request_for`` say, or a goal is neither a pose nor n finite joint values.
     """
     old = underway(motion[0], checker.robot, *motion[1:])
+    old = replace(old, exempt=tuple(_of_those_here(old.exempt, certifier)))
     request = request_for(motion[0], old, *asked)
     return _Run((checker, certifier), old, request, caller[1]).result(caller[0])
+
+
+def _of_those_here(exempt: Sequence[ExemptInterval], certifier: Certifier) -> Iterator[ExemptInterval]:
+    """Stretches without the pairs of which one is gone."""
+    there = certifier.listed.owners
+    for stretch in exempt:
+        pairs = tuple(pair for pair in stretch.pairs if there.issuperset(pair))
+        if pairs:
+            yield replace(stretch, pairs=pairs)
 
 
 class _Run:
@@ -182,12 +192,20 @@ class _Run:
         return tuple(sorted(goals, key=lambda goal: joint_distance(self._old.end.tolist(), goal.q.tolist())))
 
     def _kept(self) -> _Motion | None:
-        """What is left of the old motion, if it goes to its end and is proven."""
+        """What is left of the old motion, if it goes to its end, is proven, and as slow as is asked now."""
         if not self._old.arrives:
             return None
         path, part = self._motion.path, (self._motion.s(self._motion.now), self._motion.end)
         certificate = self._book.certificate(self._certifier, path, self._old.exempt, part)
-        return _Motion(path, self._motion.rest(), certificate, None) if certificate.certified else None
+        if not certificate.certified:
+            return None
+        trajectory = self._motion.rest()
+        try:
+            with self._book.during(Stage.TIMING):
+                return _Motion(path, trajectory, certificate, self._slow_enough(self._report(trajectory)))
+        except NoPlan as too_fast:
+            self._book.notes.append(f"the old motion is left: {too_fast}")
+            return None
 
     def _improved(self, kept: _Motion, goal: GoalState) -> Replanned | None:
         """A motion that keeps more from things than the old one, or ends sooner; None if there is none."""
@@ -315,7 +333,7 @@ class _Run:
             limits = pace.limits(self._checker.robot)
             with self._book.during(Stage.TIMING):
                 stop = self._motion.braked(limits)
-            if pace == whole or not _exceeded(peaks(stop, limits)):
+            if pace == whole or peaks(stop, limits).highest <= 1.0 + TOLERANCE:
                 yield stop
 
     def _stop_from(self, handover: Handover) -> float:
@@ -328,11 +346,14 @@ class _Run:
         return MotionReport(ratios, peak_tool_speed(robot, trajectory), trajectory.duration, math.inf, settle)
 
     def _slow_enough(self, report: MotionReport) -> MotionReport:
-        """The report of a motion whose tool is no faster than it may be.
+        """The report of a motion within the limits asked, whose tool is no faster than it may be.
 
         Raises:
-            NoPlan: it is faster.
+            NoPlan: it exceeds them, or its tool is faster.
         """
+        if report.peaks.highest > 1.0 + 2.0 * TOLERANCE:  # one for that with which it was made
+            detail = f"it would exceed limits by {report.peaks.highest - 1.0:.2%}"
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
         speed, most = report.tool_speed, self._pace.max_tool_speed
         if most is not None and speed > most * (1.0 + SLIGHT):
             detail = f"the tool would move at {speed:.6g} m/s, faster than {most:.6g}"
@@ -362,15 +383,12 @@ class _Run:
     def _told(
         self, outcome: Outcome, found: _Motion, goal_index: int | None, failure: Failure | None = None
     ) -> Replanned:
-        report = found.report
-        if report is None:
-            with self._book.during(Stage.TIMING):
-                report = self._slow_enough(self._report(found.trajectory))
-        if _exceeded(report.peaks):
-            parts = f"velocity {report.peaks.velocity.ratio:.0%}, acceleration {report.peaks.acceleration.ratio:.0%}"
+        if found.report.peaks.highest > 1.0 + 2.0 * TOLERANCE:
+            velocity, acceleration = found.report.peaks.velocity, found.report.peaks.acceleration
+            parts = f"velocity {velocity.ratio:.0%}, acceleration {acceleration.ratio:.0%}"
             self._book.notes.append(f"beyond the limits asked: {parts} of them")
         result = self._book.result(
-            found.path, (found.trajectory, report), goal_index=goal_index, certificate=found.certificate
+            found.path, (found.trajectory, found.report), goal_index=goal_index, certificate=found.certificate
         )
         ahead = self._ahead(found.trajectory) if outcome is Outcome.STOP else self._old.ahead[:0]
         return Replanned(outcome, result, self._old.splice, self._request, failure, ahead)
@@ -380,11 +398,6 @@ class _Run:
         return np.concatenate([self._motion.path.waypoints[len(stop.path.waypoints) :], self._old.ahead])
 
 
-def _exceeded(found: LimitPeaks) -> bool:
-    """Whether a motion is beyond limits of velocity or acceleration."""
-    return max(found.velocity.ratio, found.acceleration.ratio) > 1.0 + TOLERANCE
-
-
 @dataclass(frozen=True, eq=False)
 class _Motion:
     """A proven motion from the splice on."""
@@ -392,7 +405,7 @@ class _Motion:
     path: JointPath
     trajectory: Trajectory
     certificate: Certificate
-    report: MotionReport | None
+    report: MotionReport
 
     @property
     def stops(self) -> int:

@@ -138,7 +138,7 @@ def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, lat
     motion = Underway(trajectory, now, min(now + late, duration))
     passed = float(path.knots[len(path.waypoints) - len(motion.path.waypoints)])
     exempt = [
-        replace(e, s_start=max(e.s_start - passed, 0.0), s_end=min(e.s_end - passed, motion.path.length))
+        replace(e, s_start=motion.moved(e.s_start), s_end=motion.moved(e.s_end))
         for e in result.exempt
         if e.s_end >= passed
     ]

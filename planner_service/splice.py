@@ -110,14 +110,14 @@ class Underway:
 
     def s(self, t: float) -> float:
         """Arc length at an instant of the old motion."""
-        return self._moved(float(self.trajectory.s(t)))
+        return self.moved(float(self.trajectory.s(t)))
 
     @property
     def end(self) -> float:
         """Arc length where the old motion ends."""
-        return self._moved(self.trajectory.end)
+        return self.moved(self.trajectory.end)
 
-    def _moved(self, s: float) -> float:
+    def moved(self, s: float) -> float:
         """An arc length of the old path on what is left of it."""
         there = min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
         near = self.path.breaks[np.abs(self.path.breaks - there) <= MEETING]
@@ -133,7 +133,7 @@ class Underway:
                 c0, c1, c2, c3 = law.coefficients[k].tolist()
                 there = c0 + x * (c1 + x * (c2 + x * c3))
                 rate = max(c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0)
-                out.append(_Row(end - x, self._moved(there), rate, c2 + 3.0 * c3 * x, c3))
+                out.append(_Row(end - x, self.moved(there), rate, c2 + 3.0 * c3 * x, c3))
         return out
 
     def rest(self) -> Trajectory:
@@ -153,7 +153,7 @@ class Underway:
         soon = self._rests[(self._rests >= t) & (self._rests <= t + HOLD)]
         t = float(soon[0]) if len(soon) else t
         s = self.s(t)
-        arrivals = np.array([self._moved(c0) for c0 in law.coefficients[:, 0].tolist()])
+        arrivals = np.array([self.moved(c0) for c0 in law.coefficients[:, 0].tolist()])
         blended = path.blends > 0.0
         ends = (path.knots + path.blends)[blended].tolist()
         near = [x for x in sorted([*ends, *(path.knots - path.blends)[blended].tolist()]) if s < x <= s + RUN_IN]
@@ -195,7 +195,7 @@ class Underway:
                 continue
             rows, end = braking
             found = self._along(self._up_to(end), [*self.rows(since), *rows], end)
-            if _highest(peaks(found, limits)) <= 1.0 + TOLERANCE:
+            if peaks(found, limits).highest <= 1.0 + TOLERANCE:
                 return found
         end = self.s(rest)
         return self._along(self._up_to(end), self.rows(rest), end)
@@ -278,13 +278,9 @@ class Underway:
             except InvalidRequest as error:
                 raise TimingFailed(f"the laws do not meet ({error})") from error
             ratios = peaks(found, limits)
-            if _highest(ratios) <= 1.0 + TOLERANCE:
+            if ratios.highest <= 1.0 + TOLERANCE:
                 return found, ratios
-        raise TimingFailed(f"limits are exceeded by {_highest(ratios) - 1.0:.2%}")
-
-
-def _highest(found: LimitPeaks) -> float:
-    return max(found.velocity.ratio, found.acceleration.ratio)
+        raise TimingFailed(f"limits are exceeded by {ratios.highest - 1.0:.2%}")
 
 
 def _window(

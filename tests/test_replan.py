@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from benchmarks import queries
 from benchmarks import replan as measure
 from planner_service import (
+    AllowedStretch,
     CancelToken,
     Cylinder,
     InvalidRequest,
@@ -283,10 +284,13 @@ def test_a_stop_is_as_gentle_as_asked_where_that_is_safe(room: PlannerService) -
     assert trajectory_of(hard).duration < trajectory_of(gentle).duration
 
 
-def test_an_old_motion_that_goes_on_faster_than_asked_says_so(room: PlannerService, swing: PlanResult) -> None:
+def test_an_old_motion_that_is_faster_than_asked_is_left_and_the_notes_say_so(
+    room: PlannerService, swing: PlanResult
+) -> None:
     found = room.replan(swing, at_time=1.0, request=small(swing, velocity_scale=0.3))
-    assert found.outcome is Outcome.KEPT
-    assert found.result.notes == ("beyond the limits asked: velocity 333%, acceleration 100% of them",)
+    assert found.outcome is Outcome.STOP
+    assert "the old motion is left: " in found.result.notes[0]
+    assert found.result.notes[-1] == "beyond the limits asked: velocity 333%, acceleration 100% of them"
 
 
 def test_a_robot_that_stopped_goes_on_to_its_goal_when_the_way_is_free_again(
@@ -420,6 +424,47 @@ def test_on_a_fixed_way_out_of_a_pose_the_old_motion_goes_on() -> None:
     assert [interval.pairs for interval in found.result.exempt] == [interval.pairs for interval in old.exempt]
     assert found.certificate is not None
     assert found.certificate.certified
+
+
+def test_a_fixed_way_into_a_pose_is_exempt_to_its_last_bit_wherever_the_robot_is() -> None:
+    service = PlannerService("wxai", "post")
+    rng, limits = np.random.default_rng(3), service.robot.limits
+    starts = [q for q in rng.uniform(limits.lower, limits.upper, (14, 6)) if service.checker.state_is_free(q)]
+    for q in starts:
+        old = service.plan(PlanRequest(q, service.robot.pose("sleep"), time_limit=None))
+        assert old.exempt
+        for share in (0.3, 0.6, 0.8, 0.95):
+            found = service.replan(old, at_time=share * trajectory_of(old).duration, latency=0.01)
+            assert found.outcome is Outcome.KEPT, str(found.failure)
+
+
+def test_what_was_meant_to_be_touched_and_is_gone_is_no_mistake(room: PlannerService) -> None:
+    meant = AllowedStretch(0, 3, (("forearm", "disc"), ("upper_arm", "disc")), "pushed")
+    old = PlannerService("planar2", disc(0.6)).follow(BENT, pace=Pace(ToppRa()), contacts=(meant,))
+    assert old.ok
+    found = room.replan(old, at_time=0.5)
+    assert found.certificate is not None
+    assert found.certificate.certified
+    assert found.result.exempt == ()
+
+
+@pytest.mark.parametrize(
+    "slower",
+    [{"velocity_scale": 0.3}, {"acceleration_scale": 0.3}, {"max_tool_speed": 0.4}],
+    ids=lambda given: next(iter(given)),
+)
+def test_a_motion_that_is_faster_than_is_asked_now_is_stopped_as_quickly_as_the_robot_can(
+    room: PlannerService, swing: PlanResult, slower: dict[str, float]
+) -> None:
+    at_time = 0.2
+    request = PlanRequest((0.0, 0.0), (2.4, 0.0), **slower)  # type: ignore[arg-type]
+    found = room.replan(swing, at_time=at_time, request=request)
+    assert found.outcome is Outcome.STOP
+    own = peaks(trajectory_of(found), Pace(ToppRa()).limits(room.robot))
+    assert own.highest <= 1.0 + 1e-9
+    quickest = Underway(trajectory_of(swing), at_time, at_time + LATENCY).braked(room.robot.limits)
+    assert trajectory_of(found).duration <= quickest.duration * (1.0 + 1e-9)
+    assert max(jumps(swing, found)) <= NO_JUMP
 
 
 def test_what_came_of_replanning_is_saved_and_read_without_losing_a_bit(
