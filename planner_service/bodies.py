@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose, Shape, read_only
+from planner_service.geometry import FloatArray, Pose, Shape, cosines_and_sines, read_only
 
 __all__ = ["Body", "BodyPose", "BodyTree", "LinkShape"]
 
@@ -139,17 +139,24 @@ class BodyTree:
             out.append((a, b, c, d, e, f, g, h, i, px, py, pz))
         return out
 
-    def poses_batch(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for configurations (m, n): the bits of ``poses``."""
+    def poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for configurations (m, n): the bits of ``poses``.
+
+        Args:
+            portable: Bits that are the same on every processor instead, for what a path is made of.
+        """
         q = np.asarray(Q, dtype=np.float64)
         if q.ndim != 2 or q.shape[1] != self._n:
             raise InvalidRequest("Q", q.shape, f"configurations of shape (m, {self._n})")
         m = q.shape[0]
-        angles = q.T.ravel().tolist()
-        # math's sine and not numpy's, which picks its own by instruction set
         turns = np.empty((self._n, 2, 1, 1, m))
-        turns[:, 0] = np.fromiter(map(math.cos, angles), np.float64, len(angles)).reshape(self._n, 1, 1, m)
-        turns[:, 1] = np.fromiter(map(math.sin, angles), np.float64, len(angles)).reshape(self._n, 1, 1, m)
+        if portable:
+            cosines, sines = cosines_and_sines(q.T.ravel())
+        else:
+            # math's sine and not numpy's, which picks its own by instruction set
+            angles = q.T.ravel().tolist()
+            cosines, sines = (np.fromiter(map(f, angles), np.float64, len(angles)) for f in (math.cos, math.sin))
+        turns[:, 0], turns[:, 1] = cosines.reshape(self._n, 1, 1, m), sines.reshape(self._n, 1, 1, m)
         out = np.empty((self._n + 1, 4, 3, m))  # body, column of T, row of T, configuration
         out[0] = BASE
         for here, step in zip(out[1:], self._steps, strict=True):

@@ -230,9 +230,13 @@ class Robot:
         """World pose of every body as (r00, r01, r02, r10, ..., r22, x, y, z); q (n,) must be finite."""
         return self._tree.poses(q)
 
-    def body_poses_batch(self, Q: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """World rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for Q (m, n): the bits of ``body_poses``."""
-        return self._tree.poses_batch(Q)
+    def body_poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
+        """World rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for Q (m, n): the bits of ``body_poses``.
+
+        Args:
+            portable: Bits that are the same on every processor instead, for what a path is made of.
+        """
+        return self._tree.poses_batch(Q, portable=portable)
 
     def tool_pose(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """4 x 4 T_world_tool."""

@@ -222,7 +222,7 @@ class _Descent:
     def _aims(self) -> FloatArray:
         """The distance that each ball is to keep at each point, (m, b): near the ends no more than it has there."""
         task, balls = self._task, self._balls
-        poses = task.checker.robot.body_poses_batch(task.route[[0, -1]])
+        poses = task.checker.robot.body_poses_batch(task.route[[0, -1]], portable=True)
         way = task.length * (np.arange(task.points) / (task.points - 1))
         out = np.full((task.points, len(balls.radius)), task.aim)
         for end, far in enumerate((way, task.length - way)):
@@ -235,7 +235,7 @@ class _Descent:
     def _lacking(self, samples: Samples, corners: FloatArray) -> _Lacking:
         task, balls = self._task, self._balls
         points = np.minimum(np.maximum(samples.of(corners), task.lower), task.upper)
-        poses = task.checker.robot.body_poses_batch(points)
+        poses = task.checker.robot.body_poses_batch(points, portable=True)
         row, ball = self._close(poses)
         centre = balls.placed(poses, row, ball)
         wanted = self._targets[row, ball] + balls.radius[ball]
