@@ -167,11 +167,12 @@ class Run:
             book.notes.append(entry.note)
             return None
         if book.polish.kept:
-            self._remember(0)
-            proven = self._proven(optimum, ends)
-            if isinstance(proven, PlanResult):
-                return proven
-            book.polish = replace(book.polish, kept=False, note=f"the optimum is not proven: {proven.refusal}")
+            try:
+                return self._proven(optimum, ends)
+            except NoPlan as no_plan:
+                why = no_plan.certificate and no_plan.certificate.refusal
+                note = f"the optimum is not proven: {why}" if why else f"no motion along the optimum: {no_plan}"
+                book.polish = replace(book.polish, kept=False, note=note)
         book.notes.append(f"not optimised: {book.polish.note}")
         return None
 
@@ -187,15 +188,21 @@ class Run:
                 book.polish = replace(report, kept=True, note="") if touch is None else report
                 entry.note = f"{settings.method.name}, {optimum.iterations} steps, start {book.attempts}"
                 entry.length = optimum.path.length
-            proven = self._proven(optimum, ends) if touch is None else None
-            if isinstance(proven, PlanResult):
-                return proven
-            tried.append((touch, str(touch or (proven and proven.refusal))))
+            try:
+                if touch is None:
+                    return self._proven(optimum, ends)
+                tried.append((touch, str(touch)))
+            except NoPlan as no_plan:
+                tried.append((None, str((no_plan.certificate and no_plan.certificate.refusal) or no_plan)))
             book.polish = replace(book.polish, kept=False, note=tried[-1][1])
         raise NoPlan(not_free(tried))
 
-    def _proven(self, optimum: Optimum, ends: Ends) -> PlanResult | Certificate:
-        """The plan along an optimum, or its refused certificate; no blend is made narrower, which would not be free."""
+    def _proven(self, optimum: Optimum, ends: Ends) -> PlanResult:
+        """The plan along an optimum as it was judged: no blend is made narrower, and none a stop.
+
+        Raises:
+            NoPlan: it is not proven, or the timing law has no solution.
+        """
         course = optimum.path
         route = self._route(course.waypoints, ends)
         blends = np.zeros(len(route.path.waypoints))
@@ -203,7 +210,14 @@ class Run:
         blends[first : first + len(course.blends)] = course.blends
         path = route.path.with_blends(blends)
         certificate = self._book.certificate(self._certifier, path, route.exempt)
-        return self._closed(path, certificate, route.goal_index) if certificate.certified else certificate
+        if not certificate.certified:
+            raise NoPlan(not_certified(certificate), certificate)
+        moving = self._timed(path)
+        self._remember(0)
+        if ends.padding < self._book.padding:
+            self._book.notes.append(f"the optimum was judged with {ends.padding * 1000:g} mm all along")
+            self._book.padding = ends.padding
+        return self._book.result(path, moving, goal_index=route.goal_index, certificate=certificate)
 
     def _closed(self, path: JointPath, certificate: Certificate, goal_index: int) -> PlanResult:
         """The proven path in time; with stops instead of blends in the rare case that this is faster."""

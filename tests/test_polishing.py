@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+import subprocess
+import sys
 import time
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, replace
@@ -21,7 +24,9 @@ from planner_service import (
     Box,
     CheckCounts,
     Chomp,
+    Failure,
     InvalidRequest,
+    JointPath,
     Obstacle,
     Optimise,
     PlannerService,
@@ -42,9 +47,13 @@ from planner_service.cli.plot import clearance_svg
 from planner_service.geometry import FloatArray
 from planner_service.optimize import Figures, Found, Optimum
 from planner_service.optimize.task import Task
+from planner_service.pace import timed
 from planner_service.plan_file import MadeFor, SavedPlan, load_plan, save_plan
 from planner_service.polishing import judged
+from planner_service.stagebook import NoPlan
+from tests.test_golden import OTHER_CPU
 
+ROOT = Path(__file__).parents[1]
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 """The lesson's own query, among its discs."""
 
@@ -213,6 +222,76 @@ def test_what_is_free_at_samples_but_not_proven_is_not_kept(
     assert bits(plain) == bits(polished)
     assert polished.polish is not None
     assert polished.polish.note.startswith("the optimum is not proven: ")
+
+
+def test_a_plan_tells_the_padding_its_optimum_was_judged_with() -> None:
+    service = PlannerService("wxai", "post")
+    request = query("post", 1, padding=0.01)
+    plain, polished = service.plan(request), service.plan(replace(request, polish=Optimise()))
+    assert plain.padding == 0.01
+    assert polished.polish is not None
+    assert polished.polish.kept
+    assert 0.0 < polished.padding < 0.01
+    assert service.checker.variant(padding=polished.padding).path_is_free(polished.unwrap()[0])
+    assert any("the optimum was judged with" in note for note in polished.notes)
+
+
+def test_an_optimum_that_no_law_can_drive_is_not_kept(discs: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, law = discs.plan(asked()), timed
+
+    def failing(path: JointPath, *rest: Any) -> Any:
+        if path.blends.tolist() != plain.unwrap()[0].blends.tolist():
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, "planted"))
+        return law(path, *rest)
+
+    monkeypatch.setattr("planner_service.pipeline.timed", failing)
+    polished = discs.plan(asked(polish=Optimise()))
+    assert bits(plain) == bits(polished)
+    assert polished.polish is not None
+    assert not polished.polish.kept
+    assert polished.polish.note == "no motion along the optimum: TIMING_FAILED (timing): planted"
+
+
+@pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
+def test_optima_and_what_replaces_them_have_the_same_bits_in_other_processes(cpu: dict[str, str]) -> None:
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "12345", **cpu}
+    code = "from tests.test_polishing import told; print(told())"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == told().split()
+
+
+def told() -> str:
+    """Hashes of plans and of what comes of replanning them."""
+    service, found = PlannerService("wxai", "bin"), []
+    for number, method in ((1, TrajOpt()), (1, Chomp(iterations=30))):
+        request = query("bin", number, polish=Optimise(method=method))
+        plan = service.plan(request)
+        at_time = 0.3 * plan.unwrap()[1].duration
+        again = service.replan(plan, at_time=at_time, goal=request.start)
+        found += [hashlib.sha256(b"".join(bits(result))).hexdigest() for result in (plan, again.result)]
+        found += [str(result.counts.distances) for result in (plan, again)]
+    return " ".join(found)
+
+
+def test_an_optimum_is_driven_as_it_was_judged_even_if_stops_were_faster(
+    bin_service: PlannerService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    law = timed
+
+    def slow(path: JointPath, *rest: Any) -> Any:
+        trajectory, report = law(path, *rest)
+        return (
+            (trajectory, replace(report, duration=9.0, stop_duration=1.0))
+            if path.blends.any()
+            else (trajectory, report)
+        )
+
+    monkeypatch.setattr("planner_service.pipeline.timed", slow)
+    polished = bin_service.plan(query("bin", 3, polish=Optimise()))
+    assert polished.polish is not None
+    assert polished.polish.kept
+    assert polished.unwrap()[0].corners == ()
 
 
 def test_an_optimum_that_takes_too_long_is_left(bin_service: PlannerService) -> None:
