@@ -108,7 +108,7 @@ class _Run:
             return self._from_rest(turns)
         except NoPlan as no_plan:
             failure = no_plan.failure
-        with turns.taken():
+        with self._book.apart():  # a robot under way waits for nobody
             return self._stopping(failure)
 
     def _prove_last_stretch(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
-from planner_service.collision.ledger import Cancelled, SearchStopped, TimeBoxSpent
+from planner_service.collision.ledger import Cancelled, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.path import JointPath
 from planner_service.roadmap import Roadmap
@@ -55,6 +55,7 @@ class StageBook:
 
     def __init__(self, checker: CollisionChecker, limits: Limits) -> None:
         self._checker = checker
+        self._ledger = checker.ledger
         self._limits = limits
         self._reports: dict[Stage, StageReport] = {}
         self._stage = Stage.ENDPOINTS
@@ -72,11 +73,11 @@ class StageBook:
         """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up."""
         self._stage = stage
         entry = Entry()
-        counts, clock = self._checker.counts, time.perf_counter()
+        counts, clock = self._ledger.counts, time.perf_counter()
         try:
             yield entry
         finally:
-            spent, seconds = self._checker.counts - counts, time.perf_counter() - clock
+            spent, seconds = self._ledger.counts - counts, time.perf_counter() - clock
             before = self._reports.get(stage, StageReport(stage, CheckCounts(), 0.0))
             self._reports[stage] = StageReport(
                 stage, before.counts + spent, before.seconds + seconds, entry.length, entry.note
@@ -104,6 +105,15 @@ class StageBook:
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
+    @contextmanager
+    def apart(self) -> Iterator[None]:
+        """Without a turn and without limits, for what asks nothing but the certifier: it is counted here alone."""
+        ledger, self._ledger = self._ledger, Ledger()
+        try:
+            yield
+        finally:
+            self._ledger = ledger
+
     def certificate(
         self,
         certifier: Certifier,
@@ -112,7 +122,7 @@ class StageBook:
         part: tuple[float, float] | None = None,
     ) -> Certificate:
         """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
-        ledger = self._checker.ledger
+        ledger = self._ledger
 
         def charge(bounds: int) -> None:
             ledger.poll()

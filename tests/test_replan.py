@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from benchmarks import replan as measure
 from planner_service import (
     AllowedStretch,
     CancelToken,
+    CheckCounts,
     Cylinder,
     InvalidRequest,
     JointPath,
@@ -518,6 +520,19 @@ def test_a_cancelled_call_ends_in_a_proven_stop(room: PlannerService, swing: Pla
     assert found.outcome is Outcome.STOP
     assert found.failure is not None
     assert found.failure.reason is Reason.PREEMPTED
+
+
+def test_a_call_that_is_cancelled_while_another_plans_stops_without_waiting_for_it(swing: PlanResult) -> None:
+    service, token = PlannerService("planar2", disc(-1.0)), CancelToken()
+    token.cancel()
+    with service._turns.taken():  # by a long plan
+        answers: list[Replanned] = []
+        asking = Thread(target=lambda: answers.append(service.replan(swing, at_time=0.5, cancel=token)), daemon=True)
+        asking.start()
+        asking.join(10.0)
+        assert [found.outcome for found in answers] == [Outcome.STOP]
+    assert answers[0].counts.distances > 0
+    assert answers[0].counts == sum((report.counts for report in answers[0].result.stages), CheckCounts())
 
 
 def test_the_same_question_has_the_same_answer_to_the_last_bit(room: PlannerService, swing: PlanResult) -> None:
