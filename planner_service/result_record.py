@@ -91,6 +91,8 @@ def read_result(node: Node, n: int) -> PlanResult:
     motion = node.at("motion").optional(_read_motion)
     if node.sound and (failure is None) == any(part is None for part in (path, trajectory, certificate, motion)):
         node.problem("expected either a failure, or a path, a trajectory, a certificate and a motion")
+    if failure is None and trajectory is not None and certificate is not None and not _covers(certificate, trajectory):
+        node.at("certificate").problem("expected a proof of all that the trajectory runs along")
     return PlanResult(
         path,
         trajectory,
@@ -234,6 +236,12 @@ def _read_certificate(node: Node) -> Certificate:
         refusal,
         _read_part(node),
     )
+
+
+def _covers(certificate: Certificate, trajectory: Trajectory) -> bool:
+    """Whether a motion runs along what is proven."""
+    begin, end = (-math.inf, math.inf) if certificate.part is None else certificate.part
+    return certificate.certified and begin <= trajectory.begin and trajectory.end <= end
 
 
 def _finite(value: float) -> float | None:

@@ -483,6 +483,32 @@ def test_what_came_of_replanning_is_saved_and_read_without_losing_a_bit(
     assert again.certificate == result.certificate
 
 
+@pytest.mark.parametrize("part", [[2.0, 2.4], [0.0, 1.0]])
+def test_a_record_whose_proof_leaves_out_some_of_the_motion_is_refused(
+    room: PlannerService, swing: PlanResult, part: list[float]
+) -> None:
+    record = json.loads(json.dumps(result_record(room.replan(swing, at_time=0.5).result)))
+    record["certificate"]["part"] = part
+    problems: list[str] = []
+    read_result(Node("", record, problems), 2)
+    assert problems == ["certificate: expected a proof of all that the trajectory runs along"]
+
+
+def test_a_saved_rest_of_a_motion_is_proven_again_from_where_the_robot_was(
+    room: PlannerService, swing: PlanResult, tmp_path: Path
+) -> None:
+    scene = disc(0.1)  # where the robot has been
+    service = room.with_scene(scene)
+    found = service.replan(swing, at_time=1.5)
+    assert found.outcome is Outcome.KEPT
+    names = service.robot.name, service.robot.hash, service.robot.joint_names
+    save_plan(SavedPlan(MadeFor(*names, "disc", scene.hash), None, found.result), tmp_path / "rest.json")
+    save_scene(scene, tmp_path / "disc.toml")
+    done = CliRunner().invoke(app, ["certify", str(tmp_path / "rest.json"), "--scene", str(tmp_path / "disc.toml")])
+    assert done.exit_code == 0, done.output
+    assert "from s =" in done.output
+
+
 def test_where_nothing_is_in_the_way_any_more_the_detour_is_cut_short(room: PlannerService) -> None:
     scene = disc(1.2)
     service = room.with_scene(scene)

@@ -223,6 +223,7 @@ def certify_(
     else:
         verdict = "certified" if found.certified else "refused"
         what = in_words(found.clearance) if found.certified else str(found.refusal)
+        what += "" if found.part is None else f" (from s = {found.part[0]:.6g} to {found.part[1]:.6g} of its path)"
         lines = [f"{verdict}: {plan_file} with {service.robot.name} in {service.scene.name}: {what}"]
         emit(render(*lines, *(f"note: {note}" for note in (*notes, *map(str, found.exempt)))))
     raise typer.Exit(0 if found.certified else NO_PLAN)
