@@ -241,7 +241,7 @@ def _read_certificate(node: Node) -> Certificate:
 def _covers(certificate: Certificate, trajectory: Trajectory) -> bool:
     """Whether a motion runs along what is proven."""
     begin, end = (-math.inf, math.inf) if certificate.part is None else certificate.part
-    return certificate.certified and begin <= trajectory.begin and trajectory.end <= end
+    return begin <= trajectory.begin and trajectory.end <= end
 
 
 def _finite(value: float) -> float | None:
