@@ -51,8 +51,8 @@ class Replanned:
     Attributes:
         outcome: What came of it. Of all but UNSAFE there is a proven motion.
         result: That motion, with what it cost. Its path begins at the waypoint before the robot, and what is
-            proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``. Of
-            UNSAFE a failure.
+            proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``; if
+            the old motion ends before the splice, what was left of it is proven apart. Of UNSAFE a failure.
         splice: Seconds on the old motion's clock: ``at_time`` plus the latency.
         request: What to go on with: the request with the start at the splice, and the goal.
         failure: Why there is no new motion to the goal; None if there is one.

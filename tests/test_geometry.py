@@ -19,6 +19,7 @@ from planner_service.geometry import (
     Pose,
     Shape,
     Sphere,
+    cosines_and_sines,
     number,
     numbers,
     read_only,
@@ -353,3 +354,11 @@ def test_a_long_value_is_shortened_in_the_message_only() -> None:
 
 def test_a_path_that_cannot_be_printed_can_be_reported() -> None:
     assert "\\ud800.toml" in str(InvalidFile("\ud800.toml", ["no such file"])).encode("utf-8").decode()
+
+
+def test_sines_of_our_own_are_right_to_the_last_bit_but_one() -> None:
+    x = np.concatenate([np.linspace(-7.0, 7.0, 20_001), np.arange(-4, 5) * (np.pi / 2)])
+    cosines, sines = cosines_and_sines(x)
+    assert max(abs(c - math.cos(v)) for c, v in zip(cosines, x, strict=True)) <= 2.0**-52
+    assert max(abs(s - math.sin(v)) for s, v in zip(sines, x, strict=True)) <= 2.0**-52
+    assert cosines_and_sines(np.array([0.0, math.pi / 2]))[1].tolist() == [0.0, 1.0]

@@ -175,14 +175,15 @@ class Certifier:
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         self._check_path(curve)
         self._check_exempt(curve.length, stretches)
-        judged = (0.0, curve.length) if part is None else _part_of(curve.length, part)
+        told = None if part is None else _part_of(curve.length, part)
+        judged = told or (0.0, curve.length)
         proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
         obstruction = proof.obstruction
         if obstruction is None:
-            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, part=part)
+            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, part=told)
         names = self.listed.names(obstruction.pair)
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, part)
+        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, told)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
