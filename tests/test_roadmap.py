@@ -166,7 +166,7 @@ def test_prm_remembers_which_edges_it_found_free_and_which_blocked() -> None:
     world, checker = DiscWorld(WALL), DiscWorld(WALL)
     roadmap = PRM(milestones=100, neighbours=5).grow(across(world), seed=2)
     free = roadmap.verdicts == Verdict.FREE
-    assert free.sum() > 50 < (~free).sum() + 50
+    assert free.sum() > 50
     assert set(roadmap.verdicts.tolist()) == {Verdict.FREE, Verdict.BLOCKED}
     for (a, b), is_free in zip(roadmap.edges.tolist(), free.tolist(), strict=True):
         assert checker.edge_is_free(roadmap.milestones[a], roadmap.milestones[b]) == is_free
@@ -180,9 +180,10 @@ def test_lazy_prm_judges_nothing_before_it_is_asked() -> None:
     roadmap = LazyPRM(milestones=50, neighbours=3).grow(across(world), seed=0)
     assert world.states == 0
     assert roadmap.edge_knowledge.count(Verdict.UNKNOWN) == len(roadmap.edges) >= 75
-    nearest = [sorted(range(50), key=lambda k: math.dist(q, roadmap.milestones[k]))[1:4] for q in roadmap.milestones]
+    points = roadmap.milestones
+    nearest = [np.argsort(np.abs(points - q).sum(axis=1))[1:4].tolist() for q in points]
     expected = {(min(a, b), max(a, b)) for a, row in enumerate(nearest) for b in row}
-    assert {tuple(edge) for edge in roadmap.edges.tolist()} >= expected - {(0, 0)} or len(expected) > 0
+    assert {tuple(edge) for edge in roadmap.edges.tolist()} == expected
 
 
 def test_a_limit_comes_out_of_a_query() -> None:

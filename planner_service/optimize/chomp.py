@@ -69,7 +69,7 @@ class Chomp:
         for price in PRICES:
             descent.begin(price)
             while done < self.iterations and descent.advance():
-                task.checker.ledger.poll()  # what is looked up in the field asks nothing that would
+                task.checker.ledger.poll()  # looking up distances asks the checker nothing
                 done += 1
         return Found(descent.corners, done)
 
@@ -191,7 +191,6 @@ class _Descent:
     def advance(self) -> bool:
         """One step; False if none was worth taking."""
         task, corners = self._task, self.corners
-        task.checker.ledger.poll()  # looking up distances asks the checker nothing
         samples = task.samples(corners)
         slope = self._slope(samples)
         way = summed(self._inverse[:, :, None].transpose(1, 0, 2) * slope[:, None, :])
