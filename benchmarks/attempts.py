@@ -19,12 +19,12 @@ from benchmarks.rows import Row
 from benchmarks.states import run_lesson
 from benchmarks.suite import LESSON, Motion, Problem, Task, ToyQuery, planner_of
 from planner_service import PlannerService, PlanRequest, PlanResult, Stage
-from planner_service.cli.pick_place import places_on, standing_on
 from planner_service.collision import CheckCounts, CollisionChecker, JointStep, Known
 from planner_service.collision.edges import interior
 from planner_service.geometry import FloatArray
 from planner_service.grasps import top_grasps
 from planner_service.outcome import Failure
+from planner_service.pick_place import places_on, standing_on
 from planner_service.primitives import pick, place
 from planner_service.request import Goal
 from planner_service.scene import Scene

@@ -10,7 +10,7 @@ from rich.table import Table
 from benchmarks import queries
 from benchmarks.report import Promise, Report, table
 from planner_service import Box, Obstacle, PlannerService, PlanRequest, Pose, Scene, Stage, load_scene
-from planner_service.cli.pick_place import plan_pick_place
+from planner_service.pick_place import plan_pick_place
 from planner_service.task import Segment
 
 __all__ = ["clear_table", "run"]

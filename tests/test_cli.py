@@ -20,10 +20,10 @@ from typer.testing import CliRunner, Result
 
 from planner_service.cli import OUR_BUG, main
 from planner_service.cli.commands import app
-from planner_service.cli.pick_place import places_on, standing_on
 from planner_service.data import data_folder
 from planner_service.errors import BrokenInvariant, MissingDependency
 from planner_service.geometry import Box, Pose
+from planner_service.pick_place import places_on, standing_on
 from planner_service.plan_file import load_plan, load_task
 from planner_service.planners import PRMstar
 from planner_service.roadmap import Roadmap

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner_service.cli.pick_place import places_on
 from planner_service.geometry import Box, Pose
 from planner_service.grasps import middle_of, offset_from, top_grasps
 from planner_service.mesh import Mesh
+from planner_service.pick_place import places_on
 from planner_service.robot import load_robot
 from planner_service.scene import Obstacle
 

@@ -46,7 +46,6 @@ from planner_service.cli.options import (
     TimingName,
     ToolSpeed,
 )
-from planner_service.cli.pick_place import plan_pick_place
 from planner_service.cli.plot import write_clearance_plot
 from planner_service.cli.roadmaps import roadmaps
 from planner_service.cli.tables import (
@@ -65,6 +64,7 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.health import examine
 from planner_service.interchange import csv_text, joint_trajectory, load_world
 from planner_service.outcome import PlanResult
+from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, load_plan, save_plan
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record
