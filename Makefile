@@ -8,34 +8,41 @@ export OPENBLAS_NUM_THREADS ?= 1
 .PHONY: demo test lint types bench measures micro clean
 .DEFAULT_GOAL := demo
 
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 NATIVE := CMakeLists.txt $(wildcard planner_service/*/native/*)
 
-$(BIN)/.ready: pyproject.toml constraints.txt $(NATIVE)
+$(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 13) else "Python 3.10 to 3.13 is needed, this is " + sys.version.split()[0] + "; name another with: make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
+
+$(BIN)/.ready: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # what planning needs
+	$(INSTALL) -e .
 	@touch $@
+
+$(BIN)/.dev: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # that and every extra, for the tests
+	$(INSTALL) -e ".[dev]"
+	@touch $@ $(BIN)/.ready
 
 demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it cost
 	@$(BIN)/planner-service pick-place
 
-test: $(BIN)/.ready lint types  ## lint, types and the test suite
+test: $(BIN)/.dev lint types  ## lint, types and the test suite
 	$(BIN)/python -m pytest
 
-lint: $(BIN)/.ready
+lint: $(BIN)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(BIN)/.ready
+types: $(BIN)/.dev
 	$(BIN)/mypy
 
-bench: $(BIN)/.ready  ## the gate: what the smoke suite costs is what is stored
+bench: $(BIN)/.dev  ## the gate: what the smoke suite costs is what is stored
 	$(BIN)/python -m benchmarks check
 
-measures: $(BIN)/.ready  ## the tables of the README, printed
+measures: $(BIN)/.dev  ## the tables of the README, printed
 	$(BIN)/python -m benchmarks
 
-micro: $(BIN)/.ready  ## what the parts of a plan take, by pytest-benchmark
+micro: $(BIN)/.dev  ## what the parts of a plan take, by pytest-benchmark
 	$(BIN)/python -m pytest benchmarks/micro --benchmark-columns=min,median,iqr,rounds
 
 clean:
