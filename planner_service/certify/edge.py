@@ -39,8 +39,11 @@ class EdgeVerdict(Enum):
     """What is proven of an edge."""
 
     FREE = 0
+    """Every judged pair stays apart all along it."""
     COLLIDING = 1
+    """Somewhere on it a judged pair is too near."""
     UNDECIDED = 2
+    """Neither is proven: it comes as near as the margin."""
 
 
 @dataclass(frozen=True)
