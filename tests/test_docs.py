@@ -133,3 +133,11 @@ def test_the_reference_has_every_public_name_once(site: dict[Path, Page]) -> Non
     public = {f"planner_service.{name}" for name in planner_service.__all__}
     told = [place for path, page in site.items() if path.parent.name == "api" for place in page.ids if place in public]
     assert sorted(told) == sorted(public)
+
+
+def test_what_the_reference_explains_are_single_names(site: dict[Path, Page]) -> None:
+    pages = [path for path in site if path.parent.name == "api"]
+    text = "".join(path.read_text(encoding="utf-8") for path in pages)
+    told = re.findall(r'field-body">\s*<b><code>(?:<[^>]+>)*([^<]+)', text)
+    assert len(told) > 100
+    assert [name for name in told if not re.fullmatch(r"\*{0,2}\w+", name)] == []

@@ -54,7 +54,8 @@ class EdgeProof:
         verdict: FREE: every judged pair is farther apart than the padding all along. COLLIDING: a pair is nearer than
             the padding, overlapping if that is 0, at some place. UNDECIDED: neither is proven.
         s: Where, in path length from the first end: a place of that collision, or one that could not be decided.
-        a, b: The pair; empty if free.
+        a: One of the pair, by name; empty if free.
+        b: The other; empty if free.
     """
 
     verdict: EdgeVerdict
