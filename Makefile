@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint types bench measures micro clean
+.PHONY: demo test lint types bench measures micro docs clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -44,6 +44,9 @@ measures: $(BIN)/.dev  ## the tables of the README, printed
 
 micro: $(BIN)/.dev  ## what the parts of a plan take, by pytest-benchmark
 	$(BIN)/python -m pytest benchmarks/micro --benchmark-columns=min,median,iqr,rounds
+
+docs: $(BIN)/.ready  ## the pages and the reference as a site in site/, links checked
+	NO_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
 
 clean:
 	rm -rf $(VENV)

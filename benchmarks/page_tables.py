@@ -46,7 +46,8 @@ class Cell:
     def markdown(self) -> str:
         """As a cell; what stands under the text comes after it."""
         text = " ".join(filter(None, (self.text, self.under)))
-        text = html.escape(text, quote=False).replace("|", "\\|").replace("\n", " ")
+        text = html.escape(text, quote=False).replace("\n", " ")
+        text = text.replace("|", "\\|").replace("[", "\\[")  # [2, 3] [4, 5] would be a link
         return f"**{text}**" if self.bad else text
 
 

@@ -59,7 +59,13 @@ def _again(kind: type[PlannerServiceError], args: tuple[Any, ...]) -> PlannerSer
 
 
 class InvalidRequest(PlannerServiceError, ValueError):
-    """A value the caller gave cannot be used; the message names it and says what would be right."""
+    """A value the caller gave cannot be used; the message names it and says what would be right.
+
+    Attributes:
+        field: The argument or attribute, such as ``start`` or ``goal[1]``.
+        value: What was given.
+        expected: What would be right, in words.
+    """
 
     def __init__(self, field: str, value: Any, expected: str, *, message: str | None = None) -> None:
         super().__init__(message or f"{field}: got {shown(value)}; expected {expected}")
@@ -69,7 +75,13 @@ class InvalidRequest(PlannerServiceError, ValueError):
 
 
 class UnknownName(InvalidRequest, LookupError):
-    """A name that nothing has; the message offers the nearest that exists."""
+    """A name that nothing has; the message offers the nearest that exists.
+
+    Attributes:
+        kind: Of what: a robot, a scene, an obstacle.
+        name: What was given.
+        available: The names there are, sorted.
+    """
 
     def __init__(self, kind: str, name: str, available: Iterable[str]) -> None:
         self.kind = kind
@@ -82,7 +94,12 @@ class UnknownName(InvalidRequest, LookupError):
 
 
 class InvalidFile(InvalidRequest):
-    """A file that cannot be used, with every problem found in it."""
+    """A file that cannot be used, with every problem found in it.
+
+    Attributes:
+        path: The file.
+        problems: One line each, in the order of the file.
+    """
 
     def __init__(self, path: Path | str, problems: Sequence[str]) -> None:
         self.path = Path(path)
@@ -93,7 +110,11 @@ class InvalidFile(InvalidRequest):
 
 
 class PlanningFailed(PlannerServiceError):
-    """``PlanResult.unwrap()`` was called on a result without a plan."""
+    """``PlanResult.unwrap()`` was called on a result without a plan.
+
+    Attributes:
+        failure: Why there is none (``Failure``).
+    """
 
     def __init__(self, failure: Any) -> None:
         super().__init__(str(failure))
@@ -105,7 +126,12 @@ class BrokenInvariant(PlannerServiceError):
 
 
 class MissingDependency(PlannerServiceError, ImportError):
-    """An optional package is not installed."""
+    """An optional package is not installed.
+
+    Attributes:
+        package: Its name.
+        extra: Which extra of this package brings it.
+    """
 
     def __init__(self, package: str, extra: str) -> None:
         super().__init__(f"{package} is not installed; pip install 'planner-service[{extra}]' brings it")

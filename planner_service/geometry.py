@@ -267,7 +267,7 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Box:
-    """A cuboid with full edge lengths ``size`` = (x, y, z)."""
+    """A cuboid with full edge lengths ``size`` = (x, y, z), in metres, about its middle."""
 
     size: tuple[float, float, float]
 
@@ -295,7 +295,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A ball."""
+    """A ball of ``radius`` metres."""
 
     radius: float
 
@@ -314,7 +314,7 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder along local z; ``length`` is its full length."""
+    """A cylinder along local z, in metres, about its middle; ``length`` is its full length."""
 
     radius: float
     length: float
@@ -340,7 +340,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Capsule:
-    """All points within ``radius`` of a segment of ``length`` along local z (the caps come on top)."""
+    """All points within ``radius`` metres of a segment of ``length`` along local z, so that the caps come on top."""
 
     radius: float
     length: float

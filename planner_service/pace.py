@@ -41,8 +41,9 @@ class Pace:
 
     Attributes:
         timing: The law s(t).
-        velocity_scale, acceleration_scale: Parts in (0, 1] of the robot's limits. The robot's jerk limit shrinks with
-            acceleration; one that the law has of its own does not.
+        velocity_scale: Part in (0, 1] of the robot's velocity limits.
+        acceleration_scale: The same of its accelerations. The robot's jerk limit shrinks with it; one that the law has
+            of its own does not.
         max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
 
     Raises:

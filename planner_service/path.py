@@ -88,6 +88,10 @@ def _waypoints(values: Any) -> FloatArray:
     return points
 
 
+def _no_blends() -> FloatArray:
+    return np.zeros(0)
+
+
 def _widths(values: Any, count: int) -> list[float]:
     """Blend widths for ``count`` waypoints; none given are all 0."""
     expected = f"{count} finite numbers, each 0 or at least {NARROWEST:g}, the first and the last 0, or none"
@@ -213,7 +217,7 @@ class JointPath:
     """
 
     waypoints: FloatArray
-    blends: FloatArray = field(default_factory=lambda: np.zeros(0))
+    blends: FloatArray = field(default_factory=_no_blends)
     knots: FloatArray = field(init=False)
     breaks: FloatArray = field(init=False)
     blended: NDArray[np.bool_] = field(init=False)

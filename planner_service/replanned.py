@@ -35,9 +35,13 @@ class Outcome(enum.Enum):
     """What came of replanning."""
 
     NEW = "new motion"
+    """Another motion to the goal begins at the splice."""
     KEPT = "old motion goes on"
+    """What is left of the old motion is free, and nothing better was found."""
     STOP = "stop along the old curve"
+    """There is no way to the goal; the robot comes to rest on the old curve, which is proven that far."""
     UNSAFE = "nothing is safe"
+    """Not even the earliest stop can be proven."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,7 +44,8 @@ class PlanRequest:
             ``deterministic=False``. None for no limit.
         retries: Further searches with fresh seeds when one gives up.
         padding: Metres that the search keeps from everything; near an end that is closer it keeps less.
-        velocity_scale, acceleration_scale: Parts in (0, 1] of the robot's limits that may be used.
+        velocity_scale: Part in (0, 1] of the robot's velocity limits that may be used.
+        acceleration_scale: The same of its accelerations, and of its jerks.
         max_tool_speed: Metres per second that the tool frame's origin may move at most; None for no limit.
         blend: Radians of path that the blend of a corner may replace before and after it; 0 keeps every
             corner a stop.

@@ -73,7 +73,8 @@ class Gripper:
     Attributes:
         joints: The finger joints.
         links: The links these move, with collision shapes or without.
-        lower, upper: Range of the width in metres.
+        lower: Smallest width in metres.
+        upper: Largest width in metres.
         closed: The shapes of ``links`` at width 0.
         directions: For each of ``closed``, the unit direction in its body in which it opens.
     """

@@ -97,6 +97,7 @@ class PlannerService:
         """A timed path from the start to a goal, or the reason why there is none.
 
         Args:
+            request: Start, goal, and what the answer may cost.
             cancel: Ends the call before its next check when cancelled from another thread.
 
         Raises:
@@ -127,10 +128,12 @@ class PlannerService:
         Args:
             previous: The plan being executed, or what this method returned before.
             at_time: Seconds since the start of its trajectory: now.
+            latency: Seconds from now to the splice, in which this call has to return and the new motion to be sent.
             scene: What the world is like from now on; this service's scene if not given.
             goal: Where to go; where ``previous`` was to go if not given.
             request: Search, padding, blends, budgets and scales, its start and goal apart. If not given those of the
                 call before, or, after a plan, those of a ``PlanRequest`` with ``max_checks=20_000``.
+            cancel: As in ``plan``.
 
         Raises:
             InvalidRequest: ``previous`` failed or is of another robot, ``at_time`` is not on it, ``latency`` is not in
@@ -189,6 +192,7 @@ class PlannerService:
             pace: The law s(t) along it, and how much of the limits it may use; ``Pace(Trapezoidal())`` if not given.
             blends: For each waypoint how wide its corner may be blended at most (rad of path before and
                 after it), shape (N,); every corner is a stop if not given.
+            cancel: As in ``plan``.
 
         Raises:
             InvalidRequest: waypoints are not finite rows of n joint values within the limits.
@@ -211,6 +215,8 @@ class PlannerService:
         What it cost is in ``roadmap.built.counts``; ``planner.max_checks`` limits that.
 
         Args:
+            planner: ``PRM(...)``, ``PRMstar(...)`` or ``LazyPRM(...)``.
+            seed: Decides which configurations are drawn.
             padding: Metres its milestones and edges keep from everything; best that of the queries to come.
             progress: Whether to draw a progress bar on standard error; if not given, when that is a terminal.
 

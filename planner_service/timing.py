@@ -101,6 +101,7 @@ class Trapezoidal:
     name = "trapezoidal"
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        """The path travelled from rest to rest; see ``Timing``."""
         return self.measured(path, limits, speed_limit)[0]
 
     def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
@@ -132,6 +133,7 @@ class SCurve:
             object.__setattr__(self, "jerk", number("jerk", self.jerk, expected, MIN_JERK, MAX_JERK))
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        """The path travelled from rest to rest; see ``Timing``."""
         return self.measured(path, limits, speed_limit)[0]
 
     def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:
@@ -168,6 +170,7 @@ class ToppRa:
             raise InvalidRequest("gridpoints", count, f"an integer in [2, {MAX_GRIDPOINTS}]")
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
+        """The path travelled from rest to rest; see ``Timing``."""
         return self.measured(path, limits, speed_limit)[0]
 
     def measured(self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None) -> Measured:

@@ -16,6 +16,86 @@ from planner_service.cli.commands import app
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
+def printed_by(example: str, capsys: pytest.CaptureFixture[str]) -> str:
+    runpy.run_path(str(EXAMPLES / example), run_name="__main__")
+    return capsys.readouterr().out
+
+
+def number(text: str) -> int:
+    return int(text.replace(",", ""))
+
+
+def test_a_first_plan_shows_what_each_stage_costs_and_that_it_is_proven(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = printed_by("01_first_plan.py", capsys)
+    stages = re.findall(r"^([a-z ]+?) +([\d,]+) states +\d+ edges", printed, flags=re.MULTILINE)
+    words = ["endpoints", "straight line", "search", "shortcut", "polish", "certify", "timing"]
+    assert [name for name, _ in stages] == words
+    (total,) = re.findall(r"^in all ([\d,]+) states", printed, flags=re.MULTILINE)
+    assert sum(number(states) for _, states in stages) == number(total)
+    assert re.search(r"^proven to touch nothing, between samples either", printed, flags=re.MULTILINE)
+    assert "t = 0.00 s  q = [0.0, 0.95, 1.15, -1.25, 0.0, 0.0]  fastest joint 0.00" in printed
+
+
+def test_a_block_is_taken_from_the_bin_to_the_tray_and_touched_only_where_it_is_meant(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    printed = printed_by("02_pick_and_place.py", capsys)
+    motions = re.findall(r"^  ([a-z ]+?) +(straight|searched) +([\d,]+) states +(.*) mm clear$", printed, re.MULTILINE)
+    names = ["to pregrasp", "descend", "lift", "transfer", "lower", "retreat", "to home"]
+    assert [name for name, *_ in motions] == names
+    assert [name for name, how, *_ in motions if how == "searched"] == ["transfer", "to home"]
+    assert min(float(clear) for *_, clear in motions) > 0.0
+    (total,) = re.findall(r"^([\d,]+) states for", printed, flags=re.MULTILINE)
+    assert sum(number(states) for _, _, states, _ in motions) == number(total)
+    meant = re.findall(r"^    not judged from s = \S+ to \S+: (.*) \(", printed, flags=re.MULTILINE)
+    fingers = "finger_left x blue_block, finger_right x blue_block"
+    assert meant == [fingers, "blue_block x bin_floor", "blue_block x tray", fingers]
+    assert printed.rstrip().endswith("the block now stands at (0.2, 0.28, 0.0335)")
+
+
+def test_planners_are_compared_by_what_they_cost_and_how_short_their_paths_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    printed = printed_by("03_compare_planners.py", capsys)
+    row = r"^(\w+) +(\d+)/10 +([\d,]+) +([\d,]+) +([\d,]+) +([\d.]+) -> ([\d.]+) rad$"
+    rows = {name: figures for name, *figures in re.findall(row, printed, flags=re.MULTILINE)}
+    assert list(rows) == ["RRTConnect", "RRT", "LBKPIECE1", "BITstar", "AORRTC", "Optimise"]
+    solved, search, found = ({name: number(f[k].replace(".", "")) for name, f in rows.items()} for k in (0, 1, 4))
+    assert solved == {"RRT": 6} | dict.fromkeys(rows.keys() - {"RRT"}, 10)
+    assert search["Optimise"] < search["RRTConnect"] < min(search[name] for name in ("LBKPIECE1", "BITstar", "AORRTC"))
+    assert max(found["AORRTC"], found["BITstar"]) < found["RRTConnect"]
+
+
+def test_an_arm_comes_with_its_contacts_explained_and_plans(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = printed_by("05_your_own_robot.py", capsys)
+    table = re.findall(r"^  (allowed|judged) +(\w+ x \w+) +(\S.*)$", printed, flags=re.MULTILINE)
+    assert len(table) == 10
+    assert {reason.split(":")[0] for verdict, _, reason in table if verdict == "allowed"} == {"adjacent", "never"}
+    assert all(reason.startswith("collides in") for verdict, _, reason in table if verdict == "judged")
+    assert re.search(r"^blocked at .*: \w+ x post$", printed, flags=re.MULTILINE)
+    assert re.search(r"^planned: ", printed, flags=re.MULTILINE)
+    asked = re.findall(r"^\w+ +(\d+) pairs judged in each of ([\d,]+) states$", printed, flags=re.MULTILINE)
+    (imported, states), (as_it_came, states_then) = asked
+    assert (int(imported) < int(as_it_came), states) == (True, states_then)
+    (pair, depth) = re.findall(r"^at \[.*\]: (\w+ x \w+) \(at most ([\d.]+) mm deep\)$", printed, flags=re.MULTILINE)[0]
+    assert float(depth) > 0.0
+    assert pair in {" x ".join(reversed(links.split(" x "))) for _, links, _ in table} | {
+        links for _, links, _ in table
+    }
+
+
+def test_a_path_from_elsewhere_is_refused_repaired_and_proven(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = printed_by("06_certify_someone_elses_path.py", capsys)
+    (looked, free) = re.findall(r"^at (\d+) samples, .*: (\d+) free$", printed, flags=re.MULTILINE)[0]
+    assert looked == free
+    refused = re.findall(r"^(\w+ x \w+) is not proven apart from s = (\S+) to (\S+): .*overlap", printed, re.MULTILINE)
+    assert [pair for pair, *_ in refused] == ["link_6 x post_ahead"]
+    assert re.search(r"^piece 2 planned again: ", printed, flags=re.MULTILINE)
+    assert re.search(r"^proven: at least ([\d.]+) mm", printed, flags=re.MULTILINE)
+    (stops, blends) = re.findall(r"^([\d.]+) s with stops, ([\d.]+) s with blends$", printed, flags=re.MULTILINE)[0]
+    assert float(blends) < 0.7 * float(stops)
+
+
 def test_a_cell_pays_for_its_checks_once(capsys: pytest.CaptureFixture[str]) -> None:
     runpy.run_path(str(EXAMPLES / "04_roadmap_for_a_cell.py"), run_name="__main__")
     printed = capsys.readouterr().out

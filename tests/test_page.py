@@ -396,8 +396,8 @@ def test_a_command_that_would_write_nothing_is_refused(tmp_path: Path, capsys: p
 
 
 def test_cells_of_a_markdown_table_cannot_break_it() -> None:
-    table = Sheaf("t", (Cell("a"), Cell("b")), ((Cell("x | y\nz", "<b>"), Cell("1", bad=True)),))
-    assert table.markdown() == "| a | b |\n| --- | ---: |\n| x \\| y z &lt;b&gt; | **1** |\n"
+    table = Sheaf("t", (Cell("a"), Cell("b")), ((Cell("x | y\nz", "<b>"), Cell("1", "[2, 3] [4]", bad=True)),))
+    assert table.markdown() == "| a | b |\n| --- | ---: |\n| x \\| y z &lt;b&gt; | **1 \\[2, 3] \\[4]** |\n"
 
 
 def test_rows_survive_the_way_through_a_file(tmp_path: Path) -> None:

@@ -69,9 +69,11 @@ class Refusal:
     """Where a proof ended.
 
     Attributes:
-        s_start, s_end: The stretch of the path, in path length s, on which a pair could not be proven apart.
+        s_start: Where, in path length s, the stretch begins on which a pair could not be proven apart.
+        s_end: Where it ends.
         s: Where on it.
-        a, b: The pair.
+        a: One of the pair, by name.
+        b: The other.
         detail: Why, in words.
         spent: Whether there was no end to it, rather than a place where the two are too close.
     """

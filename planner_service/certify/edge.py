@@ -39,8 +39,11 @@ class EdgeVerdict(Enum):
     """What is proven of an edge."""
 
     FREE = 0
+    """Every judged pair stays apart all along it."""
     COLLIDING = 1
+    """Somewhere on it a judged pair is too near."""
     UNDECIDED = 2
+    """Neither is proven: it comes as near as the margin."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,8 @@ class EdgeProof:
         verdict: FREE: every judged pair is farther apart than the padding all along. COLLIDING: a pair is nearer than
             the padding, overlapping if that is 0, at some place. UNDECIDED: neither is proven.
         s: Where, in path length from the first end: a place of that collision, or one that could not be decided.
-        a, b: The pair; empty if free.
+        a: One of the pair, by name; empty if free.
+        b: The other; empty if free.
     """
 
     verdict: EdgeVerdict

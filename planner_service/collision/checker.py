@@ -51,7 +51,7 @@ class CollisionChecker:
     configuration outside them raises rather than being called free.
 
     Args:
-        edge_step: How finely edges are sampled.
+        edge_step: How finely edges are sampled; ``MotionStep(0.010)`` if not given.
         padding: Distance in metres that every pair must keep; verdicts of a plan use 0.
         allowed: Pairs of link or object names that may touch, beside those the robot allows.
         backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "numpy", sieves in

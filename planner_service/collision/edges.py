@@ -99,6 +99,7 @@ class MotionStep:
         object.__setattr__(self, "distance", _positive("distance", self.distance, "metres"))
 
     def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        """See ``EdgeStep``."""
         motion = 0.0
         for difference, radius in zip(dq, reach, strict=True):
             motion += radius * abs(difference)
@@ -115,6 +116,7 @@ class JointStep:
         object.__setattr__(self, "angle", _positive("angle", self.angle, "radians"))
 
     def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        """See ``EdgeStep``."""
         squares = 0.0
         for difference in dq:
             squares += difference * difference
@@ -128,6 +130,7 @@ class FinestStep:
     rules: tuple[EdgeStep, ...]
 
     def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        """See ``EdgeStep``."""
         return max(rule.segments(dq, reach) for rule in self.rules)
 
 

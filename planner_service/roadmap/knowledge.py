@@ -29,8 +29,11 @@ class Verdict(enum.IntEnum):
     """What is known of a milestone or an edge."""
 
     UNKNOWN = 0
+    """Not judged."""
     FREE = 1
+    """Free at its samples."""
     BLOCKED = 2
+    """Not free."""
     FREE_BEFORE = 3
     """Free of all but some obstacles that came or moved since."""
     BLOCKED_BEFORE = 4

@@ -58,7 +58,8 @@ class Roadmap:
 
     Attributes:
         net: The milestones and the edges.
-        milestone_knowledge, edge_knowledge: What is known of each.
+        milestone_knowledge: What is known of each milestone.
+        edge_knowledge: What is known of each edge.
         terms: For which robot and scene the verdicts hold; None for those of whoever grew it.
         pending: Obstacles against which what is FREE_BEFORE has not been judged.
         built: How it was grown; None if it was put together.

@@ -1,0 +1,58 @@
+"""Which planner? One query in the shelf to several of them, ten seeds each: what they cost, how short their paths are.
+
+Run: python examples/03_compare_planners.py
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from statistics import median
+
+from planner_service import (
+    AORRTC,
+    LBKPIECE1,
+    RRT,
+    BITstar,
+    Optimise,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    RRTConnect,
+    Stage,
+)
+from planner_service.search import Planner
+
+START, GOAL = (-0.36, 1.93, 0.25, 1.56, -0.27, 0.27), (0.16, 1.55, 1.00, 0.64, -0.10, -0.43)  # a board between them
+SEEDS = range(10)
+PLANNERS: Mapping[str, Planner | Optimise] = {
+    "RRTConnect": RRTConnect(),
+    "RRT": RRT(),
+    "LBKPIECE1": LBKPIECE1(),
+    "BITstar": BITstar(checks=4000),  # these two go on for shorter paths until so many states are judged
+    "AORRTC": AORRTC(checks=4000),
+    "Optimise": Optimise(starts=4),  # searches nothing: improves straight and bent lines
+}
+
+
+def main() -> None:
+    """One row per planner, medians over the seeds; a failure counts with what it spent."""
+    service = PlannerService("wxai", "shelf")
+    print("planner     solved  search  states  distances   found -> final")
+    for name, planner in PLANNERS.items():
+        requests = [PlanRequest(START, GOAL, planner=planner, seed=seed, time_limit=None) for seed in SEEDS]
+        show(name, [service.plan(request) for request in requests])
+
+
+def show(name: str, results: list[PlanResult]) -> None:
+    """A row of the table."""
+    search = median(result.stage(Stage.SEARCH).counts.states for result in results)
+    states = median(result.counts.states for result in results)
+    distances = median(result.counts.distances for result in results)
+    found = [result.stage(Stage.SEARCH).length or 0.0 for result in results if result.ok]
+    final = [result.path.length for result in results if result.path is not None]
+    lengths = f"{median(found):5.2f} -> {median(final):.2f} rad" if final else "no path"
+    print(f"{name:<12}{len(final):>3}/{len(results)}{search:>8,.0f}{states:>8,.0f}{distances:>11,.0f}   {lengths}")
+
+
+if __name__ == "__main__":
+    main()
