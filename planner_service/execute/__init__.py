@@ -5,6 +5,7 @@
 
 from planner_service.execute.driver import ArmLimits, Driver
 from planner_service.execute.execution import Executable, Streaming, execute
+from planner_service.execute.rehearsal import Rehearsal, meant_contacts, rehearse, taken
 from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
 from planner_service.execute.simulator import ArmContact, SimulatedArm
 from planner_service.execute.trossen import TrossenDriver
@@ -18,8 +19,12 @@ __all__ = [
     "ExecutionReport",
     "ExecutionStopped",
     "Recording",
+    "Rehearsal",
     "SimulatedArm",
     "Streaming",
     "TrossenDriver",
     "execute",
+    "meant_contacts",
+    "rehearse",
+    "taken",
 ]

@@ -321,7 +321,7 @@ class _Run:
             passed = tick + 1
             while passed < len(due) - 1 and due[passed + 1] <= time.perf_counter() - began:
                 passed += 1
-            log.skipped += passed - tick - 1
+            log.skipped += max(0, min(passed, last) - tick - 1)
             tick = passed
 
 

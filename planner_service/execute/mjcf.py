@@ -32,8 +32,8 @@ ARM, FIXED, LOOSE = ("1", "0"), ("0", "3"), ("2", "1")
 """contype and conaffinity: two shapes touch if one's type is in the other's affinity; arm and arm, fixed and fixed
 do not."""
 
-FRICTION = "1.0 0.01 0.001"
-"""Sliding, turning, rolling: rubber pads on wood."""
+FRICTION = "1.0"
+"""Of rubber on wood."""
 
 
 def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[str] = ()) -> str:
@@ -43,7 +43,8 @@ def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[s
 
     Args:
         arm_file: The vendor's MJCF of the arm, which has the robot's joints by name.
-        loose: Obstacles that lie there as bodies of their own, to be taken; the others stand still.
+        loose: Obstacles that lie there as bodies of their own, to be taken; the others stand still. Each has a weld of
+            its name to the robot's last body, not active.
 
     Raises:
         InvalidRequest: the robot's joints are not those of the arm, its bodies are elsewhere, or a shape is none that
@@ -61,8 +62,8 @@ def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[s
     for body in world.iter("body"):
         for geom in body.findall("geom"):
             body.remove(geom)
-    root.findall("option")[0].attrib.update(cone="elliptic", impratio="10")  # else what is held creeps out of the grip
-    _add_robot(_bodies(world, robot), robot)
+    bodies = _bodies(world, robot)
+    _add_robot(bodies, robot)
     for name in loose:
         scene.obstacle(name)
     for obstacle in scene.obstacles:
@@ -70,6 +71,9 @@ def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[s
             body = SubElement(world, "body", {"name": obstacle.name, **_placement(obstacle.pose)})
             SubElement(body, "freejoint", name=obstacle.name)
             _add(root, body, obstacle.name, obstacle.shape, Pose(), LOOSE)
+            hand = bodies[robot.bodies[robot.tool_body].name].attrib["name"]
+            held = {"name": obstacle.name, "body1": hand, "body2": obstacle.name, "active": "false"}
+            SubElement(SubElement(root, "equality"), "weld", held)
         else:
             _add(root, world, obstacle.name, obstacle.shape, obstacle.pose, FIXED)
     return ElementTree.tostring(root, encoding="unicode")
@@ -132,7 +136,7 @@ def _add(root: Element, parent: Element, name: str, shape: Solid, pose: Pose, ki
 def _geom(parent: Element, name: str, shape: object, pose: Pose, kind: tuple[str, str]) -> None:
     contype, conaffinity = kind
     matter = {"density": DENSITY} if kind == LOOSE else {"mass": "0"}
-    words = {"name": name, "contype": contype, "conaffinity": conaffinity, "friction": FRICTION, "condim": "4"}
+    words = {"name": name, "contype": contype, "conaffinity": conaffinity, "friction": FRICTION}
     SubElement(parent, "geom", {**words, **matter, **_solid(name, shape), **_placement(pose)})
 
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import queue
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +43,9 @@ HOSTS = tuple(f"127.0.0.{k}" for k in range(1, 33))
 
 SECONDS = 30.0
 """Until a child that says nothing is given up: it takes 0.5 s on a quiet machine."""
+
+LOOK, STILL = 0.1, 1e-5
+"""Seconds between two looks at what lies loose, and metres by which it has moved in between if it lies still."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +99,7 @@ class SimulatedArm:
         loose: Collection[str] = (),
         host: str | None = None,
     ) -> None:
+        self.scene = scene
         text = mjcf_text(arm_file(), robot, scene, loose=loose)
         q = joint_vector("start", robot.home if start is None else start, robot)
         joints = dict(zip(robot.joint_names, q.tolist(), strict=True))
@@ -105,7 +111,9 @@ class SimulatedArm:
         try:
             model = Path(self._folder.name) / "scene.xml"
             model.write_text(text, "utf-8")
-            self.host = self._started(str(model), joints, host)
+            fingers = [] if robot.gripper is None else list(robot.gripper.links)
+            job = {"scene": str(model), "joints": joints, "fingers": fingers, "loose": sorted(loose)}
+            self.host = self._started(job, host)
         except BaseException:  # what was begun is ended, also by Ctrl-C
             self.close()
             raise
@@ -114,28 +122,37 @@ class SimulatedArm:
         """The vendor's driver, connected; one at a time."""
         return TrossenDriver(self.host, simulated=True, lag=SIMULATED_LAG)
 
-    def contacts(self, *, besides: Collection[Collection[str]] = ()) -> tuple[ArmContact, ...]:
-        """All contacts so far, in the order in which they began: of the robot or of what lies loose with anything.
-
-        Args:
-            besides: Pairs of names that are meant to touch and left out.
-        """
+    def contacts(self) -> tuple[ArmContact, ...]:
+        """All contacts so far, in the order in which they began: of the robot or of what lies loose with anything."""
         self._ask()
-        left = [frozenset(pair) for pair in besides]
-        found = [_contact(event) for event in self._contacts]
-        return tuple(contact for contact in found if contact.pair not in left)
+        return tuple(_contact(event) for event in self._contacts)
 
-    def pose(self, name: str) -> Pose:
-        """Where a loose obstacle is now.
+    def poses(self) -> dict[str, Pose]:
+        """Where loose obstacles are now, by name."""
+        found = {}
+        for name, (x, y, z, w, i, j, k) in self._ask()["bodies"].items():
+            found[name] = Pose((x, y, z), (w, i, j, k))
+        return found
+
+    def seen(self) -> Scene:
+        """The scene with loose obstacles where they came to lie, once they lie still: what there is to plan for.
+
+        Scenes leave a gap below what stands in them, through which it falls.
 
         Raises:
-            InvalidRequest: none of that name is loose.
+            InvalidRequest: they never do.
         """
-        bodies = self._ask()["bodies"]
-        if name not in bodies:
-            raise InvalidRequest("name", name, f"one of those that lie loose: {', '.join(bodies) or 'none does'}")
-        x, y, z, w, i, j, k = bodies[name]
-        return Pose((x, y, z), (w, i, j, k))
+        before = self.poses()
+        for _ in range(round(SECONDS / LOOK)):
+            time.sleep(LOOK)
+            now = self.poses()
+            if all(math.dist(now[name].position, pose.position) <= STILL for name, pose in before.items()):
+                scene = self.scene
+                for name, pose in now.items():
+                    scene = scene.moved(name, pose)
+                return scene
+            before = now
+        raise InvalidRequest("loose", sorted(before), "obstacles that come to lie still")
 
     def close(self) -> None:
         """End it; nothing remains of it but the contacts."""
@@ -168,12 +185,12 @@ class SimulatedArm:
     ) -> None:
         self.close()
 
-    def _started(self, model: str, joints: dict[str, float], host: str | None) -> str:
+    def _started(self, job: dict[str, Any], host: str | None) -> str:
         for candidate in HOSTS if host is None else (host,):
             if not _free(candidate):
                 continue
             self._said = queue.Queue()
-            self._spawn({"path": sys.path, "scene": model, "host": candidate, "joints": joints})
+            self._spawn({**job, "path": sys.path, "host": candidate})
             if "ready" in self._next():
                 return candidate
             self._end()  # another process took the ports in between
