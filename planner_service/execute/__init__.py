@@ -4,13 +4,14 @@
 """
 
 from planner_service.execute.driver import ArmLimits, Driver
-from planner_service.execute.execution import Executable, Streaming, execute
+from planner_service.execute.execution import HARDWARE_SPEED, Executable, Streaming, execute
 from planner_service.execute.rehearsal import Rehearsal, meant_contacts, rehearse, taken
 from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
 from planner_service.execute.simulator import ArmContact, SimulatedArm
 from planner_service.execute.trossen import TrossenDriver
 
 __all__ = [
+    "HARDWARE_SPEED",
     "ArmContact",
     "ArmLimits",
     "Driver",

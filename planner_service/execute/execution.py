@@ -30,7 +30,7 @@ from planner_service.robot import Robot
 from planner_service.task import Segment, TaskResult
 from planner_service.trajectory import Trajectory
 
-__all__ = ["Executable", "Streaming", "execute"]
+__all__ = ["HARDWARE_SPEED", "Executable", "Streaming", "execute"]
 
 Executable = PlanResult | SavedPlan | SavedTask | TaskResult | Trajectory
 

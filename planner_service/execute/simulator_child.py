@@ -1,8 +1,8 @@
 """The simulated arm in a process of its own: physics in real time, and the network interface of its controller.
 
 A loose body is welded to the hand from when both fingers press on it until neither does. Friction alone does not do in
-this simulator: a block slipped 11 to 14 mm through the grip on the way, with four times the force, with an elliptic cone
-and impratio 100, and with noslip_iterations, too.
+this simulator: a block slipped 11 to 14 mm through the grip on the way; with four times the force, an elliptic cone and
+impratio 100, or noslip_iterations, too.
 
 A script that nothing imports. Its argument is JSON with ``path`` (the parent's sys.path), ``scene`` (an MJCF file),
 ``host``, ``joints`` (positions at the start, by name, which the controller holds), ``fingers`` (how the names of their
