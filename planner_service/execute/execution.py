@@ -143,7 +143,7 @@ def _segments(plan: Executable, robot: Robot, *, allow_unproven: bool) -> list[_
         return [_rested("motion", plan, None)]
     if isinstance(plan, SavedPlan | SavedTask) and plan.made_for.robot_hash != robot.hash:
         expected = f"a plan made for this robot ({robot.name}, {robot.hash[:12]})"
-        raise InvalidRequest("plan", f"made for {plan.made_for.robot}, {plan.made_for.robot_hash[:12]}", expected)
+        raise _refusal("plan", f"made for {plan.made_for.robot}, {plan.made_for.robot_hash[:12]}", expected)
     if isinstance(plan, SavedPlan):
         plan = plan.result
     if isinstance(plan, PlanResult):
@@ -182,7 +182,7 @@ def _require_within(motion: _Motion, robot: Robot, limits: ArmLimits, speed: flo
     path = motion.trajectory.path
     if path.n != robot.n or len(limits.lower) != robot.n:
         found = f"{path.n} joints, the arm {len(limits.lower)}"
-        raise InvalidRequest(f"trajectory of {motion.name}", found, f"the {robot.n} joints of {robot.name}")
+        raise _refusal(f"trajectory of {motion.name}", found, f"the {robot.n} joints of {robot.name}")
     least, most = path.waypoints.min(axis=0), path.waypoints.max(axis=0)  # blends stay between their waypoints
     for whose, lower, upper, slack in (
         ("the robot", robot.limits.lower, robot.limits.upper, TOLERANCE),
@@ -191,12 +191,12 @@ def _require_within(motion: _Motion, robot: Robot, limits: ArmLimits, speed: flo
         for k, joint in enumerate(robot.joint_names):
             if least[k] < lower[k] - slack or most[k] > upper[k] + slack:
                 found = f"from {least[k]:.4f} to {most[k]:.4f}"
-                raise InvalidRequest(f"{joint} in {motion.name}", found, f"{whose}'s {lower[k]:.4f} to {upper[k]:.4f}")
+                raise _refusal(f"{joint} in {motion.name}", found, f"{whose}'s {lower[k]:.4f} to {upper[k]:.4f}")
     peak = peaks(motion.trajectory, replace(robot.limits, velocity=limits.velocity)).velocity
     if peak.ratio * speed > 1.0 + TOLERANCE:
         allowed, joint = limits.velocity[peak.joint], robot.joint_names[peak.joint]
         found = f"{speed:g}, {joint} moving at {peak.ratio * speed * allowed:.3f} in {motion.name}"
-        raise InvalidRequest("speed", found, f"at most {1.0 / peak.ratio:.3f}: the arm's limit is {allowed:.3f}")
+        raise _refusal("speed", found, f"at most {1.0 / peak.ratio:.3f}: the arm's limit is {allowed:.3f}")
 
 
 def _require_follow(motions: Sequence[_Motion], robot: Robot, how: Streaming) -> None:
@@ -217,7 +217,11 @@ def _require_near(field: str, found: FloatArray, wanted: FloatArray, robot: Robo
     k = int(np.argmax(np.where(np.isfinite(off), off, math.inf)))
     if not off[k] <= how.start_tolerance:
         at = f"{robot.joint_names[k]} at {found[k]:.4f}"
-        raise InvalidRequest(field, at, f"{wanted[k]:.4f} within {how.start_tolerance:g} (start_tolerance)")
+        raise _refusal(field, at, f"{wanted[k]:.4f} within {how.start_tolerance:g} (start_tolerance)")
+
+
+def _refusal(field: str, found: str, expected: str) -> InvalidRequest:
+    return InvalidRequest(field, found, expected, message=f"{field}: got {found}; expected {expected}")
 
 
 class _Run:
@@ -302,6 +306,7 @@ class _Run:
         period, driver = 1.0 / self.how.rate, self.driver
         t, q, qd, qdd = trajectory.sample(period)
         last = len(t) - 1
+        qd[last] = qdd[last] = 0.0  # what brakes the arm at the end would push it back afterwards
         rest = math.ceil(self.how.settle * self.how.rate)
         due = np.concatenate([t, t[-1] + period * np.arange(1, rest + 1)]).tolist()
         ahead = np.clip(q + driver.lag * qd, self.limits.lower, self.limits.upper)
@@ -314,15 +319,15 @@ class _Run:
                 late = time.perf_counter() - began - due[tick]
             if late > self.how.latest:
                 raise TimeoutError(f"a command was due {late:.3f} s ago, {self.how.latest:g} s are allowed (latest)")
+            now = due[tick] + late
+            while tick + 1 < len(due) and due[tick + 1] <= now:
+                tick += 1
+                log.skipped += tick <= last
             k = min(tick, last)
             self.planned = q[k]
             driver.command(ahead[k], qd[k], qdd[k])
             log.add(time.perf_counter() - began, ahead[k], driver.positions(), late)
-            passed = tick + 1
-            while passed < len(due) - 1 and due[passed + 1] <= time.perf_counter() - began:
-                passed += 1
-            log.skipped += max(0, min(passed, last) - tick - 1)
-            tick = passed
+            tick += 1
 
 
 class _Log:
