@@ -25,7 +25,7 @@ def main() -> None:
         print(f"{task.task}: {task.failure or 'planned'}")
         if task.failure is not None:
             return
-        done = rehearse(arm, task, robot, Streaming(latest=0.5, settle=0.3, gripper_time=0.6))
+        done = rehearse(arm, task, robot, Streaming(latest=0.5, gripper_time=0.6))
     for motion in done.report.motions:
         final, off = motion.final_error.max() * 1000.0, motion.tool_off_path * 1000.0
         print(f"{motion.name:17} {motion.duration:.2f} s, ends {final:.1f} mrad off, at most {off:.1f} mm off its path")

@@ -232,6 +232,20 @@ def test_every_tick_is_told_and_recorded_until_the_arm_has_settled(
     assert motion.recording.t[-1] > motion.duration + 0.09
 
 
+@pytest.mark.parametrize("swings", [True, False])
+def test_an_arm_is_recorded_until_it_rests_or_its_time_is_over(
+    swings: bool, there: PlanResult, arm: FakeArm, robot: Robot
+) -> None:
+    def swing(step: int) -> None:
+        arm.off = np.full(6, 0.001 * (step // 3 % 2))
+
+    arm.trouble = swing if swings else arm.trouble
+    (motion,) = execute(there, arm, robot, replace(QUICK, settle=1.0)).motions
+    settling = float(motion.recording.t[-1]) - motion.duration
+    assert (settling > 0.95) == swings
+    assert settling > 0.1
+
+
 def test_errors_are_told_joint_by_joint_and_in_metres_of_the_tool(
     there: PlanResult, arm: FakeArm, robot: Robot
 ) -> None:

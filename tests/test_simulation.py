@@ -56,7 +56,7 @@ pytestmark = pytest.mark.sim
 
 ROBOTS = Path(__file__).parents[1] / "robots"
 EXAMPLES = Path(__file__).parents[1] / "examples"
-PATIENT = Streaming(latest=0.5, settle=0.3, gripper_time=0.6)
+PATIENT = Streaming(latest=0.5, gripper_time=0.6)
 TURNED = Pose((0.4, 0.3, 0.5), (0.8, 0.36, -0.48, 0.0))
 
 

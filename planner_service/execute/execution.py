@@ -43,6 +43,12 @@ ROUNDED = 1e-4
 ABSURD = 0.5
 """Radians between where an arm was to be and where it says it is, beyond which it is not believed."""
 
+REST, STILL = 0.1, 2e-4
+"""Seconds for which an arm moves less than so many radians if it has come to rest."""
+
+MOST_RECENT = 101
+"""Ticks in that time, at most."""
+
 TRIES = 3
 """Of telling an arm to hold."""
 
@@ -59,7 +65,7 @@ class Streaming:
             square. If None 1 in simulation, else 0.2.
         rate: Commands per second.
         start_tolerance: Radians (or metres) by which the arm may stand elsewhere than where a motion begins; MoveIt's.
-        settle: Seconds for which the arm is recorded after the end of each motion.
+        settle: Seconds that the arm may take to come to rest after the end of each motion; it is recorded until then.
         latest: Seconds by which a command may be late before the stream is stopped.
         gripper_time: Seconds in which the gripper opens or closes.
         squeeze: Metres that the gripper is told to close beyond an object, so that it presses.
@@ -71,7 +77,7 @@ class Streaming:
     speed: float | None = None
     rate: float = 250.0
     start_tolerance: float = 0.01
-    settle: float = 0.5
+    settle: float = 2.0
     latest: float = 0.1
     gripper_time: float = 1.0
     squeeze: float = 0.01
@@ -328,6 +334,8 @@ class _Run:
             driver.command(ahead[k], qd[k], qdd[k])
             log.add(time.perf_counter() - began, ahead[k], driver.positions(), late)
             tick += 1
+            if tick > last and log.rests(t[-1]):
+                return
 
 
 class _Log:
@@ -340,6 +348,12 @@ class _Log:
 
     def add(self, t: float, commanded: FloatArray, measured: FloatArray, late: float) -> None:
         self.rows.append((t, commanded, measured, late))
+
+    def rests(self, after: float) -> bool:
+        """Whether the arm has moved no more since some time before, which is after the end of its motion."""
+        now = self.rows[-1][0]
+        recent = [measured for t, _, measured, _ in self.rows[-MOST_RECENT:] if t >= now - REST]
+        return now - REST > after and bool(np.ptp(recent, axis=0).max() < STILL)
 
     def recording(self) -> Recording:
         t, commanded, measured, late = zip(*self.rows, strict=True) if self.rows else ((), (), (), ())
