@@ -51,7 +51,7 @@ from planner_service.geometry import FloatArray
 from planner_service.pick_place import places_on
 from planner_service.plan_file import MadeFor, SavedTask
 
-__all__ = ["ERRANDS", "STREAMING", "Errand", "audited", "control", "errand", "promises", "run", "stop_rows"]
+__all__ = ["ERRANDS", "STREAMING", "Cut", "Errand", "audited", "control", "errand", "promises", "run", "stop_rows"]
 
 STREAMING = Streaming(latest=0.5)
 """A stream that is half a second late is no measurement; less happens on a machine that does other things."""
@@ -146,7 +146,7 @@ def control() -> tuple[Trajectory, Rehearsal]:
         return motion, rehearse(arm, motion, robot, STREAMING, allow_unproven=True)
 
 
-class _Cut:
+class Cut:
     """A driver that fails at some moment, and then holds where the arm is, or to compare where it was told to be."""
 
     def __init__(self, driver: Driver, moment: float, *, where_told: bool) -> None:
@@ -172,9 +172,6 @@ class _Cut:
         self.stood = np.array(q)
         self.driver.hold(self.told if self.where_told else q)
 
-    def gripper_width(self) -> float:
-        return self.driver.gripper_width()
-
     def move_gripper(self, width: float, seconds: float) -> None:
         self.driver.move_gripper(width, seconds)
 
@@ -195,7 +192,7 @@ def stop_rows() -> list[Row]:
     rows = []
     for where_told in (False, True):
         with SimulatedArm(robot, service.scene, motion(0.0)) as arm, closing(arm.connect()) as driver:
-            cut = _Cut(driver, fastest, where_told=where_told)
+            cut = Cut(driver, fastest, where_told=where_told)
             with suppress(ExecutionStopped):
                 execute(plan, cut, robot, STREAMING)
             seen = []

@@ -57,9 +57,6 @@ class FakeArm:
             raise OSError("no route to the arm")
         self.held.append(np.array(q))
 
-    def gripper_width(self) -> float:
-        return self.widths[-1]
-
     def move_gripper(self, width: float, seconds: float) -> None:
         self.widths.append(width)
 

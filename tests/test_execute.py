@@ -40,7 +40,8 @@ from planner_service.geometry import FloatArray
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, save_plan
 from tests.arms import FakeArm
 
-QUICK = Streaming(settle=0.02, gripper_time=0.1)
+QUICK = Streaming(settle=0.02, gripper_time=0.1, latest=1.0)
+"""Patient with a machine that does other things; lateness has a test of its own."""
 STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
 
 
@@ -452,6 +453,11 @@ def test_without_the_driver_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "trossen_arm", None)
     with pytest.raises(MissingDependency, match=r"planner-service\[sim\]"):
         TrossenDriver("127.0.0.1")
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "Streaming", lambda **asked: Streaming(**{"latest": 1.0, **asked}))
 
 
 @pytest.fixture

@@ -290,7 +290,7 @@ def test_an_arm_that_is_stopped_on_its_way_stays_there(robot: Robot) -> None:
     off = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
     plan = service.plan(PlanRequest(robot.home - off, robot.home + off))
     with SimulatedArm(robot, Scene(), robot.home - off) as arm, closing(arm.connect()) as driver:
-        cut = measure._Cut(driver, 0.5 * plan.unwrap()[1].duration, where_told=False)
+        cut = measure.Cut(driver, 0.5 * plan.unwrap()[1].duration, where_told=False)
         with pytest.raises(ExecutionStopped, match="hold where it was") as caught:
             execute(plan, cut, robot, PATIENT)
         time.sleep(0.5)

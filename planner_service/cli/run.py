@@ -44,6 +44,9 @@ __all__ = ["run"]
 PADDING = 0.005
 """Metres that a pick-and-place to be executed keeps: an arm leaves its path by one to three millimetres."""
 
+PATIENCE = 0.5
+"""Seconds by which a command to the simulated arm may be late: there a stall does no harm."""
+
 
 def run(
     plan_file: Annotated[
@@ -69,7 +72,7 @@ def run(
     With --sim and without a FILE a pick-and-place is planned for what lies where it does in the simulation.
     """
     with bad_input_exits():
-        streaming = Streaming(speed=speed)
+        streaming = Streaming(speed=speed, latest=PATIENCE) if sim else Streaming(speed=speed)
         if sim == (arm is not None):
             raise InvalidRequest("--sim", sim, "either --sim or --arm ADDRESS")
         if arm is not None:
