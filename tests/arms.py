@@ -1,8 +1,7 @@
-"""An arm that is where it was told to be, for tests of what is told to it."""
+"""An arm that is where it was told to be, and a clock that only waits, for tests of what is told and when."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 from planner_service.execute import ArmLimits
 from planner_service.geometry import FloatArray
 
-__all__ = ["FakeArm"]
+__all__ = ["FakeArm", "FakeTime"]
 
 
 @dataclass
@@ -63,6 +62,15 @@ class FakeArm:
     def close(self) -> None:
         self.closed = True
 
-    def slow(self, seconds: float) -> Callable[[int], None]:
-        """Trouble that takes time."""
-        return lambda k: time.sleep(seconds)
+
+@dataclass
+class FakeTime:
+    """Stands in for the module ``time``: nothing takes time but sleeping, and that takes none of the test's."""
+
+    now: float = 1000.0
+
+    def perf_counter(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds

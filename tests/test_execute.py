@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,15 +32,15 @@ from planner_service.execute import (
     Streaming,
     TrossenDriver,
     execute,
+    execution,
     meant_contacts,
     taken,
 )
 from planner_service.geometry import FloatArray
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, save_plan
-from tests.arms import FakeArm
+from tests.arms import FakeArm, FakeTime
 
-QUICK = Streaming(settle=0.02, gripper_time=0.1, latest=1.0)
-"""Patient with a machine that does other things; lateness has a test of its own."""
+QUICK = Streaming(settle=0.02, gripper_time=0.1)
 STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
 
 
@@ -64,6 +63,14 @@ def there(service: PlannerService) -> PlanResult:
 @pytest.fixture(scope="module")
 def back(service: PlannerService) -> PlanResult:
     return service.plan(PlanRequest(service.robot.home + STEP, service.robot.home))
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
+    """No test waits, and none depends on how busy the machine is."""
+    clock = FakeTime()
+    monkeypatch.setattr(execution, "time", clock)
+    return clock
 
 
 @pytest.fixture
@@ -165,7 +172,7 @@ def test_a_motion_faster_than_the_arm_may_be_is_refused_with_the_speed_that_woul
     assert arm.told == []
     allowed = float(caught.value.expected.split()[2].rstrip(":"))
     execute(there, arm, robot, replace(QUICK, speed=allowed * 0.999))
-    fastest = max(float(np.abs(qd).max()) for _, qd, _ in arm.told)
+    fastest = max(float(np.abs(qd).max()) for _, qd, _ in arm.told)  # 250 times a second it may be missed by little
     assert 0.19 < fastest <= 0.2
 
 
@@ -223,7 +230,9 @@ def test_every_tick_is_told_and_recorded_until_the_arm_has_settled(
     (motion,) = report.motions
     m = len(motion.recording.t)
     assert m == len(arm.told)
-    assert m + motion.recording.skipped >= motion.duration * 250.0
+    assert motion.recording.skipped == 0
+    due = motion.trajectory.sample(0.004).t
+    assert motion.recording.t[: len(due)] == pytest.approx(due, abs=1e-9)
     assert motion.recording.measured.shape == motion.recording.commanded.shape == (m, 6)
     assert (report.ok, report.stopped, motion.completed, arm.held) == (True, None, True, [])
     for q, qd, qdd in arm.told[-5:]:
@@ -261,12 +270,13 @@ def test_errors_are_told_joint_by_joint_and_in_metres_of_the_tool(
     assert 0.0 < motion.tool_off_path <= motion.tool_lag
 
 
-def test_an_arm_that_is_only_late_is_on_its_path(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    whole, began = motion_of(there), [0.0]
+def test_an_arm_that_is_only_late_is_on_its_path(
+    there: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
+) -> None:
+    whole, began = motion_of(there), clock.now
 
     def late() -> FloatArray:
-        began[0] = began[0] or time.perf_counter()
-        return whole(min(max(time.perf_counter() - began[0] - 0.05, 0.0), whole.duration))
+        return whole(min(max(clock.now - began - 0.05, 0.0), whole.duration))
 
     arm.seen = late
     (motion,) = execute(there, arm, robot, replace(QUICK, settle=0.1)).motions
@@ -323,10 +333,12 @@ def test_ctrl_c_while_the_gripper_moves_holds_the_arm(
     assert [q.tolist() for q in arm.held] == [robot.home.tolist()]
 
 
-def test_a_stream_that_is_too_late_stops_and_holds_the_arm(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_a_stream_that_is_too_late_stops_and_holds_the_arm(
+    there: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
+) -> None:
     def stall(step: int) -> None:
         if step == 5:
-            time.sleep(0.08)
+            clock.sleep(0.08)
 
     arm.trouble = stall
     report = stopped(there, arm, robot, replace(QUICK, latest=0.03))
@@ -335,14 +347,18 @@ def test_a_stream_that_is_too_late_stops_and_holds_the_arm(there: PlanResult, ar
     assert (len(arm.told), len(arm.held)) == (6, 1)
 
 
-def test_ticks_that_have_passed_are_left_out_and_counted(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    arm.trouble = arm.slow(0.01)  # two and a half ticks
-    report = execute(there, arm, robot, replace(QUICK, latest=1.0))
-    (motion,) = report.motions
-    assert motion.recording.skipped > 20
+def test_ticks_that_have_passed_are_left_out_and_counted(
+    there: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
+) -> None:
+    arm.trouble = lambda k: clock.sleep(0.010)  # two and a half ticks
+    (motion,) = execute(there, arm, robot, QUICK).motions
+    ticks = len(motion.trajectory.sample(0.004).t)
+    told = int((motion.recording.t <= motion.duration).sum())
+    assert told == pytest.approx(ticks * 0.4, abs=2)
+    assert motion.recording.skipped == pytest.approx(ticks * 0.6, abs=2)
     assert motion.late >= motion.recording.skipped
     assert np.array_equal(arm.told[-1][0], motion.trajectory(motion.duration))
-    assert float(motion.recording.lateness[-1]) < 0.5  # it does not fall behind
+    assert float(motion.recording.lateness.max()) < 0.012  # it does not fall behind
 
 
 @pytest.mark.parametrize("answer", ["an error", "nan", "elsewhere"])
@@ -455,11 +471,6 @@ def test_without_the_driver_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) 
         TrossenDriver("127.0.0.1")
 
 
-@pytest.fixture(autouse=True)
-def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "Streaming", lambda **asked: Streaming(**{"latest": 1.0, **asked}))
-
-
 @pytest.fixture
 def saved(service: PlannerService, there: PlanResult, tmp_path: Path) -> str:
     save_plan(SavedPlan(MadeFor.of(service), None, there), tmp_path / "plan.json")
@@ -473,6 +484,27 @@ def test_a_real_arm_is_not_even_connected_to_without_yes(saved: str, monkeypatch
     assert "would move the arm at 192.168.1.2: motion;" in done.stderr
     assert "0.2 of the planned speed" in done.stderr
     assert "Nothing was moved" in done.stderr
+
+
+def test_what_would_be_done_is_told_motion_by_motion(
+    service: PlannerService, there: PlanResult, back: PlanResult, tmp_path: Path
+) -> None:
+    segments = (Segment("wave", there, 0.06), Segment("back", back, 0.06), Segment("wave", there, 0.06))
+    save_plan(task_of(service, *segments), tmp_path / "task.json")
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "task.json"), "--arm", "192.168.1.2", "--speed", "0.5"])
+    seconds = 2.0 * (2.0 * motion_of(there).duration + motion_of(back).duration)
+    assert f"wave, back, wave; {seconds:.1f} s of motion at 0.5" in done.stderr
+
+
+def test_for_a_failure_no_arm_is_connected_to(
+    service: PlannerService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
+    failed = service.plan(PlanRequest(service.robot.home, np.full(6, 9.0)))
+    save_plan(SavedPlan(MadeFor.of(service), None, failed), tmp_path / "plan.json")
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
+    assert done.exit_code == 2
+    assert "expected a plan" in done.stderr
 
 
 def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -109,7 +110,7 @@ def _opened(file: str) -> _Opened:
 
 def _rehearsed(opened: _Opened, streaming: Streaming) -> Rehearsal:
     service, plan = opened.service, opened.plan
-    start = next(iter(_trajectories(plan).values()))(0.0)
+    start = _trajectories(plan)[0][1](0.0)
     with SimulatedArm(service.robot, service.scene, start, loose=taken(plan, service.robot)) as arm:
         return rehearse(arm, plan, service.robot, streaming)
 
@@ -127,14 +128,14 @@ def _planned(
         return task, None if task.failure is not None else rehearse(arm, task, robot, streaming)
 
 
-def _trajectories(plan: SavedPlan | SavedTask) -> dict[str, Trajectory]:
-    """The motions by name.
+def _trajectories(plan: SavedPlan | SavedTask) -> list[tuple[str, Trajectory]]:
+    """The motions with their names, in order.
 
     Raises:
         InvalidRequest: there is none, or one has no plan.
     """
     parts = plan.segments if isinstance(plan, SavedTask) else (Segment("motion", plan.result, 0.0),)
-    found = {part.name: part.result.trajectory for part in parts if part.result.trajectory is not None}
+    found = [(part.name, part.result.trajectory) for part in parts if part.result.trajectory is not None]
     if not parts or len(found) < len(parts):
         raise InvalidRequest("FILE", "a failure", "a plan")
     return found
@@ -142,14 +143,14 @@ def _trajectories(plan: SavedPlan | SavedTask) -> dict[str, Trajectory]:
 
 def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool, as_json: bool) -> None:
     robot, plan = opened.service.robot, opened.plan
+    motions = _trajectories(plan)
     if not yes:
         speed = HARDWARE_SPEED if streaming.speed is None else streaming.speed
-        motions = _trajectories(plan)
-        seconds = sum(motion.duration for motion in motions.values()) / speed
+        names, seconds = ", ".join(name for name, _ in motions), math.fsum(motion.duration for _, motion in motions)
         typer.echo(
-            f"would move the arm at {address}: {', '.join(motions)}; {seconds:.1f} s of motion at {speed:g} of the "
-            "planned speed.\nNothing was moved, nor connected to. Rehearse it with --sim, clear the arm's surroundings,"
-            " have its emergency stop at hand, and say --yes.",
+            f"would move the arm at {address}: {names}; {seconds / speed:.1f} s of motion at {speed:g} of the planned "
+            "speed.\nNothing was moved, nor connected to. Rehearse it with --sim, clear the arm's surroundings, have "
+            "its emergency stop at hand, and say --yes.",
             err=True,
         )
         raise typer.Exit(BAD_INPUT)

@@ -17,6 +17,9 @@ __all__ = ["ExecutedMotion", "ExecutionReport", "ExecutionStopped", "Recording"]
 CURVE_POINTS = 2000
 """Points of the planned tool path between which straight lines are taken: half a micrometre off on a 0.3 m arc."""
 
+ROUNDING = 1e-9
+"""Seconds."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -76,7 +79,7 @@ class ExecutedMotion:
         t = np.minimum(recording.t, trajectory.duration)
         planned = trajectory(t)
         error = np.abs(recording.measured - planned)
-        moving = recording.t <= trajectory.duration
+        moving = recording.t <= trajectory.duration + ROUNDING
         some = error[moving] if moving.any() else np.zeros((1, robot.n))
         tool, tool_planned = _tool(robot, recording.measured), _tool(robot, planned)
         curve = _tool(robot, trajectory(np.linspace(0.0, trajectory.duration, CURVE_POINTS)))
@@ -91,7 +94,7 @@ class ExecutedMotion:
             max((_distance(point, curve) for point in tool), default=0.0),
             int((recording.lateness[moving] > period).sum()) + recording.skipped,
             int(moving.sum()) + recording.skipped,
-            bool(len(t)) and bool(recording.t[-1] >= trajectory.duration),
+            bool(len(t)) and bool(recording.t[-1] >= trajectory.duration - ROUNDING),
         )
 
     @property
