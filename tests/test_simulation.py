@@ -48,7 +48,7 @@ from planner_service.cli.commands import app
 from planner_service.execute import ExecutionStopped, SimulatedArm, Streaming, TrossenDriver, execute, rehearse
 from planner_service.execute import simulator as simulator_module
 from planner_service.execute.mjcf import link_of, mjcf_text
-from planner_service.execute.simulator import TCP_PORT, arm_file
+from planner_service.execute.simulator import TCP_PORT, UDP_PORT, arm_file
 from planner_service.plan_file import MadeFor, SavedPlan, save_plan
 from tests.independent import IndependentChecker, tables_of
 
@@ -228,6 +228,14 @@ def test_two_arms_run_next_to_each_other_and_leave_nothing_behind(robot: Robot) 
 def test_a_host_in_use_is_refused(robot: Robot) -> None:
     with SimulatedArm(robot, Scene()) as arm, pytest.raises(InvalidRequest, match="TCP 50001 and UDP 50000 are free"):
         SimulatedArm(robot, Scene(), host=arm.host)
+
+
+def test_a_host_whose_udp_port_is_in_use_is_refused(robot: Robot) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the simulator's own, which would share it
+        taken.bind(("127.0.0.78", UDP_PORT))
+        with pytest.raises(InvalidRequest, match="UDP 50000 are free"):
+            SimulatedArm(robot, Scene(), host="127.0.0.78")
 
 
 def test_an_address_without_an_arm_is_refused() -> None:
