@@ -105,7 +105,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"},
     ),
 }
-ABOVE = {FRONT, "__main__", "cli", "interchange", "pick_place", "plan_file", "result_record", "several"}
+ABOVE = {FRONT, "__main__", "cli", "execute", "interchange", "pick_place", "plan_file", "result_record", "several"}
 """The public face, the command line and its files: they may import everything, nothing below imports them."""
 
 ONLY_IN = {
@@ -115,6 +115,9 @@ ONLY_IN = {
     "coacd": {"coacd_child.py"},
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"two_passes.py"},
+    "trossen_arm": {"execute/trossen.py"},
+    "trossen_arm_sim": {"execute/simulator_child.py"},
+    "mujoco": {"execute/simulator_child.py"},
     "piqp": {"optimize"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "trimesh": set[str](),
@@ -132,7 +135,7 @@ ONLY_IN = {
 
 SLOW = (
     *("yourdfpy", "toppra", "trimesh", "scipy.optimize", "scipy.sparse", "piqp"),
-    *("matplotlib", "lxml", "rich", "typer"),
+    *("matplotlib", "lxml", "rich", "typer", "trossen_arm", "trossen_arm_sim", "mujoco"),
 )
 """Only imported when first used."""
 

@@ -48,6 +48,7 @@ from planner_service.cli.options import (
 )
 from planner_service.cli.plot import write_clearance_plot
 from planner_service.cli.roadmaps import roadmaps
+from planner_service.cli.run import run
 from planner_service.cli.tables import (
     console,
     emit,
@@ -88,6 +89,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(roadmaps, name="roadmap")
+app.command(short_help="Execute a plan, on the simulated arm or a real one.")(run)
 
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
 

@@ -14,7 +14,7 @@ from planner_service.cli.tables import UNATTENDED_WIDTH, console, emit, render
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.outcome import Failure
 
-__all__ = ["NO_PLAN", "bad_input_exits", "finish", "json_text", "wrapped"]
+__all__ = ["BAD_INPUT", "NO_PLAN", "bad_input_exits", "finish", "json_text", "wrapped"]
 
 NO_PLAN, BAD_INPUT = 1, 2
 

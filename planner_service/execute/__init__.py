@@ -1,0 +1,31 @@
+"""Plans on an arm: streamed through a driver, recorded, compared with what was planned; and the simulated arm.
+
+``execute`` is here and not in ``planner_service`` itself, where a function of that name would hide this package.
+"""
+
+from planner_service.execute.driver import ArmLimits, Driver
+from planner_service.execute.execution import HARDWARE_SPEED, Executable, Streaming, execute
+from planner_service.execute.rehearsal import Rehearsal, meant_contacts, rehearse, taken
+from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
+from planner_service.execute.simulator import ArmContact, SimulatedArm
+from planner_service.execute.trossen import TrossenDriver
+
+__all__ = [
+    "HARDWARE_SPEED",
+    "ArmContact",
+    "ArmLimits",
+    "Driver",
+    "Executable",
+    "ExecutedMotion",
+    "ExecutionReport",
+    "ExecutionStopped",
+    "Recording",
+    "Rehearsal",
+    "SimulatedArm",
+    "Streaming",
+    "TrossenDriver",
+    "execute",
+    "meant_contacts",
+    "rehearse",
+    "taken",
+]

@@ -1,0 +1,74 @@
+"""What is needed of an arm: where it is, where it is told to be, and that it can be told to stay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray, numbers
+
+__all__ = ["ArmLimits", "Driver"]
+
+
+@dataclass(frozen=True, eq=False)
+class ArmLimits:
+    """What an arm's controller allows, each of shape (n,), in rad and rad/s (m for a prismatic joint).
+
+    Raises:
+        InvalidRequest: not three lists of equally many finite numbers.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    velocity: FloatArray
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            array = numbers(item.name, getattr(self, item.name), "finite numbers of shape (n,)")
+            if array.ndim != 1 or not np.all(np.isfinite(array)) or array.shape != np.shape(self.lower):
+                raise InvalidRequest(item.name, array, "finite numbers of shape (n,), as many as the other limits")
+            object.__setattr__(self, item.name, array)
+
+
+class Driver(Protocol):
+    """An arm that is told where to be, many times a second.
+
+    Attributes:
+        simulated: Nothing real moves: then plans are executed at full speed by default, else at a fifth of it.
+        lag: Seconds, shape (n,), by which each joint of a moving arm is behind what it is told; every command is that
+            much ahead of the plan. Zero for a controller that follows velocities, too.
+    """
+
+    @property
+    def simulated(self) -> bool: ...
+
+    @property
+    def lag(self) -> FloatArray: ...
+
+    def limits(self) -> ArmLimits:
+        """What the controller allows; beyond its velocities it may fault."""
+        ...
+
+    def positions(self) -> FloatArray:
+        """Where the joints are, shape (n,)."""
+        ...
+
+    def command(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> None:
+        """Be at q now, moving with qd and qdd, each of shape (n,); does not wait."""
+        ...
+
+    def hold(self, q: ArrayLike) -> None:
+        """Stand still at q, shape (n,), from now on; does not wait."""
+        ...
+
+    def move_gripper(self, width: float, seconds: float) -> None:
+        """Have the finger pads ``width`` metres apart within so many seconds; does not wait."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the connection; the arm stays where it is."""
+        ...

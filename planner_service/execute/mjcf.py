@@ -1,0 +1,169 @@
+"""A robot and a scene as an MJCF file: the simulated WidowX AI with our covering shapes in place of its own.
+
+The vendor's model brings the joints, inertias, actuators and gains. Its collision shapes leave up to 27 mm of the arm
+uncovered, so that a simulation without contacts would prove little: they are left out, and every shape that our
+planner judges is put in. Arm and scene can touch, arm and arm cannot, nor what stands still.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from planner_service.composite import Compound, Solid
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
+from planner_service.mesh import Mesh
+from planner_service.robot import Gripper, LinkShape, Robot
+from planner_service.scene import Scene
+from planner_service.xml_file import read_xml
+
+__all__ = ["link_of", "mjcf_text"]
+
+MARK = "#"
+"""Between a link's or an obstacle's name and the number of its shape."""
+
+DENSITY = "500"
+"""Of what lies loose, in kg/m3: that of wood."""
+
+ARM, FIXED, LOOSE = ("1", "0"), ("0", "3"), ("2", "1")
+"""contype and conaffinity: two shapes touch if one's type is in the other's affinity; arm and arm, fixed and fixed
+do not."""
+
+FRICTION = "1.0"
+"""Of rubber on wood."""
+
+
+def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[str] = ()) -> str:
+    """The MJCF of a robot, its gripper movable, among the obstacles of a scene.
+
+    Shape k of a link or an obstacle is the geom ``name#k``, at the pose that the planner judges it at.
+
+    Args:
+        arm_file: The vendor's MJCF of the arm, which has the robot's joints by name.
+        loose: Obstacles that lie there as bodies of their own, to be taken; the others stand still. Each has a weld of
+            its name to the robot's last body, not active.
+
+    Raises:
+        InvalidRequest: the robot's joints are not those of the arm, its bodies are elsewhere, or a shape is none that
+            MJCF has.
+        InvalidFile: the file cannot be read.
+        UnknownName: there is no such loose obstacle.
+    """
+    root = read_xml(arm_file, "mujoco")
+    for name in ("default", "asset"):
+        for element in root.findall(name):
+            root.remove(element)
+    world = root.find("worldbody")
+    if world is None:
+        raise InvalidRequest("arm_file", str(arm_file), "a model with a worldbody")
+    for body in world.iter("body"):
+        for geom in body.findall("geom"):
+            body.remove(geom)
+    bodies = _bodies(world, robot)
+    _add_robot(bodies, robot)
+    for name in loose:
+        scene.obstacle(name)
+    for obstacle in scene.obstacles:
+        if obstacle.name in loose:
+            body = SubElement(world, "body", {"name": obstacle.name, **_placement(obstacle.pose)})
+            SubElement(body, "freejoint", name=obstacle.name)
+            _add(root, body, obstacle.name, obstacle.shape, Pose(), LOOSE)
+            hand = bodies[robot.bodies[robot.tool_body].name].attrib["name"]
+            held = {"name": obstacle.name, "body1": hand, "body2": obstacle.name, "active": "false"}
+            SubElement(SubElement(root, "equality"), "weld", held)
+        else:
+            _add(root, world, obstacle.name, obstacle.shape, obstacle.pose, FIXED)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def link_of(geom: str) -> str:
+    """The link's or obstacle's name that a geom is a shape of."""
+    return geom.rpartition(MARK)[0] or geom
+
+
+def _bodies(world: Element, robot: Robot) -> dict[str, Element]:
+    """The elements of the arm's bodies by the joints that move them, "base" for the fixed one."""
+    base = world.find("body")
+    found = {} if base is None else {"base": base}
+    for element in world.iter("body"):
+        found |= {joint.attrib["name"]: element for joint in element.findall("joint")}
+    fingers = () if robot.gripper is None else robot.gripper.joints
+    for name in (*robot.joint_names, *fingers):
+        if name not in found:
+            raise InvalidRequest("robot", robot.name, f"an arm with the simulated arm's joints; {name} is none of them")
+    for body in robot.bodies:
+        off = _pose_of(found[body.name]).inverse() @ Pose.from_matrix(body.placement)
+        if max(map(abs, (*off.position, *off.quaternion[1:]))) > 1e-6:
+            raise InvalidRequest("robot", robot.name, f"the simulated arm; {body.name} is elsewhere on it")
+    return found
+
+
+def _add_robot(bodies: dict[str, Element], robot: Robot) -> None:
+    gripper = robot.gripper
+    fingers = () if gripper is None else gripper.links
+    fixed = [item for item in robot.shapes if item.link not in fingers]
+    placed = [(robot.bodies[item.body].name, item) for item in fixed]
+    placed += [] if gripper is None else list(_fingers(bodies, gripper))
+    count: dict[str, int] = {}
+    for joint, item in placed:
+        k = count[item.link] = count.get(item.link, -1) + 1
+        _geom(bodies[joint], f"{item.link}{MARK}{k}", item.shape, item.pose, ARM)
+
+
+def _fingers(bodies: dict[str, Element], gripper: Gripper) -> Iterator[tuple[str, LinkShape]]:
+    """The closed fingers' shapes with their joints, in the frames of these: the simulation moves them apart."""
+    of_link = dict(zip(gripper.links, gripper.joints, strict=True))
+    for item in gripper.closed:
+        pose = _pose_of(bodies[of_link[item.link]]).inverse() @ item.pose
+        yield of_link[item.link], LinkShape(item.link, item.body, item.shape, pose)
+
+
+def _add(root: Element, parent: Element, name: str, shape: Solid, pose: Pose, kind: tuple[str, str]) -> None:
+    parts = [(part, pose @ at) for part, at in shape.parts] if isinstance(shape, Compound) else [(shape, pose)]
+    for k, (part, at) in enumerate(parts):
+        geom = f"{name}{MARK}{k}"
+        if isinstance(part, Mesh):
+            assets = root.find("asset")
+            assets = SubElement(root, "asset") if assets is None else assets
+            points = " ".join(repr(x) for x in part.vertices.reshape(-1).tolist())
+            SubElement(assets, "mesh", name=geom, vertex=points)
+        _geom(parent, geom, part, at, kind)
+
+
+def _geom(parent: Element, name: str, shape: object, pose: Pose, kind: tuple[str, str]) -> None:
+    contype, conaffinity = kind
+    matter = {"density": DENSITY} if kind == LOOSE else {"mass": "0"}
+    words = {"name": name, "contype": contype, "conaffinity": conaffinity, "friction": FRICTION}
+    SubElement(parent, "geom", {**words, **matter, **_solid(name, shape), **_placement(pose)})
+
+
+def _solid(name: str, shape: object) -> dict[str, str]:
+    """MJCF's lengths are half ones."""
+    if isinstance(shape, Box):
+        return {"type": "box", "size": _numbers(*(x / 2.0 for x in shape.size))}
+    if isinstance(shape, Sphere):
+        return {"type": "sphere", "size": _numbers(shape.radius)}
+    if isinstance(shape, Cylinder | Capsule):
+        kind = "cylinder" if isinstance(shape, Cylinder) else "capsule"
+        return {"type": kind, "size": _numbers(shape.radius, shape.length / 2.0)}
+    if isinstance(shape, Mesh):
+        return {"type": "mesh", "mesh": name}
+    expected = "boxes, spheres, cylinders, capsules, meshes and compounds of these: the simulator has no others"
+    raise InvalidRequest(f"shape of {link_of(name)!r}", type(shape).__name__, expected)
+
+
+def _placement(pose: Pose) -> dict[str, str]:
+    return {"pos": _numbers(*pose.position), "quat": _numbers(*pose.quaternion)}
+
+
+def _pose_of(body: Element) -> Pose:
+    x, y, z = map(float, body.get("pos", "0 0 0").split())
+    w, i, j, k = map(float, body.get("quat", "1 0 0 0").split())
+    return Pose((x, y, z), (w, i, j, k))
+
+
+def _numbers(*values: float) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,102 @@
+"""A plan on the simulated arm: how it was driven, what touched what, and where what was carried came to lie."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+from planner_service.execute.execution import Executable, Streaming, execute
+from planner_service.execute.report import ExecutionReport, ExecutionStopped
+from planner_service.execute.simulator import ArmContact, SimulatedArm
+from planner_service.geometry import Pose
+from planner_service.outcome import PlanResult
+from planner_service.plan_file import SavedPlan
+from planner_service.robot import Robot
+from planner_service.trajectory import Trajectory
+
+__all__ = ["Rehearsal", "meant_contacts", "rehearse", "taken"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """An execution in simulation.
+
+    Attributes:
+        report: How it was driven; also of one that was stopped.
+        contacts: That nobody meant: the robot, or what it carried, with anything.
+        meant: Those of pairs that the plan says may touch: fingers and what they take, that and its supports.
+        loose: Where loose obstacles are in the end, by name.
+    """
+
+    report: ExecutionReport
+    contacts: tuple[ArmContact, ...]
+    meant: tuple[ArmContact, ...]
+    loose: dict[str, Pose]
+
+    @property
+    def ok(self) -> bool:
+        """Whether all of it was executed, and nothing touched that was not meant to."""
+        return self.report.ok and not self.contacts
+
+    def document(self) -> dict[str, Any]:
+        """The figures, of plain JSON values."""
+        return {
+            **self.report.document(),
+            "contacts": [_told(contact) for contact in self.contacts],
+            "meant_contacts": [_told(contact) for contact in self.meant],
+            "loose": {
+                name: {"position": list(pose.position), "quaternion_wxyz": list(pose.quaternion)}
+                for name, pose in self.loose.items()
+            },
+        }
+
+
+def rehearse(
+    arm: SimulatedArm,
+    plan: Executable,
+    robot: Robot,
+    streaming: Streaming | None = None,
+    *,
+    allow_unproven: bool = False,
+) -> Rehearsal:
+    """Execute a plan on a simulated arm, which stands where it begins; see ``execute``.
+
+    Raises:
+        InvalidRequest: as ``execute`` says.
+    """
+    with closing(arm.connect()) as driver:
+        try:
+            report = execute(plan, driver, robot, streaming, allow_unproven=allow_unproven)
+        except ExecutionStopped as stopped:
+            report = stopped.report
+        loose = arm.poses()
+        contacts = arm.contacts()
+    may = meant_contacts(plan)
+    return Rehearsal(
+        report,
+        tuple(contact for contact in contacts if contact.pair not in may),
+        tuple(contact for contact in contacts if contact.pair in may),
+        loose,
+    )
+
+
+def meant_contacts(plan: Executable) -> Collection[frozenset[str]]:
+    """Pairs of names that are not judged on some stretch of a plan, because they are meant to touch there."""
+    if isinstance(plan, Trajectory):
+        return frozenset()
+    if isinstance(plan, SavedPlan):
+        plan = plan.result
+    results = [plan] if isinstance(plan, PlanResult) else [segment.result for segment in plan.segments]
+    return frozenset(frozenset(pair) for result in results for found in result.exempt for pair in found.pairs)
+
+
+def taken(plan: Executable, robot: Robot) -> tuple[str, ...]:
+    """The obstacles that a plan takes hold of: those that the robot's fingers are meant to touch."""
+    fingers = set(() if robot.gripper is None else robot.gripper.links)
+    return tuple(sorted({name for pair in meant_contacts(plan) if pair & fingers for name in pair - fingers}))
+
+
+def _told(contact: ArmContact) -> dict[str, Any]:
+    return {**vars(contact), "position": list(contact.position)}
