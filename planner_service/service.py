@@ -19,7 +19,7 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
-from planner_service.outcome import PlanResult
+from planner_service.outcome import Origin, PlanResult
 from planner_service.pace import Pace
 from planner_service.path import JointPath
 from planner_service.pipeline import Run
@@ -34,6 +34,7 @@ from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene, load_scene
 from planner_service.search import require_seed
 from planner_service.timing import Trapezoidal
+from planner_service.trace import Tracer
 from planner_service.turns import Turns
 
 __all__ = ["PlannerService"]
@@ -93,18 +94,22 @@ class PlannerService:
             allowed=self._allowed,
         )
 
-    def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None) -> PlanResult:
+    def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None, trace: bool = False) -> PlanResult:
         """A timed path from the start to a goal, or the reason why there is none.
 
         Args:
             cancel: Ends the call before its next check when cancelled from another thread.
+            trace: Whether ``result.trace`` is to tell how the search went; plan and counts are the same.
 
         Raises:
             InvalidRequest: start or goal is not n finite numbers (or a pose), or this service was
                 carried across a fork. That no plan exists is a result, not an error.
         """
         self._require_own_process()
-        return Run(self._planning, self._certifier, request, cancel).result(self._turns)
+        run = Run(self._planning, self._certifier, request, cancel)
+        run.tracer = Tracer() if trace else None
+        result = run.result(self._turns)
+        return replace(result, trace=run.tracer and run.tracer.trace, origin=Origin(self, request))
 
     def replan(
         self,
@@ -196,7 +201,8 @@ class PlannerService:
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
         request = FollowRequest(waypoints, contacts, pace, blends)
-        return follow(self._planning, self._certifier, request, (self._turns, cancel))
+        result = follow(self._planning, self._certifier, request, (self._turns, cancel))
+        return replace(result, origin=Origin(self, None))
 
     def build_roadmap(
         self,

@@ -75,7 +75,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {"errors", "shapes", "robot", "scene", "path", "collision", "certify"},
     ),
     "search": (
-        {"search", "planners", "ompl_bridge", "roadmap", "smoothing", "optimize"},
+        {"search", "trace", "planners", "ompl_bridge", "roadmap", "smoothing", "optimize"},
         {"errors", "shapes", "robot", "scene", "path", "collision"},
     ),
     "service": (
