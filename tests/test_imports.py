@@ -105,7 +105,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"},
     ),
 }
-ABOVE = {FRONT, "__main__", "cli", "interchange", "pick_place", "plan_file", "result_record", "several"}
+ABOVE = {FRONT, "__main__", "cli", "interchange", "pick_place", "plan_file", "result_record", "several", "view"}
 """The public face, the command line and its files: they may import everything, nothing below imports them."""
 
 ONLY_IN = {
