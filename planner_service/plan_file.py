@@ -15,12 +15,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from planner_service.collision import CheckCounts
-from planner_service.errors import InvalidFile, UnknownName
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry import Pose
 from planner_service.json_file import Node, read_json
 from planner_service.optimize import METHODS, Optimise
@@ -43,6 +43,9 @@ from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
 from planner_service.task import Segment
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
+
+if TYPE_CHECKING:
+    from planner_service.view import Viewer
 
 __all__ = [
     "PLAN_FORMAT",
@@ -129,6 +132,19 @@ class SavedTask:
     def counts(self) -> CheckCounts:
         """What the whole task asked of the collision checker."""
         return sum((segment.result.counts for segment in self.segments), self.choosing)
+
+    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+        """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
+
+        Raises:
+            InvalidRequest: it comes from a file, or nothing was planned: ``service.view(task)`` shows it.
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        origin = self.segments[0].result.origin if self.segments else None
+        if origin is None:
+            expected = "motions that a service in this process planned; show it with service.view(task)"
+            raise InvalidRequest("task", "a task from a file, or without motions", expected)
+        return origin.service.view(self, port=port, block=block)
 
     def document(self) -> dict[str, Any]:
         """The content of the file, of plain JSON values."""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,9 @@ from planner_service.search import require_seed
 from planner_service.timing import Trapezoidal
 from planner_service.trace import Tracer
 from planner_service.turns import Turns
+
+if TYPE_CHECKING:
+    from planner_service.view import Shown, Viewer
 
 __all__ = ["PlannerService"]
 
@@ -109,7 +112,7 @@ class PlannerService:
         run = Run(self._planning, self._certifier, request, cancel)
         run.tracer = Tracer() if trace else None
         result = run.result(self._turns)
-        return replace(result, trace=run.tracer and run.tracer.trace, origin=Origin(self, request))
+        return replace(result, trace=None if run.tracer is None else run.tracer.trace, origin=Origin(self, request))
 
     def replan(
         self,
@@ -268,6 +271,36 @@ class PlannerService:
         require_seed(seed)
         with self._turns.taken():
             return way_out(self._planning, joint_vector("q", q, self.robot), np.random.default_rng(seed))
+
+    def view(
+        self,
+        shown: Shown | None = None,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        block: bool | None = None,
+    ) -> Viewer:
+        """A page in the browser with the robot, the scene, and a plan or a task; it prints its address.
+
+        Its last window closed, it is gone, and so is what served it. On it joints can be moved and motions planned.
+
+        Args:
+            shown: What to show beside robot and scene.
+            host: The address to serve it at; whoever can reach that can use the page.
+            port: The first port to try; if it is taken the next free one.
+            block: Whether to return only when it is gone; if not given, unless this is a notebook or a prompt.
+
+        Raises:
+            InvalidRequest: no such host or port, or nothing that can be shown.
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        from planner_service.view import interactive, open_viewer
+
+        viewer = open_viewer(self, shown, host=host, port=port)
+        print(f"view: {viewer.url}", flush=True)
+        if block or (block is None and not interactive()):
+            viewer.wait()
+        return viewer
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:
