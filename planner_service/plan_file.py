@@ -55,6 +55,7 @@ __all__ = [
     "SavedPlan",
     "SavedTask",
     "load_plan",
+    "load_plan_or_task",
     "load_task",
     "save_plan",
 ]
@@ -208,6 +209,16 @@ def load_task(path: str | os.PathLike[str]) -> SavedTask:
     )
     _refuse_problems(path, root)
     return task
+
+
+def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
+    """Whichever of both is in a file; see ``load_plan`` and ``load_task``.
+
+    Raises:
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
+    """
+    kind = Node("", read_json(as_path("path", path)), []).at("format").value
+    return load_task(path) if kind == TASK_FORMAT else load_plan(path)
 
 
 def _head(kind: str, made_for: MadeFor) -> dict[str, Any]:

@@ -59,6 +59,7 @@ from planner_service.cli.tables import (
     table,
     task_rows,
 )
+from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.health import examine
@@ -88,6 +89,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(roadmaps, name="roadmap")
+app.command(short_help="Show robot, scene and plan in the browser.")(view)
 
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
 
