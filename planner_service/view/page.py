@@ -70,8 +70,9 @@ class Page:
     # What is drawn.
 
     def _set_up(self) -> None:
-        self._server.gui.configure_theme(control_layout="collapsible", control_width="large", show_logo=False,
-                                         show_share_button=False)  # fmt: skip
+        gui = self._server.gui
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         scene = self._server.scene
         scene.configure_environment_map(None)  # else the page asks another server for a picture to be lit by
         scene.configure_default_lights(True, cast_shadow=False)
@@ -123,12 +124,10 @@ class Page:
         self._places = []
         scene = self._server.scene
         for k, ((a, b), place) in enumerate(places):
-            self._places += [
-                scene.add_icosphere(f"/contact/{k}", radius=0.008, color=(255, 230, 0), position=place),
-                scene.add_label(
-                    f"/contact/{k}/names", f"{a} × {b}", anchor=CONTACT_ANCHORS[k % 4], font_screen_scale=0.9
-                ),
-            ]
+            point = scene.add_icosphere(f"/contact/{k}", radius=0.008, color=(255, 230, 0), position=place)
+            anchor = CONTACT_ANCHORS[k % len(CONTACT_ANCHORS)]
+            scene.add_label(f"{point.name}/names", f"{a} × {b}", anchor=anchor, font_screen_scale=0.9)
+            self._places.append(point)
 
     @staticmethod
     def _set(handle: Any, name: str, value: Any) -> None:

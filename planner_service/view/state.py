@@ -151,4 +151,6 @@ def _require_joints(service: PlannerService, results: Sequence[PlanResult]) -> N
     n = service.robot.n
     for result in results:
         if result.path is not None and result.path.n != n:
-            raise InvalidRequest("shown", f"a plan of {result.path.n} joints", f"one of {service.robot.name}'s {n}")
+            expected = f"one of {service.robot.name}'s {n}"
+            message = f"shown: got a plan of {result.path.n} joints; expected {expected}"
+            raise InvalidRequest("shown", result, expected, message=message)
