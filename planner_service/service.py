@@ -298,7 +298,7 @@ class PlannerService:
 
         viewer = open_viewer(self, shown, host=host, port=port)
         print(f"view: {viewer.url}", flush=True)
-        if block or (block is None and not interactive()):
+        if not interactive() if block is None else block:
             viewer.wait()
         return viewer
 

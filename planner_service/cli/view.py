@@ -41,11 +41,12 @@ def view(
     with bad_input_exits():
         service, shown, notes = _opened(file, robot, scene)
         viewer = open_viewer(service, shown, host=host, port=port, keep=keep)
-    until = "Ctrl-C ends it" if keep else "it ends when the page is closed, or with Ctrl-C"
-    emit("".join(f"note: {note}\n" for note in notes) + f"view: {viewer.url} ({until})\n")
-    if not no_browser and _has_display():
-        webbrowser.open(viewer.url)
-    viewer.wait()
+    with viewer:
+        until = "Ctrl-C ends it" if keep else "it ends when the page is closed, or with Ctrl-C"
+        emit("".join(f"note: {note}\n" for note in notes) + f"view: {viewer.url} ({until})\n")
+        if not no_browser and _has_display():
+            webbrowser.open(viewer.url)
+        viewer.wait()
 
 
 def _opened(file: str | None, robot: str | None, scene: str | None) -> tuple[PlannerService, Shown | None, list[str]]:
