@@ -113,7 +113,12 @@ def open_viewer(
         raise InvalidRequest("host", host, f"an address of this machine ({error})") from None
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints its addresses
         server = viser.ViserServer(host, port, label="planner-service", verbose=False)
+    server.request_share_url = _not_shared  # a page of another site could ask for it
     return Viewer(server, Page(server, state), keep=keep)
+
+
+def _not_shared(*_: object, **__: object) -> None:
+    """In place of viser's way to make a page public: nothing leaves this machine."""
 
 
 def interactive() -> bool:
