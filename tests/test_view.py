@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from planner_service import (
     PRM,
@@ -24,8 +25,10 @@ from planner_service import (
     Scene,
     UnknownName,
 )
+from planner_service.cli.commands import app
+from planner_service.cli.view import opened
 from planner_service.pick_place import plan_pick_place
-from planner_service.plan_file import SavedTask, load_task, save_plan
+from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_task, save_plan
 from planner_service.trace import SearchGraph
 from planner_service.view import open_viewer
 from planner_service.view.eye import Eye
@@ -342,6 +345,35 @@ def test_without_viser_the_extra_is_named(discs: PlannerService, monkeypatch: py
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MissingDependency, match=r"planner-service\[view\]"):
         discs.view(port=0, block=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("view",), "give a --scene, or the FILE of a plan or a task"),
+        (("view", "--scene", "bni"), "did you mean 'bin'"),
+        (("view", "--scene", "discs", "--robot", "planar2", "--port", "-1"), "port: got -1"),
+        (("view", "nowhere.json"), "no such file"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_show(arguments: tuple[str, ...], match: str) -> None:
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == 2
+    assert match in result.stderr
+
+
+def test_a_plan_file_is_shown_with_its_search(discs: PlannerService, tmp_path: Path) -> None:
+    request = asked(discs)
+    save_plan(SavedPlan(MadeFor.of(discs), request, discs.plan(request)), tmp_path / "plan.json")
+    service, shown, notes = opened(str(tmp_path / "plan.json"), None, None)
+    assert notes == []
+    (segment,) = ViewState.of(service, shown).results
+    assert segment.result.trace is not None
+    assert segment.result.trace.graph is not None
+    other, shown, notes = opened(str(tmp_path / "plan.json"), None, "table")
+    assert other.scene.name == "table"
+    assert "another scene" in notes[0]
+    assert ViewState.of(other, shown).results[0].result.trace is None
 
 
 def test_a_task_from_a_file_says_how_it_is_shown(task: SavedTask, tmp_path: Path) -> None:

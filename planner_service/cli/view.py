@@ -21,7 +21,7 @@ from planner_service.robot import load_robot
 from planner_service.service import PlannerService
 from planner_service.view import HOST, PORT, Shown, open_viewer
 
-__all__ = ["view"]
+__all__ = ["opened", "view"]
 
 
 def view(
@@ -39,7 +39,7 @@ def view(
 ) -> None:
     """Show robot, scene and plan on a page in the browser, move joints there and plan; ends when the page is closed."""
     with bad_input_exits():
-        service, shown, notes = _opened(file, robot, scene)
+        service, shown, notes = opened(file, robot, scene)
         viewer = open_viewer(service, shown, host=host, port=port, keep=keep)
     with viewer:
         until = "Ctrl-C ends it" if keep else "it ends when the page is closed, or with Ctrl-C"
@@ -49,7 +49,7 @@ def view(
         viewer.wait()
 
 
-def _opened(file: str | None, robot: str | None, scene: str | None) -> tuple[PlannerService, Shown | None, list[str]]:
+def opened(file: str | None, robot: str | None, scene: str | None) -> tuple[PlannerService, Shown | None, list[str]]:
     """The service, what it is to show, and what is to be said of that."""
     if file is None:
         if scene is None:
