@@ -53,9 +53,7 @@ def opened(file: str | None, robot: str | None, scene: str | None) -> tuple[Plan
     """The service, what it is to show, and what is to be said of that."""
     if file is None:
         if scene is None:
-            raise InvalidRequest(
-                "--scene", None, "a scene, or the FILE of a plan", message="--scene: give one, or FILE"
-            )
+            raise InvalidRequest("--scene", None, "a scene", message="give a --scene, or the FILE of a plan or a task")
         return PlannerService(load_robot(robot or "wxai"), load_world(scene)), None, []
     saved = load_plan_or_task(file)
     service, notes = reopened(saved.made_for, robot, scene)
