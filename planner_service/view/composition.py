@@ -16,8 +16,8 @@ from planner_service.scene import Scene
 from planner_service.view.camera import Camera
 from planner_service.view.lettering import CAPTION, Caption, Mark, lettered, place_of
 from planner_service.view.paint import Drawing, Line, paint, placed
-from planner_service.view.raster import EMPTY, cover, numbers_of, projected
-from planner_service.view.solids import Colour, IntArray, Solid, is_ground, placements, robot_solids, scene_solids
+from planner_service.view.sights import Sights
+from planner_service.view.solids import TOOL, Colour, IntArray, Solid, is_ground, placements, robot_solids, scene_solids
 
 __all__ = ["GOAL", "START", "TOOL_PATH", "TOUCHING", "WAY", "Kind", "Stand", "View", "picture", "tool_path"]
 
@@ -48,7 +48,8 @@ TINT = 0.72
 """How much of its colour a ghost has from what it stands for."""
 
 TOUCHED, REACHED = 0.55, 0.9
-"""Opacity of an obstacle that is touched, so that what is in it is seen, and of a ghost's link that touches it."""
+"""Opacity of an obstacle that is touched, so that what is in it is seen (a table half of it, or all of the picture is
+red), and of a ghost's link that touches it."""
 
 MOVED = 0.001
 """Metres: a ghost's links that are within that of where they were at the start are not drawn again."""
@@ -56,21 +57,9 @@ MOVED = 0.001
 POINTS = 200
 """Of a tool path."""
 
-ELEVATION = 0.46
-AZIMUTHS = tuple(math.radians(angle) for angle in (-50, 50, -25, 25, -80, 80, -130, 130))
-"""Where the eye may be; the earlier ones are preferred."""
-
-PREFERRED = 1.15
-"""How many times as much of the robot another one has to show."""
-
-TRIAL = (160, 90)
-"""Pixels of the pictures in which the eye's places are compared."""
-
-AROUND = 0.3
-"""Part of the diagonal of all robot places by which obstacles beyond them are in the picture."""
-
-MARGIN = 0.02
-"""Part of the same that is left free around all."""
+GRID: Colour = (214, 220, 228)
+CELLS, MOST_CELLS = (0.1, 0.2, 0.5, 1.0, 10.0, 100.0, 1000.0), 16
+"""Metres between the lines of the floor, and how many of these all that is in view spans at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,32 +103,40 @@ def _axes_at(pose: Pose) -> tuple[Line, ...]:
 def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
     """The picture of a view with names and a caption, (height, width, 3) of ``size`` (width, height)."""
     touching = frozenset[str]().union(*(stand.touching for stand in view.stands))
-    robots = [_robot_at(view, stand) for stand in view.stands]
-    obstacles = [solid for solid in scene_solids(view.scene) if solid.frame is None]
-    red = [replace(o, colour=TOUCHING, opacity=TOUCHED) for o in obstacles if o.name in touching]
+    solids = scene_solids(view.scene)
+    obstacles = [solid for solid in solids if solid.frame is None]
+    riding = [*robot_solids(view.robot), *(solid for solid in solids if solid.frame is not None)]
+    robots = [_robot_at(view.robot, riding, stand) for stand in view.stands]
+    red = [_reddened(o) for o in obstacles if o.name in touching]
     lines = (*view.lines, *(line for frame in view.frames for line in _axes_at(frame)))
+    sights = Sights([solid for robot in robots for solid in robot], obstacles, lines)
     drawing = Drawing(
         (*robots[0], *(o for o in obstacles if o.name not in touching)),
         (*_ghosts(view, robots), *((o,) for o in red)),
         lines,
+        () if any(is_ground(solid.vertices) for solid in obstacles) else _floor(sights.points),
     )
     inner = (size[0], size[1] - CAPTION)
-    camera = _best_camera(robots, obstacles, lines, inner)
+    camera = sights.camera(inner)
     image, owners = paint(drawing, camera, inner)
-    links = [solid for robot in robots for solid in robot if solid.name in touching]
+    links = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.touching]
     goals = [Mark("goal", _pixel(camera, np.array(frame.position)), GOAL.colour) for frame in view.frames]
     marks = [*goals, *_marks([*links, *red], camera), *_visible_marks(drawing.solids, len(robots[0]), owners)]
     return lettered(image, marks, caption)
 
 
-def _robot_at(view: View, stand: Stand) -> list[Solid]:
+def _reddened(obstacle: Solid) -> Solid:
+    opacity = TOUCHED / 2 if is_ground(obstacle.vertices) else TOUCHED
+    return replace(obstacle, colour=TOUCHING, opacity=opacity)
+
+
+def _robot_at(robot: Robot, riding: Sequence[Solid], stand: Stand) -> list[Solid]:
     """The robot and what it carries in the world, red where it touches."""
-    poses = placements(view.robot, stand.q)
-    riding = [*robot_solids(view.robot), *(solid for solid in scene_solids(view.scene) if solid.frame is not None)]
+    poses = placements(robot, stand.q)
     out = []
     for solid in riding:
         colour = TOUCHING if solid.name in stand.touching else _tinted(solid.colour, stand.kind)
-        out.append(replace(placed(solid, poses[solid.frame or ""]), colour=colour, opacity=stand.kind.opacity))
+        out.append(replace(placed(solid, poses[solid.frame or TOOL]), colour=colour, opacity=stand.kind.opacity))
     return out
 
 
@@ -164,39 +161,14 @@ def _ghosts(view: View, robots: Sequence[Sequence[Solid]]) -> list[tuple[Solid, 
     return [group for group in out if group]
 
 
-def _best_camera(
-    robots: Sequence[Sequence[Solid]], obstacles: Sequence[Solid], lines: Sequence[Line], size: tuple[int, int]
-) -> Camera:
-    """Everything in view, seen from where most of the robots is not hidden."""
-    points = _in_view(robots, obstacles, lines)
-    bodies = [solid for robot in robots for solid in robot]
-    corners = np.concatenate([solid.vertices[solid.faces] for solid in (*bodies, *obstacles)])
-    of_robots = sum(len(solid.faces) for solid in bodies)
-    best, most = AZIMUTHS[0], 0.0
-    for azimuth in AZIMUTHS:
-        camera = Camera.around(points, TRIAL, azimuth, ELEVATION)
-        keys = cover(*projected(camera, corners, np.arange(len(corners))), TRIAL)
-        shown = np.count_nonzero(numbers_of(keys[keys != EMPTY]) < of_robots)
-        if shown > most * PREFERRED:
-            best, most = azimuth, float(shown)
-    return Camera.around(points, size, best, ELEVATION)
-
-
-def _in_view(robots: Sequence[Sequence[Solid]], obstacles: Sequence[Solid], lines: Sequence[Line]) -> FloatArray:
-    """Points (k, 3) to have in the picture: all robots, all lines, and of obstacles what is not far beyond these."""
-    corners = [solid.vertices for robot in robots for solid in robot] + [line.points for line in lines]
-    inner = np.concatenate(corners) if corners else np.zeros((1, 3))
-    low, high = inner.min(axis=0), inner.max(axis=0)
-    diagonal = max(math.dist(low.tolist(), high.tolist()), 0.1)
-    points = [inner]
-    for solid in obstacles:
-        held = np.clip(solid.vertices, low - AROUND * diagonal, high + AROUND * diagonal)
-        near = float(np.abs(held - solid.vertices).max(axis=1).min()) == 0.0
-        if near and not is_ground(solid.vertices):
-            points.append(held)
-    found = np.concatenate(points)
-    offsets = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    return (found[:, None] + MARGIN * diagonal * offsets).reshape(-1, 3)
+def _floor(points: FloatArray) -> tuple[Line, ...]:
+    """A grid beneath points (k, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    cell = next(size for size in CELLS if float(np.max(high - low)) <= MOST_CELLS * size or size == CELLS[-1])
+    x, y = ([cell * k for k in range(math.floor(low[a] / cell) - 1, math.ceil(high[a] / cell) + 2)] for a in range(2))
+    z = float(low[2])
+    rows = [[(x[0], at, z), (x[-1], at, z)] for at in y] + [[(at, y[0], z), (at, y[-1], z)] for at in x]
+    return tuple(Line(np.array(row), GRID, 1.0, hidden=0.0) for row in rows)
 
 
 def _marks(solids: Sequence[Solid], camera: Camera) -> list[Mark]:

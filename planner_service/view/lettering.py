@@ -35,7 +35,7 @@ LEAST_SEEN = 150
 """Pixels of a thing that bears its name; less is a sliver."""
 
 MARGIN = 24
-LINE = 24
+MOST_LINES = 2
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Caption:
 
     Attributes:
         title: In large letters.
-        lines: Two at most, small; what is too long ends in an ellipsis.
+        lines: Small, broken where they are too long; what does not fit in two lines is left out.
         keys: (colour, meaning) of what is drawn.
     """
 
@@ -103,8 +103,8 @@ def lettered(image: Image, marks: Sequence[Mark], caption: Caption) -> Image:
     keys_from = _draw_keys(draw, caption.keys, (width, height + 14))
     title, small = _font(22), _font(15)
     draw.text((MARGIN, height + 10), _fitting(caption.title, title, keys_from - 2 * MARGIN), INK, font=title)
-    for k, line in enumerate(caption.lines[:2]):
-        draw.text((MARGIN, height + 39 + 20 * k), _fitting(line, small, width - 2 * MARGIN), GREY, font=small)
+    for k, line in enumerate(_broken(caption.lines, small, width - 2 * MARGIN)):
+        draw.text((MARGIN, height + 39 + 20 * k), line, GREY, font=small)
     return np.asarray(picture)
 
 
@@ -146,3 +146,17 @@ def _fitting(text: str, font: FreeTypeFont, room: float) -> str:
     while text and font.getlength(text + "...") > room:
         text = text[:-1]
     return text + "..."
+
+
+def _broken(lines: Sequence[str], font: FreeTypeFont, room: float) -> list[str]:
+    """Lines broken at spaces so that each fits, two at most."""
+    out: list[str] = []
+    for line in filter(None, lines):
+        rows = [""]
+        for word in line.split():
+            if rows[-1] and font.getlength(f"{rows[-1]} {word}") > room:
+                rows.append("")
+            rows[-1] = f"{rows[-1]} {word}".strip()
+        left = MOST_LINES - len(out)
+        out += [*rows[: left - 1], " ".join(rows[left - 1 :])] if 0 < left < len(rows) else rows[:left]
+    return [_fitting(row, font, room) for row in out]

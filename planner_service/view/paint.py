@@ -45,6 +45,9 @@ GRAZING = 0.15
 OUTLINE = 0.62
 """Part of its colour that is left where a solid ends."""
 
+LIFT = 0.002
+"""Part of its distance by which a line is nearer than it is, so that it is seen on a surface it lies on."""
+
 HIDDEN = 0.30
 """How much is seen of a line behind something."""
 
@@ -67,11 +70,13 @@ class Drawing:
         solids: Drawn opaque; they throw shadows.
         ghosts: Groups of solids, each drawn as one translucent surface of the opacity of its first.
         lines: Drawn last; what is hidden of them is seen faintly.
+        floor: Lines beneath all.
     """
 
     solids: tuple[Solid, ...]
     ghosts: tuple[tuple[Solid, ...], ...] = ()
     lines: tuple[Line, ...] = ()
+    floor: tuple[Line, ...] = ()
 
 
 def placed(solid: Solid, pose: FloatArray) -> Solid:
@@ -97,6 +102,7 @@ def paint(drawing: Drawing, camera: Camera, size: tuple[int, int]) -> tuple[Imag
     _darken(image, _shadows(scene, camera, keys[::FINE, ::FINE]))
     edges = _edges(owners)
     image[edges] = (image[edges] * OUTLINE).astype(np.uint8)
+    _draw_lines(image, keys, drawing.floor, lens)
     ghosts = [_Triangles.of(group, camera) for group in drawing.ghosts]
     _blend_ghosts(image, keys, [(ghost.cover(lens, fine), ghost) for ghost in ghosts])
     _draw_lines(image, keys, drawing.lines, lens)
@@ -241,14 +247,18 @@ def _blend_ghosts(image: Image, keys: KeyArray, ghosts: Sequence[tuple[KeyArray,
 
 
 def _draw_lines(image: Image, keys: KeyArray, lines: Sequence[Line], lens: Camera) -> None:
-    size = (keys.shape[1], keys.shape[0])
-    flat, behind = image.reshape(-1, 3), keys.ravel()
-    for line in lines:
-        strips = ribbon(lens, line.points, line.width * FINE, lift=0.002)
-        found = cover(strips, np.zeros(len(strips), dtype=np.int64), size).ravel()
-        where = np.flatnonzero(found != EMPTY)
-        share = np.where(found[where] <= behind[where], 1.0, line.hidden)[:, None]
-        flat[where] = (flat[where] + share * (np.array(line.colour) - flat[where])).astype(np.uint8)
+    """Lines over the picture, faintly where they are farther than ``keys``."""
+    if not lines:
+        return
+    strips = [ribbon(lens, line.points, line.width * FINE, LIFT) for line in lines]
+    numbers = np.repeat(np.arange(len(lines)), [len(strip) for strip in strips])
+    found = cover(np.concatenate(strips), numbers, (keys.shape[1], keys.shape[0])).ravel()
+    where = np.flatnonzero(found != EMPTY)
+    which = numbers_of(found[where])
+    hidden = np.array([line.hidden for line in lines])[which]
+    share = np.where(found[where] <= keys.ravel()[where], 1.0, hidden)[:, None]
+    flat, colours = image.reshape(-1, 3), np.array([line.colour for line in lines])[which]
+    flat[where] = (flat[where] + share * (colours - flat[where])).astype(np.uint8)
 
 
 def _reduced(image: Image) -> Image:

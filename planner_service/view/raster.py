@@ -59,7 +59,7 @@ def projected(camera: Camera, corners: FloatArray, numbers: IntArray) -> tuple[F
     return triangles[front], numbers[front]
 
 
-def ribbon(camera: Camera, points: FloatArray, width: float, lift: float = 0.0) -> FloatArray:
+def ribbon(camera: Camera, points: FloatArray, width: float, lift: float) -> FloatArray:
     """A line through world points (k, 3), ``width`` pixels wide, as triangles of pixels and one over depth.
 
     Args:

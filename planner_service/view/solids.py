@@ -58,8 +58,9 @@ NAMED: Mapping[str, Colour] = MappingProxyType(
 GROUND: Colour = (236, 233, 226)
 CARRIED: Colour = (240, 130, 50)
 
-WIDE = 0.9
-"""Metres: what is at least so long both ways and lower than a quarter of that is ground, and as pale as that."""
+WIDE, HIGH = 0.9, 0.1
+"""Metres: what is at least so long both ways, lower than a quarter of that, and no higher above the robot's base is
+ground."""
 
 ROUND = 48
 """Sides of what is round."""
@@ -144,9 +145,9 @@ def _matrix(pose: BodyPose) -> FloatArray:
 
 
 def is_ground(vertices: FloatArray) -> bool:
-    """Whether a solid with these corners (k, 3) in the world is a table or a floor: wide both ways, and flat."""
+    """Whether a solid with these corners (k, 3) in the world is a table or a floor to stand on: wide, flat and low."""
     x, y, z = (vertices.max(axis=0) - vertices.min(axis=0)).tolist()
-    return bool(min(x, y) >= WIDE and z < min(x, y) / 4)
+    return bool(min(x, y) >= WIDE and z < min(x, y) / 4 and vertices[:, 2].max() <= HIGH)
 
 
 def _placed(body: Obstacle | Attached) -> Triangles:

@@ -143,9 +143,8 @@ def _failed(robot: Robot, scene: Scene, request: PlanRequest, result: PlanResult
     stands = [Stand(np.asarray(request.start, dtype=np.float64), START, _names(contacts if at_start else ()))]
     poses = [goal for goal in request.goals(robot) if isinstance(goal, Pose | PoseGoal)]
     frames = tuple(goal.pose if isinstance(goal, PoseGoal) else goal for goal in poses)
-    for goal in request.goals(robot):
-        if not isinstance(goal, Pose | PoseGoal):
-            stands.append(Stand(goal, GOAL, _names(() if at_start else contacts)))
+    joint_goals = [goal for goal in request.goals(robot) if not isinstance(goal, Pose | PoseGoal)]
+    stands += [Stand(goal, GOAL, _names(() if at_start else contacts)) for goal in joint_goals]
     words = "" if failure is None else failure.detail
     reason = "" if failure is None else f" ({failure.reason.value})"
     kinds = [stand.kind for stand in stands]
