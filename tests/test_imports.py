@@ -116,6 +116,7 @@ ONLY_IN = {
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"two_passes.py"},
     "piqp": {"optimize"},
+    "PIL": {"view"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "trimesh": set[str](),
     "pickle": set[str](),
@@ -132,7 +133,7 @@ ONLY_IN = {
 
 SLOW = (
     *("yourdfpy", "toppra", "trimesh", "scipy.optimize", "scipy.sparse", "piqp"),
-    *("matplotlib", "lxml", "rich", "typer"),
+    *("matplotlib", "lxml", "rich", "typer", "PIL"),
 )
 """Only imported when first used."""
 

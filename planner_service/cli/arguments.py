@@ -134,14 +134,12 @@ def time_limit_of(seconds: float) -> float | None:
     return None if seconds == math.inf else seconds
 
 
-def service_for(robot: str, scene: str, out: str | None) -> PlannerService:
-    """The service, and the certainty that its result will have a place.
+def service_for(robot: str, scene: str) -> PlannerService:
+    """The service for a robot and a scene, by name or file.
 
     Raises:
-        InvalidRequest: no such robot, scene or place.
+        InvalidRequest: no such robot or scene.
     """
-    if out is not None:
-        require_writable(out)
     return PlannerService(load_robot(robot), load_world(scene))
 
 

@@ -119,7 +119,7 @@ def plan(
     """Plan a motion from one configuration to a goal, and print it stage by stage."""
     with bad_input_exits():
         require_places({"--out": out, "--plot": plot, "--png": png})
-        service = service_for(robot, scene, out)
+        service = service_for(robot, scene)
         request = PlanRequest(
             configuration("--start", start, service.robot),
             goals(goal, service.robot),
@@ -164,7 +164,7 @@ def pick_place(
     """Plan a whole pick-and-place from home and back, and print every motion with its cost."""
     with bad_input_exits():
         require_places({"--out": out, "--png": png})
-        service = service_for(robot, scene, out)
+        service = service_for(robot, scene)
         request = PlanRequest(service.robot.home, service.robot.home, seed=seed)
         load_libraries(request, service.robot)
         task = plan_pick_place(service, target, onto, request)

@@ -14,6 +14,9 @@ __all__ = ["Camera", "combined"]
 FIELD = 0.36
 """Half the picture's width over its distance: a long lens, that distorts little."""
 
+NEAREST = 0.02
+"""Of the distance to the farthest point that is to be in view: what is nearer than that is cut off."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -24,12 +27,14 @@ class Camera:
         axes: Rows: the directions to the right, downwards and ahead in the world, (3, 3).
         focal: Pixels that one metre spans at a distance of one.
         middle: Pixels right and down of the picture's corner to which ``ahead`` points.
+        nearest: Metres ahead of the eye from which on anything is seen.
     """
 
     eye: FloatArray
     axes: FloatArray
     focal: float
     middle: tuple[float, float]
+    nearest: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "eye", read_only(self.eye))
@@ -50,22 +55,26 @@ class Camera:
         below, above = float((y - high * z).max()), float((-y - high * z).max())
         ahead = min(-(right + left) / (2 * wide), -(below + above) / (2 * high))
         eye = combined(axes.T, np.array([(right - left) / 2, (below - above) / 2, ahead]))
-        return cls(eye, axes, size[0] / (2 * wide), (size[0] / 2, size[1] / 2))
+        nearest = max(NEAREST * float(z.max() - ahead), 1e-9)
+        return cls(eye, axes, size[0] / (2 * wide), (size[0] / 2, size[1] / 2), nearest)
 
     def seen(self, points: FloatArray) -> FloatArray:
         """World points (..., 3) as metres to the right, down and ahead of the eye."""
         return combined(self.axes, points - self.eye)
 
     def pixels(self, seen: FloatArray) -> FloatArray:
-        """What ``seen`` returned, all of it ahead, as pixels right and down, and one over the metres ahead."""
+        """What ``seen`` returned, all ahead, as pixels right and down, and nearness: ``nearest`` over metres ahead.
+
+        Nearness, 1 to 0, is linear in the picture along straight lines of the world.
+        """
         near = 1.0 / seen[..., 2]
         across, down = (seen[..., k] * near * self.focal + self.middle[k] for k in range(2))
-        return np.stack([across, down, near], axis=-1)
+        return np.stack([across, down, self.nearest * near], axis=-1)
 
     def resized(self, factor: float) -> Camera:
         """The same view in a picture of so many times the width and height."""
         x, y = self.middle
-        return Camera(self.eye, self.axes, self.focal * factor, (x * factor, y * factor))
+        return Camera(self.eye, self.axes, self.focal * factor, (x * factor, y * factor), self.nearest)
 
 
 def combined(rows: FloatArray, points: FloatArray) -> FloatArray:

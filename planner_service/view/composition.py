@@ -41,8 +41,8 @@ GOAL = Kind((58, 168, 104), 0.66)
 TOUCHING: Colour = (218, 44, 44)
 TOOL_PATH: Colour = (20, 84, 190)
 AXES: tuple[Colour, ...] = ((214, 52, 52), (46, 150, 70), (40, 90, 210))
-AXIS = 0.08
-"""Metres."""
+AXIS, BELOW = 0.08, 18.0
+"""Metres of the axes of a frame, and pixels below its origin for its name."""
 
 TINT = 0.72
 """How much of its colour a ghost has from what it stands for."""
@@ -120,8 +120,12 @@ def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
     camera = sights.camera(inner)
     image, owners = paint(drawing, camera, inner)
     links = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.touching]
-    goals = [Mark("goal", _pixel(camera, np.array(frame.position)), GOAL.colour) for frame in view.frames]
-    marks = [*goals, *_marks([*links, *red], camera), *_visible_marks(drawing.solids, len(robots[0]), owners)]
+    goals = [_pixel(camera, np.array(frame.position)) for frame in view.frames]
+    marks = [
+        *(Mark("goal", (x, y + BELOW), GOAL.colour) for x, y in goals),
+        *_marks([*links, *red], camera),
+        *_visible_marks(drawing.solids, len(robots[0]), owners),
+    ]
     return lettered(image, marks, caption)
 
 

@@ -143,9 +143,14 @@ def _fitting(text: str, font: FreeTypeFont, room: float) -> str:
     """As much of the text as there is room for."""
     if font.getlength(text) <= room:
         return text
-    while text and font.getlength(text + "...") > room:
-        text = text[:-1]
-    return text + "..."
+    fits, too_long = 0, len(text)
+    while too_long - fits > 1:
+        middle = (fits + too_long) // 2
+        if font.getlength(text[:middle] + "...") <= room:
+            fits = middle
+        else:
+            too_long = middle
+    return text[:fits] + "..."
 
 
 def _broken(lines: Sequence[str], font: FreeTypeFont, room: float) -> list[str]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planner_service.geometry import FloatArray
 from planner_service.view.camera import Camera, combined
-from planner_service.view.raster import EMPTY, NEAREST, KeyArray, cover, depths_of, numbers_of, projected, ribbon
+from planner_service.view.raster import EMPTY, KeyArray, cover, nearness_of, numbers_of, projected, ribbon
 from planner_service.view.solids import Colour, IntArray, Solid
 
 __all__ = ["Drawing", "Line", "paint", "placed"]
@@ -198,9 +198,9 @@ def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
     here, corners = combined(axes, _points(where, keys, camera)), combined(axes, scene.corners)
     low, high = here.min(axis=0), here.max(axis=0)
     high[2] = max(float(high[2]), float(corners[:, :, 2].max()))  # what is above the picture throws shadows, too
-    scale = np.array([SHADOW_MAP, SHADOW_MAP, 1.0 / NEAREST]) / (high - low)
+    scale = np.array([SHADOW_MAP, SHADOW_MAP, 1.0]) / (high - low)
     keys_of_light = cover((corners - low) * scale, np.arange(len(corners)), (SHADOW_MAP, SHADOW_MAP))
-    depth = np.where(keys_of_light == EMPTY, 0.0, depths_of(keys_of_light))
+    depth = np.where(keys_of_light == EMPTY, 0.0, nearness_of(keys_of_light))
     slope = scene.facing[numbers_of(keys.ravel()[where])]
     limit = ((here[:, 2] - low[2]) + BIAS * (1.0 + 1.0 / slope)) * scale[2]
     x, y = (((here[:, k] - low[k]) * scale[k] - 0.5).astype(np.int64) for k in range(2))
@@ -212,7 +212,7 @@ def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
 def _points(where: IntArray, keys: KeyArray, camera: Camera) -> FloatArray:
     """The world points (k, 3) that the pixels numbered ``where`` show."""
     y, x = np.divmod(where, keys.shape[1])
-    ahead = 1.0 / depths_of(keys.ravel()[where])
+    ahead = camera.nearest / nearness_of(keys.ravel()[where])
     right, down = ((p + 0.5 - m) * ahead / camera.focal for p, m in zip((x, y), camera.middle, strict=True))
     return combined(camera.axes.T, np.stack([right, down, ahead], axis=-1)) + camera.eye
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from planner_service.geometry import FloatArray
 from planner_service.view.camera import Camera
 
-__all__ = ["EMPTY", "NEAREST", "KeyArray", "cover", "depths_of", "numbers_of", "projected", "ribbon"]
+__all__ = ["EMPTY", "KeyArray", "cover", "nearness_of", "numbers_of", "projected", "ribbon"]
 
 IntArray = NDArray[np.int64]
 KeyArray = NDArray[np.uint64]
@@ -24,9 +24,6 @@ EMPTY = np.uint64(2**64 - 1)
 
 HALF = np.uint64(32)
 LOWER = np.uint64(2**32 - 1)
-
-NEAREST = 0.05
-"""Metres ahead of the eye from which on anything is drawn."""
 
 AT_ONCE = 500_000
 """Samples at once, so that their arrays stay in a processor's cache."""
@@ -38,9 +35,9 @@ DISC = 12
 """Corners of the discs at the corners of a line."""
 
 
-def depths_of(keys: KeyArray) -> FloatArray:
-    """One over the metres ahead of the eye, of keys that are not ``EMPTY``."""
-    return np.asarray((2.0**32 - (keys >> HALF).astype(np.float64)) / (NEAREST * 2.0**32))
+def nearness_of(keys: KeyArray) -> FloatArray:
+    """Nearness (``Camera.pixels``), of keys that are not ``EMPTY``."""
+    return np.asarray(1.0 - (keys >> HALF).astype(np.float64) / 2.0**32)
 
 
 def numbers_of(keys: KeyArray) -> IntArray:
@@ -49,24 +46,24 @@ def numbers_of(keys: KeyArray) -> IntArray:
 
 
 def projected(camera: Camera, corners: FloatArray, numbers: IntArray) -> tuple[FloatArray, IntArray]:
-    """Triangles (m, 3, 3) in the world as pixels and one over depth, without those that face away; with their numbers.
+    """Triangles (m, 3, 3) in the world as pixels and nearness, without those that face away; with their numbers.
 
     Of one that reaches behind the eye what is ahead is left, in one triangle or two.
     """
-    seen, numbers = _clipped(camera.seen(corners), numbers)
+    seen, numbers = _clipped(camera.seen(corners), numbers, camera.nearest)
     triangles = camera.pixels(seen)
     front = _doubled_area(triangles) < -TOO_SMALL  # as y points down
     return triangles[front], numbers[front]
 
 
 def ribbon(camera: Camera, points: FloatArray, width: float, lift: float) -> FloatArray:
-    """A line through world points (k, 3), ``width`` pixels wide, as triangles of pixels and one over depth.
+    """A line through world points (k, 3), ``width`` pixels wide, as triangles of pixels and nearness.
 
     Args:
         lift: Part of its distance by which it is nearer than it is, so that it is seen on a surface it lies on.
     """
     seen = camera.seen(points)
-    whole = seen[:, 2] > NEAREST
+    whole = seen[:, 2] > camera.nearest
     x, y, near = camera.pixels(np.where(whole[:, None], seen, 1.0)).T
     near = near * (1.0 + lift)
     both = np.flatnonzero(whole[1:] & whole[:-1])
@@ -95,7 +92,7 @@ def cover(triangles: FloatArray, numbers: IntArray, size: tuple[int, int]) -> Ke
     A sample belongs to a triangle that its middle is in; of triangles that share an edge to one of them.
 
     Args:
-        triangles: Pixels right and down, and one over depth, of three corners each, (m, 3, 3).
+        triangles: Pixels right and down, and nearness (0 to 1), of three corners each, (m, 3, 3).
         numbers: What to put into the keys, (m,), each below 2**32.
     """
     width, height = size
@@ -111,13 +108,12 @@ def cover(triangles: FloatArray, numbers: IntArray, size: tuple[int, int]) -> Ke
     chunk = np.cumsum(count) // AT_ONCE
     bounds = [0, *(np.flatnonzero(chunk[1:] != chunk[:-1]) + 1).tolist(), len(count)]
     slope, low = _planes(triangles)
-    scale = -NEAREST * 2.0**32
     for part in (slice(a, b) for a, b in pairwise(bounds)):
         of, left, many = which[part], spans[0][part], count[part]
         here = low[of] + slope[of, 1] * (row[part] + 0.5) + slope[of, 0] * (left + 0.5)
         step = _counted(np.zeros_like(many), many)
-        depth = np.repeat(here, many) + np.repeat(slope[of, 0], many) * step
-        key = np.clip(depth * scale + 2.0**32, 0.0, 2.0**32 - 1.0).astype(np.uint64) << HALF
+        near = np.repeat(here, many) + np.repeat(slope[of, 0], many) * step
+        key = np.clip((1.0 - near) * 2.0**32, 0.0, 2.0**32 - 1.0).astype(np.uint64) << HALF
         key |= np.repeat(numbers[of].astype(np.uint64), many)
         np.minimum.at(keys, np.repeat(row[part] * width + left, many) + step, key)
     return keys.reshape(height, width)
@@ -145,7 +141,7 @@ def _crossing(a: FloatArray, b: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _planes(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """One over depth as slopes along x and y (m, 2) and its value at 0 (m,): it is linear in the picture."""
+    """Nearness as slopes along x and y (m, 2) and its value at 0 (m,)."""
     a, b, c = triangles.transpose(1, 0, 2)
     u, v = (b - a).T, (c - a).T
     area = u[0] * v[1] - u[1] * v[0]
@@ -160,16 +156,16 @@ def _doubled_area(triangles: FloatArray) -> FloatArray:
     return np.asarray(u[0] * v[1] - u[1] * v[0])
 
 
-def _clipped(seen: FloatArray, numbers: IntArray) -> tuple[FloatArray, IntArray]:
-    """Triangles cut off at ``NEAREST``."""
-    ahead = seen[:, :, 2] > NEAREST
+def _clipped(seen: FloatArray, numbers: IntArray, nearest: float) -> tuple[FloatArray, IntArray]:
+    """Triangles cut off ``nearest`` metres ahead."""
+    ahead = seen[:, :, 2] > nearest
     count = ahead[:, 0].astype(np.int64) + ahead[:, 1] + ahead[:, 2]
     whole, single, double = (np.flatnonzero(count == k) for k in (3, 1, 2))
     a, b, c = _from(seen[single], ahead[single])
-    tips = np.stack([a, _at_nearest(a, b), _at_nearest(a, c)], axis=1)
+    tips = np.stack([a, _cut(a, b, nearest), _cut(a, c, nearest)], axis=1)
     o, p, q = _from(seen[double], ~ahead[double])
-    last = _at_nearest(q, o)
-    stumps = [np.stack(corners, axis=1) for corners in ((p, q, last), (p, last, _at_nearest(p, o)))]
+    last = _cut(q, o, nearest)
+    stumps = [np.stack(corners, axis=1) for corners in ((p, q, last), (p, last, _cut(p, o, nearest)))]
     order = np.concatenate([whole, single, double, double])
     return np.concatenate([seen[whole], tips, *stumps]), numbers[order]
 
@@ -181,9 +177,9 @@ def _from(triangles: FloatArray, which: NDArray[np.bool_]) -> tuple[FloatArray, 
     return a, b, c
 
 
-def _at_nearest(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Where segments from a to b, of which one end is ahead, come to be."""
-    share = (NEAREST - a[:, 2:]) / (b[:, 2:] - a[:, 2:])
+def _cut(a: FloatArray, b: FloatArray, nearest: float) -> FloatArray:
+    """Where segments from a to b are ``nearest`` metres ahead, which one end is nearer than."""
+    share = (nearest - a[:, 2:]) / (b[:, 2:] - a[:, 2:])
     cut = a + share * (b - a)
-    cut[:, 2] = NEAREST
+    cut[:, 2] = nearest
     return np.asarray(cut)

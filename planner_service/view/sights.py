@@ -12,7 +12,7 @@ import numpy as np
 from planner_service.geometry import FloatArray
 from planner_service.view.camera import Camera
 from planner_service.view.paint import Line
-from planner_service.view.raster import EMPTY, KeyArray, cover, depths_of, projected
+from planner_service.view.raster import EMPTY, KeyArray, cover, nearness_of, projected
 from planner_service.view.solids import Solid, is_ground
 
 __all__ = ["Sights"]
@@ -107,4 +107,4 @@ def _part_seen(points: FloatArray, keys: KeyArray, camera: Camera) -> float:
         return 1.0
     x, y, near = camera.pixels(camera.seen(points)).T
     here = keys[y.astype(np.int64), x.astype(np.int64)]
-    return float(np.count_nonzero((here == EMPTY) | (near > depths_of(here)))) / len(points)
+    return float(np.count_nonzero((here == EMPTY) | (near > nearness_of(here)))) / len(points)
