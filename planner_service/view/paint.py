@@ -36,8 +36,9 @@ SHADE = 0.80
 SHADOW_MAP = 1400
 """Samples along each side of the picture that the light sees."""
 
-BIAS = 0.003
-"""Metres by which something has to be nearer to the light to throw a shadow on what faces it; more on a slope."""
+BIAS = 2.0
+"""Samples of that picture by which something has to be nearer to the light to throw a shadow on what faces the light;
+more on what is turned away, which is deeper from one sample to the next."""
 
 GRAZING = 0.15
 """Cosine between the light and the normal of a surface below which no shadow is seen on it."""
@@ -198,11 +199,13 @@ def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
     here, corners = combined(axes, _points(where, keys, camera)), combined(axes, scene.corners)
     low, high = here.min(axis=0), here.max(axis=0)
     high[2] = max(float(high[2]), float(corners[:, :, 2].max()))  # what is above the picture throws shadows, too
-    scale = np.array([SHADOW_MAP, SHADOW_MAP, 1.0]) / (high - low)
+    span = np.maximum(high - low, 1e-9)
+    scale = np.array([SHADOW_MAP, SHADOW_MAP, 1.0]) / span
     keys_of_light = cover((corners - low) * scale, np.arange(len(corners)), (SHADOW_MAP, SHADOW_MAP))
     depth = np.where(keys_of_light == EMPTY, 0.0, nearness_of(keys_of_light))
     slope = scene.facing[numbers_of(keys.ravel()[where])]
-    limit = ((here[:, 2] - low[2]) + BIAS * (1.0 + 1.0 / slope)) * scale[2]
+    sample = float(span[:2].max()) / SHADOW_MAP
+    limit = ((here[:, 2] - low[2]) + BIAS * sample / slope) * scale[2]
     x, y = (((here[:, k] - low[k]) * scale[k] - 0.5).astype(np.int64) for k in range(2))
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
         out[where] += depth[np.minimum(y + i, SHADOW_MAP - 1), np.minimum(x + j, SHADOW_MAP - 1)] > limit
