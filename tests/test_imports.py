@@ -119,6 +119,7 @@ ONLY_IN = {
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"two_passes.py"},
     "piqp": {"optimize"},
+    "PIL": {"view"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "viser": {"view/viewer.py"},
     "playwright": set[str](),
@@ -137,7 +138,7 @@ ONLY_IN = {
 
 SLOW = (
     *("yourdfpy", "toppra", "trimesh", "viser", "scipy.optimize", "scipy.sparse", "piqp"),
-    *("matplotlib", "lxml", "rich", "typer"),
+    *("matplotlib", "lxml", "rich", "typer", "PIL"),
 )
 """Only imported when first used."""
 

@@ -7,8 +7,10 @@ corners lie on them; boxes, hulls and cells are drawn as they are judged.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +23,7 @@ from planner_service.mesh import Mesh
 from planner_service.robot import Robot
 from planner_service.scene import Attached, Obstacle, Scene
 
-__all__ = ["TOOL", "Colour", "IntArray", "Solid", "placements", "robot_solids", "scene_solids"]
+__all__ = ["TOOL", "Colour", "IntArray", "Solid", "is_ground", "placements", "robot_solids", "scene_solids"]
 
 Colour = tuple[int, int, int]
 """Red, green, blue: 0 to 255."""
@@ -35,16 +37,30 @@ LINKS: tuple[Colour, ...] = ((214, 219, 226), (158, 172, 190))
 """Colours of the links, in turn."""
 
 OBSTACLES: tuple[Colour, ...] = (
-    *((94, 140, 190), (222, 160, 88), (116, 168, 120), (186, 124, 160)),
-    *((128, 176, 190), (204, 130, 110), (150, 140, 196), (178, 170, 100)),
+    *((238, 196, 140), (202, 186, 224), (232, 178, 170), (216, 208, 148)),
+    *((210, 184, 162), (178, 198, 198), (222, 190, 208), (196, 196, 172)),
 )
-"""Colours of the obstacles, in turn."""
+"""Colours of the obstacles, in turn for each first word of their names."""
+
+NAMED: Mapping[str, Colour] = MappingProxyType(
+    {
+        "red": (222, 92, 84),
+        "green": (94, 176, 104),
+        "blue": (78, 128, 216),
+        "yellow": (238, 206, 84),
+        "orange": (240, 158, 76),
+        "white": (244, 244, 244),
+        "black": (84, 88, 94),
+    }
+)
+"""Of an obstacle whose name begins with one of these."""
 
 GROUND: Colour = (236, 233, 226)
 CARRIED: Colour = (240, 130, 50)
 
-WIDE = 0.9
-"""Metres: what is at least so long both ways and lower than a quarter of that is ground, and as pale as that."""
+WIDE, HIGH = 0.9, 0.1
+"""Metres: what is at least so long both ways, lower than a quarter of that, and no higher above the robot's base is
+ground."""
 
 ROUND = 48
 """Sides of what is round."""
@@ -98,11 +114,19 @@ def scene_solids(scene: Scene) -> tuple[Solid, ...]:
 
     Clouds and height fields of more than ``MAX_BOXES`` boxes are drawn in coarser cells, which hold all that is judged.
     """
+    families: dict[str, Colour] = {}
     standing = []
-    for k, o in enumerate(scene.obstacles):
+    for o in scene.obstacles:
         vertices, faces = _placed(o)
-        standing.append(Solid(o.name, vertices, faces, _obstacle_colour(k, vertices), 1.0, None))
+        colour = GROUND if is_ground(vertices) else _colour_of(o.name, families)
+        standing.append(Solid(o.name, vertices, faces, colour, 1.0, None))
     return (*standing, *(Solid(a.name, *_placed(a), CARRIED, 1.0, TOOL) for a in scene.attached))
+
+
+def _colour_of(name: str, families: dict[str, Colour]) -> Colour:
+    """The colour it is called by, or that of a name with the same first word (the parts of a shelf), or the next."""
+    first = re.split(r"[\W\d_]", name.lower())[0]
+    return NAMED.get(first) or families.setdefault(first, OBSTACLES[len(families) % len(OBSTACLES)])
 
 
 def placements(robot: Robot, q: ArrayLike) -> dict[str, FloatArray]:
@@ -120,9 +144,10 @@ def _matrix(pose: BodyPose) -> FloatArray:
     return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
 
 
-def _obstacle_colour(k: int, vertices: FloatArray) -> Colour:
+def is_ground(vertices: FloatArray) -> bool:
+    """Whether a solid with these corners (k, 3) in the world is a table or a floor to stand on: wide, flat and low."""
     x, y, z = (vertices.max(axis=0) - vertices.min(axis=0)).tolist()
-    return GROUND if min(x, y) >= WIDE and z < min(x, y) / 4 else OBSTACLES[k % len(OBSTACLES)]
+    return bool(min(x, y) >= WIDE and z < min(x, y) / 4 and vertices[:, 2].max() <= HIGH)
 
 
 def _placed(body: Obstacle | Attached) -> Triangles:
@@ -223,7 +248,8 @@ def _column_boxes(field: HeightField) -> tuple[FloatArray, FloatArray]:
     heights, edge = field.heights, field.cell
     while np.count_nonzero(heights > field.floor) > MAX_BOXES:
         even = np.pad(heights, [(0, size % 2) for size in heights.shape], constant_values=field.floor)
-        heights, edge = np.maximum(*np.maximum(even[::2], even[1::2]).reshape(len(even) // 2, -1, 2).T).T, 2 * edge
+        rows = np.maximum(even[::2], even[1::2])
+        heights, edge = np.maximum(rows[:, ::2], rows[:, 1::2]), 2 * edge
     place = np.argwhere(heights > field.floor)
     low = np.column_stack([place * edge, np.full(len(place), field.floor)])
     return low, np.column_stack([(place + 1) * edge, heights[heights > field.floor]])
