@@ -10,11 +10,11 @@ import numpy as np
 from planner_service.geometry import FloatArray, Pose
 from planner_service.robot import Robot
 from planner_service.scene import Attached, Obstacle, Scene
+from planner_service.view.composition import TOUCHING
 from planner_service.view.solids import GROUND, TOOL, Colour, Solid, placements, robot_solids, scene_solids
 
 __all__ = ["Figure", "Props", "colours_of"]
 
-RED: Colour = (222, 44, 44)
 AMBER: Colour = (235, 165, 30)
 
 
@@ -162,4 +162,4 @@ class Props:
 
 def colours_of(bad: Collection[tuple[str, str]], meant: Collection[tuple[str, str]]) -> dict[str, Colour]:
     """Red for what touches and must not, amber for what may."""
-    return {name: AMBER for pair in meant for name in pair} | {name: RED for pair in bad for name in pair}
+    return {name: AMBER for pair in meant for name in pair} | {name: TOUCHING for pair in bad for name in pair}

@@ -16,6 +16,7 @@ from planner_service.errors import PlannerServiceError
 from planner_service.geometry import FloatArray
 from planner_service.planners import PLANNERS
 from planner_service.view import lines
+from planner_service.view.composition import GOAL, TOOL_PATH
 from planner_service.view.figures import Figure, Props, colours_of
 from planner_service.view.plots import Plots
 from planner_service.view.solids import GROUND, placements, robot_solids, scene_solids
@@ -33,9 +34,9 @@ PLOT_SECONDS = 0.25
 STEP = 0.001
 """Of a joint's slider, in rad or m."""
 
-START, GOAL = (60, 160, 90), (60, 110, 210)
-GRAPH, SEARCHED, SHORTCUT, FINAL = (150, 160, 175), (230, 140, 40), (160, 80, 190), (20, 130, 90)
-LAYERS = ("tree or roadmap (grey)", "path as searched (orange)", "path cut short (purple)", "path of the plan (green)")
+START = (120, 135, 160)
+GRAPH, SEARCHED, SHORTCUT = (150, 160, 175), (230, 140, 40), (160, 80, 190)
+LAYERS = ("tree or roadmap (grey)", "path as searched (orange)", "path cut short (purple)", "path of the plan (blue)")
 ENDS = ("start", "goal")
 CONTACT_ANCHORS = ("bottom-left", "top-left", "bottom-right", "top-right")
 
@@ -88,7 +89,7 @@ class Page:
         robot = state.service.robot
         self._figure = Figure(scene, "/robot", robot)
         self._start = Figure(scene, "/start", robot, ghost=START)
-        self._goal = Figure(scene, "/goal", robot, ghost=GOAL)
+        self._goal = Figure(scene, "/goal", robot, ghost=GOAL.colour)
         self._props = Props(scene, self._figure.tool)
 
     def _draw(self) -> None:
@@ -206,7 +207,7 @@ class Page:
 
     def _add_toggles(self) -> None:
         gui = self._server.gui
-        self._show_ends = gui.add_checkbox("start (green) and goal (blue)", True)
+        self._show_ends = gui.add_checkbox("start (grey) and goal (green)", True)
         self._show_ends.on_update(self._by_hand(self._draw))
         self._show_names = gui.add_checkbox("names of obstacles", True, hint="not while those of contacts are there")
         self._show_names.on_update(self._by_hand(self._draw))
@@ -368,7 +369,7 @@ def _lines_of(state: ViewState) -> Lines:
     paths = [segment.result.path for segment in state.results if segment.result.path is not None]
     if paths:
         curves = np.concatenate([lines.curve_lines(robot, path) for path in paths])
-        found[LAYERS[3]] = curves, FINAL, 0.005
+        found[LAYERS[3]] = curves, TOOL_PATH, 0.005
     return found
 
 
