@@ -17,7 +17,7 @@ from planner_service.scene_file import require_writable
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
-    *("roadmaps", "optimise", "replan", "execute"),
+    *("roadmaps", "optimise", "replan", "view", "execute"),
 )
 
 COMMANDS = {
@@ -74,6 +74,7 @@ panda     the public Panda problems for speed: searches next to OMPL's with Coal
 roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 execute   14 pick-and-place legs on the simulated arm (extra sim): tracking, contacts, stops; needs a quiet machine
+view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed
 differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances

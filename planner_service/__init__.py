@@ -67,6 +67,7 @@ from planner_service.service import PlannerService
 from planner_service.several import best_of_seeds, plan_seeds
 from planner_service.task import Handling, Segment, TaskResult
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
+from planner_service.trace import SearchGraph, Trace
 from planner_service.trajectory import Trajectory
 
 __all__ = [
@@ -136,12 +137,14 @@ __all__ = [
     "SCurve",
     "SORRTstar",
     "Scene",
+    "SearchGraph",
     "Segment",
     "Sphere",
     "Stage",
     "StageReport",
     "TaskResult",
     "ToppRa",
+    "Trace",
     "TrajOpt",
     "Trajectory",
     "Trapezoidal",

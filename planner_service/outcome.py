@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
-from planner_service.errors import BrokenInvariant, PlanningFailed
+from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
 from planner_service.geometry import FloatArray
 from planner_service.optimize import Figures
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
 from planner_service.roadmap import Roadmap
+from planner_service.trace import Trace
 from planner_service.trajectory import Trajectory
 
-__all__ = ["Failure", "MotionReport", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
+if TYPE_CHECKING:
+    from planner_service.request import PlanRequest
+    from planner_service.service import PlannerService
+    from planner_service.view import Viewer
+
+__all__ = ["Failure", "MotionReport", "Origin", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
 
 
 class Stage(enum.Enum):
@@ -158,6 +165,14 @@ class PolishReport:
 
 
 @dataclass(frozen=True, eq=False)
+class Origin:
+    """Where a result comes from: the service that planned it, and what it was asked; None for a given polyline."""
+
+    service: PlannerService
+    request: PlanRequest | None
+
+
+@dataclass(frozen=True, eq=False)
 class PlanResult:
     """A plan, or the reason why there is none.
 
@@ -175,6 +190,8 @@ class PlanResult:
         notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
         roadmap: Of a planner with a roadmap, that roadmap with all that was learned; not kept in plan files.
         polish: What optimising came to; None if it was not asked for, or there was nothing to optimise.
+        trace: How the search went; None if that was not asked for, not kept in plan files.
+        origin: What planned it, and what was asked; None of results that come from a file or another process.
     """
 
     path: JointPath | None
@@ -190,6 +207,27 @@ class PlanResult:
     notes: tuple[str, ...] = ()
     roadmap: Roadmap | None = None
     polish: PolishReport | None = None
+    trace: Trace | None = None
+    origin: Origin | None = field(default=None, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process it goes without its origin: a service is built there, and is larger than a plan."""
+        return {**self.__dict__, "origin": None}
+
+    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+        """Show the robot, the scene and this plan on a page in the browser; see ``PlannerService.view``.
+
+        Raises:
+            InvalidRequest: the result comes from a file or another process: ``service.view(result)`` shows it.
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        if self.origin is None:
+            raise InvalidRequest(
+                "result",
+                "a result from a file or another process",
+                "one that a service in this process planned; show it with service.view(result)",
+            )
+        return self.origin.service.view(self, port=port, block=block)
 
     @property
     def ok(self) -> bool:

@@ -33,6 +33,7 @@ from planner_service.robot import ExemptRetreat
 from planner_service.search import Planner, SearchProblem, joint_distance
 from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from planner_service.stagebook import Entry, Limits, NoPlan, StageBook, not_certified
+from planner_service.trace import Tracer
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
@@ -60,11 +61,12 @@ class _Route:
 
 
 class Run:
-    """One call of ``plan``."""
+    """One call of ``plan``; with a ``tracer``, that takes down how its search goes."""
 
     def __init__(
         self, checker: CollisionChecker, certifier: Certifier, request: PlanRequest, cancel: CancelToken | None
     ) -> None:
+        self.tracer: Tracer | None = None
         self._checker = checker
         self._certifier = certifier
         self._request = request
@@ -325,6 +327,7 @@ class Run:
             oracle=oracle,
             poll=self._checker.ledger.poll,
             reach=self._checker.reach,
+            grown=None if self.tracer is None else self.tracer.grown,
         )
         with self._book.during(Stage.SEARCH) as entry:
             try:
@@ -335,6 +338,8 @@ class Run:
             if points is None:
                 raise NoPlan(self._book.gave_up())
             entry.length = _length(points)
+            if self.tracer is not None:
+                self.tracer.searched(points)
             return points
 
     def _tries(self, planner: Planner, problem: SearchProblem, entry: Entry) -> FloatArray | None:
@@ -410,6 +415,8 @@ class Run:
             entry.length = _length(points)
             points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
             entry.length = _length(points)
+        if self.tracer is not None:
+            self.tracer.cut(points)
         found = [points]
         if len(points) > 2:
             with self._book.during(Stage.POLISH) as entry, self._optional(entry, "tidied"):

@@ -15,12 +15,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from planner_service.collision import CheckCounts
-from planner_service.errors import InvalidFile, UnknownName
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry import Pose
 from planner_service.json_file import Node, read_json
 from planner_service.optimize import METHODS, Optimise
@@ -44,6 +44,9 @@ from planner_service.service import PlannerService
 from planner_service.task import Segment
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
 
+if TYPE_CHECKING:
+    from planner_service.view import Viewer
+
 __all__ = [
     "PLAN_FORMAT",
     "TASK_FORMAT",
@@ -52,6 +55,7 @@ __all__ = [
     "SavedPlan",
     "SavedTask",
     "load_plan",
+    "load_plan_or_task",
     "load_task",
     "save_plan",
 ]
@@ -130,6 +134,19 @@ class SavedTask:
         """What the whole task asked of the collision checker."""
         return sum((segment.result.counts for segment in self.segments), self.choosing)
 
+    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+        """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
+
+        Raises:
+            InvalidRequest: it comes from a file, or nothing was planned: ``service.view(task)`` shows it.
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        origin = self.segments[0].result.origin if self.segments else None
+        if origin is None:
+            expected = "motions that a service in this process planned; show it with service.view(task)"
+            raise InvalidRequest("task", "a task from a file, or without motions", expected)
+        return origin.service.view(self, port=port, block=block)
+
     def document(self) -> dict[str, Any]:
         """The content of the file, of plain JSON values."""
         return {
@@ -192,6 +209,16 @@ def load_task(path: str | os.PathLike[str]) -> SavedTask:
     )
     _refuse_problems(path, root)
     return task
+
+
+def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
+    """Whichever of both is in a file; see ``load_plan`` and ``load_task``.
+
+    Raises:
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
+    """
+    kind = Node("", read_json(as_path("path", path)), []).at("format").value
+    return load_task(path) if kind == TASK_FORMAT else load_plan(path)
 
 
 def _head(kind: str, made_for: MadeFor) -> dict[str, Any]:

@@ -166,6 +166,7 @@ class SearchProblem:
         poll: Called often, even while nothing is judged; raises when the time box is over or the
             call was cancelled.
         reach: What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all.
+        grown: Told of the milestones (N, n) and edges of each tree that the search gives up or ends with; None: nobody.
 
     Raises:
         InvalidRequest: shapes disagree, or a number is not finite or outside the bounds.
@@ -179,6 +180,7 @@ class SearchProblem:
     seed: int = 0
     poll: Callable[[], None] = _never
     reach: FloatArray | None = None
+    grown: Callable[[FloatArray, list[tuple[int, int]]], None] | None = None
 
     def __post_init__(self) -> None:
         lower, upper = _bounds(self.lower, self.upper)

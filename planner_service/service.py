@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,7 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
-from planner_service.outcome import PlanResult
+from planner_service.outcome import Origin, PlanResult
 from planner_service.pace import Pace
 from planner_service.path import JointPath
 from planner_service.pipeline import Run
@@ -34,7 +34,11 @@ from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene, load_scene
 from planner_service.search import require_seed
 from planner_service.timing import Trapezoidal
+from planner_service.trace import Tracer
 from planner_service.turns import Turns
+
+if TYPE_CHECKING:
+    from planner_service.view import Shown, Viewer
 
 __all__ = ["PlannerService"]
 
@@ -93,19 +97,23 @@ class PlannerService:
             allowed=self._allowed,
         )
 
-    def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None) -> PlanResult:
+    def plan(self, request: PlanRequest, *, cancel: CancelToken | None = None, trace: bool = False) -> PlanResult:
         """A timed path from the start to a goal, or the reason why there is none.
 
         Args:
             request: Start, goal, and what the answer may cost.
             cancel: Ends the call before its next check when cancelled from another thread.
+            trace: Whether ``result.trace`` is to tell how the search went; plan and counts are the same.
 
         Raises:
             InvalidRequest: start or goal is not n finite numbers (or a pose), or this service was
                 carried across a fork. That no plan exists is a result, not an error.
         """
         self._require_own_process()
-        return Run(self._planning, self._certifier, request, cancel).result(self._turns)
+        run = Run(self._planning, self._certifier, request, cancel)
+        run.tracer = Tracer() if trace else None
+        result = run.result(self._turns)
+        return replace(result, trace=None if run.tracer is None else run.tracer.trace, origin=Origin(self, request))
 
     def replan(
         self,
@@ -200,7 +208,8 @@ class PlannerService:
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
         request = FollowRequest(waypoints, contacts, pace, blends)
-        return follow(self._planning, self._certifier, request, (self._turns, cancel))
+        result = follow(self._planning, self._certifier, request, (self._turns, cancel))
+        return replace(result, origin=Origin(self, None))
 
     def build_roadmap(
         self,
@@ -268,6 +277,36 @@ class PlannerService:
         require_seed(seed)
         with self._turns.taken():
             return way_out(self._planning, joint_vector("q", q, self.robot), np.random.default_rng(seed))
+
+    def view(
+        self,
+        shown: Shown | None = None,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        block: bool | None = None,
+    ) -> Viewer:
+        """A page in the browser with the robot, the scene, and a plan or a task; it prints its address.
+
+        Its last window closed, it is gone, and so is what served it. On it joints can be moved and motions planned.
+
+        Args:
+            shown: What to show beside robot and scene.
+            host: The address to serve it at; whoever can reach that can use the page.
+            port: The first port to try; if it is taken the next free one.
+            block: Whether to return only when it is gone; if not given, unless this is a notebook or a prompt.
+
+        Raises:
+            InvalidRequest: no such host or port, or nothing that can be shown.
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        from planner_service.view import interactive, open_viewer
+
+        viewer = open_viewer(self, shown, host=host, port=port)
+        print(f"view: {viewer.url}", flush=True)
+        if not interactive() if block is None else block:
+            viewer.wait()
+        return viewer
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:

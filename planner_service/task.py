@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.errors import InvalidRequest
@@ -12,6 +13,9 @@ from planner_service.outcome import Failure, PlanResult
 from planner_service.request import PlanRequest
 from planner_service.service import PlannerService
 from planner_service.timing import Timing, Trapezoidal
+
+if TYPE_CHECKING:
+    from planner_service.view import Viewer
 
 __all__ = ["Handling", "Segment", "TaskResult"]
 
@@ -80,6 +84,14 @@ class TaskResult:
     def counts(self) -> CheckCounts:
         """What the whole task asked of the collision checker."""
         return sum((segment.result.counts for segment in self.segments), self.choosing)
+
+    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+        """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
+
+        Raises:
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        return self.service.view(self, port=port, block=block)
 
     @property
     def duration(self) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -28,6 +29,7 @@ __all__ = [
     "optimise",
     "planner_or_optimise",
     "reopened",
+    "require_places",
     "service_for",
     "time_limit_of",
     "timing_by_name",
@@ -132,15 +134,28 @@ def time_limit_of(seconds: float) -> float | None:
     return None if seconds == math.inf else seconds
 
 
-def service_for(robot: str, scene: str, out: str | None) -> PlannerService:
-    """The service, and the certainty that its result will have a place.
+def service_for(robot: str, scene: str) -> PlannerService:
+    """The service for a robot and a scene, by name or file.
 
     Raises:
-        InvalidRequest: no such robot, scene or place.
+        InvalidRequest: no such robot or scene.
     """
-    if out is not None:
-        require_writable(out)
     return PlannerService(load_robot(robot), load_world(scene))
+
+
+def require_places(files: Mapping[str, str | None]) -> None:
+    """Return if a file can be put at each place that was given, by its option, and no two of them are one.
+
+    Raises:
+        InvalidRequest: an option names a place where no file can be, or that of another.
+    """
+    taken: dict[str, str] = {}
+    for option, file in files.items():
+        if file is not None:
+            require_writable(file)
+            other = taken.setdefault(os.path.realpath(file), option)
+            if other != option:
+                raise InvalidRequest(option, file, f"another file than {other}")
 
 
 def reopened(

@@ -19,6 +19,7 @@ from planner_service.cli.arguments import (
     optimise,
     planner_or_optimise,
     reopened,
+    require_places,
     service_for,
     time_limit_of,
     timing_by_name,
@@ -35,6 +36,7 @@ from planner_service.cli.options import (
     MaxChecks,
     Out,
     Padding,
+    Picture,
     PlannerName,
     Plot,
     Polish,
@@ -60,6 +62,7 @@ from planner_service.cli.tables import (
     table,
     task_rows,
 )
+from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.health import examine
@@ -72,9 +75,10 @@ from planner_service.result_record import certificate_record
 from planner_service.robot import load_robot
 from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
-from planner_service.scene_file import require_writable, write_whole
+from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
 from planner_service.stagebook import in_words
+from planner_service.view.still import draw_check, draw_plan, draw_task
 
 __all__ = ["app"]
 
@@ -90,6 +94,7 @@ app = typer.Typer(
 )
 app.add_typer(roadmaps, name="roadmap")
 app.command(short_help="Execute a plan, on the simulated arm or a real one.")(run)
+app.command(short_help="Show robot, scene and plan in the browser.")(view)
 
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
 
@@ -111,13 +116,14 @@ def plan(
     polish: Polish = False,
     clearance: Clearance = None,
     plot: Plot = None,
+    png: Picture = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan a motion from one configuration to a goal, and print it stage by stage."""
     with bad_input_exits():
-        service = service_for(robot, scene, out)
-        _require_plot_place(plot, out)
+        require_places({"--out": out, "--plot": plot, "--png": png})
+        service = service_for(robot, scene)
         request = PlanRequest(
             configuration("--start", start, service.robot),
             goals(goal, service.robot),
@@ -136,6 +142,8 @@ def plan(
         saved = SavedPlan(MadeFor.of(service), request, result)
         if out is not None:
             save_plan(saved, out)
+        if png is not None:
+            draw_plan(service, request, result, png)
         lines = plan_words(result)
         if plot is not None and result.path is not None:
             _plot(plot, service, request, result)
@@ -153,17 +161,21 @@ def pick_place(
     target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
     onto: Annotated[str, typer.Option(help="The obstacle on whose middle to place it.")] = "tray",
     seed: Seed = DEFAULT.seed,
+    png: Picture = None,
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
     """Plan a whole pick-and-place from home and back, and print every motion with its cost."""
     with bad_input_exits():
-        service = service_for(robot, scene, out)
+        require_places({"--out": out, "--png": png})
+        service = service_for(robot, scene)
         request = PlanRequest(service.robot.home, service.robot.home, seed=seed)
         load_libraries(request, service.robot)
         task = plan_pick_place(service, target, onto, request)
         if out is not None:
             save_plan(task, out)
+        if png is not None:
+            draw_task(service, task, png)
     words = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
     text = "" if as_json else render(table(words, task_rows(task), console().width, unit_of(service.robot)))
     proof = proof_words([segment.result for segment in task.segments])
@@ -176,14 +188,18 @@ def check(
     q: Annotated[str, typer.Option("--q", help="A named pose, or joint values separated by commas.")],
     scene: SceneName,
     robot: RobotName = "wxai",
+    png: Picture = None,
     as_json: AsJson = False,
 ) -> None:
     """Tell whether a configuration is free, which pairs touch, and how much room is left at least."""
     with bad_input_exits():
+        require_places({"--png": png})
         arm, world = load_robot(robot), load_world(scene)
         values = configuration("--q", q, arm)
         checker = CollisionChecker(arm, world)
         contacts, clearance = checker.contacts(values), checker.clearance(values)
+        if png is not None:
+            draw_check(checker, values, png)
     bound = clearance if math.isfinite(clearance) else None
     if as_json:
         touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
@@ -345,14 +361,6 @@ def import_robot_(
         words = f"imported: {found.robot.name}, written to {found.path}, in {found.seconds:.1f} s"
         checks = [f"check: {line}" for line in to_check(found, source)]
         emit(render(words, "", import_table(found), "", *wrapped(checks)))
-
-
-def _require_plot_place(plot: str | None, out: str | None) -> None:
-    if plot is None:
-        return
-    if out is not None and os.path.realpath(out) == os.path.realpath(plot):
-        raise InvalidRequest("--plot", plot, "another file than --out")
-    require_writable(plot)
 
 
 def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:

@@ -18,6 +18,7 @@ __all__ = [
     "MaxChecks",
     "Out",
     "Padding",
+    "Picture",
     "PlannerName",
     "Plot",
     "Polish",
@@ -56,6 +57,7 @@ Plot = Annotated[
     str | None,
     typer.Option(metavar="FILE", help="Draw the clearance along the path as SVG, with --polish before and after."),
 ]
+Picture = Annotated[str | None, typer.Option("--png", metavar="FILE", help="Draw a picture of it.")]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 

@@ -1,0 +1,47 @@
+"""A headless browser for tests: Chromium by the variable PLANNER_SERVICE_CHROMIUM, or the one that is installed."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["executable", "headless", "pixels"]
+
+ARGUMENTS = (
+    *("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--disable-quic", "--disable-background-networking", "--no-first-run"),
+)
+"""WebGL without a graphics card, and no word to anybody."""
+
+
+def executable() -> str | None:
+    """Its path, None if there is none."""
+    return os.environ.get("PLANNER_SERVICE_CHROMIUM") or shutil.which("chromium")
+
+
+@contextmanager
+def headless() -> Iterator[Any]:
+    """A browser of playwright's."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable(), args=list(ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def pixels(page: Any) -> NDArray[np.uint8]:
+    """The picture of a page, (height, width, 3)."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(page.screenshot())) as image:
+        return np.asarray(image.convert("RGB"))
