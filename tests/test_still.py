@@ -300,6 +300,15 @@ def test_a_plan_has_the_same_picture_in_another_process(
     assert read(tmp_path / "here.png").shape == (SIZE[1], SIZE[0], 3)
 
 
+def test_a_plan_shows_the_robot_on_the_way_in_blue_and_at_the_goal_in_green(
+    tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult]
+) -> None:
+    draw_plan(*planned, tmp_path / "a.png")
+    r, g, b = read(tmp_path / "a.png")[: PAGE[1] - CAPTION].astype(int).transpose(2, 0, 1)
+    assert np.count_nonzero((g > r + 25) & (g > b + 15)) > 100
+    assert np.count_nonzero((b > r + 20) & (b > g + 5) & (b > 200)) > 100
+
+
 def test_a_picture_changes_no_count(tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult]) -> None:
     before = planned[0].checker.counts
     draw_plan(*planned, tmp_path / "a.png")
