@@ -92,6 +92,13 @@ def test_every_corner_is_on_the_shape_and_reaches_as_far(kind: str) -> None:
         assert float((found @ direction).max()) == pytest.approx(farthest, abs=1e-12)
 
 
+@every_shape
+def test_a_shape_stands_where_its_pose_says(kind: str) -> None:
+    shape = VOLUMES[kind][0]
+    expected = drawn(shape, Pose()).vertices @ TURNED.rotation.T + np.array(TURNED.position)
+    assert drawn(shape).vertices == pytest.approx(expected, abs=1e-12)
+
+
 def test_a_large_cloud_is_drawn_in_coarser_cells_that_hold_its_own() -> None:
     cells = np.random.default_rng(3).integers(-40, 40, size=(12_000, 3))
     cloud = PointCloud.from_cells(cells, 0.01)
