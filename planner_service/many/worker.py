@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
-from planner_service.errors import BrokenInvariant
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.many.events import Event, Gone, Raised, Ready, outcome
 
 __all__ = ["main"]
@@ -38,7 +38,7 @@ def _work(connection: Connection[Any, Any]) -> None:
     connection.send(Ready())
     sent = connection.recv_bytes()
     try:
-        work = ForkingPickler.loads(sent)
+        work = _opened("work", sent)
         work.prepare()
     except Exception as error:
         _tell(connection, Raised(error, traceback.format_exc()))
@@ -47,14 +47,22 @@ def _work(connection: Connection[Any, Any]) -> None:
     while True:
         sent = connection.recv_bytes()
         try:
-            item = ForkingPickler.loads(sent)
-        except Exception as error:  # of a class that cannot be imported here
+            item = _opened("item", sent)
+        except Exception as error:
             event: Event = Raised(error, traceback.format_exc())
         else:
             event = outcome(work, item)
         _tell(connection, event)
         if isinstance(event, Gone):
             return
+
+
+def _opened(name: str, sent: bytes) -> Any:
+    try:
+        return ForkingPickler.loads(sent)
+    except (AttributeError, ImportError) as error:
+        expected = "one made of classes and functions from modules; a worker does not run the calling script"
+        raise InvalidRequest(name, str(error), expected) from error
 
 
 def _tell(connection: Connection[Any, Any], event: Event) -> None:
