@@ -165,8 +165,8 @@ def test_a_large_roadmap_tells_its_size_and_costs_nothing_to_ask_again() -> None
 
 
 def test_a_part_is_an_argument_of_roadmaps_alone(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    assert tuple(PARTS) == command.ROADMAP_PARTS
+    assert tuple(PARTS) == command.PARTS["roadmaps"]
     monkeypatch.setattr(sys, "argv", ["benchmarks", "toy", "--part", "warm"])
     with pytest.raises(SystemExit):
         command._measured(command._arguments(), Console(file=StringIO()))
-    assert "--part: toy has none; roadmaps take it" in capsys.readouterr().err
+    assert "--part: toy has none; roadmaps and many take it" in capsys.readouterr().err
