@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import queries
+from benchmarks import many, queries
 from planner_service import (
     PRM,
     Interrupted,
@@ -214,3 +215,21 @@ def test_what_is_finished_is_kept_when_interrupted(service: PlannerService) -> N
     with pytest.raises(Interrupted, match="2 results were finished") as raised:
         service.plan_many([asked(k) for k in range(5)], engine=engine, progress=False)
     assert raised.value.results == {0: done, 3: done}
+
+
+def test_growth_is_looked_at_on_the_workers_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(many, "WARM", 8)
+    monkeypatch.setattr(many, "MARKS", (4, 8))
+    report = many.growth()
+    assert [row["plans"] for row in report.rows] == [4, 8]
+    assert all(row["per_core_second"] > 0.0 and row["worker_mb"] > 10.0 for row in report.rows)
+    assert len(report.promises) == 2
+
+
+def test_what_crossed_is_read_only_again(service: PlannerService) -> None:
+    result = service.plan(asked(0))
+    again: PlanResult = pickle.loads(pickle.dumps(result))
+    path, trajectory = again.unwrap()
+    held = [*vars(path).values(), *vars(trajectory).values()]
+    assert not any(value.flags.writeable for value in held if isinstance(value, np.ndarray))
+    assert told(again) == told(result)

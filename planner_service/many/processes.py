@@ -82,7 +82,7 @@ class _Hand:
         with theirs:
             socket = theirs.fileno()
             self.process = subprocess.Popen(
-                [sys.executable, "-c", BOOT, str(socket), json.dumps(sys.path)],
+                [sys.executable, "-c", BOOT, str(socket), json.dumps(list(map(str, sys.path)))],
                 stdin=subprocess.PIPE,  # nobody writes to it: when it closes, we are no more
                 pass_fds=[socket],
                 env=os.environ | ONE_THREAD,

@@ -197,7 +197,7 @@ class Schedule(Generic[Answer, Hand]):
 
     def _mourn(self, desk: _Desk, gone: Gone) -> None:
         if not desk.ready:
-            self._stillborn += 1
+            self._stillborn += not gone.blameless
             if self._stillborn >= STILLBORN:
                 raise BrokenInvariant(f"{STILLBORN} workers ended before they were ready; the last one: {gone.detail}")
         elif desk.tasks:

@@ -28,8 +28,10 @@ def main(socket: int) -> None:
 
 
 def _end_with_the_parent() -> None:
-    """Have the kernel end this process when standard input is closed: nothing else writes to it, least of all a parent
-    that was killed. It holds even while a library computes and lets no Python run."""
+    """Have Linux end this process when standard input is closed, as it is when the parent is no more.
+
+    It holds while a library computes and lets no Python run. Elsewhere the process ends when its item is done.
+    """
     fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
 
