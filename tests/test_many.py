@@ -198,7 +198,8 @@ try:
         print(process, flush=True)
 except KeyboardInterrupt:
     answers.close()
-    print("kept", answers.finished.get(index, (None,))[0] == index, index in answers.finished)
+    kept = answers.finished
+    print("kept", all(k >= index and answer[0] == k for k, answer in kept.items()), len(kept) <= 129)
 """
 
 
