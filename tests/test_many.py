@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -72,6 +72,21 @@ def test_items_without_end_are_taken_as_they_are_needed(engine: Engine) -> None:
     with closing(engine.run(Echo(), items())) as answers:
         assert [next(answers)[0] for _ in range(300)] == list(range(300))
     assert len(taken) <= 300 + 2 * LOOK_AHEAD
+
+
+def test_a_slow_item_lets_others_go_on_as_far_as_the_look_ahead(tmp_path: Path) -> None:
+    taken: list[int] = []
+
+    def items() -> Iterator[int]:
+        while True:
+            taken.append(len(taken))
+            yield taken[-1]
+
+    work = Faulty(tmp_path / "log", {0: "spin"})
+    with closing(Processes(2).run(work, items(), limit=lambda item: None if item else 2.0)) as answers:
+        assert isinstance(next(answers)[1], Lost)
+        assert len(answers.finished) > 2
+    assert len(taken) <= 2 * LOOK_AHEAD
 
 
 def test_no_items_start_no_worker() -> None:
@@ -182,9 +197,12 @@ def is_gone(process: int) -> bool:
         return True
 
 
-def wait_for_the_end_of(processes: list[int]) -> None:
-    while not all(map(is_gone, processes)):
+def wait_for(condition: Callable[[], bool]) -> None:
+    for _ in range(600):
+        if condition():
+            return
         time.sleep(0.05)
+    pytest.fail("half a minute was not enough")
 
 
 INTERRUPTED = """\
@@ -211,7 +229,7 @@ def test_ctrl_c_ends_the_workers_and_keeps_what_is_finished(tmp_path: Path) -> N
         told, errors = running.communicate()
     *rest, last = told.split("\n")[:-1]
     assert (last, errors, running.returncode) == ("kept True True", "", 0)
-    wait_for_the_end_of([*processes, *map(int, rest)])
+    wait_for(lambda: all(map(is_gone, [*processes, *map(int, rest)])))
 
 
 ORPHANED = """\
@@ -235,12 +253,11 @@ def test_workers_end_with_the_process_that_started_them_even_in_native_code(tmp_
     with script(ORPHANED.format(log=log), tmp_path) as running:
         assert running.stdout is not None
         processes = [int(word) for word in running.stdout.readline().split()]
-        while "1" not in log.read_text("utf-8").split():
-            time.sleep(0.05)
+        wait_for(lambda: "1" in log.read_text("utf-8").split())
         assert processes
         assert not any(map(is_gone, processes))
         running.kill()
-    wait_for_the_end_of(processes)
+    wait_for(lambda: all(map(is_gone, processes)))
 
 
 OWN_CLASS = """\
