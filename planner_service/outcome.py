@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, as_sent
 from planner_service.optimize import Figures
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
@@ -75,6 +75,8 @@ class Reason(enum.Enum):
     """A given line is not free, or the tool cannot follow it, and nothing was searched instead."""
     OPTIMUM_IN_COLLISION = "OPTIMUM_IN_COLLISION"
     """``Optimise`` as the planner ended on a curve that is not free."""
+    WORKER_LOST = "WORKER_LOST"
+    """Of ``plan_many``: the process that planned it ended twice; whether a path exists is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ class Failure:
     """Why there is no plan.
 
     Attributes:
-        stage: Where it ended.
+        stage: Where it ended; the first, if a worker was lost and nobody knows how far it had come.
         reason: The kind of reason.
         detail: A sentence for a person: what was wrong, the value, what would be right.
         contacts: For an end in collision, or the first place at which an optimum is, what touches there, deepest
@@ -97,6 +99,7 @@ class Failure:
     contacts: tuple[Contact, ...] = ()
     nearest_free: FloatArray | None = None
     blocked_by: tuple[tuple[str, str, float], ...] = ()
+    __setstate__ = as_sent
 
     def __str__(self) -> str:
         return f"{self.reason.value} ({self.stage.value}): {self.detail}"

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner_service.blend import Blends
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers, read_only
+from planner_service.geometry import FloatArray, as_sent, numbers, read_only
 
 __all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]
 
@@ -224,6 +224,7 @@ class JointPath:
     _polyline: _Polyline = field(init=False)
     _lines: NDArray[np.intp] = field(init=False)
     _rows: NDArray[np.intp] = field(init=False)
+    __setstate__ = as_sent
 
     def __post_init__(self) -> None:
         given = _waypoints(self.waypoints)

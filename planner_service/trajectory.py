@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers, read_only
+from planner_service.geometry import FloatArray, as_sent, number, numbers, read_only
 from planner_service.path import OVERSHOOT, JointPath, require_order, within
 
 __all__ = ["Samples", "Trajectory"]
@@ -72,6 +72,7 @@ class Trajectory:
     knots: FloatArray = field(init=False)
     geometry: NDArray[np.intp] = field(init=False)
     _ends: FloatArray = field(init=False)
+    __setstate__ = as_sent
 
     def __post_init__(self) -> None:
         h = numbers("durations", self.durations, "seconds of each piece, shape (m,)")

@@ -22,6 +22,7 @@ FRONT = "__init__"
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
     "errors": ({"errors"}, set()),
+    "many": ({"many"}, {"errors"}),
     "shapes": (
         {
             "geometry",
@@ -81,6 +82,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     "service": (
         {
             "service",
+            "batch",
             "pipeline",
             "progress",
             "roadmap_work",
@@ -98,7 +100,8 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "replan",
             "replanned",
         },
-        {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "certify", "search"},
+        {"errors", "many", "shapes", "robot", "scene", "path", "collision"}
+        | {"kinematics", "timing", "certify", "search"},
     ),
     "primitives": (
         {"primitives", "grasps", "task"},
@@ -106,7 +109,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     ),
 }
 ABOVE = {
-    *(FRONT, "__main__", "cli", "episodes", "execute", "interchange", "many"),
+    *(FRONT, "__main__", "cli", "episodes", "execute", "interchange"),
     *("pick_place", "plan_file", "result_record", "several", "view"),
 }
 """The public face, the command line and its files: they may import everything, nothing below imports them."""
@@ -126,6 +129,7 @@ ONLY_IN = {
     "mujoco": {"execute/simulator_child.py"},
     "piqp": {"optimize"},
     "PIL": {"view"},
+    "ray": {"many/cluster.py"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "viser": {"view/viewer.py"},
     "playwright": set[str](),
@@ -144,7 +148,7 @@ ONLY_IN = {
 
 SLOW = (
     *("yourdfpy", "toppra", "trimesh", "viser", "scipy.optimize", "scipy.sparse", "piqp"),
-    *("matplotlib", "lxml", "rich", "typer", "PIL", "trossen_arm", "trossen_arm_sim", "mujoco"),
+    *("matplotlib", "lxml", "rich", "typer", "PIL", "trossen_arm", "trossen_arm_sim", "mujoco", "ray"),
 )
 """Only imported when first used."""
 
