@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ from itertools import chain, islice
 
 from planner_service.errors import InvalidRequest
 from planner_service.many import Answers, Engine, Lost, Processes
-from planner_service.outcome import Failure, PlanResult, Reason, Stage
+from planner_service.outcome import Failure, Origin, PlanResult, Reason, Stage
 from planner_service.planners import RRTConnect
 from planner_service.progress import bar
 from planner_service.request import PlanRequest
@@ -61,10 +62,12 @@ class Batch:
     Attributes:
         plan: The service's.
         require: Refuses a request that ``plan`` refuses, without planning.
+        origin: Where the result of a request comes from, seen from here.
     """
 
     plan: Callable[[PlanRequest], PlanResult]
     require: Callable[[PlanRequest], None]
+    origin: Callable[[PlanRequest], Origin]
 
     def results(
         self, requests: Iterable[PlanRequest], engine: Engine | None, progress: bool | None
@@ -74,20 +77,34 @@ class Batch:
         answers, results = self._started(asked, engine), list[PlanResult]()
         try:
             with closing(answers), bar("plans", progress) as told:
-                for _, answer in answers:
-                    results.append(_result(answer))
+                for index, answer in answers:
+                    results.append(self._result(answer, asked[index]))
                     if told is not None:
                         told(len(results), len(asked))
         except KeyboardInterrupt:
-            late = {index: _result(answer) for index, answer in answers.finished.items()}
+            late = {index: self._result(answer, asked[index]) for index, answer in answers.finished.items()}
             raise Interrupted(dict(enumerate(results)) | late) from None
         return results
 
     def stream(self, requests: Iterable[PlanRequest], engine: Engine | None) -> Generator[PlanResult, None, None]:
         """See ``PlannerService.plan_stream``."""
-        return _handed_out(self._started(requests, engine))
+        asked = deque[PlanRequest]()
+        return self._handed_out(self._started(requests, engine, asked.append), asked)
 
-    def _started(self, requests: Iterable[PlanRequest], engine: Engine | None) -> Answers[PlanResult]:
+    def _handed_out(self, answers: Answers[PlanResult], asked: deque[PlanRequest]) -> Generator[PlanResult, None, None]:
+        with closing(answers):
+            for _, answer in answers:
+                yield self._result(answer, asked.popleft())
+
+    def _result(self, answer: PlanResult | Lost, request: PlanRequest) -> PlanResult:
+        return replace(_result(answer), origin=self.origin(request))
+
+    def _started(
+        self,
+        requests: Iterable[PlanRequest],
+        engine: Engine | None,
+        taken: Callable[[PlanRequest], None] = lambda _: None,
+    ) -> Answers[PlanResult]:
         """The answers; all requests of a sequence are checked, and searched for roadmaps, now; else the first."""
         checked = (self._checked(index, request) for index, request in enumerate(_iterated(requests)))
         at_hand = list(checked if isinstance(requests, Sequence) else islice(checked, 1))
@@ -97,7 +114,7 @@ class Batch:
             places.setdefault(id(roadmap), len(places))
         sent = {places[id(roadmap)]: roadmap for roadmap in roadmaps}
         work = _Plans(self.plan, tuple(sent.values()))
-        items = (_item(request, places) for request in chain(at_hand, checked))
+        items = (_item(request, places, taken) for request in chain(at_hand, checked))
         chosen: Engine = Processes() if engine is None else engine
         if not callable(getattr(chosen, "run", None)):
             raise InvalidRequest("engine", engine, "an engine such as Processes(), or None")
@@ -122,8 +139,9 @@ def _iterated(requests: Iterable[PlanRequest]) -> Iterator[PlanRequest]:
         raise InvalidRequest("requests", requests, "several PlanRequests") from None
 
 
-def _item(request: PlanRequest, places: Mapping[int, int]) -> Item:
-    """A request without its roadmap, if that was sent before."""
+def _item(request: PlanRequest, places: Mapping[int, int], taken: Callable[[PlanRequest], None]) -> Item:
+    """A request without its roadmap, if that was sent before; told as taken when it goes to a worker."""
+    taken(request)
     place = places.get(id(request.planner))
     return (request, None) if place is None else (replace(request, planner=RRTConnect()), place)
 
@@ -131,12 +149,6 @@ def _item(request: PlanRequest, places: Mapping[int, int]) -> Item:
 def _limit(item: Item) -> float | None:
     seconds = item[0].time_limit
     return None if seconds is None else seconds + GRACE
-
-
-def _handed_out(answers: Answers[PlanResult]) -> Generator[PlanResult, None, None]:
-    with closing(answers):
-        for _, answer in answers:
-            yield _result(answer)
 
 
 def _result(answer: PlanResult | Lost) -> PlanResult:

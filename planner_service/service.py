@@ -151,7 +151,7 @@ class PlannerService:
 
     @property
     def _batch(self) -> Batch:
-        return Batch(self.plan, self._require_answerable)
+        return Batch(self.plan, self._require_answerable, partial(Origin, self))
 
     def _require_answerable(self, request: PlanRequest) -> None:
         """Refuse what ``plan`` refuses."""

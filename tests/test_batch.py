@@ -214,7 +214,18 @@ def test_what_is_finished_is_kept_when_interrupted(service: PlannerService) -> N
     engine = Rehearsed([done, KeyboardInterrupt()], {0: done, 3: done})
     with pytest.raises(Interrupted, match="2 results were finished") as raised:
         service.plan_many([asked(k) for k in range(5)], engine=engine, progress=False)
-    assert raised.value.results == {0: done, 3: done}
+    assert {index: result.path for index, result in raised.value.results.items()} == {0: done.path, 3: done.path}
+
+
+def test_each_result_knows_its_own_request(service: PlannerService) -> None:
+    requests = [asked(k) for k in range(3)]
+    for results in (
+        service.plan_many(requests, engine=Processes(2), progress=False),
+        list(service.plan_stream(iter(requests), engine=Processes(2))),
+    ):
+        origins = [result.origin for result in results if result.origin is not None]
+        assert [origin.request for origin in origins] == requests
+        assert all(origin.service is service for origin in origins)
 
 
 def test_growth_is_looked_at_on_the_workers_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
