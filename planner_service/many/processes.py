@@ -1,0 +1,139 @@
+"""The engine of one machine: a process for each core, on nothing but the standard library."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, Pipe, wait
+from multiprocessing.reduction import ForkingPickler
+from typing import Any, TypeVar
+
+from planner_service.errors import InvalidRequest
+from planner_service.many.engine import Answers, Limit, Work
+from planner_service.many.events import Event, Gone, Ready
+from planner_service.many.schedule import Schedule
+
+__all__ = ["ONE_THREAD", "Processes", "available_cores", "require_workers"]
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+BOOT = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
+    "from planner_service.many.worker import main; main(int(sys.argv[1]))"
+)
+"""Run by a worker's interpreter: the calling script is not imported, it needs no ``if __name__ == "__main__"``."""
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""The environment of a worker, which has one core."""
+
+
+def available_cores() -> int:
+    """How many cores this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return os.cpu_count() or 1 if affinity is None else len(affinity(0))
+
+
+def require_workers(value: object) -> None:
+    """Refuse what is neither None nor a number of workers."""
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
+        raise InvalidRequest("workers", value, "a whole number of at least 1, or None")
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Answers in processes of this machine.
+
+    Attributes:
+        workers: How many at most; None for one on each core that this process may use.
+
+    Raises:
+        InvalidRequest: no number of workers.
+    """
+
+    workers: int | None = None
+
+    def __post_init__(self) -> None:
+        require_workers(self.workers)
+
+    def run(
+        self, work: Work[Item, Answer], items: Iterable[Item], *, limit: Limit[Any] | None = None
+    ) -> Answers[Answer]:
+        """See ``Engine``."""
+        return Schedule(_Crew(self.workers or available_cores(), work), items, limit)
+
+
+class _Hand:
+    """A process, and the socket over which one talks to it."""
+
+    def __init__(self) -> None:
+        self.connection, theirs = Pipe()
+        self.begun = False
+        with theirs:
+            socket = theirs.fileno()
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", BOOT, str(socket), json.dumps(sys.path)],
+                stdin=subprocess.PIPE,  # nobody writes to it: when it closes, we are no more
+                pass_fds=[socket],
+                env=os.environ | ONE_THREAD,
+                start_new_session=True,  # Ctrl-C is for us alone
+            )
+
+    def became(self) -> str:
+        """What became of it, in words."""
+        code = self.process.wait()
+        if code >= 0:
+            return f"it ended with exit code {code}"
+        name = signal.Signals(-code).name
+        return f"it was ended by {name}{', as when memory runs out' if name == 'SIGKILL' else ''}"
+
+
+class _Crew:
+    def __init__(self, size: int, work: Work[Any, Any]) -> None:
+        self.size = size
+        self._work = ForkingPickler.dumps(work)
+
+    def hire(self) -> _Hand:
+        return _Hand()
+
+    def give(self, hand: _Hand, item: Any) -> None:
+        message = ForkingPickler.dumps(item)
+        with suppress(BrokenPipeError, ConnectionResetError):  # the next look says what became of it
+            hand.connection.send_bytes(message)
+
+    def look(self, hands: Sequence[_Hand], timeout: float | None) -> list[tuple[_Hand, Event]]:
+        by_connection = {hand.connection: hand for hand in hands}
+        told = ((by_connection[found], self._heard(by_connection[found])) for found in _ready(by_connection, timeout))
+        return [(hand, event) for hand, event in told if event is not None]
+
+    def _heard(self, hand: _Hand) -> Event | None:
+        try:
+            event: Event = hand.connection.recv()
+        except (EOFError, OSError):
+            return Gone(hand.became())
+        if isinstance(event, Ready) and not hand.begun:  # up and reading: a large work does not block
+            hand.begun = True
+            with suppress(BrokenPipeError, ConnectionResetError):
+                hand.connection.send_bytes(self._work)
+            return None
+        return event
+
+    def end(self, hands: Sequence[_Hand]) -> None:
+        for hand in hands:
+            hand.process.kill()
+        for hand in hands:
+            with hand.process:  # waits, and closes its input
+                hand.connection.close()
+
+    def close(self) -> None:
+        pass
+
+
+def _ready(connections: Iterable[Connection[Any, Any]], timeout: float | None) -> list[Any]:
+    return wait(list(connections), timeout)

@@ -1,0 +1,194 @@
+"""Which worker is given which item, and what is done when one is lost; the same for processes and for Ray."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+from planner_service.errors import BrokenInvariant
+from planner_service.many.engine import LOOK_AHEAD, InWorker, Limit, Lost
+from planner_service.many.events import Answered, Event, Gone, Raised, Ready
+
+__all__ = ["Crew", "Schedule"]
+
+Answer = TypeVar("Answer")
+Hand = TypeVar("Hand")
+
+STILLBORN = 3
+"""Workers that may end in a row before one is ready."""
+
+
+class Crew(Protocol[Hand]):
+    """Where workers come from, and how one talks to them."""
+
+    size: int
+
+    def hire(self) -> Hand:
+        """A new worker, which is sent its work and will say that it is ready."""
+
+    def give(self, hand: Hand, item: Any) -> None:
+        """Send an item to a worker that waits for one; if that is gone, nothing."""
+
+    def look(self, hands: Sequence[Hand], timeout: float | None) -> list[tuple[Hand, Event]]:
+        """What workers report, at most one event of each; wait up to ``timeout`` seconds for the first."""
+
+    def end(self, hands: Sequence[Hand]) -> None:
+        """End workers, whatever they do."""
+
+    def close(self) -> None:
+        """Give back what is not a worker."""
+
+
+@dataclass(eq=False)
+class _Task:
+    index: int
+    item: Any
+    lost: int = 0
+
+
+@dataclass(eq=False)
+class _Desk:
+    """What a worker does: nothing before it is ready."""
+
+    ready: bool = False
+    task: _Task | None = None
+    deadline: float = math.inf
+
+
+class Schedule(Generic[Answer, Hand]):
+    """Answers in order from a crew; see ``Answers``."""
+
+    def __init__(self, crew: Crew[Hand], items: Iterable[Any], limit: Limit[Any] | None) -> None:
+        self.finished: dict[int, Answer | Lost] = {}
+        self._crew = crew
+        self._desks: dict[Hand, _Desk] = {}
+        self._raised: dict[int, Raised] = {}
+        self._items, self._taken = enumerate(items), 0
+        self._waiting: deque[_Task] = deque()
+        self._limit = limit
+        self._next = 0
+        self._stillborn = 0
+        self._closed = False
+
+    def __iter__(self) -> Schedule[Answer, Hand]:
+        return self
+
+    def __next__(self) -> tuple[int, Answer | Lost]:
+        if self._closed:
+            raise StopIteration
+        self.finished.pop(self._next - 1, None)
+        try:
+            self._hand_out()
+            self._look(0.0)  # whoever is done meanwhile gets something to do, even if the next answer is there
+            self._hand_out()
+            while not self._is_there(self._next):
+                if not self._waiting and all(desk.task is None for desk in self._desks.values()):
+                    raise StopIteration
+                self._look(None)
+                self._hand_out()
+        except BaseException:
+            self.close()
+            raise
+        return self._handed_out()
+
+    def _is_there(self, index: int) -> bool:
+        return index in self.finished or index in self._raised
+
+    def _handed_out(self) -> tuple[int, Answer | Lost]:
+        index = self._next
+        raised = self._raised.get(index)
+        if raised is not None:
+            self.close()
+            raise raised.error from InWorker(index, raised.traceback)
+        self._next += 1
+        return index, self.finished[index]
+
+    def close(self) -> None:
+        """See ``Answers``."""
+        if not self._closed:
+            self._closed = True
+            try:
+                self._crew.end(list(self._desks))
+            finally:
+                self._desks.clear()
+                self._crew.close()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def _available(self, count: int) -> int:
+        """How many tasks are to be had, of at most ``count``."""
+        most = self._next + LOOK_AHEAD * self._crew.size
+        while len(self._waiting) < count and self._taken < most:
+            found = next(self._items, None)
+            if found is None:
+                break
+            self._taken += 1
+            self._waiting.append(_Task(*found))
+        return min(count, len(self._waiting))
+
+    def _hand_out(self) -> None:
+        """Give everyone something to do, and hire more if there is more to do."""
+        for hand, desk in self._desks.items():
+            if desk.ready and desk.task is None and self._available(1):
+                desk.task = self._waiting.popleft()
+                seconds = None if self._limit is None else self._limit(desk.task.item)
+                desk.deadline = math.inf if seconds is None else time.monotonic() + seconds
+                self._crew.give(hand, desk.task.item)
+        starting = sum(not desk.ready for desk in self._desks.values())
+        free = self._crew.size - len(self._desks)
+        if free > 0:
+            for _ in range(self._available(starting + free) - starting):
+                self._desks[self._crew.hire()] = _Desk()
+
+    def _look(self, timeout: float | None) -> None:
+        """Wait for reports, at most until somebody's time is up, and enter them; end those whose time is up."""
+        if timeout is None:
+            soonest = min((desk.deadline for desk in self._desks.values()), default=math.inf)
+            timeout = None if soonest == math.inf else max(0.0, soonest - time.monotonic())
+        for hand, event in self._crew.look(list(self._desks), timeout):
+            self._enter(hand, self._desks[hand], event)
+        now = time.monotonic()
+        late = {hand: desk for hand, desk in self._desks.items() if desk.deadline <= now}
+        for hand, desk in late.items():
+            del self._desks[hand]
+            if desk.task is not None:
+                self.finished[desk.task.index] = Lost("ended: its time was up", over_limit=True)
+        self._crew.end(list(late))
+
+    def _enter(self, hand: Hand, desk: _Desk, event: Event) -> None:
+        if isinstance(event, Ready):
+            desk.ready, self._stillborn = True, 0
+        elif isinstance(event, Gone):
+            del self._desks[hand]
+            self._crew.end([hand])
+            self._mourn(desk, event)
+        elif desk.task is None:
+            if isinstance(event, Raised):
+                raise event.error from InWorker(None, event.traceback)
+            raise BrokenInvariant("a worker answered what it was not asked")
+        else:
+            index = desk.task.index
+            desk.task, desk.deadline = None, math.inf
+            if isinstance(event, Answered):
+                self.finished[index] = event.value
+            else:
+                self._raised[index] = event
+
+    def _mourn(self, desk: _Desk, gone: Gone) -> None:
+        task = desk.task
+        if not desk.ready:
+            self._stillborn += 1
+            if self._stillborn >= STILLBORN:
+                raise BrokenInvariant(f"{STILLBORN} workers ended before they were ready; the last one: {gone.detail}")
+        if task is None:
+            return
+        task.lost += not gone.blameless
+        if task.lost < 2:
+            self._waiting.appendleft(task)
+        else:
+            self.finished[task.index] = Lost(f"two workers were lost; the second one: {gone.detail}")

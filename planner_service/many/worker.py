@@ -1,0 +1,66 @@
+"""A worker of ``Processes``: it is told its work once, and then item after item over a socket."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import traceback
+from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from typing import Any
+
+from planner_service.errors import BrokenInvariant
+from planner_service.many.events import Event, Gone, Raised, Ready, outcome
+
+__all__ = ["main"]
+
+
+def main(socket: int) -> None:
+    """Work until the other end is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this; this is ended from there
+    _end_with_the_parent()
+    connection: Connection[Any, Any] = Connection(socket)
+    try:
+        _work(connection)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+
+
+def _end_with_the_parent() -> None:
+    """Have the kernel end this process when standard input is closed: nothing else writes to it, least of all a parent
+    that was killed. It holds even while a library computes and lets no Python run."""
+    fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+def _work(connection: Connection[Any, Any]) -> None:
+    connection.send(Ready())
+    sent = connection.recv_bytes()
+    try:
+        work = ForkingPickler.loads(sent)
+        work.prepare()
+    except Exception as error:
+        _tell(connection, Raised(error, traceback.format_exc()))
+        return
+    connection.send(Ready())
+    while True:
+        sent = connection.recv_bytes()
+        try:
+            item = ForkingPickler.loads(sent)
+        except Exception as error:  # of a class that cannot be imported here
+            event: Event = Raised(error, traceback.format_exc())
+        else:
+            event = outcome(work, item)
+        _tell(connection, event)
+        if isinstance(event, Gone):
+            return
+
+
+def _tell(connection: Connection[Any, Any], event: Event) -> None:
+    try:
+        message = ForkingPickler.dumps(event)
+    except Exception as error:  # an answer, or an error, that cannot be sent
+        told = event.traceback if isinstance(event, Raised) else traceback.format_exc()
+        message = ForkingPickler.dumps(Raised(BrokenInvariant(f"a worker cannot send what it has: {error}"), told))
+    connection.send_bytes(message)
