@@ -15,7 +15,7 @@ import numpy as np
 from planner_service.collision import CollisionChecker
 from planner_service.episodes.draws import Draws
 from planner_service.episodes.task import Drawn
-from planner_service.errors import BrokenInvariant
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry import Box, Cylinder, FloatArray, Pose
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import SavedTask
@@ -67,8 +67,11 @@ class BinPickPlace:
         """A bin with a block in it, a tray, sometimes a post or other things, and a start with 1 cm of room.
 
         Raises:
+            InvalidRequest: the robot is no arm of six joints.
             BrokenInvariant: no start has room in any world, which these ranges rule out for the wxai arm.
         """
+        if robot.n != len(START_SPREAD):
+            raise InvalidRequest("robot", robot.name, "an arm of six joints with a gripper, such as wxai")
         for _ in range(TRIES):
             scene = _world(draws)
             start = _start(robot, scene, draws)

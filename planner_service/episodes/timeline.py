@@ -79,9 +79,7 @@ def timeline(segments: Sequence[Segment], carrying: Sequence[str], gripper_speed
         motion = segment.result.motion
         settle = motion.settle_time if motion is not None and then != segment.width else 0.0
         gripping = abs(then - segment.width) / gripper_speed
-        part = Part(
-            segment.name, trajectory, begins, settle, segment.width, then, gripping, segment.name in carrying
-        )
+        part = Part(segment.name, trajectory, begins, settle, segment.width, then, gripping, segment.name in carrying)
         parts.append(part)
         begins = part.ends
     return tuple(parts)

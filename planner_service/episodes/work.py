@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,12 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from planner_service.collision import CheckCounts
 from planner_service.episodes.draws import Draws
+from planner_service.episodes.tables import TABLES, Rows
 from planner_service.episodes.task import Drawn, EpisodeTask
 from planner_service.episodes.timeline import Frames, Part, frames, timeline
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Sphere
-from planner_service.outcome import Failure
+from planner_service.geometry import Box, Capsule, Cylinder, Sphere, number
+from planner_service.many import Lost
+from planner_service.outcome import Reason
 from planner_service.path import JointPath
 from planner_service.plan_file import SavedTask
 from planner_service.request import PlanRequest
@@ -25,10 +27,7 @@ from planner_service.scene import Obstacle
 from planner_service.service import PlannerService
 from planner_service.task import Segment
 
-__all__ = ["Episode", "EpisodeWork", "Rows", "failure_row"]
-
-Rows = dict[str, list[dict[str, Any]]]
-"""Rows by the name of their table, of plain JSON values."""
+__all__ = ["Episode", "EpisodeWork", "lost", "numbers_stats"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,21 +47,56 @@ class Episode:
 class EpisodeWork:
     """Makes the episode of a number: a value that is sent to each worker once.
 
-    Args:
-        robot: Who moves.
+    Attributes:
+        robot: Who moves; its gripper takes.
         task: What is shown.
         seed: Of all episodes.
         fps: Frames per second.
         gripper_speed: Metres per second by which the gripper's opening changes.
         max_checks: States that each plan may judge.
+        chunk: Requests in a file of a table, and episodes in a folder.
+
+    Raises:
+        InvalidRequest: the robot has no gripper, or a number is out of its range.
     """
 
     robot: Robot
     task: EpisodeTask
-    seed: int
-    fps: int
-    gripper_speed: float
-    max_checks: int
+    seed: int = 0
+    fps: int = 30
+    gripper_speed: float = 0.05
+    max_checks: int = 50_000
+    chunk: int = 1000
+
+    def __post_init__(self) -> None:
+        if self.robot.gripper is None:
+            raise InvalidRequest("robot", self.robot.name, "a robot with a gripper")
+        for name, most in (("seed", 2**63 - 1), ("fps", 1000), ("max_checks", 10**9), ("chunk", 10_000)):
+            value, least = getattr(self, name), 0 if name == "seed" else 1
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                raise InvalidRequest(name, value, f"a whole number in [{least}, {most}]")
+        number("gripper_speed", self.gripper_speed, "metres per second in [0.001, 10]", 0.001, 10.0)
+
+    @property
+    def features(self) -> dict[str, dict[str, Any]]:
+        """The columns of the frames, as LeRobot describes them."""
+        robot = [*self.robot.joint_names, "gripper_width"]
+        names: dict[str, list[str] | None] = {
+            "observation.state": robot,
+            "observation.environment_state": [f"target_{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+            + [f"onto_{part}" for part in "xyz"],
+            "action": robot,
+            "timestamp": None,
+            **dict.fromkeys(("frame_index", "episode_index", "index", "task_index")),
+        }
+        return {
+            name: {
+                "dtype": "int64" if name.endswith("index") else "float32",
+                "shape": [1 if parts is None else len(parts)],
+                "names": parts,
+            }
+            for name, parts in names.items()
+        }
 
     def prepare(self) -> None:
         """Load the libraries that timing needs, which else the first plan would do."""
@@ -76,37 +110,53 @@ class EpisodeWork:
         planner_seed = draws.whole()
         drawn = self.task.draw(self.robot, draws)
         service = PlannerService(self.robot, drawn.scene)
-        request = PlanRequest(
-            drawn.start, drawn.start, seed=planner_seed, max_checks=self.max_checks, time_limit=None
-        )
+        request = PlanRequest(drawn.start, drawn.start, seed=planner_seed, max_checks=self.max_checks, time_limit=None)
         solved = self.task.solve(service, drawn, request)
         rows = _rows(index, drawn, solved)
         asked = rows["requests"][0] | {"planner_seed": planner_seed}
         if solved.failure is not None:
-            rows["failures"] = [failure_row(index, solved.failure, len(solved.segments))]
+            told = {"stage": solved.failure.stage.value, "reason": solved.failure.reason.value}
+            told |= {"detail": solved.failure.detail, "motions_planned": len(solved.segments)}
+            rows["failures"] = [{"request_index": index, **told}]
             return Episode(rows | {"requests": [asked]}, None)
         parts = timeline(solved.segments, self.task.carrying, self.gripper_speed)
         found = frames(self.robot, parts, drawn.scene.obstacle(drawn.target), self.fps)
-        columns = _columns(found, self.fps)
-        rows["motions"] = [_motion_row(index, k, part) for k, part in enumerate(parts)]
+        onto = drawn.scene.obstacle(drawn.onto).pose.position
+        columns = _columns(found, onto, self.fps)
+        rows["motions"] = [
+            _motion_row(index, k, part) | {"certified": row["certified"]}
+            for k, (part, row) in enumerate(zip(parts, rows["certificates"], strict=True))
+        ]
         stats = {name: _stats(values) for name, values in columns.items()}
         rows["episodes"] = [{"request_index": index, "length": len(found.q), "stats": stats}]
         asked |= {"ok": True, "frames": len(found.q), "motion_s": math.fsum(p.trajectory.duration for p in parts)}
         return Episode(rows | {"requests": [asked]}, columns)
 
 
-def failure_row(index: int, failure: Failure, planned: int) -> dict[str, Any]:
-    """Why a request has no episode, and how many of its motions had a plan."""
-    told = {"stage": failure.stage.value, "reason": failure.reason.value, "detail": failure.detail}
-    return {"request_index": index, **told, "motions_planned": planned}
+def lost(index: int, answer: Lost) -> Episode:
+    """A request of which nothing is known but that it cost its workers their life, or their time."""
+    reason = Reason.TIMED_OUT if answer.over_limit else Reason.WORKER_LOST
+    nothing = counts_record(CheckCounts())
+    request = {"request_index": index, "ok": False, "frames": 0, "motion_s": 0.0, **nothing}
+    failure = {"request_index": index, "reason": reason.value, "detail": answer.detail}
+    return Episode({**{name: [] for name in TABLES}, "requests": [request], "failures": [failure]}, None)
 
 
-def _columns(found: Frames, fps: int) -> dict[str, Any]:
+def numbers_stats(first: int, length: int) -> dict[str, list[float]]:
+    """What LeRobot keeps of a column that counts up."""
+    last = first + length - 1
+    spread = math.sqrt((length * length - 1) / 12.0)
+    return {"min": [first], "max": [last], "mean": [(first + last) / 2.0], "std": [spread], "count": [length]}
+
+
+def _columns(found: Frames, onto: Sequence[float], fps: int) -> dict[str, Any]:
     """The features of an episode that are its own: each action is the state of the next frame, the last one its own."""
     state = np.concatenate([found.q, found.width[:, None]], axis=1).astype(np.float32)
     return {
         "observation.state": state,
-        "observation.environment_state": found.target.astype(np.float32),
+        "observation.environment_state": np.concatenate(
+            [found.target, np.tile(onto, (len(state), 1))], axis=1, dtype=np.float32
+        ),
         "action": np.concatenate([state[1:], state[-1:]]),
         "timestamp": (np.arange(len(state)) / fps).astype(np.float32)[:, None],
     }
@@ -127,9 +177,16 @@ def _stats(values: Any) -> dict[str, list[float]]:
 def _rows(index: int, drawn: Drawn, solved: SavedTask) -> Rows:
     counts = counts_record(solved.counts)
     request = {
-        **{"request_index": index, "ok": False, "frames": 0, "motion_s": 0.0},
-        **{"scene_hash": drawn.scene.hash, "target": drawn.target, "onto": drawn.onto},
-        **{"start": drawn.start.tolist(), **counts, "notes": list(solved.notes)},
+        "request_index": index,
+        "ok": False,
+        "frames": 0,
+        "motion_s": 0.0,
+        "scene_hash": drawn.scene.hash,
+        "target": drawn.target,
+        "onto": drawn.onto,
+        "start": drawn.start.tolist(),
+        **counts,
+        "notes": list(solved.notes),
     }
     numbered = list(enumerate(solved.segments))
     return {
@@ -150,9 +207,13 @@ def _obstacle_row(index: int, position: int, obstacle: Obstacle) -> dict[str, An
         raise InvalidRequest("scene", type(shape).__name__, "boxes, spheres, cylinders and capsules")
     sizes = shape.size if isinstance(shape, Box) else tuple(vars(shape).values())
     return {
-        **{"request_index": index, "position_in_scene": position, "name": obstacle.name},
-        **{"shape": type(shape).__name__.lower(), "sizes": list(sizes)},
-        **{"position": list(obstacle.pose.position), "quaternion_wxyz": list(obstacle.pose.quaternion)},
+        "request_index": index,
+        "position_in_scene": position,
+        "name": obstacle.name,
+        "shape": type(shape).__name__.lower(),
+        "sizes": list(sizes),
+        "position": list(obstacle.pose.position),
+        "quaternion_wxyz": list(obstacle.pose.quaternion),
     }
 
 
@@ -183,9 +244,18 @@ def _certificate_rows(index: int, k: int, segment: Segment) -> Iterator[dict[str
 def _motion_row(index: int, k: int, part: Part) -> dict[str, Any]:
     path, trajectory = part.trajectory.path, part.trajectory
     return {
-        **{"request_index": index, "motion_index": k, "motion": part.name, "carrying": part.carrying},
-        **{"begins_s": part.begins, "duration_s": trajectory.duration, "settle_s": part.settle},
-        **{"gripping_s": part.gripping, "gripper_width": part.width},
-        **{"waypoints": path.waypoints.tolist(), "blends": path.blends.tolist(), "dilation": trajectory.dilation},
-        **{"durations": trajectory.durations.tolist(), "coefficients": trajectory.coefficients.tolist()},
+        "request_index": index,
+        "motion_index": k,
+        "motion": part.name,
+        "carrying": part.carrying,
+        "begins_s": part.begins,
+        "duration_s": trajectory.duration,
+        "settle_s": part.settle,
+        "gripping_s": part.gripping,
+        "gripper_width": part.width,
+        "waypoints": path.waypoints.tolist(),
+        "blends": path.blends.tolist(),
+        "dilation": trajectory.dilation,
+        "durations": trajectory.durations.tolist(),
+        "coefficients": trajectory.coefficients.tolist(),
     }
