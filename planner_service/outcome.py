@@ -47,6 +47,7 @@ class Reason(enum.Enum):
     TIMING_FAILED = "TIMING_FAILED"
     LINE_BLOCKED = "LINE_BLOCKED"
     OPTIMUM_IN_COLLISION = "OPTIMUM_IN_COLLISION"
+    WORKER_LOST = "WORKER_LOST"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class Failure:
     """Why there is no plan.
 
     Attributes:
-        stage: Where it ended.
+        stage: Where it ended; the first, if a worker was lost and nobody knows how far it had come.
         reason: The kind of reason.
         detail: A sentence for a person: what was wrong, the value, what would be right.
         contacts: For an end in collision, or the first place at which an optimum is, what touches there, deepest

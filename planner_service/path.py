@@ -231,6 +231,10 @@ class JointPath:
             widths = widths[: len(points)]
         self._lay(_Polyline.through(points), widths)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Sent to another process, a path is laid anew there from its numbers."""
+        return JointPath, (self.waypoints, self.blends)
+
     def _lay(self, polyline: _Polyline, widths: Sequence[float]) -> None:
         """Become the curve along a polyline with blends as wide as that."""
         blends = _allowed_blends(polyline, widths)

@@ -6,7 +6,7 @@ request -> ENDPOINTS -> STRAIGHT_LINE -> SEARCH -> SHORTCUT -> POLISH -> CERTIFY
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.batch import Batch
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
+from planner_service.many import Engine
 from planner_service.outcome import PlanResult
 from planner_service.pace import Pace
 from planner_service.path import JointPath
@@ -105,6 +107,46 @@ class PlannerService:
         """
         self._require_own_process()
         return Run(self._planning, self._certifier, request, cancel).result(self._turns)
+
+    def plan_many(
+        self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None
+    ) -> list[PlanResult]:
+        """The plans of many requests, in their order; the same, to the last bit and count, as from ``plan`` one by one.
+
+        A worker that dies costs its request a second try, then that one is a failure (WORKER_LOST); one that is 10 s
+        over its time limit is ended (TIMED_OUT). ``result.roadmap`` is None: what was learned stays with the workers.
+
+        Args:
+            engine: Who works; ``Processes()``, a process for each core, if not given.
+            progress: Whether to draw a progress bar on standard error; if not given, when that is a terminal.
+
+        Raises:
+            InvalidRequest: a request cannot be asked, which is named; in a sequence, before any is planned.
+            Interrupted: Ctrl-C; it has the ``results`` that were finished.
+        """
+        self._require_own_process()
+        return self._batch.results(requests, engine, progress)
+
+    def plan_stream(
+        self, requests: Iterable[PlanRequest], *, engine: Engine | None = None
+    ) -> Generator[PlanResult, None, None]:
+        """As ``plan_many``, one result after the other, for as many requests as there may be: none is kept.
+
+        Close it, or take all there is: until then its workers live.
+
+        Raises:
+            InvalidRequest: as ``plan_many``; of an iterator, each request is looked at when it is taken.
+        """
+        self._require_own_process()
+        return self._batch.stream(requests, engine)
+
+    @property
+    def _batch(self) -> Batch:
+        return Batch(self.plan, self._require_answerable)
+
+    def _require_answerable(self, request: PlanRequest) -> None:
+        """Refuse what ``plan`` refuses."""
+        Run(self._planning, self._certifier, request, None)
 
     def replan(
         self,

@@ -9,7 +9,7 @@ import math
 import sys
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,6 +90,10 @@ class Trajectory:
         object.__setattr__(self, "knots", read_only(list(accumulate(h.tolist(), initial=0.0))))
         object.__setattr__(self, "geometry", _geometry(self.path, c, ends))
         object.__setattr__(self, "_ends", ends)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Sent to another process, a trajectory is made anew there from its numbers."""
+        return Trajectory, (self.path, self.durations, self.coefficients, self.dilation, self.part)
 
     def __repr__(self) -> str:
         return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"
