@@ -172,7 +172,7 @@ def _start(robot: Robot, scene: Scene, draws: Draws) -> FloatArray | None:
     limits = robot.limits
     for _ in range(STARTS):
         spread = [draws.between(-most, most) for most in START_SPREAD]
-        q = np.clip(robot.home + np.array(spread), limits.lower, limits.upper)
+        q: FloatArray = np.clip(robot.home + np.array(spread), limits.lower, limits.upper)
         if checker.clearance(q) >= START_ROOM:
             return q
     return None

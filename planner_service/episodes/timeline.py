@@ -89,7 +89,9 @@ def frames(robot: Robot, parts: Sequence[Part], target: Obstacle, fps: int) -> F
     """The episode at so many frames per second, to the first frame at which all has come to rest."""
     times = np.arange(math.ceil(parts[-1].ends * fps) + 1) / fps
     first = np.searchsorted([part.begins for part in parts], times, side="right") - 1
-    q, width, poses = [], [], []
+    q: list[FloatArray] = []
+    width: list[FloatArray] = []
+    poses: list[FloatArray] = []
     pose = target.pose
     for k, part in enumerate(parts):
         since = times[first == k] - part.begins

@@ -104,9 +104,9 @@ class EpisodeWork:
         path = JointPath(np.array([limits.lower, limits.upper]))
         PlanRequest(limits.lower, limits.upper).timing.time_path(path, limits)
 
-    def __call__(self, index: int) -> Episode:
+    def __call__(self, item: int) -> Episode:
         """The episode of that number, or why there is none; no clock has a say."""
-        draws = Draws(self.seed, index)
+        index, draws = item, Draws(self.seed, item)
         planner_seed = draws.whole()
         drawn = self.task.draw(self.robot, draws)
         service = PlannerService(self.robot, drawn.scene)
@@ -115,7 +115,7 @@ class EpisodeWork:
         rows = _rows(index, drawn, solved)
         asked = rows["requests"][0] | {"planner_seed": planner_seed}
         if solved.failure is not None:
-            told = {"stage": solved.failure.stage.value, "reason": solved.failure.reason.value}
+            told: dict[str, Any] = {"stage": solved.failure.stage.value, "reason": solved.failure.reason.value}
             told |= {"detail": solved.failure.detail, "motions_planned": len(solved.segments)}
             rows["failures"] = [{"request_index": index, **told}]
             return Episode(rows | {"requests": [asked]}, None)
