@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -56,19 +56,19 @@ Worlds: see `planner_service/episodes/bins.py` for the ranges of `pick-place`. N
 start keeps 1 cm from everything; whether the task can be done is left open, and is the failures above.
 
 An episode begins at the first motion with the gripper as open as that needs. The gripper opens and closes at
-{gripper_speed} m/s while the robot stands still, after the time that the robot rings after a stop. The object moves with
-the tool from the motion named lift to the end of that named lower, as if glued; it does not slip or fall.
+{gripper_speed} m/s while the robot stands still, after the time that the robot rings after a stop. The object moves
+with the tool on {carrying}, as if glued; it does not slip or fall.
 
 ## Files
-`data/` and `meta/` are laid out as LeRobot v2.1 does it, with one file for each episode, so that each is there whole or
-not at all (v3.0 puts many into one; `lerobot` converts). Beside them, in `tables/`, Parquet files that a reader takes as
-one table each:
+`data/` and `meta/` are laid out as LeRobot v2.1 does it, with one file for each episode, so that each is there whole
+or not at all (v3.0 puts many into one; `lerobot` converts). Beside them, in `tables/`, folders of Parquet files that a
+reader takes as one table each:
 
 | table | a row for | what of it |
 |---|---|---|
 | requests | every request | its episode if there is one, seed of the planner, start, what was checked in all |
 | episodes | every episode | its request, number of frames, statistics |
-| scenes | every obstacle | shape and sizes (full lengths of a box; radius, length of a cylinder), pose in the base frame |
+| scenes | every obstacle | shape, sizes (full lengths of a box; radius, length of a cylinder), pose in the base frame |
 | motions | every motion of an episode | when it begins, the gripper, and the exact curve |
 | counts | every stage of every motion | states, edges, distances; motion -1 is the choice of grasps and places |
 | certificates | every motion | what was proven, its smallest clearance, and where named pairs were meant to touch |
@@ -100,7 +100,7 @@ description has a licence of its own.
 """
 
 
-def card(about: Mapping[str, Any], info: Mapping[str, Any], summary: EpisodesSummary) -> str:
+def card(about: Mapping[str, Any], info: Mapping[str, Any], carrying: Sequence[str], summary: EpisodesSummary) -> str:
     """The text; it depends on what is in the data set and on nothing else."""
     rows = [f"| {reason} | {number:,} |" for reason, number in summary.failures.items()]
     failures = "\n".join(["| reason | requests |", "|---|---|", *rows]) if rows else "None: every request has one."
@@ -109,4 +109,5 @@ def card(about: Mapping[str, Any], info: Mapping[str, Any], summary: EpisodesSum
         for name, feature in info["features"].items()
     )
     words = {"failures": failures, "columns": columns, "generation": json.dumps(about, indent=1)}
+    words["carrying"] = " and ".join(carrying)
     return TEXT.format(**{**about, **asdict(summary), **words})

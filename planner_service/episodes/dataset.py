@@ -1,4 +1,4 @@
-"""Thousands of episodes as a data set: drawn, planned, proven, sampled and written, with the reasons where that failed."""
+"""Thousands of episodes as a data set: drawn, planned, proven, sampled and written, or the reasons why not."""
 
 from __future__ import annotations
 
@@ -70,8 +70,9 @@ def write_episodes(
 ) -> EpisodesSummary:
     """Write a data set of so many requests, going on with what is there of it; ``docs/episodes.md`` tells its files.
 
-    The bytes of every file depend on ``work``, ``count`` and the releases of the libraries alone: not on the engine, nor
-    on whether the run was interrupted, or asked for fewer before. An interrupted run leaves a data set of what is done.
+    The bytes of every file depend on ``work``, ``count`` and the releases of the libraries alone: not on the engine,
+    nor on whether the run was interrupted, or asked for fewer before. An interrupted run leaves a data set of what is
+    done. Only a request that is lost with its worker is one more failure, though it might have had an episode.
 
     Args:
         out: A new or empty folder, or one that was begun with the same ``work``.
@@ -179,7 +180,7 @@ def _finish(folder: Folder, work: EpisodeWork, about: dict[str, Any]) -> Episode
     folder.write(meta / "tasks.jsonl", [_line({"task_index": 0, "task": work.task.sentence})])
     folder.write(meta / "episodes.jsonl", _episode_lines(folder, work.task.sentence))
     folder.write(meta / "episodes_stats.jsonl", _stats_lines(folder))
-    folder.write(folder.path / "README.md", [card(about, info, summary).encode()])
+    folder.write(folder.path / "README.md", [card(about, info, work.task.carrying, summary).encode()])
     return summary
 
 
