@@ -8,7 +8,6 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from planner_service.episodes.card import card
@@ -18,6 +17,7 @@ from planner_service.episodes.tables import pyarrow_version
 from planner_service.episodes.work import Episode, EpisodeWork, lost
 from planner_service.errors import InvalidRequest
 from planner_service.many import Engine, Lost, Processes
+from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
 
 __all__ = ["EpisodesSummary", "write_episodes"]
@@ -46,6 +46,7 @@ class EpisodesSummary:
         motions, certified: Motions in the episodes, and how many of these are proven: all of them.
         motion_seconds: Of motion; what the gripper takes is beside it.
         states, edges, distances: What all requests asked of the collision checker.
+        new: Requests that this run added.
     """
 
     requests: int
@@ -58,6 +59,7 @@ class EpisodesSummary:
     states: int
     edges: int
     distances: int
+    new: int
 
 
 def write_episodes(
@@ -86,19 +88,19 @@ def write_episodes(
     """
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
         raise InvalidRequest("count", count, f"a whole number in [1, {MOST:,}]")
-    about = _generation(work)
     work.task.draw(work.robot, Draws(work.seed, 0))  # a robot that cannot be used is told of here, not by a worker
-    with Folder(Path(out), about, work.chunk) as folder:
+    with Folder(as_path("out", out), _generation(work), work.chunk) as folder:
         if folder.requests > count:
             raise InvalidRequest("count", count, f"at least {folder.requests:,}: so many requests are there already")
+        before = folder.requests
         try:
             _grow(folder, work, count, engine or Processes(), progress or (lambda done, total: None))
         except KeyboardInterrupt:
             folder.refresh()  # whatever was interrupted
             if folder.requests:
-                _finish(folder, work, about)
+                _finish(folder, work, before)
             raise
-        return _finish(folder, work, about)
+        return _finish(folder, work, before)
 
 
 def _grow(folder: Folder, work: EpisodeWork, count: int, engine: Engine, progress: Callable[[int, int], None]) -> None:
@@ -155,11 +157,10 @@ def _generation(work: EpisodeWork) -> dict[str, Any]:
     }
 
 
-def _finish(folder: Folder, work: EpisodeWork, about: dict[str, Any]) -> EpisodesSummary:
+def _finish(folder: Folder, work: EpisodeWork, before: int) -> EpisodesSummary:
     """Write what tells of the whole data set, and count it."""
     folder.write_tables()
-    summary = _summary(folder)
-    features = work.features
+    summary = _summary(folder, before)
     info = {
         "codebase_version": "v2.1",
         "robot_type": work.robot.name,
@@ -173,21 +174,20 @@ def _finish(folder: Folder, work: EpisodeWork, about: dict[str, Any]) -> Episode
         "splits": {"train": f"0:{summary.episodes}"},
         "data_path": DATA_PATH,
         "video_path": None,
-        "features": features,
+        "features": work.features,
     }
     meta = folder.path / "meta"
     folder.write(meta / "info.json", [(json.dumps(info, indent=4) + "\n").encode()])
     folder.write(meta / "tasks.jsonl", [_line({"task_index": 0, "task": work.task.sentence})])
     folder.write(meta / "episodes.jsonl", _episode_lines(folder, work.task.sentence))
     folder.write(meta / "episodes_stats.jsonl", _stats_lines(folder))
-    folder.write(folder.path / "README.md", [card(about, info, work.task.carrying, summary).encode()])
+    folder.write(folder.path / "README.md", [card(_generation(work), info, work.task.carrying, summary).encode()])
     return summary
 
 
-def _summary(folder: Folder) -> EpisodesSummary:
-    kinds = ("states", "edges", "distances")
+def _summary(folder: Folder, before: int) -> EpisodesSummary:
     totals: Counter[str] = Counter()
-    for row in folder.rows("requests", kinds):
+    for row in folder.rows("requests", ("states", "edges", "distances")):
         totals.update(row)
     reasons = Counter(row["reason"] for row in folder.rows("failures", ("reason",)))
     motions = Counter(row["certified"] for row in folder.rows("motions", ("certified",)))
@@ -200,7 +200,10 @@ def _summary(folder: Folder) -> EpisodesSummary:
         motions.total(),
         motions[True],
         seconds,
-        *(totals[kind] for kind in kinds),
+        totals["states"],
+        totals["edges"],
+        totals["distances"],
+        folder.requests - before,
     )
 
 
