@@ -9,6 +9,7 @@
     print(result.counts, result.trajectory.duration)
 """
 
+from planner_service.batch import Interrupted
 from planner_service.certify import Certificate, Certifier, EdgeProof, EdgeVerdict, ExemptInterval, Refusal
 from planner_service.collision import (
     CancelToken,
@@ -33,6 +34,7 @@ from planner_service.follow import AllowedStretch
 from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.grasps import top_grasps
 from planner_service.kinematics import inverse_kinematics, straight_tool_line
+from planner_service.many import Processes, Ray, Sequential
 from planner_service.mesh import Mesh
 from planner_service.optimize import Chomp, Optimise, TrajOpt
 from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
@@ -100,6 +102,7 @@ __all__ = [
     "Handling",
     "HeightField",
     "InformedRRTstar",
+    "Interrupted",
     "InvalidFile",
     "InvalidRequest",
     "JointLimits",
@@ -125,8 +128,10 @@ __all__ = [
     "PolishReport",
     "Pose",
     "PoseGoal",
+    "Processes",
     "RRTConnect",
     "RRTstar",
+    "Ray",
     "Reason",
     "Refusal",
     "Replanned",
@@ -137,6 +142,7 @@ __all__ = [
     "SORRTstar",
     "Scene",
     "Segment",
+    "Sequential",
     "Sphere",
     "Stage",
     "StageReport",

@@ -144,7 +144,4 @@ def _result(answer: PlanResult | Lost) -> PlanResult:
         late = f"{answer.detail}, {GRACE:g} s after its time limit; whether a path exists is unknown"
         reason, detail = (Reason.TIMED_OUT, late) if answer.over_limit else (Reason.WORKER_LOST, answer.detail)
         return PlanResult(None, None, Failure(Stage.ENDPOINTS, reason, detail), (), deterministic=False)
-    nearest = None if answer.failure is None else answer.failure.nearest_free
-    if nearest is not None:
-        nearest.flags.writeable = False  # it was before it crossed
     return answer

@@ -26,6 +26,7 @@ __all__ = [
     "Pose",
     "Shape",
     "Sphere",
+    "as_sent",
     "cosines_and_sines",
     "number",
     "numbers",
@@ -47,6 +48,14 @@ def read_only(values: ArrayLike) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
+
+
+def as_sent(value: object, state: dict[str, Any]) -> None:
+    """``__setstate__`` of values with arrays: from another process they come as numbers, and are read-only again."""
+    for held in state.values():
+        if isinstance(held, np.ndarray):
+            held.flags.writeable = False
+    value.__dict__.update(state)
 
 
 def number(field: str, value: object, expected: str, lowest: float, highest: float) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, PlanningFailed
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, as_sent
 from planner_service.optimize import Figures
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
@@ -70,6 +70,7 @@ class Failure:
     contacts: tuple[Contact, ...] = ()
     nearest_free: FloatArray | None = None
     blocked_by: tuple[tuple[str, str, float], ...] = ()
+    __setstate__ = as_sent
 
     def __str__(self) -> str:
         return f"{self.reason.value} ({self.stage.value}): {self.detail}"

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner_service.blend import Blends
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers, read_only
+from planner_service.geometry import FloatArray, as_sent, numbers, read_only
 
 __all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]
 
@@ -220,6 +220,7 @@ class JointPath:
     _polyline: _Polyline = field(init=False)
     _lines: NDArray[np.intp] = field(init=False)
     _rows: NDArray[np.intp] = field(init=False)
+    __setstate__ = as_sent
 
     def __post_init__(self) -> None:
         given = _waypoints(self.waypoints)
@@ -230,10 +231,6 @@ class JointPath:
                 raise InvalidRequest("blends", len(given) - len(points), "waypoints that do not coincide")
             widths = widths[: len(points)]
         self._lay(_Polyline.through(points), widths)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Sent to another process, a path is laid anew there from its numbers."""
-        return JointPath, (self.waypoints, self.blends)
 
     def _lay(self, polyline: _Polyline, widths: Sequence[float]) -> None:
         """Become the curve along a polyline with blends as wide as that."""

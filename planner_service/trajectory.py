@@ -9,13 +9,13 @@ import math
 import sys
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers, read_only
+from planner_service.geometry import FloatArray, as_sent, number, numbers, read_only
 from planner_service.path import OVERSHOOT, JointPath, require_order, within
 
 __all__ = ["Samples", "Trajectory"]
@@ -72,6 +72,7 @@ class Trajectory:
     knots: FloatArray = field(init=False)
     geometry: NDArray[np.intp] = field(init=False)
     _ends: FloatArray = field(init=False)
+    __setstate__ = as_sent
 
     def __post_init__(self) -> None:
         h = numbers("durations", self.durations, "seconds of each piece, shape (m,)")
@@ -90,10 +91,6 @@ class Trajectory:
         object.__setattr__(self, "knots", read_only(list(accumulate(h.tolist(), initial=0.0))))
         object.__setattr__(self, "geometry", _geometry(self.path, c, ends))
         object.__setattr__(self, "_ends", ends)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Sent to another process, a trajectory is made anew there from its numbers."""
-        return Trajectory, (self.path, self.durations, self.coefficients, self.dilation, self.part)
 
     def __repr__(self) -> str:
         return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"

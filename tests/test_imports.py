@@ -22,6 +22,7 @@ FRONT = "__init__"
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
     "errors": ({"errors"}, set()),
+    "many": ({"many"}, {"errors"}),
     "shapes": (
         {
             "geometry",
@@ -81,6 +82,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     "service": (
         {
             "service",
+            "batch",
             "pipeline",
             "progress",
             "roadmap_work",
@@ -98,7 +100,8 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "replan",
             "replanned",
         },
-        {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "certify", "search"},
+        {"errors", "many", "shapes", "robot", "scene", "path", "collision"}
+        | {"kinematics", "timing", "certify", "search"},
     ),
     "primitives": (
         {"primitives", "grasps", "task"},
@@ -116,6 +119,7 @@ ONLY_IN = {
     "ompl": {"planners.py", "planners", "ompl_bridge.py"},
     "toppra": {"two_passes.py"},
     "piqp": {"optimize"},
+    "ray": {"many/cluster.py"},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "trimesh": set[str](),
     "pickle": set[str](),
@@ -132,7 +136,7 @@ ONLY_IN = {
 
 SLOW = (
     *("yourdfpy", "toppra", "trimesh", "scipy.optimize", "scipy.sparse", "piqp"),
-    *("matplotlib", "lxml", "rich", "typer"),
+    *("matplotlib", "lxml", "rich", "typer", "ray"),
 )
 """Only imported when first used."""
 

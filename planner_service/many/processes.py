@@ -24,6 +24,9 @@ __all__ = ["ONE_THREAD", "Processes", "available_cores", "require_workers"]
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
+AHEAD = 16_384
+"""Bytes that are sent to a worker that is busy: they fit into its socket, so that sending them waits for nobody."""
+
 BOOT = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
     "from planner_service.many.worker import main; main(int(sys.argv[1]))"
@@ -74,7 +77,8 @@ class _Hand:
 
     def __init__(self) -> None:
         self.connection, theirs = Pipe()
-        self.begun = False
+        self.begun, self.unanswered = False, 0
+        self.held: Any = None
         with theirs:
             socket = theirs.fileno()
             self.process = subprocess.Popen(
@@ -84,6 +88,11 @@ class _Hand:
                 env=os.environ | ONE_THREAD,
                 start_new_session=True,  # Ctrl-C is for us alone
             )
+
+    def send(self, message: Any) -> None:
+        """Send what was pickled; if the process is gone, the next look says what became of it."""
+        with suppress(BrokenPipeError, ConnectionResetError):
+            self.connection.send_bytes(message)
 
     def became(self) -> str:
         """What became of it, in words."""
@@ -104,8 +113,11 @@ class _Crew:
 
     def give(self, hand: _Hand, item: Any) -> None:
         message = ForkingPickler.dumps(item)
-        with suppress(BrokenPipeError, ConnectionResetError):  # the next look says what became of it
-            hand.connection.send_bytes(message)
+        hand.unanswered += 1
+        if hand.unanswered > 1 and len(message) > AHEAD:
+            hand.held = message
+        else:
+            hand.send(message)
 
     def look(self, hands: Sequence[_Hand], timeout: float | None) -> list[tuple[_Hand, Event]]:
         by_connection = {hand.connection: hand for hand in hands}
@@ -119,9 +131,12 @@ class _Crew:
             return Gone(hand.became())
         if isinstance(event, Ready) and not hand.begun:  # up and reading: a large work does not block
             hand.begun = True
-            with suppress(BrokenPipeError, ConnectionResetError):
-                hand.connection.send_bytes(self._work)
+            hand.send(self._work)
             return None
+        hand.unanswered -= not isinstance(event, Ready)
+        if hand.held is not None:
+            hand.send(hand.held)
+            hand.held = None
         return event
 
     def end(self, hands: Sequence[_Hand]) -> None:

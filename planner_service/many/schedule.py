@@ -6,7 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 from planner_service.errors import BrokenInvariant
@@ -17,6 +17,9 @@ __all__ = ["Crew", "Schedule"]
 
 Answer = TypeVar("Answer")
 Hand = TypeVar("Hand")
+
+ON_A_DESK = 2
+"""Items that a worker may have: it goes on with the second while we look at the answer to the first."""
 
 STILLBORN = 3
 """Workers that may end in a row before one is ready."""
@@ -31,7 +34,7 @@ class Crew(Protocol[Hand]):
         """A new worker, which is sent its work and will say that it is ready."""
 
     def give(self, hand: Hand, item: Any) -> None:
-        """Send an item to a worker that waits for one; if that is gone, nothing."""
+        """Send an item to a worker, without waiting for it, whatever it does; if it is gone, nothing."""
 
     def look(self, hands: Sequence[Hand], timeout: float | None) -> list[tuple[Hand, Event]]:
         """What workers report, at most one event of each; wait up to ``timeout`` seconds for the first."""
@@ -52,10 +55,10 @@ class _Task:
 
 @dataclass(eq=False)
 class _Desk:
-    """What a worker does: nothing before it is ready."""
+    """What a worker has to do, the first of which it is doing; nothing before it is ready."""
 
     ready: bool = False
-    task: _Task | None = None
+    tasks: deque[_Task] = field(default_factory=deque)
     deadline: float = math.inf
 
 
@@ -86,7 +89,7 @@ class Schedule(Generic[Answer, Hand]):
             self._look(0.0)  # whoever is done meanwhile gets something to do, even if the next answer is there
             self._hand_out()
             while not self._is_there(self._next):
-                if not self._waiting and all(desk.task is None for desk in self._desks.values()):
+                if not self._waiting and not any(desk.tasks for desk in self._desks.values()):
                     raise StopIteration
                 self._look(None)
                 self._hand_out()
@@ -133,17 +136,30 @@ class Schedule(Generic[Answer, Hand]):
 
     def _hand_out(self) -> None:
         """Give everyone something to do, and hire more if there is more to do."""
-        for hand, desk in self._desks.items():
-            if desk.ready and desk.task is None and self._available(1):
-                desk.task = self._waiting.popleft()
-                seconds = None if self._limit is None else self._limit(desk.task.item)
-                desk.deadline = math.inf if seconds is None else time.monotonic() + seconds
-                self._crew.give(hand, desk.task.item)
-        starting = sum(not desk.ready for desk in self._desks.values())
-        free = self._crew.size - len(self._desks)
+        size, ready = self._crew.size, [(hand, desk) for hand, desk in self._desks.items() if desk.ready]
+        for hand, desk in ready:
+            if not desk.tasks and self._available(1):
+                self._give(hand, desk)
+        starting = len(self._desks) - len(ready)
+        free = size - len(self._desks)
         if free > 0:
             for _ in range(self._available(starting + free) - starting):
                 self._desks[self._crew.hire()] = _Desk()
+        for hand, desk in ready:
+            if len(desk.tasks) < ON_A_DESK and self._available(size + 1) > size:  # nobody else will have to go without
+                self._give(hand, desk)
+
+    def _give(self, hand: Hand, desk: _Desk) -> None:
+        task = self._waiting.popleft()
+        desk.tasks.append(task)
+        self._crew.give(hand, task.item)
+        if len(desk.tasks) == 1:
+            self._begun(desk)
+
+    def _begun(self, desk: _Desk) -> None:
+        """The time of a worker's first task begins now, or did some moments ago."""
+        seconds = None if self._limit is None or not desk.tasks else self._limit(desk.tasks[0].item)
+        desk.deadline = math.inf if seconds is None else time.monotonic() + seconds
 
     def _look(self, timeout: float | None) -> None:
         """Wait for reports, at most until somebody's time is up, and enter them; end those whose time is up."""
@@ -156,8 +172,8 @@ class Schedule(Generic[Answer, Hand]):
         late = {hand: desk for hand, desk in self._desks.items() if desk.deadline <= now}
         for hand, desk in late.items():
             del self._desks[hand]
-            if desk.task is not None:
-                self.finished[desk.task.index] = Lost("ended: its time was up", over_limit=True)
+            self.finished[desk.tasks.popleft().index] = Lost("its worker was ended", over_limit=True)
+            self._waiting.extendleft(reversed(desk.tasks))
         self._crew.end(list(late))
 
     def _enter(self, hand: Hand, desk: _Desk, event: Event) -> None:
@@ -167,28 +183,26 @@ class Schedule(Generic[Answer, Hand]):
             del self._desks[hand]
             self._crew.end([hand])
             self._mourn(desk, event)
-        elif desk.task is None:
+        elif not desk.tasks:
             if isinstance(event, Raised):
                 raise event.error from InWorker(None, event.traceback)
             raise BrokenInvariant("a worker answered what it was not asked")
         else:
-            index = desk.task.index
-            desk.task, desk.deadline = None, math.inf
+            index = desk.tasks.popleft().index
+            self._begun(desk)
             if isinstance(event, Answered):
                 self.finished[index] = event.value
             else:
                 self._raised[index] = event
 
     def _mourn(self, desk: _Desk, gone: Gone) -> None:
-        task = desk.task
         if not desk.ready:
             self._stillborn += 1
             if self._stillborn >= STILLBORN:
                 raise BrokenInvariant(f"{STILLBORN} workers ended before they were ready; the last one: {gone.detail}")
-        if task is None:
-            return
-        task.lost += not gone.blameless
-        if task.lost < 2:
-            self._waiting.appendleft(task)
-        else:
-            self.finished[task.index] = Lost(f"two workers were lost; the second one: {gone.detail}")
+        elif desk.tasks:
+            desk.tasks[0].lost += not gone.blameless
+            if desk.tasks[0].lost > 1:
+                lost = Lost(f"two workers were lost; the second one: {gone.detail}")
+                self.finished[desk.tasks.popleft().index] = lost
+            self._waiting.extendleft(reversed(desk.tasks))
