@@ -13,13 +13,13 @@ from planner_service.cli.options import AsJson, RobotName, Seed
 from planner_service.cli.tables import emit, render
 from planner_service.episodes import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.many import Engine, Processes, Sequential
+from planner_service.many import Engine, Processes, Ray
 from planner_service.progress import bar
 from planner_service.robot import load_robot
 
 __all__ = ["episodes"]
 
-ENGINES = ("processes", "ray", "sequential")
+ENGINES = ("processes", "ray")
 
 
 def episodes(
@@ -31,6 +31,7 @@ def episodes(
     fps: Annotated[int, typer.Option(help="Frames per second.")] = 30,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are cores if not given.")] = None,
     engine: Annotated[str, typer.Option(help=f"One of {', '.join(ENGINES)}.")] = "processes",
+    address: Annotated[str | None, typer.Option(help="Of a Ray cluster, such as auto; else Ray starts one.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write an oracle data set: worlds drawn at random, in each the task planned, proven, timed and sampled.
@@ -39,7 +40,7 @@ def episodes(
     certificates and failures, and a data card. An interrupted run goes on where it was with the same command.
     """
     with bad_input_exits():
-        hands = _engine(engine, workers)
+        hands = _engine(engine, workers, address)
         work = EpisodeWork(load_robot(robot), episode_task(task), seed=seed, fps=fps)
         began = time.perf_counter()
         with bar("episodes", None) as progress:
@@ -53,18 +54,14 @@ def episodes(
     raise typer.Exit(0 if summary.episodes else NO_PLAN)
 
 
-def _engine(name: str, workers: int | None) -> Engine:
+def _engine(name: str, workers: int | None, address: str | None) -> Engine:
     if name not in ENGINES:
         raise UnknownName("engine", name, ENGINES)
-    if name == "processes":
-        return Processes(workers)
-    if workers is not None:
-        raise InvalidRequest("--workers", workers, "no such option with another engine than processes")
-    if name == "sequential":
-        return Sequential()
-    from planner_service.many import Ray
-
-    return Ray()
+    if name == "ray":
+        return Ray(address, workers)
+    if address is not None:
+        raise InvalidRequest("--address", address, "--engine ray with it: other engines have none")
+    return Processes(workers)
 
 
 def _words(out: str, fps: int, summary: EpisodesSummary) -> list[str]:
