@@ -23,6 +23,7 @@ from planner_service.request import PlanRequest
 __all__ = ["EpisodesSummary", "write_episodes"]
 
 FORMAT, VERSION = "planner-service/episodes", 1
+"""The number counts up whenever a seed gives other worlds, or an episode other columns."""
 
 MOST = 10_000_000
 """Requests of a data set: its files are numbered, and a file system has an end."""
