@@ -17,7 +17,7 @@ from planner_service.scene_file import require_writable
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
-    *("roadmaps", "optimise", "replan"),
+    *("roadmaps", "optimise", "replan", "episodes"),
 )
 
 COMMANDS = {
@@ -41,6 +41,7 @@ SETTINGS = {
     "agreement": ("robot", "states"),
     "differential": ("robot", "states", "edges", "seed"),
     "roadmaps": ("part",),
+    "episodes": ("seed",),
 }
 """Arguments that a measure takes."""
 
@@ -72,6 +73,7 @@ replan    50 steps at 10 Hz while a post, a goal or a ball moves 1 cm a step
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
 panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
 roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large
+episodes  1,000 episodes of pick-place: written, read back, audited by Coal; what a million would cost; --seed N
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)

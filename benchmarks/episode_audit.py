@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -60,7 +61,7 @@ class Stored:
         rows = self._rows("scenes", "request_index", self.request["request_index"])
         return Scene(
             tuple(
-                Obstacle(row["name"], SHAPES[row["shape"]](*row["sizes"]), Pose(*map(tuple, _pose(row))))
+                Obstacle(row["name"], SHAPES[row["shape"]](*row["sizes"]), _pose(row))
                 for row in sorted(rows, key=lambda row: int(row["position_in_scene"]))
             )
         )
@@ -86,8 +87,6 @@ class Stored:
 
     @cached_property
     def _data(self) -> Path:
-        import json
-
         chunk = json.loads((self.folder / "meta" / "info.json").read_text("utf-8"))["chunks_size"]
         return self.folder / DATA_PATH.format(episode_chunk=self.episode // chunk, episode_index=self.episode)
 
@@ -156,10 +155,9 @@ class _Judge:
                 before = self._taken(scene, trajectory(0.0))
             self._curve(row, proof["exempt"], trajectory, before)
             scene = before
-            following = next((r for r in stored.motions if r["motion_index"] == row["motion_index"] + 1), None)
-            if row["carrying"] and (following is None or not following["carrying"]):
+            if row["carrying"] and row["gripping_s"] > 0.0:
                 scene = self._left(before, trajectory(trajectory.duration))
-            judged += self._frames(row, proof["exempt"], trajectory, (before, scene), following)
+            judged += self._frames(row, proof["exempt"], trajectory, (before, scene))
         if judged != found.frames:
             found.objections.append(f"{found.frames - judged} frames belong to no motion")
         return found
@@ -173,20 +171,12 @@ class _Judge:
             Q = along(path, first, last)
             self._ask(f"{row['motion']}, s = {start:.3g} to {end:.3g}", Q, scene, (row["gripper_width"], pairs))
 
-    def _frames(
-        self,
-        row: Row,
-        exempt: Sequence[Row],
-        trajectory: Trajectory,
-        scenes: tuple[Scene, Scene],
-        following: Row | None,
-    ) -> int:
+    def _frames(self, row: Row, exempt: Sequence[Row], trajectory: Trajectory, scenes: tuple[Scene, Scene]) -> int:
         """All frames from the beginning of a motion to that of the next; how many there are."""
         frames, name = self._stored.frames, row["motion"]
-        fps = 1.0 / frames["timestamp"][1]
-        times = np.arange(len(frames["timestamp"])) / round(fps)
-        ends = np.inf if following is None else following["begins_s"]
-        mine = np.flatnonzero((times >= row["begins_s"]) & (times < ends))
+        times = np.arange(len(frames["timestamp"])) / round(1.0 / frames["timestamp"][1])
+        after = [other["begins_s"] for other in self._stored.motions if other["begins_s"] > row["begins_s"]]
+        mine = np.flatnonzero((times >= row["begins_s"]) & (times < min(after, default=np.inf)))
         since = times[mine] - row["begins_s"]
         state = frames["observation.state"][mine]
         exact = trajectory(np.minimum(since, trajectory.duration))
@@ -240,5 +230,6 @@ def _stretches(exempt: Sequence[Row], length: float) -> Iterator[tuple[float, fl
         yield start, end, tuple((e["a"], e["b"]) for e in exempt if e["s_start"] <= middle <= e["s_end"])
 
 
-def _pose(row: Row) -> tuple[list[float], list[float]]:
-    return row["position"], row["quaternion_wxyz"]
+def _pose(row: Row) -> Pose:
+    (x, y, z), (w, i, j, k) = row["position"], row["quaternion_wxyz"]
+    return Pose((x, y, z), (w, i, j, k))
