@@ -10,6 +10,7 @@ import fcntl
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -72,7 +73,9 @@ class Folder:
             os.truncate(self._journal, kept)
         if kept == 0:
             self._journal.unlink(missing_ok=True)
-        self._data(self.episodes).unlink(missing_ok=True)
+        for file in (self.path / "data").glob("*/episode_*.parquet"):
+            if int(file.stem.removeprefix("episode_")) >= self.episodes:
+                file.unlink()
         self._close_chunk()
 
     @property
@@ -88,7 +91,7 @@ class Folder:
             numbers = {"episode_index": self.episodes, "task_index": 0, "index": self.frames}
             self.write(self._data(self.episodes), [episode_bytes(episode.columns, numbers, request["frames"])])
         line = json.dumps(rows, allow_nan=False, separators=(",", ":")).encode("ascii") + b"\n"
-        with open(self._journal, "ab", buffering=0) as journal:
+        with _told(self._journal), open(self._journal, "ab", buffering=0) as journal:
             journal.write(line)
             os.fsync(journal.fileno())
         self._count(request)
@@ -103,14 +106,19 @@ class Folder:
             self.write(self._table(name, chunk), [content])
 
     def write(self, file: Path, parts: Iterable[bytes]) -> None:
-        """Write a file of the data set, whole or not at all, from parts of which one is in memory at a time."""
-        file.parent.mkdir(parents=True, exist_ok=True)
+        """Write a file of the data set, whole or not at all, from parts of which one is in memory at a time.
+
+        Raises:
+            InvalidFile: it cannot be written, as when the disk is full; what is finished stays.
+        """
         temporary = file.with_name(f".{file.name}.tmp")
-        with open(temporary, "wb") as out:
-            out.writelines(parts)
-            out.flush()
-            os.fsync(out.fileno())
-        os.replace(temporary, file)
+        with _told(file):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with open(temporary, "wb") as out:
+                out.writelines(parts)
+                out.flush()
+                os.fsync(out.fileno())
+            os.replace(temporary, file)
 
     def rows(self, table: str, columns: tuple[str, ...]) -> Iterator[dict[str, Any]]:
         """The rows of a table that was written, from all its files in order."""
@@ -211,6 +219,15 @@ class Folder:
 
     def _table(self, name: str, chunk: int) -> Path:
         return self.path / "tables" / name / f"chunk-{chunk:03d}.parquet"
+
+
+@contextmanager
+def _told(file: Path) -> Iterator[None]:
+    """What the system has against writing a file, as an error of ours."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidFile(file, [f"cannot be written: {error.strerror or error}"]) from error
 
 
 def _json_bytes(content: Any) -> bytes:
