@@ -26,9 +26,12 @@ from typer.testing import CliRunner
 from benchmarks.episode_audit import Audit, EpisodeAudit
 from planner_service.cli.commands import app
 from planner_service.episodes import EpisodesSummary, EpisodeWork, episode_task, write_episodes
+from planner_service.episodes import folder as folder_module
 from planner_service.episodes.bins import BinPickPlace
 from planner_service.episodes.draws import Draws
 from planner_service.episodes.tables import TABLES
+from planner_service.episodes.timeline import Frames
+from planner_service.episodes.work import _columns
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, UnknownName
 from planner_service.many import Lost, Processes
 from planner_service.robot import Robot, load_robot
@@ -242,6 +245,15 @@ def test_an_action_is_the_next_state_and_the_last_one_stays(whole: tuple[Path, E
     assert np.array_equal(action[-1], state[-1])
 
 
+def test_a_joint_at_a_limit_is_rounded_to_the_inside(robot: Robot) -> None:
+    limits = robot.limits
+    found = Frames(np.array([limits.lower, limits.upper]), np.zeros(2), np.zeros((2, 7)))
+    state = _columns(found, (0.0, 0.0, 0.0), 30, limits)["observation.state"].astype(np.float64)[:, :6]
+    assert (state[0] >= limits.lower).all()
+    assert (state[1] <= limits.upper).all()
+    assert np.abs(state - found.q).max() < 1e-6
+
+
 def test_the_gripper_takes_its_time_while_the_robot_stands(whole: tuple[Path, EpisodesSummary]) -> None:
     state = np.array(frames(whole[0], 0)["observation.state"].to_pylist())
     turning = np.flatnonzero(np.diff(state[:, 6]) != 0.0)
@@ -267,6 +279,15 @@ def test_statistics_are_those_of_the_frames(whole: tuple[Path, EpisodesSummary])
         assert stats[name]["count"] == [part.num_rows]
         for kind in ("min", "max", "mean", "std"):
             assert stats[name][kind] == pytest.approx(getattr(values, kind)(axis=0).tolist(), rel=1e-9, abs=1e-12)
+
+
+def test_tables_hold_every_request_however_many_are_written_at_a_time(
+    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folder_module, "GROUP", 2)
+    write_episodes(tmp_path, work, COUNT, engine=HERE)
+    for name in TABLES:
+        assert table(tmp_path, name) == table(whole[0], name)
 
 
 def test_counts_add_up(whole: tuple[Path, EpisodesSummary]) -> None:

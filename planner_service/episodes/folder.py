@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -209,7 +210,7 @@ class Folder:
         """The rows of the journal, some requests at a time."""
         with open(self._journal, "rb") as journal:
             while True:
-                found: list[Rows] = [json.loads(line) for line, _ in zip(journal, range(GROUP), strict=False)]
+                found: list[Rows] = [json.loads(line) for line in islice(journal, GROUP)]
                 if not found:
                     return
                 yield {name: [row for rows in found for row in rows[name]] for name in TABLES}

@@ -22,7 +22,7 @@ from planner_service.path import JointPath
 from planner_service.plan_file import SavedTask
 from planner_service.request import PlanRequest
 from planner_service.result_record import certificate_record, counts_record
-from planner_service.robot import Robot
+from planner_service.robot import JointLimits, Robot
 from planner_service.scene import Obstacle
 from planner_service.service import PlannerService
 from planner_service.task import Segment
@@ -122,7 +122,7 @@ class EpisodeWork:
         parts = timeline(solved.segments, self.task.carrying, self.gripper_speed)
         found = frames(self.robot, parts, drawn.scene.obstacle(drawn.target), self.fps)
         onto = drawn.scene.obstacle(drawn.onto).pose.position
-        columns = _columns(found, onto, self.fps)
+        columns = _columns(found, onto, self.fps, self.robot.limits)
         rows["motions"] = [
             _motion_row(index, k, part) | {"certified": row["certified"]}
             for k, (part, row) in enumerate(zip(parts, rows["certificates"], strict=True))
@@ -149,9 +149,15 @@ def numbers_stats(first: int, length: int) -> dict[str, list[float]]:
     return {"min": [first], "max": [last], "mean": [(first + last) / 2.0], "std": [spread], "count": [length]}
 
 
-def _columns(found: Frames, onto: Sequence[float], fps: int) -> dict[str, Any]:
-    """The features of an episode that are its own: each action is the state of the next frame, the last one its own."""
-    state = np.concatenate([found.q, found.width[:, None]], axis=1).astype(np.float32)
+def _columns(found: Frames, onto: Sequence[float], fps: int, limits: JointLimits) -> dict[str, Any]:
+    """The features of an episode that are its own: each action is the state of the next frame, the last one its own.
+
+    A joint at a limit is rounded to the inside.
+    """
+    q, low, high = (values.astype(np.float32) for values in (found.q, limits.lower, limits.upper))
+    low = np.where(low < limits.lower, np.nextafter(low, np.float32(np.inf)), low)
+    high = np.where(high > limits.upper, np.nextafter(high, np.float32(-np.inf)), high)
+    state = np.concatenate([np.clip(q, low, high), found.width[:, None].astype(np.float32)], axis=1)
     return {
         "observation.state": state,
         "observation.environment_state": np.concatenate(
