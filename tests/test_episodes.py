@@ -34,9 +34,10 @@ from planner_service.episodes.tables import TABLES
 from planner_service.episodes.timeline import Frames
 from planner_service.episodes.work import _columns
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, UnknownName
+from planner_service.geometry import Box, Cylinder, Pose
 from planner_service.many import Lost, Processes
 from planner_service.robot import Robot, load_robot
-from planner_service.scene import Obstacle
+from planner_service.scene import Obstacle, Scene
 
 ROOT = Path(__file__).parents[1]
 
@@ -164,11 +165,21 @@ def extent(obstacle: Obstacle) -> tuple[float, float, float, float, float]:
     return x, y, a, b, z - c
 
 
-def test_starts_differ_and_have_room(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bins, "START_ROOM", 0.05)  # more than most have
+def test_starts_differ(robot: Robot) -> None:
     drawn = [BinPickPlace().draw(robot, Draws(2, index)) for index in range(20)]
     assert len({tuple(d.start.tolist()) for d in drawn}) == 20
-    assert min(CollisionChecker(robot, d.scene).clearance(d.start) for d in drawn) >= 0.05
+
+
+def test_a_start_keeps_its_distance_from_a_post_right_beside_home(robot: Robot) -> None:
+    scene = Scene((Obstacle("post", Cylinder(0.02, 0.5), Pose((0.22, 0.09, 0.25))),))
+    found = [bins._start(robot, scene, Draws(3, index)) for index in range(20)]
+    rooms = [CollisionChecker(robot, scene).clearance(q) for q in found if q is not None]
+    assert 0.01 <= min(rooms) < 0.02
+    assert bins._start(robot, scene.moved("post", Pose((0.22, 0.0, 0.25))).with_obstacle(WALL), Draws(3, 0)) is None
+
+
+WALL = Obstacle("wall", Box((1.0, 1.0, 0.05)), Pose((0.0, 0.0, 0.3)))
+"""Through the middle of the arm."""
 
 
 # --- the files
