@@ -17,7 +17,7 @@ from planner_service.scene_file import require_writable
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
-    *("roadmaps", "optimise", "replan", "episodes"),
+    *("roadmaps", "optimise", "replan", "many", "episodes"),
 )
 
 COMMANDS = {
@@ -41,11 +41,13 @@ SETTINGS = {
     "agreement": ("robot", "states"),
     "differential": ("robot", "states", "edges", "seed"),
     "roadmaps": ("part",),
+    "many": ("part",),
     "episodes": ("seed",),
 }
 """Arguments that a measure takes."""
 
-ROADMAP_PARTS = ("warm", "lazy", "moved", "large")
+PARTS = {"roadmaps": ("warm", "lazy", "moved", "large"), "many": ("same", "speed", "growth", "faults")}
+"""What ``--part`` may be for measures that have parts."""
 
 USAGE = """\
 run       plan a suite: --suite NAME --planner P --seeds A:B --out FILE; goes on where it was interrupted
@@ -73,6 +75,8 @@ replan    50 steps at 10 Hz while a post, a goal or a ball moves 1 cm a step
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
 panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
 roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large
+many      500 plans by every engine, two cores next to one, 10,000 in a stream, workers killed and machines lost;
+          --part same, speed, growth or faults
 episodes  1,000 episodes of pick-place: written, read back, audited by Coal; what a million would cost; --seed N
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
@@ -93,7 +97,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--write", action="store_true", help=f"store instead of compare ({', '.join(STORED)})")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
     parser.add_argument("--robot", metavar="NAME", help="the only robot to look at; all if not given")
-    parser.add_argument("--part", choices=ROADMAP_PARTS, help="the only part of roadmaps to measure; all if not given")
+    parser.add_argument("--part", metavar="PART", help="the only part of a measure to take; all if not given")
     for what in ("states", "edges"):
         parser.add_argument(f"--{what}", type=whole(1), metavar="N", help=f"{what} of each robot")
     parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")
@@ -102,6 +106,8 @@ def _arguments() -> argparse.Namespace:
         if getattr(asked, key) is not None and key not in SETTINGS.get(asked.what, ()):
             takers = " and ".join(name for name, keys in SETTINGS.items() if key in keys)
             parser.error(f"argument --{key}: {asked.what} has none; {takers} take it")
+    if asked.part is not None and asked.part not in PARTS[asked.what]:
+        parser.error(f"argument --part: {asked.what} has {', '.join(PARTS[asked.what])}")
     if asked.write and asked.what not in STORED:
         parser.error(f"argument --write: {asked.what} stores nothing; {', '.join(STORED)} do")
     return asked

@@ -32,7 +32,7 @@ from planner_service.search import Planner, SearchProblem
 from planner_service.smoothing import shortcut
 from planner_service.task import Handling, Segment, TaskResult
 
-__all__ = ["Ask", "attempt", "warm"]
+__all__ = ["Ask", "attempt", "unplanned", "warm"]
 
 INSIDE = 1e-9
 """Path length left out on both sides of where pairs begin to be allowed to touch."""
@@ -53,11 +53,15 @@ class Ask:
 
 def attempt(problem: Problem, ask: Ask) -> Row:
     """What planning came to: all that a row tells but its suite."""
+    return unplanned(problem, ask) | _planned(problem, ask)
+
+
+def unplanned(problem: Problem, ask: Ask) -> Row:
+    """What a row tells if nobody could plan."""
     row: Row = {"problem": problem.id, "kind": problem.kind, "robot": problem.robot, "tool": "planner_service"}
     row |= {"planner": ask.planner, "seed": ask.seed, "ok": False, "failure": None, "detail": "", "checks": {}}
     row |= {"seconds": {}, "total_seconds": 0.0, "cpu_seconds": 0.0, "raw_length": None, "length": None}
-    row |= {"duration": None, "clearance": None, "peaks": None, "path_hash": None, "audit": dict(NOT_ASKED)}
-    return row | _planned(problem, ask)
+    return row | {"duration": None, "clearance": None, "peaks": None, "path_hash": None, "audit": dict(NOT_ASKED)}
 
 
 @singledispatch

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from benchmarks import rows
-from benchmarks.attempts import Ask, attempt, warm
+from benchmarks.arguments import whole
+from benchmarks.attempts import Ask, attempt, unplanned, warm
 from benchmarks.environment import environment
 from benchmarks.page_tables import Sheaf
 from benchmarks.report import table
@@ -30,7 +32,9 @@ from benchmarks.suite import (
     seeds_of,
     suite_names,
 )
+from planner_service import Reason
 from planner_service.errors import InvalidRequest
+from planner_service.many import Engine, Lost, Sequential, engine_named
 from planner_service.scene_file import require_writable
 
 __all__ = ["Job", "jobs_of", "made", "main", "run"]
@@ -62,6 +66,11 @@ class Job:
             InvalidRequest: this planner cannot be asked this problem, which is named.
         """
         return {"suite": self.suite, **self._of(attempt)}
+
+    def lost(self, detail: str) -> Row:
+        """Its row if it cost two workers their life."""
+        told: Row = {"failure": Reason.WORKER_LOST.value, "detail": detail}
+        return {"suite": self.suite, **unplanned(self.problem, self.ask), **told}
 
     def warm(self) -> None:
         """Plan once for nobody; refused like ``row``."""
@@ -95,17 +104,37 @@ def jobs_of(suite: Suite, planners: Sequence[str] = (), seeds: Sequence[int] = (
     return [Job(suite.name, problem, ask) for problem in suite.problems for ask in asks]
 
 
-def made(jobs: Iterable[Job], console: Console | None = None) -> Iterator[Row]:
-    """The row of each job, in their order; progress is shown on the console."""
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The work of whoever makes rows, warm before the first one is theirs."""
+
+    first: Job
+
+    def prepare(self) -> None:
+        self.first.warm()
+
+    def __call__(self, job: Job) -> Row:
+        return job.row()
+
+
+def made(jobs: Iterable[Job], console: Console | None = None, engine: Engine | None = None) -> Iterator[Row]:
+    """The row of each job, in their order; progress is shown on the console.
+
+    Args:
+        engine: Who makes them; one after the other in this process if not given.
+    """
     waiting = list(jobs)
-    if waiting:
-        waiting[0].warm()
-    with _bar(console) as bar:
-        task = bar.add_task("", total=len(waiting))
-        for job in waiting:
-            bar.update(task, description=f"{job.problem.id} {job.ask.planner} seed {job.ask.seed}")
-            yield job.row()
-            bar.advance(task)
+    if not waiting:
+        return
+    with _bar(console) as bar, closing((engine or Sequential()).run(_Rows(waiting[0]), waiting)) as answers:
+        task = bar.add_task(_told(waiting[0]), total=len(waiting))
+        for index, answer in answers:
+            yield waiting[index].lost(answer.detail) if isinstance(answer, Lost) else answer
+            bar.update(task, advance=1, description=_told(waiting[min(index + 1, len(waiting) - 1)]))
+
+
+def _told(job: Job) -> str:
+    return f"{job.problem.id} {job.ask.planner} seed {job.ask.seed}"
 
 
 def _bar(console: Console | None) -> Progress:
@@ -113,8 +142,13 @@ def _bar(console: Console | None) -> Progress:
     return Progress(*columns, TextColumn("{task.description}"), console=console, disable=console is None)
 
 
-def run(jobs: Sequence[Job], out: Path, command: Sequence[str], console: Console) -> Results:
+def run(
+    jobs: Sequence[Job], out: Path, command: Sequence[str], console: Console, engine: Engine | None = None
+) -> Results:
     """Make the rows that are not in the file yet, and return all that are in it.
+
+    Args:
+        engine: As for ``made``.
 
     Raises:
         InvalidRequest: the file holds rows of another suite, environment or commit.
@@ -128,7 +162,7 @@ def run(jobs: Sequence[Job], out: Path, command: Sequence[str], console: Console
         console.print(f"{len(jobs) - len(left)} of {len(jobs)} rows are in {out} already")
     new: list[Row] = []
     with rows.appending(out, before) as put:
-        for row in made(left, console):
+        for row in made(left, console, engine):
             put(row)
             new.append(row)
     return Results(before.header, (*before.rows, *new))
@@ -160,14 +194,19 @@ def main(arguments: Sequence[str], console: Console) -> int:
     )
     parser.add_argument("--seeds", metavar="A:B", help="seeds A to B - 1, or one")
     parser.add_argument("--out", type=Path, metavar="FILE", help="results/SUITE.jsonl if not given; gone on with")
+    parser.add_argument("--workers", type=whole(1), metavar="N", help="processes that share the problems; 1 by default")
+    parser.add_argument(
+        "--engine", default="processes", metavar="NAME", help="processes, ray, or ray=ADDRESS of a cluster"
+    )
     asked = parser.parse_args(arguments)
+    engine = engine_named(asked.engine, asked.workers or (1 if asked.engine == "processes" else None))
     suite = load_suite(asked.suite)
     jobs = jobs_of(suite, asked.planner, seeds_of(asked.seeds) if asked.seeds is not None else ())
     out = asked.out or Path("results") / f"{suite.name}.jsonl"
     rows.make_folder(out)
     require_writable(out)
     try:
-        results = run(jobs, out, ["run", *arguments], console)
+        results = run(jobs, out, ["run", *arguments], console, engine)
     except KeyboardInterrupt:
         count = len(rows.read(out).rows) if out.exists() else 0
         console.print(f"interrupted: {count} finished rows are in {out}; the same command goes on from there")

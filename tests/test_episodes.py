@@ -587,8 +587,7 @@ def test_the_command_tells_what_it_wrote(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("--task", "pour"), "unknown task 'pour'"),
-        (("--engine", "slurm"), "unknown engine 'slurm'"),
-        (("--address", "auto"), "--address: got 'auto'; expected --engine ray with it"),
+        (("--engine", "slurm"), "--engine: got 'slurm'; expected processes, ray or ray=ADDRESS"),
         (("--workers", "0"), "workers: got 0"),
         (("--robot", "planar2"), "expected a robot with a gripper"),
     ],

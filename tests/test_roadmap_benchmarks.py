@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import __main__ as command
-from benchmarks import queries
+from benchmarks import many, queries
 from benchmarks.report import Row
 from benchmarks.roadmaps import PARTS, asked, large, lazy, moved, warm
 from benchmarks.roadmaps.moved import moved_scene, ten_obstacles, untrue
@@ -164,9 +164,14 @@ def test_a_large_roadmap_tells_its_size_and_costs_nothing_to_ask_again() -> None
 # --- the command
 
 
-def test_a_part_is_an_argument_of_roadmaps_alone(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
-    assert tuple(PARTS) == command.ROADMAP_PARTS
-    monkeypatch.setattr(sys, "argv", ["benchmarks", "toy", "--part", "warm"])
+@pytest.mark.parametrize(
+    ("measure", "told"), [("toy", "toy has none; roadmaps and many take it"), ("many", "many has same, speed")]
+)
+def test_a_part_is_an_argument_of_measures_with_such_a_part(
+    measure: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    assert {"roadmaps": tuple(PARTS), "many": tuple(many.PARTS)} == command.PARTS
+    monkeypatch.setattr(sys, "argv", ["benchmarks", measure, "--part", "warm"])
     with pytest.raises(SystemExit):
         command._measured(command._arguments(), Console(file=StringIO()))
-    assert "--part: toy has none; roadmaps take it" in capsys.readouterr().err
+    assert f"--part: {told}" in capsys.readouterr().err

@@ -34,6 +34,7 @@ from benchmarks.suite import (
 )
 from planner_service import PRM, CollisionChecker, PlannerService, Roadmap, RRTConnect, load_robot, load_scene
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
+from planner_service.many import Engine, Lost, Processes
 from planner_service.planners import PLANNERS
 
 QUIET = Console(file=StringIO())
@@ -157,6 +158,26 @@ def test_a_set_of_problems_is_refused_for_a_robot_with_other_joints(tmp_path: Pa
     table = '[[problems]]\nfile = "mbm_panda.json"\nrobot = "wxai"\n'
     with pytest.raises(InvalidFile, match=r"problems\[0\]\.robot: .*wxai has the joints joint_0"):
         suite_of(tmp_path, TINY + table)
+
+
+def test_rows_made_by_several_processes_are_those_of_one(tiny: Suite) -> None:
+    def told(engine: Engine | None) -> list[rows.Row]:
+        timeless = dict.fromkeys(("seconds", "total_seconds", "cpu_seconds"))
+        return [row | timeless for row in runner.made(runner.jobs_of(tiny), engine=engine)]
+
+    assert told(Processes(2)) == told(None)
+
+
+def test_a_row_that_nobody_survives_is_a_failure_in_its_place(tiny: Suite) -> None:
+    class Losing:
+        def run(self, work: Any, items: Any, *, limit: Any = None) -> Any:
+            return ((k, Lost("it ended") if k == 1 else work(item)) for k, item in enumerate(items))
+
+    jobs = runner.jobs_of(tiny)
+    found = list(runner.made(jobs, engine=Losing()))
+    assert [rows.key_of(row) for row in found] == [job.key for job in jobs]
+    assert (found[1]["ok"], found[1]["failure"], found[1]["detail"]) == (False, "WORKER_LOST", "it ended")
+    assert found[1].keys() == found[0].keys()
 
 
 def test_the_same_number_twice_is_refused_before_its_scenes_are_made(

@@ -12,14 +12,11 @@ from planner_service.cli.exits import NO_PLAN, bad_input_exits, json_text
 from planner_service.cli.options import AsJson, RobotName, Seed
 from planner_service.cli.tables import emit, render
 from planner_service.episodes import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
-from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.many import Engine, Processes, Ray
+from planner_service.many.named import engine_named
 from planner_service.progress import bar
 from planner_service.robot import load_robot
 
 __all__ = ["episodes"]
-
-ENGINES = ("processes", "ray")
 
 
 def episodes(
@@ -30,8 +27,7 @@ def episodes(
     robot: RobotName = "wxai",
     fps: Annotated[int, typer.Option(help="Frames per second.")] = 30,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are cores if not given.")] = None,
-    engine: Annotated[str, typer.Option(help=f"One of {', '.join(ENGINES)}.")] = "processes",
-    address: Annotated[str | None, typer.Option(help="Of a Ray cluster, such as auto; else Ray starts one.")] = None,
+    engine: Annotated[str, typer.Option(help="processes, ray (on this machine), or ray=ADDRESS.")] = "processes",
     as_json: AsJson = False,
 ) -> None:
     """Write an oracle data set: worlds drawn at random, in each the task planned, proven, timed and sampled.
@@ -40,7 +36,7 @@ def episodes(
     certificates and failures, and a data card. An interrupted run goes on where it was with the same command.
     """
     with bad_input_exits():
-        hands = _engine(engine, workers, address)
+        hands = engine_named(engine, workers)
         work = EpisodeWork(load_robot(robot), episode_task(task), seed=seed, fps=fps)
         began = time.perf_counter()
         with bar("episodes", None) as progress:
@@ -52,16 +48,6 @@ def episodes(
     else:
         emit(render(*_words(out, fps, summary), f"this run:  {new:,} requests in {seconds:.1f} s{_rate(new, seconds)}"))
     raise typer.Exit(0 if summary.episodes else NO_PLAN)
-
-
-def _engine(name: str, workers: int | None, address: str | None) -> Engine:
-    if name not in ENGINES:
-        raise UnknownName("engine", name, ENGINES)
-    if name == "ray":
-        return Ray(address, workers)
-    if address is not None:
-        raise InvalidRequest("--address", address, "--engine ray with it: other engines have none")
-    return Processes(workers)
 
 
 def _words(out: str, fps: int, summary: EpisodesSummary) -> list[str]:

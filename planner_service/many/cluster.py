@@ -150,7 +150,7 @@ def _in_short(error: Exception) -> str:
 def _connect(ray: Any, engine: Ray) -> None:
     quiet: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False}
     if engine.address is None:
-        ray.init(num_cpus=engine.workers or available_cores(), include_dashboard=False, **quiet)
+        ray.init(address="local", num_cpus=engine.workers or available_cores(), include_dashboard=False, **quiet)
         return
     try:
         ray.init(address=engine.address, **quiet)

@@ -31,7 +31,7 @@ class Work(Protocol[Item_contra, Answer_co]):
     def prepare(self) -> None:
         """Make what every item needs; called once in each worker, before its first item."""
 
-    def __call__(self, item: Item_contra) -> Answer_co:
+    def __call__(self, item: Item_contra, /) -> Answer_co:
         """The answer to one item; it depends on nothing but the item."""
 
 

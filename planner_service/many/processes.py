@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection, Pipe, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
 
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidRequest, shown
 from planner_service.many.engine import Answers, Limit, Work
 from planner_service.many.events import Event, Gone, Ready
 from planner_service.many.schedule import Schedule
@@ -82,7 +82,7 @@ class _Hand:
         with theirs:
             socket = theirs.fileno()
             self.process = subprocess.Popen(
-                [sys.executable, "-c", BOOT, str(socket), json.dumps(sys.path)],
+                [sys.executable, "-c", BOOT, str(socket), json.dumps(list(map(str, sys.path)))],
                 stdin=subprocess.PIPE,  # nobody writes to it: when it closes, we are no more
                 pass_fds=[socket],
                 env=os.environ | ONE_THREAD,
@@ -106,13 +106,13 @@ class _Hand:
 class _Crew:
     def __init__(self, size: int, work: Work[Any, Any]) -> None:
         self.size = size
-        self._work = ForkingPickler.dumps(work)
+        self._work = _pickled("work", work)
 
     def hire(self) -> _Hand:
         return _Hand()
 
     def give(self, hand: _Hand, item: Any) -> None:
-        message = ForkingPickler.dumps(item)
+        message = _pickled("item", item)
         hand.unanswered += 1
         if hand.unanswered > 1 and len(message) > AHEAD:
             hand.held = message
@@ -148,6 +148,14 @@ class _Crew:
 
     def close(self) -> None:
         pass
+
+
+def _pickled(name: str, value: Any) -> Any:
+    try:
+        return ForkingPickler.dumps(value)
+    except Exception as error:
+        message = f"{name}: {shown(value)} cannot be sent to a worker: {error}"
+        raise InvalidRequest(name, value, "what can be pickled", message=message) from error
 
 
 def _ready(connections: Iterable[Connection[Any, Any]], timeout: float | None) -> list[Any]:

@@ -84,15 +84,16 @@ class Schedule(Generic[Answer, Hand]):
         if self._closed:
             raise StopIteration
         self.finished.pop(self._next - 1, None)
+        there = self._is_there(self._next)
         try:
-            self._hand_out()
-            self._look(0.0)  # whoever is done meanwhile gets something to do, even if the next answer is there
-            self._hand_out()
-            while not self._is_there(self._next):
-                if not self._waiting and not any(desk.tasks for desk in self._desks.values()):
-                    raise StopIteration
-                self._look(None)
+            while True:
                 self._hand_out()
+                if not there and not self._waiting and not any(desk.tasks for desk in self._desks.values()):
+                    raise StopIteration
+                self._look(0.0 if there else None)  # whoever is done meanwhile gets something to do, in any case
+                if self._is_there(self._next):
+                    break
+            self._hand_out()
         except BaseException:
             self.close()
             raise
@@ -197,7 +198,7 @@ class Schedule(Generic[Answer, Hand]):
 
     def _mourn(self, desk: _Desk, gone: Gone) -> None:
         if not desk.ready:
-            self._stillborn += 1
+            self._stillborn += not gone.blameless
             if self._stillborn >= STILLBORN:
                 raise BrokenInvariant(f"{STILLBORN} workers ended before they were ready; the last one: {gone.detail}")
         elif desk.tasks:

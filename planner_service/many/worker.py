@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
-from planner_service.errors import BrokenInvariant
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.many.events import Event, Gone, Raised, Ready, outcome
 
 __all__ = ["main"]
@@ -28,8 +28,10 @@ def main(socket: int) -> None:
 
 
 def _end_with_the_parent() -> None:
-    """Have the kernel end this process when standard input is closed: nothing else writes to it, least of all a parent
-    that was killed. It holds even while a library computes and lets no Python run."""
+    """Have Linux end this process when standard input is closed, as it is when the parent is no more.
+
+    It holds while a library computes and lets no Python run. Elsewhere the process ends when its item is done.
+    """
     fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
 
@@ -38,7 +40,7 @@ def _work(connection: Connection[Any, Any]) -> None:
     connection.send(Ready())
     sent = connection.recv_bytes()
     try:
-        work = ForkingPickler.loads(sent)
+        work = _opened("work", sent)
         work.prepare()
     except Exception as error:
         _tell(connection, Raised(error, traceback.format_exc()))
@@ -47,14 +49,22 @@ def _work(connection: Connection[Any, Any]) -> None:
     while True:
         sent = connection.recv_bytes()
         try:
-            item = ForkingPickler.loads(sent)
-        except Exception as error:  # of a class that cannot be imported here
+            item = _opened("item", sent)
+        except Exception as error:
             event: Event = Raised(error, traceback.format_exc())
         else:
             event = outcome(work, item)
         _tell(connection, event)
         if isinstance(event, Gone):
             return
+
+
+def _opened(name: str, sent: bytes) -> Any:
+    try:
+        return ForkingPickler.loads(sent)
+    except (AttributeError, ImportError) as error:
+        expected = "one made of classes and functions from modules; a worker does not run the calling script"
+        raise InvalidRequest(name, str(error), expected) from error
 
 
 def _tell(connection: Connection[Any, Any], event: Event) -> None:
