@@ -17,7 +17,7 @@ from planner_service.scene_file import require_writable
 MEASURES = (
     *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
-    *("roadmaps", "optimise", "replan", "many", "view", "execute"),
+    *("roadmaps", "optimise", "replan", "many", "episodes", "view", "execute"),
 )
 
 COMMANDS = {
@@ -42,6 +42,7 @@ SETTINGS = {
     "differential": ("robot", "states", "edges", "seed"),
     "roadmaps": ("part",),
     "many": ("part",),
+    "episodes": ("seed",),
 }
 """Arguments that a measure takes."""
 
@@ -76,6 +77,7 @@ panda     the public Panda problems for speed: searches next to OMPL's with Coal
 roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large
 many      500 plans by every engine, two cores next to one, 10,000 in a stream, workers killed and machines lost;
           --part same, speed, growth or faults
+episodes  1,000 episodes of pick-place: written, read back, audited by Coal; what a million would cost; --seed N
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 execute   14 pick-and-place legs on the simulated arm (extra sim): tracking, contacts, stops; needs a quiet machine
 view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed

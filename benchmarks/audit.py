@@ -71,6 +71,10 @@ class Auditor:
                 told |= {"verdict": "colliding", "depth": -gaps[pair], "pair": list(pair)}
         return told
 
+    def tool_pose(self, q: ArrayLike) -> FloatArray:
+        """Pose of the tool frame in the base frame at q (n,), shape (4, 4), by Pinocchio."""
+        return self._checker.tool_pose(q)
+
     def clearance(self, Q: FloatArray) -> float:
         """The smallest of Coal's distances at configurations (m, n), in metres; negative where something overlaps."""
         return min((min(self._checker.gaps(q).values(), default=math.inf) for q in Q), default=math.inf)

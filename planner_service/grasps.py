@@ -78,12 +78,22 @@ def middle_of(target: Obstacle) -> tuple[float, float, float]:
 
 def width_across(target: Obstacle, grasp: Pose) -> float:
     """Extent in metres of an object along the finger axis of a grasp."""
-    axis = target.pose.rotation.T @ grasp.rotation[:, 1]
-    return float(axis @ (target.shape.support(axis) - target.shape.support(-axis)))
+    axis = _seen_from(target.pose, [row[1] for row in grasp.rotation_rows])
+    return _product(axis, target.shape.support(axis) - target.shape.support(-axis))
 
 
 def offset_from(target: Obstacle, grasp: Pose) -> tuple[float, float]:
     """How far in metres an object's centre is off the middle between the fingers, and the fingertips off the object."""
-    R, r = target.pose.rotation, np.array(target.pose.position) - np.array(grasp.position)
-    aside = abs(float(grasp.rotation[:, 1] @ (np.array(middle_of(target)) - np.array(grasp.position))))
-    return aside, float(target.shape.distance(-(R.T @ r)))
+    fingers = [row[1] for row in grasp.rotation_rows]
+    aside = abs(_product(fingers, np.array(middle_of(target)) - np.array(grasp.position)))
+    tips = _seen_from(target.pose, np.array(grasp.position) - np.array(target.pose.position))
+    return aside, float(target.shape.distance(tips))
+
+
+def _seen_from(pose: Pose, direction: Sequence[float] | FloatArray) -> FloatArray:
+    """A direction in the axes of a pose, shape (3,): by sums in a stated order, as no BLAS promises one."""
+    return np.array([_product(column, direction) for column in zip(*pose.rotation_rows, strict=True)])
+
+
+def _product(a: Sequence[float] | FloatArray, b: Sequence[float] | FloatArray) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])

@@ -82,7 +82,8 @@ class IndependentChecker:
         self._meshes = scene.parent if isinstance(scene, Path) else Path()
         self.model, self.geometry = _reduced(robot, Path(robot["urdf"]).read_text("utf-8"), gripper_width)
         self.owners = [self.model.frames[g.parentFrame].name for g in self.geometry.geometryObjects]
-        self._add_bodies(content, self.model.getFrameId(robot["tool_frame"]))
+        self._tool = self.model.getFrameId(robot["tool_frame"])
+        self._add_bodies(content, self._tool)
         if padding:
             for g in self.geometry.geometryObjects:
                 g.geometry = _grown(g.geometry, padding / 2)
@@ -104,6 +105,12 @@ class IndependentChecker:
         for request in self._geometry_data.collisionRequests:
             request.security_margin = NEAR
         self._manager = pin.BroadPhaseManager_NaiveCollisionManager(self.model, self.geometry, self._geometry_data)
+
+    def tool_pose(self, q: ArrayLike) -> FloatArray:
+        """Pose of the tool frame in the base frame at q (n,), shape (4, 4)."""
+        x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
+        pin.framesForwardKinematics(self.model, self._data, x)
+        return np.asarray(self._data.oMf[self._tool].homogeneous)
 
     def free(self, q: ArrayLike) -> bool:
         """Whether q (n,) is inside the joint limits and touches nothing."""

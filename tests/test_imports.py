@@ -130,6 +130,8 @@ ONLY_IN = {
     "piqp": {"optimize"},
     "PIL": {"view"},
     "ray": {"many/cluster.py"},
+    "pyarrow": {"episodes/tables.py"},
+    "pandas": set[str](),
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "viser": {"view/viewer.py"},
     "playwright": set[str](),

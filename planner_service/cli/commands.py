@@ -25,6 +25,7 @@ from planner_service.cli.arguments import (
     timing_by_name,
     unit_of,
 )
+from planner_service.cli.episodes import episodes
 from planner_service.cli.exits import NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.imported import import_record, import_table, locks, to_check
 from planner_service.cli.options import (
@@ -95,6 +96,7 @@ app = typer.Typer(
 app.add_typer(roadmaps, name="roadmap")
 app.command(short_help="Execute a plan, on the simulated arm or a real one.")(run)
 app.command(short_help="Show robot, scene and plan in the browser.")(view)
+app.command(short_help="Write a data set of planned motions.")(episodes)
 
 Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
 

@@ -1,0 +1,178 @@
+"""Rows as Parquet, the same bytes for the same rows; the only place that knows pyarrow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from planner_service.errors import MissingDependency
+
+__all__ = ["TABLES", "Rows", "episode_bytes", "pyarrow_version", "row_count", "rows_of", "table_bytes"]
+
+Rows = dict[str, list[dict[str, Any]]]
+"""Rows by the name of their table, of plain JSON values."""
+
+WHOLE, REAL, TEXT, FLAG = "whole", "real", "text", "flag"
+
+COUNTS = {"states": WHOLE, "edges": WHOLE, "distances": WHOLE}
+MOTION = {"request_index": WHOLE, "motion_index": WHOLE, "motion": TEXT}
+
+TABLES: Mapping[str, Mapping[str, Any]] = {
+    "episodes": {
+        "episode_index": WHOLE,
+        "request_index": WHOLE,
+        "first_index": WHOLE,
+        "length": WHOLE,
+        "stats": TEXT,
+    },
+    "scenes": {
+        "request_index": WHOLE,
+        "position_in_scene": WHOLE,
+        "name": TEXT,
+        "shape": TEXT,
+        "sizes": [REAL],
+        "position": [REAL],
+        "quaternion_wxyz": [REAL],
+    },
+    "motions": {
+        "request_index": WHOLE,
+        "episode_index": WHOLE,
+        "motion_index": WHOLE,
+        "motion": TEXT,
+        "certified": FLAG,
+        "carrying": FLAG,
+        "begins_s": REAL,
+        "duration_s": REAL,
+        "settle_s": REAL,
+        "gripping_s": REAL,
+        "gripper_width": REAL,
+        "waypoints": [[REAL]],
+        "blends": [REAL],
+        "durations": [REAL],
+        "coefficients": [[REAL]],
+        "dilation": REAL,
+    },
+    "counts": {**MOTION, "stage": TEXT, **COUNTS},
+    "certificates": {
+        **MOTION,
+        "certified": FLAG,
+        "clearance": REAL,
+        "distances": WHOLE,
+        "padding": REAL,
+        "exempt": [{"s_start": REAL, "s_end": REAL, "a": TEXT, "b": TEXT, "reason": TEXT}],
+    },
+    "failures": {"request_index": WHOLE, "stage": TEXT, "reason": TEXT, "detail": TEXT, "motions_planned": WHOLE},
+    "requests": {
+        "request_index": WHOLE,
+        "episode_index": WHOLE,
+        "ok": FLAG,
+        "planner_seed": WHOLE,
+        "scene_hash": TEXT,
+        "target": TEXT,
+        "onto": TEXT,
+        "start": [REAL],
+        "frames": WHOLE,
+        "motion_s": REAL,
+        **COUNTS,
+        "notes": [TEXT],
+    },
+}
+"""The columns of the tables beside the frames, in the order written: requests last, as it says that the others are."""
+
+FIXED: Mapping[str, Any] = {
+    "compression": "zstd",
+    "compression_level": 3,
+    "version": "2.6",
+    "data_page_version": "1.0",
+    "use_dictionary": False,
+    "write_statistics": True,
+    "store_schema": True,
+}
+"""Of the files: nothing is left to what another release of pyarrow takes for granted."""
+
+
+def episode_bytes(columns: Mapping[str, Any], numbers: Mapping[str, int], length: int) -> bytes:
+    """The Parquet file of one episode.
+
+    Args:
+        columns: float32 arrays (m, k) by name.
+        numbers: ``episode_index``, ``task_index``, and ``index`` of the first of its m frames.
+
+    Raises:
+        MissingDependency: pyarrow is not there; the extra ``episodes`` brings it.
+    """
+    pa = _arrow()
+    made = {}
+    for name, values in columns.items():
+        flat = pa.array(values.reshape(-1), pa.float32())
+        made[name] = flat if values.shape[1] == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+    made["frame_index"] = pa.array(range(length), pa.int64())
+    made["episode_index"] = pa.array([numbers["episode_index"]] * length, pa.int64())
+    made["index"] = pa.array(range(numbers["index"], numbers["index"] + length), pa.int64())
+    made["task_index"] = pa.array([numbers["task_index"]] * length, pa.int64())
+    table = pa.table(made)
+    sink = pa.BufferOutputStream()
+    with _pq().ParquetWriter(sink, table.schema, **FIXED) as writer:
+        writer.write_table(table)
+    return bytes(sink.getvalue())
+
+
+def table_bytes(groups: Iterable[Rows]) -> dict[str, bytes]:
+    """The Parquet file of every table, of rows that come in groups: each is a row group, and only one is in memory.
+
+    Raises:
+        MissingDependency: see ``episode_bytes``.
+    """
+    pa, pq = _arrow(), _pq()
+    schemas = {name: pa.schema([(c, _type(kind)) for c, kind in columns.items()]) for name, columns in TABLES.items()}
+    sinks = {name: pa.BufferOutputStream() for name in TABLES}
+    with ExitStack() as writers:
+        into = {name: writers.enter_context(pq.ParquetWriter(sinks[name], schemas[name], **FIXED)) for name in TABLES}
+        for rows in groups:
+            for name in filter(rows.get, TABLES):
+                into[name].write_table(pa.Table.from_pylist(rows[name], schemas[name]))
+    return {name: bytes(sink.getvalue()) for name, sink in sinks.items()}
+
+
+def rows_of(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """The rows of a Parquet file, some columns of them, a row group at a time."""
+    with _pq().ParquetFile(path) as file:
+        for k in range(file.num_row_groups):
+            yield from file.read_row_group(k, columns=list(columns)).to_pylist()
+
+
+def row_count(path: Path) -> int:
+    """How many rows a Parquet file has, by its footer."""
+    with _pq().ParquetFile(path) as file:
+        return int(file.metadata.num_rows)
+
+
+def pyarrow_version() -> str:
+    """Which release writes; another may write other bytes."""
+    return str(_arrow().__version__)
+
+
+def _type(kind: Any) -> Any:
+    pa = _arrow()
+    if isinstance(kind, list):
+        return pa.list_(_type(kind[0]))
+    if isinstance(kind, dict):
+        return pa.struct([(name, _type(inner)) for name, inner in kind.items()])
+    return {WHOLE: pa.int64(), REAL: pa.float64(), TEXT: pa.string(), FLAG: pa.bool_()}[kind]
+
+
+def _arrow() -> Any:
+    try:
+        import pyarrow
+    except ImportError:
+        raise MissingDependency("pyarrow", "episodes") from None
+    return pyarrow
+
+
+def _pq() -> Any:
+    _arrow()
+    import pyarrow.parquet
+
+    return pyarrow.parquet
