@@ -565,3 +565,9 @@ def test_an_import_does_not_replace_what_is_there(tmp_path: Path) -> None:
     assert run(*arguments).exit_code == 0
     assert "--force replaces it" in refused(*arguments)
     assert run(*arguments, "--force").exit_code == 0
+
+
+def test_a_task_keeps_the_padding_that_is_asked_for(tmp_path: Path) -> None:
+    file = tmp_path / "task.json"
+    assert run("pick-place", "--padding", "0.005", "--out", str(file)).exit_code == 0
+    assert max(segment.result.padding for segment in load_task(file).segments) == 0.005

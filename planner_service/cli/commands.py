@@ -163,6 +163,7 @@ def pick_place(
     target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
     onto: Annotated[str, typer.Option(help="The obstacle on whose middle to place it.")] = "tray",
     seed: Seed = DEFAULT.seed,
+    padding: Padding = DEFAULT.padding,
     png: Picture = None,
     out: Out = None,
     as_json: AsJson = False,
@@ -171,7 +172,7 @@ def pick_place(
     with bad_input_exits():
         require_places({"--out": out, "--png": png})
         service = service_for(robot, scene)
-        request = PlanRequest(service.robot.home, service.robot.home, seed=seed)
+        request = PlanRequest(service.robot.home, service.robot.home, seed=seed, padding=padding)
         load_libraries(request, service.robot)
         task = plan_pick_place(service, target, onto, request)
         if out is not None:
