@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from contextlib import closing
+import signal
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -154,12 +156,25 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
             err=True,
         )
         raise typer.Exit(BAD_INPUT)
-    with closing(TrossenDriver(address)) as driver:
+    with _ended_as_by_ctrl_c(), closing(TrossenDriver(address)) as driver:
         try:
             report = execute(plan, driver, robot, streaming)
         except ExecutionStopped as stopped:
             report = stopped.report
     _tell(report, plan, as_json=as_json)
+
+
+@contextmanager
+def _ended_as_by_ctrl_c() -> Iterator[None]:
+    """Have the arm hold, too, when this process is told to end, or the terminal that it runs in is gone."""
+    found = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]
+    numbers = [number for number in found if number is not None and signal.getsignal(number) != signal.SIG_IGN]
+    before = [(number, signal.signal(number, signal.default_int_handler)) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
 
 
 def _tell(found: Rehearsal | ExecutionReport, plan: SavedPlan | SavedTask, *, as_json: bool) -> None:
