@@ -135,7 +135,7 @@ class ViewState:
 
 
 def _traced(result: PlanResult) -> PlanResult:
-    """The result with its trace; one that has none is planned once more if that was quick; the same has to come of it."""
+    """The result with its trace; one that has none is planned once more if quick; the same has to come of it."""
     origin, quick = result.origin, result.deterministic and result.seconds < TRACED_SECONDS
     if result.trace is not None or origin is None or origin.request is None or not quick:
         return result
