@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from planner_service import (
     ExemptInterval,
     InvalidRequest,
+    JointPath,
     MissingDependency,
     PlannerService,
     PlanRequest,
@@ -23,6 +24,7 @@ from planner_service import (
     Robot,
     Segment,
     Trajectory,
+    Trapezoidal,
 )
 from planner_service.cli import run
 from planner_service.cli.commands import app
@@ -682,6 +684,23 @@ def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(
     assert "at 0.2 of the planned speed" in done.stdout
     assert arm.q == pytest.approx(robot.home + STEP)
     assert arm.closed
+
+
+def test_what_a_file_says_is_proven_is_proven_anew(
+    service: PlannerService, back: PlanResult, tmp_path: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: FakeArm(np.array(robot.home), simulated=False))
+    places = np.random.default_rng(1).uniform(robot.limits.lower, robot.limits.upper, (200, robot.n))
+    into = next(q for q in places if not service.checker.state_is_free(q))
+    path = JointPath(np.array([robot.home, into]))
+    motion = Trapezoidal().time_path(path, robot.limits)
+    forged = replace(back, path=path, trajectory=motion)
+    plan, task = SavedPlan(MadeFor.of(service), None, forged), task_of(service, Segment("fold", forged, 0.08))
+    for saved in (plan, task):
+        save_plan(saved, tmp_path / "plan.json")
+        done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
+        assert done.exit_code == 2
+        assert "expected a proof of the whole motion" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
