@@ -327,6 +327,10 @@ class Page:
             trouble = ""
         except PlannerServiceError as error:
             trouble = f"**no plan**: {plain(str(error))}"
+        except BaseException:  # a fault of the planner's: it is told in the terminal, and the button stays one
+            with self._lock:
+                self._planning, self._plan.label, self._told.content = None, "plan", "**no plan**: a fault"
+            raise
         with self._lock:
             self._planning, self._plan.label = None, "plan"
             self.state = state
