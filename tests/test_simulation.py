@@ -264,6 +264,12 @@ def test_a_host_in_use_is_refused(robot: Robot) -> None:
         SimulatedArm(robot, Scene(), host=arm.host)
 
 
+@pytest.mark.parametrize("host", ["0.0.0.0", "", "192.168.1.2"])
+def test_a_simulated_arm_is_reached_from_this_machine_only(host: str, robot: Robot) -> None:
+    with pytest.raises(InvalidRequest, match="a loopback address"):
+        SimulatedArm(robot, Scene(), host=host)
+
+
 def test_a_host_whose_udp_port_is_in_use_is_refused(robot: Robot) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the simulator's own, which would share it
