@@ -172,6 +172,9 @@ class Cut:
         self.stood = np.array(q)
         self.driver.hold(self.told if self.where_told else q)
 
+    def gripper_width(self) -> float:
+        return self.driver.gripper_width()
+
     def move_gripper(self, width: float, seconds: float) -> None:
         self.driver.move_gripper(width, seconds)
 

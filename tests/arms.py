@@ -22,6 +22,7 @@ class FakeArm:
         trouble: Called before each command with its number; what it raises, the driver raises.
         seen: Called in place of telling where it is, once it is set.
         refusals: How often it refuses to hold.
+        width: Of its gripper, which closes as far as a stone of width ``stone`` allows.
     """
 
     q: FloatArray
@@ -36,6 +37,8 @@ class FakeArm:
     told: list[tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=list)
     held: list[FloatArray] = field(default_factory=list)
     widths: list[float] = field(default_factory=list)
+    width: float = 0.08
+    stone: float = 0.0
     closed: bool = False
 
     def limits(self) -> ArmLimits:
@@ -56,8 +59,12 @@ class FakeArm:
             raise OSError("no route to the arm")
         self.held.append(np.array(q))
 
+    def gripper_width(self) -> float:
+        return self.width
+
     def move_gripper(self, width: float, seconds: float) -> None:
         self.widths.append(width)
+        self.width = max(width, self.stone)
 
     def close(self) -> None:
         self.closed = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from typer.testing import CliRunner
 from planner_service import (
     ExemptInterval,
     InvalidRequest,
+    JointPath,
     MissingDependency,
     PlannerService,
     PlanRequest,
@@ -22,11 +24,13 @@ from planner_service import (
     Robot,
     Segment,
     Trajectory,
+    Trapezoidal,
 )
 from planner_service.cli import run
 from planner_service.cli.commands import app
 from planner_service.collision import CheckCounts
 from planner_service.execute import (
+    ExecutedMotion,
     ExecutionReport,
     ExecutionStopped,
     Streaming,
@@ -182,6 +186,7 @@ def test_a_motion_outside_position_limits_is_refused(whose: str, there: PlanResu
         arm.reach = 1.16
     else:
         robot = replace(robot, limits=replace(robot.limits, upper=np.array([3.0, 3.0, 1.16, 1.5, 1.5, 3.0])))
+        there = replace(there, origin=None)
     with pytest.raises(InvalidRequest, match=f"joint_2 in motion: .*; expected {whose}'s .* to 1.1600"):
         execute(there, arm, robot, QUICK)
     assert arm.told == []
@@ -219,7 +224,7 @@ def test_commands_are_ahead_by_the_arms_lag(there: PlanResult, arm: FakeArm, rob
 
 def test_what_an_arm_is_told_ahead_stays_inside_its_limits(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
     arm.lag, arm.reach = np.full(6, 1.0), 1.2501  # joint_3 stands at -1.25 and moves by 0.02 rad
-    execute(there, arm, robot, QUICK)
+    execute(there, arm, robot, replace(QUICK, tracking_tolerance=1.0))  # this arm is where it is told to be, at once
     assert max(float(np.abs(q).max()) for q, _, _ in arm.told) <= 1.2501
 
 
@@ -417,6 +422,7 @@ def test_the_gripper_moves_between_motions_and_presses_on_what_it_takes(
     down, up = Segment("descend", grip_of(there), 0.07), Segment("lift", touching(back, ("block", "floor")), 0.045)
     lower, away = Segment("lower", there, 0.045), Segment("retreat", grip_of(back), 0.07)
     task = task_of(service, down, up, lower, away)
+    arm.stone = 0.045
     report = execute(task, arm, robot, replace(QUICK, squeeze=0.01))
     assert arm.widths == pytest.approx([0.07, 0.035, 0.07])
     assert [motion.name for motion in report.motions] == ["descend", "lift", "lower", "retreat"]
@@ -444,7 +450,162 @@ def test_an_arm_that_did_not_arrive_begins_no_other_motion(
     report = stopped(task_of(service, Segment("there", there, 0.06), Segment("back", back, 0.06)), arm, robot)
     assert [motion.name for motion in report.motions] == ["there"]
     assert report.stopped is not None
+    assert "end of there" in report.stopped
+    assert len(arm.held) == 1
+
+
+def test_an_arm_that_has_moved_while_the_gripper_did_begins_no_other_motion(
+    service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm, robot: Robot
+) -> None:
+    def closed() -> float:
+        arm.off = np.full(6, 0.02)
+        return 0.03
+
+    task = task_of(service, Segment("there", there, 0.06), Segment("back", back, 0.03))
+    arm.trouble = lambda k: setattr(arm, "gripper_width", closed)
+    report = stopped(task, arm, robot)
+    assert [motion.name for motion in report.motions] == ["there"]
+    assert report.stopped is not None
     assert "start of back" in report.stopped
+
+
+def test_an_arm_that_pauses_on_its_way_to_rest_gets_its_time(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+    arm.trouble = lambda k: setattr(arm, "off", np.full(6, 0.03 if k < 130 else 0.0))
+    assert execute(there, arm, robot, replace(QUICK, settle=0.5, start_tolerance=0.02)).ok
+    assert len(arm.told) > 130
+
+
+def test_an_arm_that_did_not_arrive_has_not_executed_its_last_motion(
+    there: PlanResult, arm: FakeArm, robot: Robot
+) -> None:
+    arm.seen = lambda: arm.q + (0.02 * (arm.q - robot.home > 0.039) if arm.told else 0.0)
+    report = stopped(there, arm, robot)
+    assert report.stopped is not None
+    assert "end of motion: got joint_0 at 0.0600; expected 0.0400 within 0.01 (start_tolerance)" in report.stopped
+    assert (report.motions[0].completed, len(arm.held)) == (True, 1)
+
+
+@pytest.fixture(scope="module")
+def far(service: PlannerService) -> PlanResult:
+    return service.plan(PlanRequest(service.robot.home, service.robot.home + 12.0 * STEP))
+
+
+@pytest.mark.parametrize("speed", [0.2, 1.0])
+def test_an_arm_that_does_not_follow_is_stopped_and_holds_where_it_is(
+    speed: float, far: PlanResult, arm: FakeArm, robot: Robot
+) -> None:
+    stuck = robot.home + 0.1 * STEP
+    arm.seen = lambda: stuck.copy() if np.abs(arm.q - robot.home).max() > 0.004 else arm.q
+    report = stopped(far, arm, robot, replace(QUICK, speed=speed))
+    assert report.stopped is not None
+    assert "within 0.1 (tracking_tolerance); the arm was told to hold where it was" in report.stopped
+    assert np.array_equal(arm.held, [stuck])
+    told = float(np.abs(arm.told[-1][0] - stuck).max())
+    fastest = float(np.abs(arm.told[-1][1]).max())
+    assert 0.1 < told < 0.1 + (QUICK.latest + 0.01) * fastest
+
+
+def test_an_arm_that_follows_late_but_on_its_path_goes_on(
+    far: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
+) -> None:
+    whole, began = motion_of(far), clock.now
+    arm.seen = lambda: whole(min(max(clock.now - began - 0.17, 0.0), whole.duration))
+    assert float(np.abs(whole(np.linspace(0.0, whole.duration, 50), 1)).max()) > 1.2  # 0.2 rad behind, then
+    assert execute(far, arm, robot, replace(QUICK, settle=0.3)).ok
+
+
+@pytest.mark.parametrize("k", [3, 30])
+def test_an_arm_that_says_what_cannot_be_is_stopped(k: int, there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+    arm.seen = lambda: np.full(6, np.nan) if len(arm.told) > k else arm.q
+    report = stopped(there, arm, robot)
+    assert report.stopped is not None
+    assert "joint_0 at nan" in report.stopped
+    assert len(arm.told) == k + 1
+    assert np.array_equal(arm.held, arm.told[-1][:1])
+
+
+def test_the_arm_holds_before_anything_is_worked_out(
+    there: PlanResult, arm: FakeArm, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = ExecutedMotion.of
+
+    def fail(step: int) -> None:
+        if step == 9:
+            raise OSError("the cable was pulled")
+
+    def of(*given: Any) -> Any:
+        assert len(arm.held) == 1
+        return made(*given)
+
+    arm.trouble = fail
+    monkeypatch.setattr(ExecutedMotion, "of", of)
+    assert len(stopped(there, arm, robot).motions) == 1
+
+
+@pytest.mark.parametrize("first", [KeyboardInterrupt, OSError])
+@pytest.mark.parametrize("where", ["positions", "hold"])
+def test_a_second_ctrl_c_waits_until_the_arm_was_told_to_hold(
+    first: type[BaseException],
+    where: str,
+    there: PlanResult,
+    arm: FakeArm,
+    robot: Robot,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked, interrupts = getattr(arm, where), iter([KeyboardInterrupt])
+
+    def interrupted(*given: Any) -> Any:
+        for error in interrupts:
+            raise error
+        return asked(*given)
+
+    def fail(step: int) -> None:
+        monkeypatch.setattr(arm, where, interrupted)
+        raise first
+
+    arm.trouble = fail
+    with pytest.raises(KeyboardInterrupt):
+        execute(there, arm, robot, QUICK)
+    assert [q.tolist() for q in arm.held] == [robot.home.tolist()]
+
+
+def test_the_robot_comes_with_what_this_process_planned(
+    service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm
+) -> None:
+    assert execute(there, arm, streaming=QUICK).ok
+    assert execute(task_of(service, Segment("back", back, 0.08)), arm, streaming=QUICK).ok
+    with pytest.raises(InvalidRequest, match="robot: got None; expected the robot the plan was made for"):
+        execute(replace(there, origin=None), arm, streaming=QUICK)
+
+
+def test_what_was_planned_for_another_robot_is_not_executed(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+    slower = replace(robot, limits=replace(robot.limits, velocity=robot.limits.velocity * 0.5))
+    with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(wxai"):
+        execute(there, arm, slower, QUICK)
+    assert arm.told == []
+
+
+def test_the_gripper_is_as_far_open_as_the_plan_was_proven_with(
+    service: PlannerService, arm: FakeArm, robot: Robot
+) -> None:
+    narrow = service.changed(gripper=0.03)
+    plan = narrow.plan(PlanRequest(robot.home, robot.home + STEP))
+    assert execute(plan, arm, robot, QUICK).ok
+    assert arm.widths == [0.03]
+    arm.q, arm.width = np.array(robot.home), 0.027  # around something that gives way
+    assert execute(replace(plan, origin=None), arm, narrow.robot, QUICK).ok
+    assert arm.widths == [0.03]
+
+
+@pytest.mark.parametrize(("stone", "stands"), [(0.0, "0.0350"), (0.06, "0.0600")])
+def test_a_grip_on_nothing_or_on_something_else_stops(
+    stone: float, stands: str, service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm, robot: Robot
+) -> None:
+    arm.stone = stone
+    report = stopped(task_of(service, Segment("down", grip_of(there), 0.07), Segment("up", back, 0.045)), arm, robot)
+    assert [motion.name for motion in report.motions] == ["down"]
+    assert report.stopped is not None
+    assert f"gripper: got {stands}; expected 0.0450 within 0.005 (gripper_tolerance)" in report.stopped
     assert len(arm.held) == 1
 
 
@@ -523,6 +684,43 @@ def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(
     assert "at 0.2 of the planned speed" in done.stdout
     assert arm.q == pytest.approx(robot.home + STEP)
     assert arm.closed
+
+
+def test_what_a_file_says_is_proven_is_proven_anew(
+    service: PlannerService, back: PlanResult, tmp_path: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: FakeArm(np.array(robot.home), simulated=False))
+    places = np.random.default_rng(1).uniform(robot.limits.lower, robot.limits.upper, (200, robot.n))
+    into = next(q for q in places if not service.checker.state_is_free(q))
+    path = JointPath(np.array([robot.home, into]))
+    motion = Trapezoidal().time_path(path, robot.limits)
+    forged = replace(back, path=path, trajectory=motion)
+    plan, task = SavedPlan(MadeFor.of(service), None, forged), task_of(service, Segment("fold", forged, 0.08))
+    for saved in (plan, task):
+        save_plan(saved, tmp_path / "plan.json")
+        done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
+        assert done.exit_code == 2
+        assert "expected a proof of the whole motion" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
+def test_whatever_ends_the_command_has_the_arm_hold(
+    name: str, saved: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    number = getattr(signal, name)
+    before = signal.getsignal(number)
+
+    def end(step: int) -> None:
+        if step == 7:
+            assert signal.getsignal(number) != signal.SIG_DFL, "it would end this process"
+            signal.raise_signal(number)
+
+    arm = FakeArm(np.array(robot.home), simulated=False, trouble=end)
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
+    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes"])
+    assert done.exit_code == 130
+    assert (len(arm.told), len(arm.held), arm.closed) == (7, 1, True)
+    assert signal.getsignal(number) == before
 
 
 def test_an_arm_that_stopped_leaves_code_1_and_says_why(

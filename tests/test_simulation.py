@@ -26,6 +26,7 @@ from typer.testing import CliRunner
 
 from benchmarks import execute as measure
 from planner_service import (
+    Attached,
     Box,
     Capsule,
     Compound,
@@ -146,6 +147,34 @@ def test_obstacles_of_every_kind_are_where_they_are_in_the_scene(robot: Robot) -
     assert seat == pytest.approx((TURNED @ Pose((0.0, 0.0, 0.1))).position, abs=1e-9)
 
 
+def test_what_the_robot_carries_is_on_its_hand_and_can_touch(robot: Robot) -> None:
+    held = Attached("cup", Box((0.05, 0.06, 0.07)), TURNED, touch_links=("finger_left",))
+    scene = load_scene("table").with_attached(held)
+    model = compiled(mjcf_text(arm_file(), robot, scene))
+    rng = np.random.default_rng(5)
+    for q in rng.uniform(robot.limits.lower, robot.limits.upper, (5, robot.n)):
+        position, rotation = placed(model, dict(zip(robot.joint_names, q.tolist(), strict=True)))["cup#0"]
+        wanted = Pose.from_matrix(robot.tool_pose(q)) @ TURNED
+        assert position == pytest.approx(wanted.position, abs=1e-9)
+        assert rotation == pytest.approx(wanted.rotation, abs=1e-9)
+    cup, table, link = (model.geom(name) for name in ("cup#0", "table#0", "link_2#0"))
+    assert (2 * cup.size).tolist() == pytest.approx([0.05, 0.06, 0.07])
+    assert cup.contype[0] & table.conaffinity[0] or table.contype[0] & cup.conaffinity[0]
+    assert not cup.contype[0] & link.conaffinity[0]
+    assert not link.contype[0] & cup.conaffinity[0]
+    assert model.body_mass.tolist() == compiled(mjcf_text(arm_file(), robot, Scene())).body_mass.tolist()
+
+
+@pytest.mark.parametrize("name", ["world", "carriage_left", 'a "b" <c/> & #0', "a#"])
+def test_a_scenes_names_are_taken_as_they_are(name: str, robot: Robot) -> None:
+    scene = Scene((Obstacle(name, Box((0.1, 0.1, 0.1)), TURNED), Obstacle("stone", Sphere(0.05), TURNED)))
+    for loose in ((), (name,)):
+        model = compiled(mjcf_text(arm_file(), robot, scene, loose=loose))
+        names = {model.geom(k).name for k in range(model.ngeom)}
+        assert {f"{name}#0", "stone#0"} < names
+        assert link_of(f"{name}#0") == name
+
+
 def test_only_arm_and_scene_and_what_lies_loose_can_touch(robot: Robot) -> None:
     model = compiled(mjcf_text(arm_file(), robot, load_scene("bin"), loose=("blue_block",)))
 
@@ -176,6 +205,11 @@ def test_what_the_simulator_has_not_is_refused(
 ) -> None:
     with pytest.raises(InvalidRequest, match=message):
         mjcf_text(arm_file(), robot, scene, loose=loose)
+
+
+def test_a_scenes_name_that_is_a_links_is_refused(robot: Robot) -> None:
+    with pytest.raises(InvalidRequest, match="'link_1'; expected an object name that is not a link of wxai"):
+        mjcf_text(arm_file(), robot, Scene((Obstacle("link_1", Sphere(0.05), TURNED),)))
 
 
 def test_another_robot_is_refused() -> None:
@@ -228,6 +262,12 @@ def test_two_arms_run_next_to_each_other_and_leave_nothing_behind(robot: Robot) 
 def test_a_host_in_use_is_refused(robot: Robot) -> None:
     with SimulatedArm(robot, Scene()) as arm, pytest.raises(InvalidRequest, match="TCP 50001 and UDP 50000 are free"):
         SimulatedArm(robot, Scene(), host=arm.host)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "", "192.168.1.2"])
+def test_a_simulated_arm_is_reached_from_this_machine_only(host: str, robot: Robot) -> None:
+    with pytest.raises(InvalidRequest, match="a loopback address"):
+        SimulatedArm(robot, Scene(), host=host)
 
 
 def test_a_host_whose_udp_port_is_in_use_is_refused(robot: Robot) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +24,12 @@ from planner_service import (
     Pose,
     Roadmap,
     Scene,
+    Segment,
     UnknownName,
 )
 from planner_service.cli.commands import app
 from planner_service.cli.view import opened
+from planner_service.collision import CheckCounts
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_task, save_plan
 from planner_service.trace import SearchGraph
@@ -158,11 +161,26 @@ def test_a_colliding_configuration_names_its_pair_and_where_it_touches(discs: Pl
     assert [(c.a, c.b) for c in look.contacts] == [(c.a, c.b) for c in discs.checker.contacts(q)]
     assert not look.free
     assert "**collides**" in look_words(look)
-    assert "lesson_disc" in look_words(look)
+    assert "lesson\\_disc" in look_words(look)
     (names, place), *_ = look.places
     assert names == (look.contacts[0].a, look.contacts[0].b)
     disc = np.array(discs.scene.obstacle("lesson_disc").pose.position)
     assert math.dist(disc[:2], place[:2]) < 0.2
+
+
+def test_a_name_from_a_file_is_no_html_and_no_markdown(discs: PlannerService) -> None:
+    name = "<img src=x> [a](http://b) `c` &lt; |"
+    scene = replace(
+        discs.scene, obstacles=tuple(replace(o, name=f"{k}{name}") for k, o in enumerate(discs.scene.obstacles))
+    )
+    service = PlannerService(discs.robot, scene)
+    words = look_words(ViewState.of(service).posed(colliding(service)).look)
+    assert "\\<img src\\=x\\> \\[a\\]\\(http\\:\\/\\/b\\) \\`c\\` \\&lt\\; \\|" in words
+    result = discs.plan(asked(discs))
+    segments = tuple(Segment(name, result, 0.0) for _ in range(2))
+    state = ViewState.of(discs, SavedTask(MadeFor.of(discs), "", segments, CheckCounts(), 0.0))
+    assert "<img" not in result_words(state).replace("\\<", "")
+    assert "<img" not in state_words(state).replace("\\<", "")
 
 
 def test_a_free_configuration_tells_a_clearance_that_is_proven(discs: PlannerService) -> None:
@@ -249,6 +267,15 @@ def test_a_result_without_a_trace_is_planned_once_more_for_it(discs: PlannerServ
     assert shown.path is result.path
 
 
+def test_the_trace_of_another_path_is_not_shown(discs: PlannerService) -> None:
+    result, other = discs.plan(asked(discs)), discs.plan(replace(asked(discs), seed=5))
+    assert result.path is not None
+    assert other.path is not None
+    assert not np.array_equal(result.path.waypoints, other.path.waypoints)
+    shown = ViewState.of(discs, replace(result, origin=other.origin)).results[0].result
+    assert shown.trace is None
+
+
 def test_what_is_said_of_a_plan_adds_up(discs: PlannerService) -> None:
     result = discs.plan(asked(discs))
     words = result_words(ViewState.of(discs, result))
@@ -261,7 +288,7 @@ def test_the_clock_says_which_motion_it_is_and_what_is_carried(bin_: PlannerServ
     assert state.reel is not None
     lift = next(take for take in state.reel.takes if take.name == "lift")
     assert state_words(state.at(lift.begin + 0.1)).startswith("lift, ")
-    assert state_words(state.at(lift.begin + 0.1)).endswith("carrying blue_block")
+    assert state_words(state.at(lift.begin + 0.1)).endswith("carrying blue\\_block")
     assert state_words(state.posed(bin_.robot.home)) == "moved by hand"
 
 

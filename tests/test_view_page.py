@@ -251,3 +251,16 @@ def test_a_script_waits_for_its_page_and_a_prompt_does_not(browser: Any, monkeyp
     window.close()
     script.join(timeout=30)
     assert not script.is_alive()
+
+
+def test_a_fault_while_planning_leaves_the_button_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fault(*_: Any, **__: Any) -> None:
+        raise RuntimeError("a bug")
+
+    service = PlannerService("planar2", "discs")
+    with open_viewer(service, None, port=0) as viewer:
+        monkeypatch.setattr(service, "plan", fault)
+        for _ in range(2):
+            with pytest.raises(RuntimeError, match="a bug"):
+                viewer.page.plan("rrtconnect", 0)
+        assert viewer.page._plan.label == "plan"

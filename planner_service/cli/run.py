@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from contextlib import closing
-from dataclasses import dataclass
+import signal
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import typer
@@ -31,6 +33,7 @@ from planner_service.execute import (
 )
 from planner_service.interchange import load_world
 from planner_service.json_file import read_json
+from planner_service.outcome import PlanResult
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import TASK_FORMAT, SavedPlan, SavedTask, load_plan, load_task
 from planner_service.regular_file import as_path
@@ -39,6 +42,7 @@ from planner_service.robot import Robot, load_robot
 from planner_service.service import PlannerService
 from planner_service.task import Segment
 from planner_service.trajectory import Trajectory
+from planner_service.view.reel import Reel, Take
 
 __all__ = ["run"]
 
@@ -105,7 +109,26 @@ def _opened(file: str) -> _Opened:
     is_task = isinstance(content, dict) and content.get("format") == TASK_FORMAT
     plan: SavedPlan | SavedTask = load_task(file) if is_task else load_plan(file)
     service, _ = reopened(plan.made_for, None, None)
-    return _Opened(plan, service)
+    return _Opened(_proven_anew(plan, service), service)
+
+
+def _proven_anew(plan: SavedPlan | SavedTask, service: PlannerService) -> SavedPlan | SavedTask:
+    """The plan with proofs of its paths as they are now: a file may have been changed since."""
+    if isinstance(plan, SavedPlan):
+        reel = Reel.of_result(service, plan.result)
+        return plan if reel is None else replace(plan, result=_proven(plan.result, reel.takes[0]))
+    reel = Reel.of_task(service, plan.segments)
+    takes = () if reel is None else reel.takes
+    anew = [replace(part, result=_proven(part.result, take)) for part, take in zip(plan.segments, takes, strict=False)]
+    return replace(plan, segments=(*anew, *plan.segments[len(anew) :]))
+
+
+def _proven(result: PlanResult, take: Take) -> PlanResult:
+    claimed, path = result.certificate, take.trajectory.path
+    if claimed is None:
+        return result
+    proof = take.service.certify(path, padding=claimed.padding, exempt=claimed.exempt, part=claimed.part)
+    return replace(result, certificate=proof)
 
 
 def _rehearsed(opened: _Opened, streaming: Streaming) -> Rehearsal:
@@ -154,12 +177,25 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
             err=True,
         )
         raise typer.Exit(BAD_INPUT)
-    with closing(TrossenDriver(address)) as driver:
+    with _ended_as_by_ctrl_c(), closing(TrossenDriver(address)) as driver:
         try:
             report = execute(plan, driver, robot, streaming)
         except ExecutionStopped as stopped:
             report = stopped.report
     _tell(report, plan, as_json=as_json)
+
+
+@contextmanager
+def _ended_as_by_ctrl_c() -> Iterator[None]:
+    """Have the arm hold, too, when this process is told to end, or the terminal that it runs in is gone."""
+    found = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]
+    numbers = [number for number in found if number is not None and signal.getsignal(number) != signal.SIG_IGN]
+    before = [(number, signal.signal(number, signal.default_int_handler)) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
 
 
 def _tell(found: Rehearsal | ExecutionReport, plan: SavedPlan | SavedTask, *, as_json: bool) -> None:

@@ -65,6 +65,10 @@ class Driver(Protocol):
         """Stand still at q, shape (n,), from now on; does not wait."""
         ...
 
+    def gripper_width(self) -> float:
+        """Metres between the finger pads."""
+        ...
+
     def move_gripper(self, width: float, seconds: float) -> None:
         """Have the finger pads ``width`` metres apart within so many seconds; does not wait."""
         ...

@@ -20,7 +20,7 @@ from planner_service.robot import Gripper, LinkShape, Robot
 from planner_service.scene import Scene
 from planner_service.xml_file import read_xml
 
-__all__ = ["link_of", "mjcf_text"]
+__all__ = ["MARK", "link_of", "mjcf_text"]
 
 MARK = "#"
 """Between a link's or an obstacle's name and the number of its shape."""
@@ -39,12 +39,13 @@ FRICTION = "1.0"
 def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[str] = ()) -> str:
     """The MJCF of a robot, its gripper movable, among the obstacles of a scene.
 
-    Shape k of a link or an obstacle is the geom ``name#k``, at the pose that the planner judges it at.
+    Shape k of a link, an obstacle or an attached object is the geom ``name#k``, at the pose that the planner judges it
+    at. What is attached weighs nothing.
 
     Args:
         arm_file: The vendor's MJCF of the arm, which has the robot's joints by name.
-        loose: Obstacles that lie there as bodies of their own, to be taken; the others stand still. Each has a weld of
-            its name to the robot's last body, not active.
+        loose: Obstacles that lie there as bodies of their own, to be taken; the others stand still. Body, joint and a
+            weld to the robot's last body, not active, are called ``name#``: the arm's may be called as an obstacle is.
 
     Raises:
         InvalidRequest: the robot's joints are not those of the arm, its bodies are elsewhere, or a shape is none that
@@ -66,14 +67,21 @@ def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[s
     _add_robot(bodies, robot)
     for name in loose:
         scene.obstacle(name)
+    for name in scene.names:
+        if name in {item.link for item in robot.shapes}:
+            raise InvalidRequest("scene", name, f"an object name that is not a link of {robot.name}")
+    hand = bodies[robot.bodies[robot.tool_body].name]
+    tool = Pose.from_matrix(robot.tool_placement)
+    for held in scene.attached:
+        _add(root, hand, held.name, held.shape, tool @ held.pose, ARM)
     for obstacle in scene.obstacles:
         if obstacle.name in loose:
-            body = SubElement(world, "body", {"name": obstacle.name, **_placement(obstacle.pose)})
-            SubElement(body, "freejoint", name=obstacle.name)
+            own = obstacle.name + MARK
+            body = SubElement(world, "body", {"name": own, **_placement(obstacle.pose)})
+            SubElement(body, "freejoint", name=own)
             _add(root, body, obstacle.name, obstacle.shape, Pose(), LOOSE)
-            hand = bodies[robot.bodies[robot.tool_body].name].attrib["name"]
-            held = {"name": obstacle.name, "body1": hand, "body2": obstacle.name, "active": "false"}
-            SubElement(SubElement(root, "equality"), "weld", held)
+            weld = {"name": own, "body1": hand.attrib["name"], "body2": own, "active": "false"}
+            SubElement(SubElement(root, "equality"), "weld", weld)
         else:
             _add(root, world, obstacle.name, obstacle.shape, obstacle.pose, FIXED)
     return ElementTree.tostring(root, encoding="unicode")

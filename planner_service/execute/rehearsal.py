@@ -7,9 +7,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-from planner_service.execute.execution import Executable, Streaming, execute
+from planner_service.execute.admission import Executable
+from planner_service.execute.execution import execute
 from planner_service.execute.report import ExecutionReport, ExecutionStopped
 from planner_service.execute.simulator import ArmContact, SimulatedArm
+from planner_service.execute.streaming import Streaming
 from planner_service.geometry import Pose
 from planner_service.outcome import PlanResult
 from planner_service.plan_file import SavedPlan

@@ -25,7 +25,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from planner_service.errors import BrokenInvariant, InvalidRequest, MissingDependency
-from planner_service.execute.mjcf import link_of, mjcf_text
+from planner_service.execute.mjcf import MARK, link_of, mjcf_text
 from planner_service.execute.trossen import SIMULATED_LAG, TrossenDriver
 from planner_service.geometry import Pose
 from planner_service.package_files import package_folder
@@ -99,6 +99,8 @@ class SimulatedArm:
         loose: Collection[str] = (),
         host: str | None = None,
     ) -> None:
+        if host is not None and not host.startswith("127."):
+            raise InvalidRequest("host", host, "a loopback address, 127.x.y.z: whoever reaches it moves the arm")
         self.scene = scene
         text = mjcf_text(arm_file(), robot, scene, loose=loose)
         q = joint_vector("start", robot.home if start is None else start, robot)
@@ -111,8 +113,9 @@ class SimulatedArm:
         try:
             model = Path(self._folder.name) / "scene.xml"
             model.write_text(text, "utf-8")
-            fingers = [] if robot.gripper is None else list(robot.gripper.links)
-            job = {"scene": str(model), "joints": joints, "fingers": fingers, "loose": sorted(loose)}
+            fingers = [] if robot.gripper is None else [link + MARK for link in robot.gripper.links]
+            bodies = [name + MARK for name in sorted(loose)]
+            job = {"scene": str(model), "joints": joints, "fingers": fingers, "loose": bodies}
             self.host = self._started(job, host)
         except BaseException:  # what was begun is ended, also by Ctrl-C
             self.close()
@@ -131,7 +134,7 @@ class SimulatedArm:
         """Where loose obstacles are now, by name."""
         found = {}
         for name, (x, y, z, w, i, j, k) in self._ask()["bodies"].items():
-            found[name] = Pose((x, y, z), (w, i, j, k))
+            found[name.removesuffix(MARK)] = Pose((x, y, z), (w, i, j, k))
         return found
 
     def seen(self) -> Scene:

@@ -21,7 +21,7 @@ from planner_service.view.figures import Figure, Props, colours_of
 from planner_service.view.plots import Plots
 from planner_service.view.solids import GROUND, placements, robot_solids, scene_solids
 from planner_service.view.state import ViewState
-from planner_service.view.words import look_words, result_words, state_words
+from planner_service.view.words import look_words, plain, result_words, state_words
 
 __all__ = ["Page"]
 
@@ -326,7 +326,11 @@ class Page:
             state = state.planned(planner, seed, token)
             trouble = ""
         except PlannerServiceError as error:
-            trouble = f"**no plan**: {error}"
+            trouble = f"**no plan**: {plain(str(error))}"
+        except BaseException:  # a fault of the planner's: it is told in the terminal, and the button stays one
+            with self._lock:
+                self._planning, self._plan.label, self._told.content = None, "plan", "**no plan**: a fault"
+            raise
         with self._lock:
             self._planning, self._plan.label = None, "plan"
             self.state = state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 
 from planner_service.collision import CheckCounts, Contact
@@ -11,10 +12,13 @@ from planner_service.stagebook import in_words
 from planner_service.view.eye import Look
 from planner_service.view.state import ViewState
 
-__all__ = ["look_words", "result_words", "state_words"]
+__all__ = ["look_words", "plain", "result_words", "state_words"]
 
 HEAD = "| | states | edges | distances | ms |\n|:--|--:|--:|--:|--:|"
 MOST_CONTACTS = 5
+
+SIGNS = re.compile(r"[!-/:-@\[-`{-~]")
+"""What Markdown may read as a sign, and as itself after a backslash: ASCII's punctuation."""
 
 
 def look_words(look: Look) -> str:
@@ -31,7 +35,7 @@ def _millimetres(metres: float) -> str:
 
 
 def _contact_lines(contacts: tuple[Contact, ...]) -> str:
-    lines = [f"- {c.a} × {c.b}, at most {c.depth * 1000:.1f} mm deep" for c in contacts[:MOST_CONTACTS]]
+    lines = [f"- {plain(c.a)} × {plain(c.b)}, at most {c.depth * 1000:.1f} mm deep" for c in contacts[:MOST_CONTACTS]]
     more = len(contacts) - len(lines)
     return "\n".join([*lines, *([f"- and {more} more"] if more else [])])
 
@@ -41,8 +45,8 @@ def state_words(state: ViewState) -> str:
     if state.reel is None or state.seconds is None:
         return "moved by hand" if state.reel is not None else ""
     take = state.reel.at(state.seconds).take
-    name = "" if len(state.reel.takes) == 1 else f"{take.name}, "
-    carried = "".join(f", carrying {held.name}" for held in state.service.scene.attached)
+    name = "" if len(state.reel.takes) == 1 else f"{plain(take.name)}, "
+    carried = "".join(f", carrying {plain(held.name)}" for held in state.service.scene.attached)
     return f"{name}{state.seconds:.2f} of {state.reel.duration:.2f} s{carried}"
 
 
@@ -54,12 +58,12 @@ def result_words(state: ViewState) -> str:
     if len(results) == 1:
         rows = [(report.stage.value, report.counts, report.seconds) for report in results[0].stages]
     else:
-        rows = [(segment.name, segment.result.counts, segment.result.seconds) for segment in state.results]
+        rows = [(plain(segment.name), segment.result.counts, segment.result.seconds) for segment in state.results]
     total = sum((counts for _, counts, _ in rows), CheckCounts()), sum(seconds for *_, seconds in rows)
     table = "\n".join([HEAD, *(_row(*row) for row in rows), _row("**total**", *total)])
-    lines = [f"**no plan**: {_plain(str(state.failure))}"] if state.failure is not None else []
+    lines = [f"**no plan**: {plain(str(state.failure))}"] if state.failure is not None else []
     lines += [*_proof(results), *_motion(results), table]
-    lines += [f"- {_plain(note)}" for result in results for note in result.notes]
+    lines += [f"- {plain(note)}" for result in results for note in result.notes]
     return "\n\n".join(lines)
 
 
@@ -81,6 +85,6 @@ def _motion(results: Iterable[PlanResult]) -> list[str]:
     return [f"{math.fsum(s for _, s in paths):.2f} s, {math.fsum(length for length, _ in paths):.2f} of path"]
 
 
-def _plain(text: str) -> str:
-    """A text in which Markdown finds nothing to do."""
-    return text.replace("*", "\\*").replace("_", "\\_").replace("|", "\\|")
+def plain(text: str) -> str:
+    """A text in which neither Markdown nor HTML finds anything to do: names come from files."""
+    return SIGNS.sub(r"\\\g<0>", text)
