@@ -29,6 +29,7 @@ from planner_service.execute import (
     rehearse,
     taken,
 )
+from planner_service.execute.trossen import JOINT_NAMES
 from planner_service.interchange import load_world
 from planner_service.json_file import read_json
 from planner_service.pick_place import plan_pick_place
@@ -144,6 +145,9 @@ def _trajectories(plan: SavedPlan | SavedTask) -> list[tuple[str, Trajectory]]:
 def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool, as_json: bool) -> None:
     robot, plan = opened.service.robot, opened.plan
     motions = _trajectories(plan)
+    if robot.joint_names != JOINT_NAMES:  # six joints of another arm would be driven, were they near enough
+        expected = f"a plan for the WidowX AI, of {JOINT_NAMES[0]} to {JOINT_NAMES[-1]}"
+        raise InvalidRequest("FILE", robot.name, expected, message=f"FILE: made for {robot.name}; expected {expected}")
     if not yes:
         speed = HARDWARE_SPEED if streaming.speed is None else streaming.speed
         names, seconds = ", ".join(name for name, _ in motions), math.fsum(motion.duration for _, motion in motions)
