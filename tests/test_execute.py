@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -551,6 +552,15 @@ def test_an_arm_that_stopped_leaves_code_1_and_says_why(
     assert done.exit_code == 1
     assert "the cable was pulled; the arm was told to hold where it was" in done.stderr
     assert (len(arm.held), arm.closed) == (1, True)
+
+
+@pytest.mark.parametrize("option", ["--robot=panda", "--scene=shelf", "--object=red", "--onto=table", "--seed=0"])
+def test_what_a_file_has_cannot_be_chosen(option: str, saved: str) -> None:
+    for where in ("--sim", "--arm=192.168.1.2"):
+        done = CliRunner().invoke(app, ["run", saved, where, option])
+        assert done.exit_code == 2
+        name, _, value = option.partition("=")
+        assert re.search(f"{name}: got '?{value}'?; expected no such option with a FILE", done.stderr)
 
 
 @pytest.mark.parametrize(

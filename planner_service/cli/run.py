@@ -50,7 +50,12 @@ PATIENCE = 0.5
 """Seconds by which a command to the simulated arm may be late: there a stall does no harm."""
 
 
+FOR_PLANNING = {"robot": "--robot", "scene": "--scene", "target": "--object", "onto": "--onto", "seed": "--seed"}
+"""Options that say what is planned; a FILE has all that."""
+
+
 def run(
+    context: typer.Context,
     plan_file: Annotated[
         str | None, typer.Argument(metavar="[FILE]", help="A plan or task written with --out; else one is planned.")
     ] = None,
@@ -77,6 +82,11 @@ def run(
         streaming = Streaming(speed=speed, latest=PATIENCE) if sim else Streaming(speed=speed)
         if sim == (arm is not None):
             raise InvalidRequest("--sim", sim, "either --sim or --arm ADDRESS")
+        for name, option in FOR_PLANNING.items():
+            source = context.get_parameter_source(name)
+            if plan_file is not None and source is not None and source.name != "DEFAULT":
+                given = context.params[name]
+                raise InvalidRequest(option, given, "no such option with a FILE, which is executed as it was planned")
         if arm is not None:
             if plan_file is None:
                 raise InvalidRequest("FILE", None, "a saved plan or task: look at it before an arm follows it")
