@@ -321,5 +321,5 @@ def test_where_nothing_listens_ray_does_not_look_for_a_cluster(scheme: str, monk
 @pytest.mark.ray
 @pytest.mark.parametrize("address", ["", 5])
 def test_what_is_no_address_of_a_cluster_is_refused(address: Any) -> None:
-    with pytest.raises(InvalidRequest, match="address: got .*; expected the address of a Ray cluster, or None"):
+    with pytest.raises(InvalidRequest, match=r"address: got .*; expected the address of a Ray cluster, or None"):
         Ray(address)

@@ -57,7 +57,7 @@ FOR_PLANNING = {"robot": "--robot", "scene": "--scene", "target": "--object", "o
 def run(
     context: typer.Context,
     plan_file: Annotated[
-        str | None, typer.Argument(metavar="[FILE]", help="A plan or task written with --out; else one is planned.")
+        str | None, typer.Argument(metavar="FILE", help="A plan or task written with --out; else one is planned.")
     ] = None,
     sim: Annotated[bool, typer.Option("--sim", help="On the simulated arm.")] = False,
     arm: Annotated[
