@@ -116,7 +116,7 @@ class Batch:
         work = _Plans(self.plan, tuple(sent.values()))
         items = (_item(request, places, taken) for request in chain(at_hand, checked))
         chosen: Engine = Processes() if engine is None else engine
-        if not callable(getattr(chosen, "run", None)):
+        if isinstance(chosen, type) or not callable(getattr(chosen, "run", None)):
             raise InvalidRequest("engine", engine, "an engine such as Processes(), or None")
         return chosen.run(work, items, limit=_limit)
 

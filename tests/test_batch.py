@@ -172,9 +172,9 @@ def test_what_is_no_sequence_of_requests_is_refused(service: PlannerService, req
         service.plan_many(requests)
 
 
-def test_what_is_no_engine_is_refused(service: PlannerService) -> None:
-    bad: Any = 2
-    with pytest.raises(InvalidRequest, match=r"^engine: got 2"):
+@pytest.mark.parametrize("bad", [2, "processes", Processes])
+def test_what_is_no_engine_is_refused(service: PlannerService, bad: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"^engine: got .*; expected an engine such as Processes\(\), or None"):
         service.plan_many([asked(0)], engine=bad)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 from dataclasses import replace
@@ -673,6 +674,20 @@ def test_for_a_failure_no_arm_is_connected_to(
     assert "expected a plan" in done.stderr
 
 
+@pytest.mark.parametrize("robot_name", ["planar2", "ur5"])
+def test_for_a_plan_of_another_arm_no_arm_is_connected_to(
+    robot_name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
+    service = PlannerService(robot_name, "empty")
+    still = service.plan(PlanRequest(service.robot.home, service.robot.home))
+    save_plan(SavedPlan(MadeFor.of(service), None, still), tmp_path / "plan.json")
+    for words in ([], ["--yes"]):
+        done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", *words])
+        assert done.exit_code == 2
+        assert f"FILE: made for {robot_name}; expected a plan for the WidowX AI, of joint_0 to joint_5" in done.stderr
+
+
 def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(
     saved: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -735,6 +750,15 @@ def test_an_arm_that_stopped_leaves_code_1_and_says_why(
     assert done.exit_code == 1
     assert "the cable was pulled; the arm was told to hold where it was" in done.stderr
     assert (len(arm.held), arm.closed) == (1, True)
+
+
+@pytest.mark.parametrize("option", ["--robot=panda", "--scene=shelf", "--object=red", "--onto=table", "--seed=0"])
+def test_what_a_file_has_cannot_be_chosen(option: str, saved: str) -> None:
+    for where in ("--sim", "--arm=192.168.1.2"):
+        done = CliRunner().invoke(app, ["run", saved, where, option])
+        assert done.exit_code == 2
+        name, _, value = option.partition("=")
+        assert re.search(f"{name}: got '?{value}'?; expected no such option with a FILE", done.stderr)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -302,3 +303,23 @@ class Environment:
 def test_a_number_of_workers_that_is_none_is_refused(workers: Any) -> None:
     with pytest.raises(InvalidRequest, match=r"^workers: "):
         Processes(workers)
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_where_nothing_listens_ray_does_not_look_for_a_cluster(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    import ray
+
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("it looks, for minutes"))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"{scheme}127.0.0.1:{server.getsockname()[1]}"
+    with pytest.raises(InvalidRequest, match=f"address: got '{address}'; expected that of a running Ray cluster"):
+        Ray(address).run(Echo(), range(3))
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("address", ["", 5])
+def test_what_is_no_address_of_a_cluster_is_refused(address: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"address: got .*; expected the address of a Ray cluster, or None"):
+        Ray(address)

@@ -19,6 +19,7 @@ import pytest
 from planner_service import PlannerService, PlanRequest
 from planner_service.view import Viewer, open_viewer
 from planner_service.view import viewer as view_module
+from planner_service.view.state import ViewState
 from tests.chromium import executable, headless, pixels
 
 ROOT = Path(__file__).parents[1]
@@ -168,6 +169,24 @@ def test_start_and_goal_are_set_and_the_plan_button_plans_between_them(page: Any
     assert path.waypoints[[0, -1]].tolist() == [robot.pose(p).tolist() for p in ("lesson_goal", "lesson_start")]
     page.get_by_text("certified").first.wait_for()
     assert f"{segment.result.counts.states:,}" in page.locator("body").inner_text()
+
+
+def test_what_was_played_while_it_planned_ends_and_its_button_says_so(
+    page: Any, viewer: Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, planned = viewer.page, ViewState.planned
+    finished: list[ViewState] = []
+
+    def played_meanwhile(state: ViewState, *given: Any) -> ViewState:
+        shown.play()
+        finished.append(planned(state, *given))
+        return finished[0]
+
+    monkeypatch.setattr(ViewState, "planned", played_meanwhile)
+    page.get_by_role("tab", name="plan").click()
+    page.get_by_role("button", name="plan", exact=True).click()
+    until(lambda: finished and shown.state is finished[0])
+    page.get_by_role("button", name="play", exact=True).wait_for(timeout=5_000)
 
 
 def test_a_window_that_is_closed_ends_the_viewer_and_its_threads(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:

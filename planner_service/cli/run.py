@@ -31,6 +31,7 @@ from planner_service.execute import (
     rehearse,
     taken,
 )
+from planner_service.execute.trossen import JOINT_NAMES
 from planner_service.interchange import load_world
 from planner_service.json_file import read_json
 from planner_service.outcome import PlanResult
@@ -53,9 +54,14 @@ PATIENCE = 0.5
 """Seconds by which a command to the simulated arm may be late: there a stall does no harm."""
 
 
+FOR_PLANNING = {"robot": "--robot", "scene": "--scene", "target": "--object", "onto": "--onto", "seed": "--seed"}
+"""Options that say what is planned; a FILE has all that."""
+
+
 def run(
+    context: typer.Context,
     plan_file: Annotated[
-        str | None, typer.Argument(metavar="[FILE]", help="A plan or task written with --out; else one is planned.")
+        str | None, typer.Argument(metavar="FILE", help="A plan or task written with --out; else one is planned.")
     ] = None,
     sim: Annotated[bool, typer.Option("--sim", help="On the simulated arm.")] = False,
     arm: Annotated[
@@ -80,6 +86,11 @@ def run(
         streaming = Streaming(speed=speed, latest=PATIENCE) if sim else Streaming(speed=speed)
         if sim == (arm is not None):
             raise InvalidRequest("--sim", sim, "either --sim or --arm ADDRESS")
+        for name, option in FOR_PLANNING.items():
+            source = context.get_parameter_source(name)
+            if plan_file is not None and source is not None and source.name != "DEFAULT":
+                given = context.params[name]
+                raise InvalidRequest(option, given, "no such option with a FILE, which is executed as it was planned")
         if arm is not None:
             if plan_file is None:
                 raise InvalidRequest("FILE", None, "a saved plan or task: look at it before an arm follows it")
@@ -167,6 +178,9 @@ def _trajectories(plan: SavedPlan | SavedTask) -> list[tuple[str, Trajectory]]:
 def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool, as_json: bool) -> None:
     robot, plan = opened.service.robot, opened.plan
     motions = _trajectories(plan)
+    if robot.joint_names != JOINT_NAMES:  # six joints of another arm would be driven, were they near enough
+        expected = f"a plan for the WidowX AI, of {JOINT_NAMES[0]} to {JOINT_NAMES[-1]}"
+        raise InvalidRequest("FILE", robot.name, expected, message=f"FILE: made for {robot.name}; expected {expected}")
     if not yes:
         speed = HARDWARE_SPEED if streaming.speed is None else streaming.speed
         names, seconds = ", ".join(name for name, _ in motions), math.fsum(motion.duration for _, motion in motions)

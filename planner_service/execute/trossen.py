@@ -11,9 +11,12 @@ from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.execute.driver import ArmLimits
 from planner_service.geometry import FloatArray, numbers, read_only
 
-__all__ = ["SIMULATED_LAG", "TrossenDriver"]
+__all__ = ["JOINT_NAMES", "SIMULATED_LAG", "TrossenDriver"]
 
 JOINTS = 6
+
+JOINT_NAMES = tuple(f"joint_{k}" for k in range(JOINTS))
+"""By which the vendor's models of the arm, and robots that are made of them, call its joints."""
 
 SIMULATED_LAG = (0.05, 0.05, 0.05, 0.05, 0.10, 0.10)
 """Seconds: kv / kp of the simulated controller's joints, which knows no feed-forward."""

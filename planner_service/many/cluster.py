@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import traceback
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -15,6 +16,9 @@ from planner_service.many.processes import available_cores, require_workers
 from planner_service.many.schedule import Schedule
 
 __all__ = ["Ray"]
+
+PATIENCE = 5.0
+"""Seconds for a cluster's head to take a connection."""
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -32,7 +36,7 @@ class Ray:
         workers: How many at most; None for one on each core of the cluster.
 
     Raises:
-        InvalidRequest: no number of workers.
+        InvalidRequest: no number of workers, or no address.
         MissingDependency: ray is not installed.
     """
 
@@ -41,7 +45,7 @@ class Ray:
 
     def __post_init__(self) -> None:
         require_workers(self.workers)
-        if self.address is not None and not isinstance(self.address, str):
+        if self.address is not None and not (isinstance(self.address, str) and self.address):
             raise InvalidRequest("address", self.address, "the address of a Ray cluster, or None")
         _ray()
 
@@ -153,6 +157,18 @@ def _connect(ray: Any, engine: Ray) -> None:
         ray.init(address="local", num_cpus=engine.workers or available_cores(), include_dashboard=False, **quiet)
         return
     try:
+        _require_listener(engine.address)
         ray.init(address=engine.address, **quiet)
-    except (ConnectionError, ValueError) as error:
+    except (OSError, ValueError) as error:
         raise InvalidRequest("address", engine.address, f"that of a running Ray cluster ({error})") from error
+
+
+def _require_listener(address: str) -> None:
+    """Raise an OSError if nothing listens at an address with a port: Ray would look for it for minutes.
+
+    Others, such as ``auto``, are names that Ray knows.
+    """
+    host, _, port = address.removeprefix("ray://").partition("/")[0].rpartition(":")
+    if host and port.isdecimal() and int(port) <= 65_535:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=PATIENCE):
+            pass

@@ -153,7 +153,7 @@ class Page:
     def _new_motion(self) -> None:
         """Everything that follows from what was planned."""
         reel = self.state.reel
-        self._playing.clear()
+        self.pause()
         with self._server.atomic():
             self._time.visible = self._play.visible = self._speed.visible = reel is not None
             if reel is not None:

@@ -102,6 +102,8 @@ def open_viewer(
     state = ViewState.of(service, shown)
     if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65_535:
         raise InvalidRequest("port", port, "a whole number from 0 to 65535")
+    if not host:  # to sockets that is every address there is
+        raise InvalidRequest("host", host, f"an address of this machine, such as {HOST}")
     try:
         import viser
     except ImportError:
