@@ -10,12 +10,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Echo", "Faulty", "Stillborn", "spin"]
+__all__ = ["Echo", "Faulty", "Picky", "Stillborn", "spin"]
 
 
 def spin() -> None:
     """Compute for hours without letting any other Python run, or look at signals."""
     re.match(r"(a+)+$", "a" * 60 + "b")
+
+
+class Picky(Exception):
+    """Can be sent, and not be made again of what it keeps."""
+
+    def __init__(self, one: str, two: str) -> None:
+        super().__init__(f"{one} {two}")
+
+
+class Unreadable(Exception):
+    """Says that it is not to be found when it is made again."""
+
+    def __reduce__(self) -> Any:
+        return Path("/nowhere").read_text, ()
 
 
 @dataclass(frozen=True)
@@ -54,6 +68,16 @@ class Faulty:
             raise MemoryError
         elif fault == "bug":
             raise ZeroDivisionError("our bug")
+        elif fault == "picky":
+            raise Picky("our", "bug")
+        elif fault == "unreadable":
+            raise Unreadable
+        elif fault == "hang up":
+            os.closerange(3, 100)
+            time.sleep(3600.0)
+        elif fault == "leave a child":
+            os.system("sleep 60 >/dev/null 2>&1 &")
+            os._exit(3)
         time.sleep(self.seconds)
         return item * item
 

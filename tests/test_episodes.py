@@ -7,6 +7,8 @@ import json
 import math
 import os
 import re
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -461,7 +463,21 @@ def an_episode_that_is_gone(folder: Path) -> None:
     (folder / "data/chunk-001/episode_000003.parquet").rename(folder / "data/chunk-001/episode_000017.parquet")
 
 
-@pytest.mark.parametrize("fault", [half_a_line, an_episode_of_no_request, a_file_half_written, an_episode_that_is_gone])
+def an_episode_cut_short(folder: Path) -> None:
+    os.truncate(folder / "data/chunk-001/episode_000003.parquet", 99)
+
+
+def a_line_of_something_else(folder: Path) -> None:
+    (folder / "meta/journal.jsonl").write_text("null\n{}\n", "utf-8")
+
+
+FAULTS = [
+    *(half_a_line, an_episode_of_no_request, a_file_half_written, an_episode_that_is_gone),
+    *(an_episode_cut_short, a_line_of_something_else),
+]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
 def test_what_was_half_done_is_done_again(
     fault: Any, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
 ) -> None:
@@ -469,6 +485,52 @@ def test_what_was_half_done_is_done_again(
     fault(tmp_path)
     write_episodes(tmp_path, work, COUNT, engine=HERE)
     assert content(tmp_path) == content(whole[0])
+
+
+@pytest.mark.parametrize("file", ["tables/requests", "tables/scenes", "tables/motions"])
+def test_a_table_that_is_damaged_is_named(
+    file: str, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
+) -> None:
+    shutil.copytree(whole[0], tmp_path / "out")
+    damaged = tmp_path / "out" / file / "chunk-000.parquet"
+    os.truncate(damaged, 99)
+    with pytest.raises(InvalidFile, match=rf"{file}/chunk-000.parquet: 1 problem.*\n.*cannot be read"):
+        write_episodes(tmp_path / "out", work, COUNT, engine=HERE)
+
+
+def test_an_episode_that_is_gone_from_a_full_chunk_is_told_of(
+    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
+) -> None:
+    shutil.copytree(whole[0], tmp_path / "out")
+    (tmp_path / "out/data/chunk-000/episode_000001.parquet").rename(tmp_path / "out/data/chunk-000/episode_one.parquet")
+    with pytest.raises(InvalidFile, match="1 of 6 episodes are gone"):
+        write_episodes(tmp_path / "out", work, COUNT, engine=HERE)
+
+
+def test_a_line_that_the_disk_took_half_of_is_told_of(
+    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
+) -> None:
+    write_episodes(tmp_path, work, 1, engine=HERE)
+    room = (tmp_path / "meta/journal.jsonl").stat().st_size + 20_000  # more than frames take, less than a line
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, most))
+    try:
+        with pytest.raises(InvalidFile, match=r"journal.jsonl: 1 problem.*\n.*File too large"):
+            write_episodes(tmp_path, work, 2, engine=HERE)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    write_episodes(tmp_path, work, COUNT, engine=HERE)
+    assert content(tmp_path) == content(whole[0])
+
+
+def test_a_link_into_another_data_set_is_no_empty_folder(
+    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
+) -> None:
+    before = content(whole[0])
+    (tmp_path / "data").symlink_to(whole[0] / "data")
+    with pytest.raises(InvalidRequest, match="expected a new or empty folder"):
+        write_episodes(tmp_path, work, 1, engine=HERE)
+    assert content(whole[0]) == before
 
 
 # --- what goes wrong

@@ -115,10 +115,14 @@ def test_an_item_that_ends_its_worker_is_tried_twice_and_lost_alone(workers: Eng
 
 
 @pytest.mark.parametrize(
-    ("fault", "told"), [("exit", "exit code 3"), ("memory", "out of memory"), ("segfault", "SIGSEGV")]
+    ("fault", "told"),
+    [
+        *(("exit", "exit code 3"), ("memory", "out of memory"), ("segfault", "SIGSEGV")),
+        *(("hang up", "it closed its connection"), ("leave a child", "exit code 3")),
+    ],
 )
 def test_what_became_of_a_worker_is_told(fault: str, told: str, tmp_path: Path) -> None:
-    [(_, lost)] = Processes(1).run(Faulty(tmp_path / "log", {0: fault}), [0])
+    [(_, lost)] = Processes(1).run(Faulty(tmp_path / "log", {0: fault}), [0], limit=lambda _: 30.0)
     assert isinstance(lost, Lost)
     assert told in lost.detail
 
@@ -154,6 +158,35 @@ def test_an_error_comes_back_as_itself_in_its_turn_with_its_index(engine: Engine
     assert isinstance(cause, InWorker)
     assert cause.index == 2
     assert list(answers) == []
+
+
+@pytest.mark.parametrize("fault", ["picky", "unreadable"])
+def test_an_error_that_cannot_be_made_again_comes_in_its_turn_too(fault: str, tmp_path: Path) -> None:
+    answers = Processes(1).run(Faulty(tmp_path / "log", {1: fault}), range(3), limit=lambda _: 30.0)
+    assert next(answers) == (0, 0)
+    with pytest.raises(BrokenInvariant, match="a worker cannot send what it has") as raised:
+        next(answers)
+    cause = raised.value.__cause__
+    assert isinstance(cause, InWorker)
+    assert "raise " in cause.traceback
+
+
+def test_items_that_fail_do_so_when_all_before_are_answered(engine: Engine) -> None:
+    def items() -> Iterator[int]:
+        yield from range(5)
+        raise ZeroDivisionError("no sixth")
+
+    answers = engine.run(Echo(), items())
+    assert [next(answers)[0] for _ in range(5)] == list(range(5))
+    with pytest.raises(ZeroDivisionError, match="no sixth"):
+        next(answers)
+    assert list(answers) == []
+
+
+def test_what_are_no_items_are_refused_without_a_trace() -> None:
+    none: Any = 5
+    with pytest.raises(TypeError, match="not iterable"):
+        Processes(1).run(Echo(), none)
 
 
 def test_workers_that_never_become_ready_are_not_started_for_ever() -> None:
@@ -282,6 +315,26 @@ def test_a_script_needs_no_guard_and_what_only_it_knows_is_refused(tmp_path: Pat
     assert errors == ""
     assert told.startswith("item: got \"Can't get attribute 'Mine'")
     assert "a worker does not run the calling script" in told
+
+
+SHADOWED = """\
+from tests.many_work import Echo
+from planner_service.many import Processes
+
+print([answer[0] for _, answer in Processes(1).run(Echo(), [7])])
+"""
+
+
+def test_files_of_the_working_directory_are_not_taken_for_modules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("json", "signal"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('not me')", "utf-8")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    with script(SHADOWED, tmp_path / "elsewhere") as running:
+        told, errors = running.communicate()
+    assert (told, errors) == ("[7]\n", "")
 
 
 def test_a_worker_has_one_thread_for_linear_algebra(tmp_path: Path) -> None:

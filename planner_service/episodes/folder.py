@@ -63,6 +63,10 @@ class Folder:
 
     def refresh(self) -> None:
         """Count what is there, and clear away what an interruption left half done."""
+        with _told(self.path):
+            self._refresh()
+
+    def _refresh(self) -> None:
         for rest in self.path.rglob(".*.tmp"):
             rest.unlink()
         self.requests = self.episodes = self.frames = 0
@@ -74,9 +78,15 @@ class Folder:
             os.truncate(self._journal, kept)
         if kept == 0:
             self._journal.unlink(missing_ok=True)
+        there = 0
         for file in (self.path / "data").glob("*/episode_*.parquet"):
-            if int(file.stem.removeprefix("episode_")) >= self.episodes:
+            number = file.stem.removeprefix("episode_")
+            if number.isdecimal() and int(number) >= self.episodes:
                 file.unlink()
+            elif number.isdecimal():
+                there += file == self._data(int(number))
+        if there < self.episodes:
+            raise InvalidFile(self.path / "data", [f"{self.episodes - there} of {self.episodes} episodes are gone"])
         self._close_chunk()
 
     @property
@@ -92,8 +102,9 @@ class Folder:
             numbers = {"episode_index": self.episodes, "task_index": 0, "index": self.frames}
             self.write(self._data(self.episodes), [episode_bytes(episode.columns, numbers, request["frames"])])
         line = json.dumps(rows, allow_nan=False, separators=(",", ":")).encode("ascii") + b"\n"
-        with _told(self._journal), open(self._journal, "ab", buffering=0) as journal:
+        with _told(self._journal), open(self._journal, "ab") as journal:
             journal.write(line)
+            journal.flush()  # all of it, or an error
             os.fsync(journal.fileno())
         self._count(request)
         self._close_chunk()
@@ -143,7 +154,8 @@ class Folder:
     def _claim(self, settings: Mapping[str, Any]) -> None:
         """See to it that the folder is ours, made with these settings."""
         about = self.path / "meta" / "generation.json"
-        if not any(file.is_file() and file.suffix != ".tmp" for file in self.path.rglob("*")):
+        begun = {about.parent, about.with_name(f".{about.name}.tmp")}  # what a run that just began may leave
+        if begun.issuperset(self.path.rglob("*")):
             self.write(about, [_json_bytes(settings)])
         if not about.is_file():
             raise InvalidRequest("out", str(self.path), "a new or empty folder, or one of episodes to be continued")
@@ -163,7 +175,11 @@ class Folder:
 
     def _is_full(self, chunk: int) -> bool:
         table = self._table("requests", chunk)
-        return self.requests == chunk * self._chunk and table.exists() and row_count(table) == self._chunk
+        if self.requests != chunk * self._chunk or not table.exists() or row_count(table) != self._chunk:
+            return False
+        for name in TABLES:
+            row_count(self._table(name, chunk))  # it is there, and was not cut short
+        return True
 
     def _sound_lines(self) -> Iterator[bytes]:
         """The lines of the journal, each counted, up to one that is not the next request or has lost its frames."""
@@ -173,11 +189,11 @@ class Folder:
             for line in journal:
                 try:
                     (request,) = json.loads(line)["requests"] if line.endswith(b"\n") else ({},)
-                except ValueError:
-                    return
-                if request.get("request_index") != self.requests:
-                    return
-                if request["ok"] and not self._data(self.episodes).exists():
+                    if request["request_index"] != self.requests:
+                        return
+                    if request["ok"] and row_count(self._data(self.episodes)) != request["frames"]:
+                        return
+                except (ValueError, KeyError, TypeError, InvalidFile):
                     return
                 self._count(request)
                 yield line
@@ -224,7 +240,7 @@ class Folder:
 
 @contextmanager
 def _told(file: Path) -> Iterator[None]:
-    """What the system has against writing a file, as an error of ours."""
+    """What the system has against writing a file, or clearing a folder, as an error of ours."""
     try:
         yield
     except OSError as error:

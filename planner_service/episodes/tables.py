@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from planner_service.errors import MissingDependency
+from planner_service.errors import InvalidFile, MissingDependency
 
 __all__ = ["TABLES", "Rows", "episode_bytes", "pyarrow_version", "row_count", "rows_of", "table_bytes"]
 
@@ -137,16 +137,34 @@ def table_bytes(groups: Iterable[Rows]) -> dict[str, bytes]:
 
 
 def rows_of(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """The rows of a Parquet file, some columns of them, a row group at a time."""
-    with _pq().ParquetFile(path) as file:
+    """The rows of a Parquet file, some columns of them, a row group at a time.
+
+    Raises:
+        InvalidFile: it is not there, or damaged.
+    """
+    with _opened(path) as file:
         for k in range(file.num_row_groups):
             yield from file.read_row_group(k, columns=list(columns)).to_pylist()
 
 
 def row_count(path: Path) -> int:
-    """How many rows a Parquet file has, by its footer."""
-    with _pq().ParquetFile(path) as file:
+    """How many rows a Parquet file has, by its footer.
+
+    Raises:
+        InvalidFile: it is not there, or damaged.
+    """
+    with _opened(path) as file:
         return int(file.metadata.num_rows)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    lib = _arrow().lib
+    try:
+        with _pq().ParquetFile(path) as file:
+            yield file
+    except (lib.ArrowException, OSError) as error:
+        raise InvalidFile(path, [f"cannot be read: {error}"]) from error
 
 
 def pyarrow_version() -> str:

@@ -74,7 +74,8 @@ class Answers(Protocol[Answer_co]):
 
         Raises:
             StopIteration: there are no more items.
-            Exception: whatever the work raised for this item, in its turn, with ``InWorker`` as its cause.
+            Exception: whatever the work raised for this item, in its turn, with ``InWorker`` as its cause; or the items
+                themselves, when all before are answered.
         """
 
     def close(self) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 import sys
+import traceback
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from multiprocessing.connection import Connection, Pipe, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
 
-from planner_service.errors import InvalidRequest, shown
+from planner_service.errors import BrokenInvariant, InvalidRequest, shown
 from planner_service.many.engine import Answers, Limit, Work
-from planner_service.many.events import Event, Gone, Ready
+from planner_service.many.events import Event, Gone, Raised, Ready
 from planner_service.many.schedule import Schedule
 
 __all__ = ["ONE_THREAD", "Processes", "available_cores", "require_workers"]
@@ -27,11 +27,13 @@ Answer = TypeVar("Answer")
 AHEAD = 16_384
 """Bytes that are sent to a worker that is busy: they fit into its socket, so that sending them waits for nobody."""
 
-BOOT = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[2]); "
-    "from planner_service.many.worker import main; main(int(sys.argv[1]))"
-)
-"""Run by a worker's interpreter: the calling script is not imported, it needs no ``if __name__ == "__main__"``."""
+BOOT = "import sys; sys.path[:] = sys.argv[2:]; from planner_service.many.worker import main; main(int(sys.argv[1]))"
+"""Run by a worker's interpreter: the calling script is not imported, it needs no ``if __name__ == "__main__"``. Before
+``sys.path`` is ours the working directory is in it, with files that may be named like modules.
+"""
+
+LAST_MOMENT = 1.0
+"""Seconds in which a worker that has hung up has to be gone."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """The environment of a worker, which has one core."""
@@ -82,7 +84,7 @@ class _Hand:
         with theirs:
             socket = theirs.fileno()
             self.process = subprocess.Popen(
-                [sys.executable, "-c", BOOT, str(socket), json.dumps(list(map(str, sys.path)))],
+                [sys.executable, "-c", BOOT, str(socket), *map(str, sys.path)],
                 stdin=subprocess.PIPE,  # nobody writes to it: when it closes, we are no more
                 pass_fds=[socket],
                 env=os.environ | ONE_THREAD,
@@ -95,8 +97,11 @@ class _Hand:
             self.connection.send_bytes(message)
 
     def became(self) -> str:
-        """What became of it, in words."""
-        code = self.process.wait()
+        """What became of it, in words, once it has hung up; it may live on, if its work closed what is not its own."""
+        try:
+            code = self.process.wait(LAST_MOMENT)
+        except subprocess.TimeoutExpired:
+            return "it closed its connection"
         if code >= 0:
             return f"it ended with exit code {code}"
         name = signal.Signals(-code).name
@@ -126,9 +131,10 @@ class _Crew:
 
     def _heard(self, hand: _Hand) -> Event | None:
         try:
-            event: Event = hand.connection.recv()
+            sent = hand.connection.recv_bytes()
         except (EOFError, OSError):
             return Gone(hand.became())
+        event = _opened(sent)
         if isinstance(event, Ready) and not hand.begun:  # up and reading: a large work does not block
             hand.begun = True
             hand.send(self._work)
@@ -148,6 +154,14 @@ class _Crew:
 
     def close(self) -> None:
         pass
+
+
+def _opened(sent: bytes) -> Event:
+    try:
+        event: Event = ForkingPickler.loads(sent)
+    except Exception as error:  # it was made by classes that are not like that here
+        return Raised(BrokenInvariant(f"what a worker sent cannot be read: {error}"), traceback.format_exc())
+    return event
 
 
 def _pickled(name: str, value: Any) -> Any:

@@ -67,15 +67,16 @@ class Schedule(Generic[Answer, Hand]):
 
     def __init__(self, crew: Crew[Hand], items: Iterable[Any], limit: Limit[Any] | None) -> None:
         self.finished: dict[int, Answer | Lost] = {}
+        self._closed = False
         self._crew = crew
         self._desks: dict[Hand, _Desk] = {}
         self._raised: dict[int, Raised] = {}
-        self._items, self._taken = enumerate(items), 0
+        self._items, self._taken = iter(items), 0
+        self._no_more: Exception | None = None
         self._waiting: deque[_Task] = deque()
         self._limit = limit
         self._next = 0
         self._stillborn = 0
-        self._closed = False
 
     def __iter__(self) -> Schedule[Answer, Hand]:
         return self
@@ -89,7 +90,7 @@ class Schedule(Generic[Answer, Hand]):
             while True:
                 self._hand_out()
                 if not there and not self._waiting and not any(desk.tasks for desk in self._desks.values()):
-                    raise StopIteration
+                    raise self._no_more or StopIteration
                 self._look(0.0 if there else None)  # whoever is done meanwhile gets something to do, in any case
                 if self._is_there(self._next):
                     break
@@ -127,12 +128,14 @@ class Schedule(Generic[Answer, Hand]):
     def _available(self, count: int) -> int:
         """How many tasks are to be had, of at most ``count``."""
         most = self._next + LOOK_AHEAD * self._crew.size
-        while len(self._waiting) < count and self._taken < most:
-            found = next(self._items, None)
-            if found is None:
+        while len(self._waiting) < count and self._taken < most and self._no_more is None:
+            try:
+                found = _Task(self._taken, next(self._items))
+            except Exception as error:  # StopIteration, too; another is raised in its turn: no answer depends on when
+                self._no_more = error
                 break
             self._taken += 1
-            self._waiting.append(_Task(*found))
+            self._waiting.append(found)
         return min(count, len(self._waiting))
 
     def _hand_out(self) -> None:

@@ -18,6 +18,7 @@ __all__ = ["main"]
 
 def main(socket: int) -> None:
     """Work until the other end is closed."""
+    os.set_inheritable(socket, False)  # what a work starts is not to keep it open when this is no more
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this; this is ended from there
     _end_with_the_parent()
     connection: Connection[Any, Any] = Connection(socket)
@@ -70,6 +71,8 @@ def _opened(name: str, sent: bytes) -> Any:
 def _tell(connection: Connection[Any, Any], event: Event) -> None:
     try:
         message = ForkingPickler.dumps(event)
+        if isinstance(event, Raised):
+            ForkingPickler.loads(message)  # many an error can be sent and not be made again
     except Exception as error:  # an answer, or an error, that cannot be sent
         told = event.traceback if isinstance(event, Raised) else traceback.format_exc()
         message = ForkingPickler.dumps(Raised(BrokenInvariant(f"a worker cannot send what it has: {error}"), told))
