@@ -36,6 +36,9 @@ SAME, SPEED, TURNS = 500, 1000, 3
 WARM, MARKS = 200, (100, 1_000, 10_000)
 """Plans before anything is measured, and numbers of them after which it is looked."""
 
+CPU_TICK = 0.01
+"""Seconds of CPU below which the kernel may tell of none."""
+
 KILL_AFTER = 100
 
 GAIN, OVERHEAD_MS, DRIFT, GROWTH_MB, STOP_SECONDS = 1.8, 1.0, 0.1, 20.0, 1.0
@@ -228,7 +231,7 @@ def growth() -> Report:
         began, spent = time.perf_counter(), _cpu_seconds(workers)
         for _ in islice(stream, mark):
             pass
-        wall, cpu = time.perf_counter() - began, _cpu_seconds(workers) - spent
+        wall, cpu = time.perf_counter() - began, max(_cpu_seconds(workers) - spent, CPU_TICK)
         memory = {"here_mb": _megabytes(os.getpid()), "worker_mb": max(map(_megabytes, workers))}
         rows.append(
             {"part": "growth", "plans": mark, "per_second": mark / wall, "per_core_second": mark / cpu, **memory}

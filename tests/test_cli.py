@@ -216,8 +216,11 @@ HOME = ("plan", "--scene", "table", "--start", "home", "--goal", "ready")
         (("check", "--scene", "table", "--q", "0,nan,0,0,0,0"), "got nan"),
         (("robots", "wxi"), "unknown robot 'wxi'; did you mean 'wxai'?"),
         (("scenes", "no/such.toml"), "no such file"),
-        (("pick-place", "--object", "blue_blok"), "unknown obstacle 'blue_blok'; did you mean 'blue_block'?"),
-        (("pick-place", "--onto", "trai"), "unknown obstacle 'trai'; did you mean 'tray'?"),
+        (
+            ("pick-place", "--object", "blue_blok"),
+            "unknown obstacle for --object 'blue_blok'; did you mean 'blue_b",
+        ),
+        (("pick-place", "--onto", "trai"), "unknown obstacle for --onto 'trai'; did you mean 'tray'?"),
         (("pick-place", "--onto", "blue_block"), "expected another obstacle than the object itself"),
         (("pick-place", "--robot", "planar2"), "expected a robot with a gripper"),
         (("pick-place", "--object", "table"), "an object at most 0.080 m wide"),

@@ -669,7 +669,8 @@ def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: P
         time.sleep(0.01)
     os.kill(running.pid, signal.SIGINT)
     _, told = running.communicate(timeout=60)
-    assert (running.returncode, told) == (130, b"")
+    kept = f"interrupted: what is finished is kept in {tmp_path}; the same command goes on with it\n"
+    assert (running.returncode, told.decode()) == (130, kept)
     info = json.loads((tmp_path / "meta/info.json").read_text("utf-8"))
     assert info["total_episodes"] == len(list(tmp_path.glob("data/*/*.parquet"))) >= 2
     assert (tmp_path / "README.md").exists()

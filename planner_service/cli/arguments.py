@@ -18,6 +18,7 @@ from planner_service.plan_file import TIMINGS, MadeFor
 from planner_service.planners import PLANNERS, Planner, planner_by_name
 from planner_service.request import PlanRequest
 from planner_service.robot import Robot, load_robot
+from planner_service.scene import Scene
 from planner_service.scene_file import require_writable
 from planner_service.service import PlannerService
 from planner_service.timing import Timing
@@ -29,6 +30,7 @@ __all__ = [
     "optimise",
     "planner_or_optimise",
     "reopened",
+    "require_obstacles",
     "require_places",
     "service_for",
     "time_limit_of",
@@ -141,6 +143,17 @@ def service_for(robot: str, scene: str) -> PlannerService:
         InvalidRequest: no such robot or scene.
     """
     return PlannerService(load_robot(robot), load_world(scene))
+
+
+def require_obstacles(scene: Scene, names: Mapping[str, str]) -> None:
+    """Return if the scene has an obstacle of each name that was given, by its option, or that the option has if not.
+
+    Raises:
+        UnknownName: it has none of that name; the message has the option.
+    """
+    for option, name in names.items():
+        if name not in (known := [obstacle.name for obstacle in scene.obstacles]):
+            raise UnknownName(f"obstacle for {option}", name, known)
 
 
 def require_places(files: Mapping[str, str | None]) -> None:

@@ -19,6 +19,7 @@ from planner_service.cli.arguments import (
     optimise,
     planner_or_optimise,
     reopened,
+    require_obstacles,
     require_places,
     service_for,
     time_limit_of,
@@ -172,6 +173,7 @@ def pick_place(
     with bad_input_exits():
         require_places({"--out": out, "--png": png})
         service = service_for(robot, scene)
+        require_obstacles(service.scene, {"--object": target, "--onto": onto})
         request = PlanRequest(service.robot.home, service.robot.home, seed=seed, padding=padding)
         load_libraries(request, service.robot)
         task = plan_pick_place(service, target, onto, request)

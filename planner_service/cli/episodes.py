@@ -39,8 +39,12 @@ def episodes(
         hands = engine_named(engine, workers)
         work = EpisodeWork(load_robot(robot), episode_task(task), seed=seed, fps=fps)
         began = time.perf_counter()
-        with bar("episodes", None) as progress:
-            summary = write_episodes(out, work, count, engine=hands, progress=progress)
+        try:
+            with bar("episodes", None) as progress:
+                summary = write_episodes(out, work, count, engine=hands, progress=progress)
+        except KeyboardInterrupt:
+            typer.echo(f"interrupted: what is finished is kept in {out}; the same command goes on with it", err=True)
+            raise
     seconds, new = time.perf_counter() - began, summary.new
     if as_json:
         told: dict[str, Any] = {"out": out, **asdict(summary), "seconds": seconds}

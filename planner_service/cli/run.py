@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from planner_service.cli.arguments import load_libraries, reopened
+from planner_service.cli.arguments import load_libraries, reopened, require_obstacles
 from planner_service.cli.exits import BAD_INPUT, NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.listings import columns
 from planner_service.cli.options import DEFAULT, AsJson, RobotName, Seed
@@ -154,7 +154,9 @@ def _planned(
 ) -> tuple[SavedPlan | SavedTask, Rehearsal | None]:
     """A pick-and-place for what is seen in the simulation, and how it went; None if there is no plan."""
     scene, target, onto = asked
-    with SimulatedArm(robot, load_world(scene), loose=(target,)) as arm:
+    world = load_world(scene)
+    require_obstacles(world, {"--object": target, "--onto": onto})
+    with SimulatedArm(robot, world, loose=(target,)) as arm:
         service = PlannerService(robot, arm.seen())
         request = PlanRequest(robot.home, robot.home, seed=seed, padding=PADDING)
         load_libraries(request, robot)

@@ -47,7 +47,8 @@ sensor noise, tracking errors or pictures.
 Request k is drawn from seed and k alone, so it is the same in any data set of that seed. Its planner got a seed of its
 own and as many checks as each plan may take; no clock had a say. Settings and the releases of the libraries, all that
 decides a byte of these files but the number of requests, are in `meta/generation.json`. (On processors without FMA,
-from before 2013, the C library's sines differ, and with them the last bits of angles.)
+from before 2013, the C library's sines differ, and with them the last bits of angles. And a request that ended two
+workers, for want of memory say, is a failure WORKER_LOST above, though it may have an episode on another machine.)
 
 ```json
 {generation}
