@@ -486,6 +486,24 @@ def test_a_saved_plan_is_proven_again(tmp_path: Path) -> None:
     assert "is not proven apart" in " ".join(refused.stdout.split())
 
 
+def test_every_motion_of_a_saved_task_is_proven_again_with_what_it_carries(tmp_path: Path) -> None:
+    there = str(tmp_path / "task.json")
+    assert run("pick-place", "--out", there).exit_code == 0
+    found = run("certify", there)
+    assert found.exit_code == 0
+    lines = " ".join(found.stdout.split())
+    assert lines.count(": certified: ") == 7
+    assert "note: descend: not judged from s = 0.000 to 0.530: finger_left x blue_block" in lines
+    document = json.loads(run("certify", there, "--json").stdout)
+    assert document["certified"] is True
+    assert [motion["clearance"] for motion in document["motions"]] == [
+        segment.result.certificate.clearance for segment in load_task(there).segments if segment.result.certificate
+    ]
+    refused = run("certify", there, "--padding", "0.01")
+    assert refused.exit_code == 1
+    assert "lift: refused: blue_block x bin_floor is not proven apart" in " ".join(refused.stdout.split())
+
+
 def test_a_plan_for_another_world_is_not_proven_by_its_name(tmp_path: Path) -> None:
     there = saved_plan(tmp_path / "plan.json")
     document = json.loads(there.read_text())

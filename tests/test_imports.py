@@ -110,7 +110,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
 }
 ABOVE = {
     *(FRONT, "__main__", "cli", "episodes", "execute", "interchange"),
-    *("pick_place", "plan_file", "result_record", "several", "view"),
+    *("pick_place", "plan_file", "proving", "result_record", "several", "view"),
 }
 """The public face, the command line and its files: they may import everything, nothing below imports them."""
 

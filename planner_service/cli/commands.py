@@ -18,7 +18,6 @@ from planner_service.cli.arguments import (
     load_libraries,
     optimise,
     planner_or_optimise,
-    reopened,
     require_obstacles,
     require_places,
     service_for,
@@ -26,6 +25,7 @@ from planner_service.cli.arguments import (
     timing_by_name,
     unit_of,
 )
+from planner_service.cli.certify import certify
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exits import NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.imported import import_record, import_table, locks, to_check
@@ -73,13 +73,11 @@ from planner_service.outcome import PlanResult
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, load_plan, save_plan
 from planner_service.request import PlanRequest
-from planner_service.result_record import certificate_record
 from planner_service.robot import load_robot
 from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
 from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
-from planner_service.stagebook import in_words
 from planner_service.view.still import draw_check, draw_plan, draw_task
 
 __all__ = ["app"]
@@ -95,6 +93,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(roadmaps, name="roadmap")
+app.command(short_help="Prove that a saved plan is free.")(certify)
 app.command(short_help="Execute a plan, on the simulated arm or a real one.")(run)
 app.command(short_help="Show robot, scene and plan in the browser.")(view)
 app.command(short_help="Write a data set of planned motions.")(episodes)
@@ -218,38 +217,6 @@ def check(
             lines.append(f"  {room}")
         emit(render(*lines))
     raise typer.Exit(NO_PLAN if contacts else 0)
-
-
-@app.command("certify", short_help="Prove that a saved plan is free.")
-def certify_(
-    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan written with --out.")],
-    scene: Annotated[str | None, typer.Option(help="Another scene than the plan was made for.")] = None,
-    robot: Annotated[str | None, typer.Option(help="Another robot than the plan was made for.")] = None,
-    padding: Annotated[float, typer.Option(help="Metres that every pair is to keep.")] = 0.0,
-    as_json: AsJson = False,
-) -> None:
-    """Prove that the whole path of a plan is free, between samples too, or tell where and of what it is not proven.
-
-    Stretches on which the plan says that pairs were not judged are left out here, too, and what a robot had passed
-    when its motion was replanned.
-    """
-    with bad_input_exits():
-        saved = load_plan(plan_file)
-        if saved.result.path is None:
-            raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
-        service, notes = reopened(saved.made_for, robot, scene)
-        part = None if saved.result.certificate is None else saved.result.certificate.part
-        found = service.certify(saved.result.path, padding=padding, exempt=saved.result.exempt, part=part)
-        notes += [] if part is None else [f"only s = {part[0]:.4g} to {part[1]:.4g} of the path is left to go"]
-    if as_json:
-        emit(json_text({"robot": service.robot.name, "scene": service.scene.name, **certificate_record(found)}))
-    else:
-        verdict = "certified" if found.certified else "refused"
-        what = in_words(found.clearance) if found.certified else str(found.refusal)
-        what += "" if found.part is None else f" (from s = {found.part[0]:.6g} to {found.part[1]:.6g} of its path)"
-        lines = [f"{verdict}: {plan_file} with {service.robot.name} in {service.scene.name}: {what}"]
-        emit(render(*lines, *(f"note: {note}" for note in (*notes, *map(str, found.exempt)))))
-    raise typer.Exit(0 if found.certified else NO_PLAN)
 
 
 @app.command(short_help="Write a saved plan for others to read.")

@@ -6,7 +6,7 @@ import math
 import signal
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import typer
@@ -33,17 +33,14 @@ from planner_service.execute import (
 )
 from planner_service.execute.trossen import JOINT_NAMES
 from planner_service.interchange import load_world
-from planner_service.json_file import read_json
-from planner_service.outcome import PlanResult
 from planner_service.pick_place import plan_pick_place
-from planner_service.plan_file import TASK_FORMAT, SavedPlan, SavedTask, load_plan, load_task
-from planner_service.regular_file import as_path
+from planner_service.plan_file import SavedPlan, SavedTask, load_plan_or_task
+from planner_service.proving import proven_anew
 from planner_service.request import PlanRequest
 from planner_service.robot import Robot, load_robot
 from planner_service.service import PlannerService
 from planner_service.task import Segment
 from planner_service.trajectory import Trajectory
-from planner_service.view.reel import Reel, Take
 
 __all__ = ["run"]
 
@@ -116,30 +113,9 @@ class _Opened:
 
 
 def _opened(file: str) -> _Opened:
-    content = read_json(as_path("FILE", file))
-    is_task = isinstance(content, dict) and content.get("format") == TASK_FORMAT
-    plan: SavedPlan | SavedTask = load_task(file) if is_task else load_plan(file)
+    plan = load_plan_or_task(file)
     service, _ = reopened(plan.made_for, None, None)
-    return _Opened(_proven_anew(plan, service), service)
-
-
-def _proven_anew(plan: SavedPlan | SavedTask, service: PlannerService) -> SavedPlan | SavedTask:
-    """The plan with proofs of its paths as they are now: a file may have been changed since."""
-    if isinstance(plan, SavedPlan):
-        reel = Reel.of_result(service, plan.result)
-        return plan if reel is None else replace(plan, result=_proven(plan.result, reel.takes[0]))
-    reel = Reel.of_task(service, plan.segments)
-    takes = () if reel is None else reel.takes
-    anew = [replace(part, result=_proven(part.result, take)) for part, take in zip(plan.segments, takes, strict=False)]
-    return replace(plan, segments=(*anew, *plan.segments[len(anew) :]))
-
-
-def _proven(result: PlanResult, take: Take) -> PlanResult:
-    claimed, path = result.certificate, take.trajectory.path
-    if claimed is None:
-        return result
-    proof = take.service.certify(path, padding=claimed.padding, exempt=claimed.exempt, part=claimed.part)
-    return replace(result, certificate=proof)
+    return _Opened(proven_anew(plan, service), service)
 
 
 def _rehearsed(opened: _Opened, streaming: Streaming) -> Rehearsal:
