@@ -44,9 +44,12 @@ class EpisodesSummary:
         episodes: Those in which everything has a plan; the others are in the table of failures.
         frames: Of all episodes.
         failures: How often which reason.
-        motions, certified: Motions in the episodes, and how many of these are proven: all of them.
+        motions: In the episodes.
+        certified: How many of these are proven: all of them.
         motion_seconds: Of motion; what the gripper takes is beside it.
-        states, edges, distances: What all requests asked of the collision checker.
+        states: What all requests asked of the collision checker.
+        edges: The same, in edges.
+        distances: The same, in distance bounds.
         new: Requests that this run added.
     """
 

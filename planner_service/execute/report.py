@@ -52,7 +52,8 @@ class ExecutedMotion:
         name: The segment's, or "motion".
         trajectory: As it was to be driven: the plan's, slower by the speed.
         recording: As it was.
-        error_max, error_rms: Of measured minus planned positions at the same time while it moved, shape (n,), rad.
+        error_max: Of measured minus planned positions at the same time while it moved, shape (n,), rad.
+        error_rms: The root mean square of the same.
         final_error: The same when it had settled, absolute, shape (n,), rad.
         tool_lag: Metres that the tool was from where it was planned to be at that time, at most.
         tool_off_path: Metres that the tool was from the planned path, whenever, at most.

@@ -53,7 +53,8 @@ class ArmContact:
     """A contact that the simulator reported.
 
     Attributes:
-        a, b: A link of the robot, or what lies loose, and what it touched.
+        a: A link of the robot, or what lies loose.
+        b: What it touched.
         began: Seconds of simulation.
         duration: Seconds, so far.
         force: The largest normal force in N.
