@@ -11,7 +11,7 @@ from rich.console import Console
 
 from benchmarks.arguments import whole
 from benchmarks.report import Report, show, write_json
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.scene_file import require_writable
 
 MEASURES = (
@@ -123,7 +123,7 @@ def main() -> int:
         if name in COMMANDS:
             return int(importlib.import_module(f"benchmarks.{COMMANDS[name]}").main(sys.argv[2:], console))
         return _measured(_arguments(), console)
-    except InvalidRequest as error:
+    except (InvalidRequest, MissingDependency) as error:
         console.print(f"{name or 'all'}: {error}", markup=False, highlight=False, soft_wrap=True)
         return 2
     except KeyboardInterrupt:
@@ -141,16 +141,25 @@ def _measured(arguments: argparse.Namespace, console: Console) -> int:
     if arguments.what == "readme":
         readme = importlib.import_module("benchmarks.readme")
         return int(readme.main(write=arguments.write, console=console))
-    reports: list[Report] = []
+    reports, left_out = list[Report](), list[str]()
     for name in MEASURES if arguments.what == "all" else [arguments.what]:
         given = {key: getattr(arguments, key) for key in SETTINGS.get(name, ())}
         asked = {key: value for key, value in given.items() if value is not None}
-        report: Report = importlib.import_module(f"benchmarks.{name}").run(**asked)
+        try:
+            report: Report = importlib.import_module(f"benchmarks.{name}").run(**asked)
+        except (InvalidRequest, MissingDependency) as error:  # a browser or an extra that is not there
+            if arguments.what != "all":
+                raise
+            left_out.append(f"{name} is not measured: {error}")
+            continue
         console.print(*report.tables, sep="\n\n")
         reports.append(report)
         if arguments.json is not None:  # after each: what was measured is not lost when a later one is interrupted
             write_json(reports, arguments.json)
-    return 0 if show(reports, console) else 1
+    kept = show(reports, console)
+    for line in left_out:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    return 0 if kept and not left_out else 1
 
 
 if __name__ == "__main__":

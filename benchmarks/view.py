@@ -19,7 +19,7 @@ from benchmarks import queries
 from benchmarks.environment import ROOT
 from benchmarks.report import Promise, Report, Row, p50, p95, spread, table
 from planner_service import PlannerService, PlanRequest, PlanResult
-from planner_service.errors import BrokenInvariant
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.view import Viewer, open_viewer
 
 __all__ = ["run"]
@@ -42,7 +42,7 @@ def run() -> Report:
     from tests import chromium
 
     if chromium.executable() is None:
-        raise BrokenInvariant("no Chromium: install one, or set PLANNER_SERVICE_CHROMIUM to the path of one")
+        raise InvalidRequest("PLANNER_SERVICE_CHROMIUM", None, "the path of a Chromium, or one that is installed")
     with chromium.headless() as browser:
         _one_ball(browser, chromium.pixels)  # the browser's own first page takes longest
         starts = [(*_started(browser, chromium.pixels), _one_ball(browser, chromium.pixels)) for _ in range(STARTS)]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -657,3 +657,19 @@ def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
         result = service.plan(PlanRequest(a, b))
         assert result.ok
         assert result.stage(Stage.SEARCH).counts.states == 0
+
+
+@pytest.mark.parametrize(("asked", "code"), [("all", 1), ("view", 2)])
+def test_what_cannot_be_measured_is_told_and_ends_nothing_else(
+    asked: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("benchmarks.__main__.MEASURES", ("view", "queries_of_a_test"))
+    monkeypatch.setattr("tests.chromium.executable", lambda: None)
+    other = ModuleType("benchmarks.queries_of_a_test")
+    other.run = lambda: Report("other", (), (), (Promise("it is measured", "yes", True),))  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, other.__name__, other)
+    monkeypatch.setattr(sys, "argv", ["benchmarks", asked])
+    assert command.main() == code
+    told = capsys.readouterr().out
+    assert "PLANNER_SERVICE_CHROMIUM: got None; expected the path of a Chromium" in told
+    assert ("it is measured" in told) == (asked == "all")
