@@ -426,10 +426,17 @@ def test_a_place_where_no_picture_can_be_is_refused_before_anything_is_planned(
     assert "the folder" in error
 
 
+def test_a_picture_is_called_what_it_is(tmp_path: Path) -> None:
+    code, out, error = run(*PLANAR, "--goal", "lesson_goal", "--png", str(tmp_path / "a.jpg"))
+    assert (code, out) == (2, "")
+    assert "expected a name that ends in .png" in error
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("other", ["--out", "--plot"])
 def test_a_picture_does_not_take_the_place_of_another_file(tmp_path: Path, other: str) -> None:
-    file = tmp_path / "a"
-    code, out, error = run(*PLANAR, "--goal", "lesson_goal", other, str(file), "--png", str(tmp_path / "." / "a"))
+    file = tmp_path / "a.png"
+    code, out, error = run(*PLANAR, "--goal", "lesson_goal", other, str(file), "--png", str(tmp_path / "." / "a.png"))
     assert (code, out) == (2, "")
     assert f"--png: got '{file}'; expected another file than {other}" in error
     assert not file.exists()

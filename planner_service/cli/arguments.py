@@ -165,6 +165,8 @@ def require_places(files: Mapping[str, str | None]) -> None:
     taken: dict[str, str] = {}
     for option, file in files.items():
         if file is not None:
+            if option == "--png" and not file.lower().endswith(".png"):
+                raise InvalidRequest(option, file, "a name that ends in .png")
             require_writable(file)
             other = taken.setdefault(os.path.realpath(file), option)
             if other != option:
