@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify import Certifier, ExemptInterval
+from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers
+from planner_service.geometry import FloatArray, number, numbers
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
@@ -25,6 +25,9 @@ from planner_service.turns import Turns
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
 
 Pair = tuple[str, str]
+
+MAX_PADDING = 0.1
+"""Metres; more is a wrong unit."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +49,17 @@ class AllowedStretch:
 
 @dataclass(frozen=True, eq=False)
 class FollowRequest:
-    """The polyline to follow, shape (N, n), where contact is meant on it, how fast, and how wide corners may blend."""
+    """The polyline to follow, shape (N, n), where contact is meant on it, how fast, how wide corners may blend, and
+    how far from everything it is to stay."""
 
     waypoints: ArrayLike
     contacts: Sequence[AllowedStretch]
     pace: Pace
     blends: ArrayLike | None = None
+    padding: float = 0.0
 
     def __post_init__(self) -> None:
+        number("padding", self.padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         if not isinstance(self.contacts, (list, tuple)):
             raise InvalidRequest("contacts", self.contacts, "a list of AllowedStretch")
         if not isinstance(self.pace, Pace):
@@ -90,12 +96,27 @@ def follow(
                 _judge_pieces(checker, points, request.contacts)
                 entry.note, entry.length = f"{len(points)} points", path.length
             path = _blended(checker, path, sizes, request.contacts, book)
-            path, certificate = book.certified(certifier, path, _intervals(path, points, request.contacts))
+            exempt = _intervals(path, points, request.contacts)
+            path, certificate = book.certified(certifier, path, exempt)
             if not certificate.certified:
                 raise NoPlan(not_certified(certificate), certificate)
+            if certificate.clearance < request.padding:
+                certificate = _padded(book, certifier, path, certificate, request.padding)
+            book.padding = min(request.padding, certificate.clearance)
             return book.result(path, timed(path, request.pace, checker.robot, book), certificate=certificate)
     except NoPlan as no_plan:
         return book.result(failure=no_plan.failure, certificate=no_plan.certificate)
+
+
+def _padded(book: StageBook, certifier: Certifier, path: JointPath, known: Certificate, padding: float) -> Certificate:
+    """The proof that the padding is kept after all, which ``known`` is too rough for; else ``known``, which is said."""
+    found = book.certificate(certifier, path, known.exempt, padding=padding)
+    if found.refusal is None:
+        return found
+    near = f"{found.refusal.a} x {found.refusal.b}"
+    kept = f"{known.clearance * 1e3:.2f} mm are proven, less than the padding of {padding * 1e3:g} mm"
+    book.notes.append(f"{kept}: {near} at s = {found.refusal.s:.3g}")
+    return known
 
 
 def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Where a parallel gripper can take hold of an object: tool poses, best first.
 
-The tool frame's x axis is the direction of approach, its y axis the direction in which the
-fingers close, its origin between the fingertips.
+The gripper says along which axes of the tool frame it approaches and its fingers close; the frame's origin is between
+the fingertips.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, FloatArray, Pose
-from planner_service.robot import Robot
+from planner_service.robot import Gripper, Robot
 from planner_service.scene import Obstacle
 
 __all__ = ["middle_of", "offset_from", "top_grasps", "width_across"]
@@ -37,32 +37,35 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
     Raises:
         InvalidRequest: the robot has no gripper, or the object is too wide for it from every side.
     """
-    if robot.gripper is None:
+    gripper = robot.gripper
+    if gripper is None:
         raise InvalidRequest("robot", robot.name, "a robot with a gripper")
     R = target.pose.rotation
     heading = math.atan2(R[1, 0], R[0, 0])
     middle = middle_of(target)
     count = 4 if isinstance(target.shape, Box) else _YAWS_OF_A_ROUND_OBJECT
     grasps = [
-        Pose.from_matrix(_from_above(middle, heading + 2 * math.pi * k / count, tilt))
+        Pose.from_matrix(_from_above(gripper, middle, heading + 2 * math.pi * k / count, tilt))
         for tilt in tilts
         for k in range(count)
     ]
-    fitting = tuple(pose for pose in grasps if width_across(target, pose) <= robot.gripper.upper)
+    fitting = tuple(pose for pose in grasps if width_across(target, pose, gripper) <= gripper.upper)
     if not fitting:
-        width = min(width_across(target, pose) for pose in grasps)
-        expected = f"an object at most {robot.gripper.upper:.3f} m wide; this one is {width:.3f} m"
+        width = min(width_across(target, pose, gripper) for pose in grasps)
+        expected = f"an object at most {gripper.upper:.3f} m wide; this one is {width:.3f} m"
         raise InvalidRequest("target", target.name, expected)
     return fitting
 
 
-def _from_above(position: Sequence[float], yaw: float, tilt: float) -> FloatArray:
+def _from_above(gripper: Gripper, position: Sequence[float], yaw: float, tilt: float) -> FloatArray:
     """Tool pose pointing down at a position, turned by yaw about the vertical, leaning about its finger axis."""
     fingers = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     outward = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     approach = outward * math.sin(tilt) + np.array([0.0, 0.0, -math.cos(tilt)])
+    x, y = np.array(gripper.approach), np.array(gripper.closing)
+    ways = ((approach, x), (fingers, y), (np.cross(approach, fingers), np.cross(x, y)))
     T = np.eye(4)
-    T[:3, 0], T[:3, 1], T[:3, 2] = approach, fingers, np.cross(approach, fingers)
+    T[:3, :3] = sum(there[:, None] * own for there, own in ways)  # what each axis of the tool becomes
     T[:3, 3] = position
     return T
 
@@ -76,18 +79,23 @@ def middle_of(target: Obstacle) -> tuple[float, float, float]:
     return (target.pose @ Pose((float(aside[0]), float(aside[1]), float(aside[2])))).position
 
 
-def width_across(target: Obstacle, grasp: Pose) -> float:
-    """Extent in metres of an object along the finger axis of a grasp."""
-    axis = _seen_from(target.pose, [row[1] for row in grasp.rotation_rows])
+def width_across(target: Obstacle, grasp: Pose, gripper: Gripper) -> float:
+    """Extent in metres of an object along the axis in which the fingers of a grasp close."""
+    axis = _seen_from(target.pose, _closing(grasp, gripper))
     return _product(axis, target.shape.support(axis) - target.shape.support(-axis))
 
 
-def offset_from(target: Obstacle, grasp: Pose) -> tuple[float, float]:
+def offset_from(target: Obstacle, grasp: Pose, gripper: Gripper) -> tuple[float, float]:
     """How far in metres an object's centre is off the middle between the fingers, and the fingertips off the object."""
-    fingers = [row[1] for row in grasp.rotation_rows]
+    fingers = _closing(grasp, gripper)
     aside = abs(_product(fingers, np.array(middle_of(target)) - np.array(grasp.position)))
     tips = _seen_from(target.pose, np.array(grasp.position) - np.array(target.pose.position))
     return aside, float(target.shape.distance(tips))
+
+
+def _closing(grasp: Pose, gripper: Gripper) -> list[float]:
+    """The direction in which the fingers of a grasp close, in the base frame."""
+    return [_product(row, gripper.closing) for row in grasp.rotation_rows]
 
 
 def _seen_from(pose: Pose, direction: Sequence[float] | FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, Pose
 from planner_service.grasps import middle_of, top_grasps
@@ -26,12 +27,16 @@ STANDING_GAP = 0.005
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def plan_pick_place(service: PlannerService, target: str, onto: str, request: PlanRequest) -> SavedTask:
+def plan_pick_place(
+    service: PlannerService, target: str, onto: str, request: PlanRequest, *, cancel: CancelToken | None = None
+) -> SavedTask:
     """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
 
     Args:
-        request: Its start is where the robot starts and returns to; planner, timing, seed and limits
-            are used throughout, its goal is not.
+        request: Its start is where the robot starts and returns to; planner, timing, seed, scales, padding and limits
+            are used throughout, its goal is not. Its ``time_limit`` is for all of it, its ``max_checks`` for each
+            motion.
+        cancel: Ends the task before its next check when cancelled from another thread.
 
     Raises:
         UnknownName: no such obstacle.
@@ -43,24 +48,32 @@ def plan_pick_place(service: PlannerService, target: str, onto: str, request: Pl
     if target == onto:
         raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
     task = f"pick {target} from {scene.name or 'the scene'}, place on {onto}"
-    picking = Handling(support=standing_on(scene, target), request=request)
+    picking = Handling(support=standing_on(scene, target), request=request, cancel=cancel)
     picked = pick(service, request.start, target, top_grasps(service.robot, obstacle), picking)
     notes, segments = [f"pick: {note}" for note in picked.notes], list(picked.segments)
     choosing, failure = picked.choosing, picked.failure
     if picked.ok:
         segments[0] = replace(segments[0], name="home -> pregrasp")
-        placing = Handling(support=onto, request=request)
+        placing = Handling(support=onto, request=_with_time_left(request, began), cancel=cancel)
         placed = place(picked.service, picked.q, target, places_on(obstacle, support), placing)
         notes += [f"place: {note}" for note in placed.notes]
         segments += placed.segments
         choosing, failure = choosing + placed.choosing, placed.failure
         if placed.ok:
-            home = placed.service.plan(replace(request, start=placed.q, goal=request.start))
+            back = replace(_with_time_left(request, began), start=placed.q, goal=request.start)
+            home = placed.service.plan(back, cancel=cancel)
             segments.append(Segment("retreat -> home", home, placed.service.robot.gripper_width))
             failure = home.failure
     return SavedTask(
         origin, task, tuple(segments), choosing, time.perf_counter() - began, failure=failure, notes=tuple(notes)
     )
+
+
+def _with_time_left(request: PlanRequest, began: float) -> PlanRequest:
+    """The request with what is left of its time, counted from ``began``."""
+    if request.time_limit is None:
+        return request
+    return replace(request, time_limit=max(0.0, request.time_limit - (time.perf_counter() - began)))
 
 
 def standing_on(scene: Scene, name: str) -> str | None:

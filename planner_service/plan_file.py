@@ -32,8 +32,10 @@ from planner_service.request import PlanRequest
 from planner_service.result_record import (
     counts_record,
     failure_record,
+    gripper_record,
     read_counts,
     read_failure,
+    read_gripper,
     read_result,
     read_texts,
     result_record,
@@ -132,7 +134,7 @@ class SavedTask:
     @property
     def counts(self) -> CheckCounts:
         """What the whole task asked of the collision checker."""
-        return sum((segment.result.counts for segment in self.segments), self.choosing)
+        return sum((segment.counts for segment in self.segments), self.choosing)
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
         """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
@@ -159,7 +161,12 @@ class SavedTask:
             "seconds": self.seconds,
             "notes": list(self.notes),
             "segments": [
-                {"name": segment.name, "gripper_width": segment.width, "result": result_record(segment.result)}
+                {
+                    "name": segment.name,
+                    "gripper_width": segment.width,
+                    "gripper": gripper_record(segment.gripper),
+                    "result": result_record(segment.result),
+                }
                 for segment in self.segments
             ],
         }
@@ -199,7 +206,12 @@ def load_task(path: str | os.PathLike[str]) -> SavedTask:
         made_for,
         root.at("task").text(),
         tuple(
-            Segment(item.at("name").text(), read_result(item.at("result"), n), item.at("gripper_width").number())
+            Segment(
+                item.at("name").text(),
+                read_result(item.at("result"), n),
+                item.at("gripper_width").number(),
+                gripper=item.at("gripper").optional(read_gripper) if item.has("gripper") else None,
+            )
             for item in root.at("segments").items()
         ),
         read_counts(root.at("choosing")),

@@ -2,12 +2,14 @@
 
 A pick is: open, go before the object, straight in along the approach, close, straight out. Contact is
 meant there, and only there: the fingers may touch the object from the pregrasp on; once it is
-carried, it may touch its support while it is within ``support_gap`` of where it stood.
+carried, it may touch its support while it is within ``support_gap`` of where it stood. The gripper's own opening
+and closing is proven as the arm's motions are.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +17,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.collision.ledger import Cancelled
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.follow import AllowedStretch
 from planner_service.geometry import FloatArray, Pose
@@ -61,6 +65,7 @@ def move_linear(
     *,
     points: int = LINE_POINTS,
     pace: Pace | None = None,
+    padding: float = 0.0,
     cancel: CancelToken | None = None,
 ) -> PlanResult:
     """A straight motion of the tool, checked once and timed.
@@ -70,6 +75,7 @@ def move_linear(
         goal: The tool's pose at the end, or its displacement (x, y, z) in metres in the base frame
             (the orientation is kept).
         points: Configurations along the line, 50 to 100.
+        pace, padding, cancel: As ``PlannerService.follow`` takes them.
 
     Raises:
         InvalidRequest: as ``PlannerService.follow`` and ``straight_tool_line`` say.
@@ -79,7 +85,8 @@ def move_linear(
     if line.stopped is not None:
         return PlanResult(None, None, _line_failure(line), ())
     waypoints = thinned(service.robot, line.waypoints)
-    return service.follow(waypoints, blends=line_blends(service.robot, waypoints), pace=pace, cancel=cancel)
+    blends = line_blends(service.robot, waypoints)
+    return service.follow(waypoints, blends=blends, pace=pace, padding=padding, cancel=cancel)
 
 
 def _line_failure(line: ToolLine) -> Failure:
@@ -155,6 +162,7 @@ class _Contact:
         tool: The tool's pose there.
         services: Makes what plans the way in and what plans the way out.
         touches_in, touches_out: Where contact is meant on the straight lines in and out.
+        grip: What may touch while the gripper closes or opens there.
         names: Of the three motions: to the line, along it in, along it out.
         objection: Why a configuration there makes no sense, judged by the checker of the way in; empty if it does.
     """
@@ -164,6 +172,7 @@ class _Contact:
     objection: Callable[[CollisionChecker, FloatArray], str]
     touches_in: tuple[_Touch, ...]
     touches_out: tuple[_Touch, ...]
+    grip: _Touch
     names: tuple[str, str, str]
 
     @cached_property
@@ -173,8 +182,8 @@ class _Contact:
 
 
 def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: Handling) -> _Contact:
-    fingers = _fingers(service)
-    width = width_across(target, grasp)
+    fingers, gripper = _fingers(service), _gripper(service)
+    width = width_across(target, grasp, gripper)
     opening = _opening(service, width, handling)
     pairs = tuple((finger, target.name) for finger in fingers)
 
@@ -184,7 +193,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
         return service.changed(gripper=opening), service.changed(gripper=width, scene=scene)
 
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
-        aside, beyond = offset_from(target, grasp)
+        aside, beyond = offset_from(target, grasp, gripper)
         if beyond > LOOSE_GRASP:
             return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
         if aside > PUSHED_ASIDE:
@@ -193,7 +202,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
 
     touch = _Touch(pairs, None, "the fingers may touch what they take")
     lifting = _standing(service, target.name, handling)
-    return _Contact(grasp, services, objection, (touch,), lifting, ("to pregrasp", "descend", "lift"))
+    return _Contact(grasp, services, objection, (touch,), lifting, touch, ("to pregrasp", "descend", "lift"))
 
 
 def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Handling) -> _Contact:
@@ -217,7 +226,7 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
     )
     lowering = _standing(service, held.name, handling)
     return _Contact(
-        pose @ held.pose.inverse(), services, objection, lowering, (touch,), ("transfer", "lower", "retreat")
+        pose @ held.pose.inverse(), services, objection, lowering, (touch,), touch, ("transfer", "lower", "retreat")
     )
 
 
@@ -271,26 +280,34 @@ class _Task:
         self._standing = np.clip(self._start, limits.lower, limits.upper)
         self._handling = handling
         self._template = handling.request or PlanRequest(self._start, self._start)
+        limit = self._template.time_limit
+        self._deadline = None if limit is None else time.monotonic() + limit
         self._spent = CheckCounts()
         self._tried: list[str] = []
-        self._preempted: Failure | None = None
+        self._grips: dict[tuple[bytes, float, float], GripperMotion] = {}
+        self._ended: Failure | None = None
 
     def result(self, contacts: Sequence[_Contact]) -> TaskResult:
         """The first contact whose motions all have a plan, with the longest approach that has one."""
         start = self._start_trouble()
         if start is not None:
-            return TaskResult((), self._service, self._start, start, self._spent, tuple(self._tried))
+            return self._failed(start)
         for number, contact, outward in self._lines(contacts):
-            segments = self._motions(contact, outward)
+            try:
+                segments = self._motions(contact, outward)
+            except _NoMotion:
+                segments = ()
             if segments:
                 length = _travel(self._service.robot, outward)[-1]
                 notes = (f"way {number} of {len(contacts)}, {length * 100:.0f} cm of straight line", *self._tried)
-                choosing = self._spent - sum((segment.result.counts for segment in segments), CheckCounts())
+                choosing = self._spent - sum((segment.counts for segment in segments), CheckCounts())
                 return TaskResult(segments, contact.made[1], outward[-1], choosing=choosing, notes=notes)
-            if self._preempted is not None:
-                return TaskResult((), self._service, self._start, self._preempted, self._spent, tuple(self._tried))
+            if self._ended is not None:
+                return self._failed(self._ended)
         detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
-        failure = Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail)
+        return self._failed(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
+
+    def _failed(self, failure: Failure) -> TaskResult:
         return TaskResult((), self._service, self._start, failure, self._spent, tuple(self._tried))
 
     def _start_trouble(self) -> Failure | None:
@@ -302,11 +319,12 @@ class _Task:
 
     def _lines(self, contacts: Sequence[_Contact]) -> Iterator[tuple[int, _Contact, FloatArray]]:
         """The straight lines out of every contact, numbered from 1, in the order of preference."""
+        x, y, z = _gripper(self._service).approach
         for lengths in (USUAL_APPROACHES, SHORT_APPROACHES):
             for number, contact in enumerate(contacts, start=1):
                 for q in self._fitting(number, contact, first=lengths is USUAL_APPROACHES):
                     for length in lengths:
-                        back = contact.tool @ Pose((-length, 0.0, 0.0))
+                        back = contact.tool @ Pose((-length * x, -length * y, -length * z))
                         line = straight_tool_line(self._service.robot, q, back, points=LINE_POINTS)
                         if line.stopped is None:
                             yield number, contact, self._thinned(line.waypoints)
@@ -321,7 +339,8 @@ class _Task:
 
     def _fitting(self, number: int, contact: _Contact, *, first: bool) -> list[FloatArray]:
         """Configurations at a contact that make sense there; why there are none is noted the ``first`` time."""
-        solutions = inverse_kinematics(self._service.robot, contact.tool, still=self._standing)
+        robot, seed = self._service.robot, self._template.seed
+        solutions = inverse_kinematics(robot, contact.tool, seed=seed, still=self._standing)
         refused = ["out of reach"] if len(solutions) == 0 else []
         fitting = []
         for q in solutions:
@@ -338,41 +357,98 @@ class _Task:
         return fitting
 
     def _motions(self, contact: _Contact, outward: FloatArray) -> tuple[Segment, ...]:
-        """The three motions, the cheapest to refuse first; none if one of them has no plan."""
-        before, after = contact.made
-        inward = outward[::-1]
-        away = _travel(before.robot, outward)
-        into = self._followed(before, inward, _stretches(contact.touches_in, away, inward=True))
-        if not self._has_plan(contact.names[1], into):
-            return ()
-        out = self._followed(after, outward, _stretches(contact.touches_out, away, inward=False))
-        if not self._has_plan(contact.names[2], out):
-            return ()
-        request = replace(self._template, start=self._start, goal=inward[0])
-        to = before.plan(request, cancel=self._handling.cancel)
-        if not self._has_plan(contact.names[0], to):
-            return ()
-        widths = (before.robot.gripper_width, before.robot.gripper_width, after.robot.gripper_width)
-        return tuple(Segment(*parts) for parts in zip(contact.names, (to, into, out), widths, strict=True))
+        """The three motions and what the gripper does between them, the cheapest to refuse first.
 
-    def _followed(
-        self, service: PlannerService, waypoints: FloatArray, contacts: tuple[AllowedStretch, ...]
-    ) -> PlanResult:
-        return service.follow(
-            waypoints,
-            contacts=contacts,
-            blends=line_blends(service.robot, waypoints),
-            pace=Pace.of(self._template, self._handling.line_timing),
-            cancel=self._handling.cancel,
+        Raises:
+            _NoMotion: one of them has no plan.
+        """
+        before, after = contact.made
+        inward, (going, into, out) = outward[::-1], contact.names
+        away = _travel(before.robot, outward)
+        opening = self._gripper_motion(self._service, self._standing, before.robot.gripper_width, None)
+        grip = self._gripper_motion(before, outward[0], after.robot.gripper_width, contact.grip)
+        line_in = self._followed(into, before, inward, _stretches(contact.touches_in, away, inward=True))
+        line_out = self._followed(out, after, outward, _stretches(contact.touches_out, away, inward=False))
+        request = replace(self._template, start=self._start, goal=inward[0], time_limit=self._share_of_time())
+        to = self._having_plan(going, before.plan(request, cancel=self._handling.cancel))
+        open_width = before.robot.gripper_width
+        return (
+            Segment(going, to, open_width, gripper=opening),
+            Segment(into, line_in, open_width),
+            Segment(out, line_out, after.robot.gripper_width, gripper=grip),
         )
 
-    def _has_plan(self, name: str, result: PlanResult) -> bool:
-        """Whether it has; its cost is recorded either way, and a cancelled one ends the task."""
+    def _gripper_motion(
+        self, service: PlannerService, q: FloatArray, width: float, touch: _Touch | None
+    ) -> GripperMotion | None:
+        """The gripper going from the width it has to another one; None if it has it already. Looked at once.
+
+        Raises:
+            _NoMotion: it is not proven free.
+        """
+        now = service.robot.gripper_width
+        if width == now:
+            return None
+        key = (q.tobytes(), now, width)
+        if key not in self._grips:
+            touching, reason = ((), "") if touch is None else (touch.pairs, touch.reason)
+            cancel = self._handling.cancel
+            try:
+                found = service.certify_gripper(q, now, width, touching=touching, reason=reason, cancel=cancel)
+            except Cancelled as cancelled:
+                self._ended = Failure(Stage.CERTIFY, Reason.PREEMPTED, str(cancelled))
+                raise _NoMotion from cancelled
+            self._grips[key] = found
+            self._spent += CheckCounts(distances=found.certificate.distances)
+            self._tried += [found.refused] if found.refused else []
+        if self._grips[key].refused:
+            raise _NoMotion
+        return self._grips[key]
+
+    def _followed(
+        self, name: str, service: PlannerService, waypoints: FloatArray, contacts: tuple[AllowedStretch, ...]
+    ) -> PlanResult:
+        result = service.follow(
+            waypoints,
+            contacts=contacts,
+            blends=np.minimum(line_blends(service.robot, waypoints), self._template.blend),
+            pace=Pace.of(self._template, self._handling.line_timing),
+            padding=self._template.padding,
+            cancel=self._handling.cancel,
+        )
+        return self._having_plan(name, result)
+
+    def _share_of_time(self) -> float | None:
+        """Seconds for the next search: half of what is left, so that other ways get their turn.
+
+        Raises:
+            _NoMotion: no time is left.
+        """
+        if self._deadline is None:
+            return None
+        left = self._deadline - time.monotonic()
+        if left <= 0.0:
+            detail = f"the time limit of {self._template.time_limit:g} s passed; {'; '.join(self._tried[:6])}"
+            self._ended = Failure(Stage.SEARCH, Reason.TIMED_OUT, detail)
+            raise _NoMotion
+        return left / 2.0
+
+    def _having_plan(self, name: str, result: PlanResult) -> PlanResult:
+        """The same if it has one; its cost is recorded either way, and a cancelled one ends the task.
+
+        Raises:
+            _NoMotion: it has none.
+        """
         self._spent += result.counts
-        if result.failure is not None:
-            self._tried.append(f"{name}: {result.failure.detail}")
-            self._preempted = result.failure if result.failure.reason is Reason.PREEMPTED else None
-        return result.ok
+        if result.failure is None:
+            return result
+        self._tried.append(f"{name}: {result.failure.detail}")
+        self._ended = result.failure if result.failure.reason is Reason.PREEMPTED else None
+        raise _NoMotion
+
+
+class _NoMotion(Exception):
+    """One of the motions of a way has no plan; why not was noted."""
 
 
 def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from planner_service.certify import Certificate, ExemptInterval, Refusal
+from planner_service.certify import Certificate, ExemptInterval, GripperMotion, Refusal
 from planner_service.collision import CheckCounts, Contact
 from planner_service.geometry import read_only
 from planner_service.json_file import Node
@@ -26,8 +26,10 @@ __all__ = [
     "certificate_record",
     "counts_record",
     "failure_record",
+    "gripper_record",
     "read_counts",
     "read_failure",
+    "read_gripper",
     "read_result",
     "read_texts",
     "result_record",
@@ -236,6 +238,20 @@ def _read_certificate(node: Node) -> Certificate:
         refusal,
         _read_part(node),
     )
+
+
+def gripper_record(motion: GripperMotion | None) -> dict[str, Any] | None:
+    """An opening or closing of the gripper with its proof; None for None."""
+    if motion is None:
+        return None
+    widths = {"start_width": motion.start, "end_width": motion.end}
+    return {**widths, "seconds": motion.seconds, "certificate": certificate_record(motion.certificate)}
+
+
+def read_gripper(node: Node) -> GripperMotion:
+    """See ``gripper_record``."""
+    widths = node.at("start_width").number(), node.at("end_width").number()
+    return GripperMotion(*widths, _read_certificate(node.at("certificate")), node.at("seconds").number())
 
 
 def _covers(certificate: Certificate, trajectory: Trajectory) -> bool:

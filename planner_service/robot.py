@@ -77,6 +77,8 @@ class Gripper:
         upper: Largest width in metres.
         closed: The shapes of ``links`` at width 0.
         directions: For each of ``closed``, the unit direction in its body in which it opens.
+        approach: Unit vector in the tool frame that points from the palm to the fingertips: a grasp comes along it.
+        closing: Unit vector in the tool frame along which the fingers move, square to ``approach``.
     """
 
     joints: tuple[str, ...]
@@ -85,6 +87,8 @@ class Gripper:
     upper: float
     closed: tuple[LinkShape, ...]
     directions: tuple[tuple[float, float, float], ...]
+    approach: tuple[float, float, float]
+    closing: tuple[float, float, float]
 
     def shapes(self, width: float) -> tuple[LinkShape, ...]:
         """The finger shapes at ``width``, in the order of ``closed``."""
@@ -360,7 +364,7 @@ class Robot:
             ],
             "shapes": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in self.shapes],
             "allowed": sorted(sorted(contact.links) for contact in self.allowed_contacts),
-            "gripper": self.gripper and (self.gripper.joints, self.gripper.lower, self.gripper.upper),
+            "gripper": self.gripper and _gripper_content(self.gripper),
             "width": self.gripper_width,
             "retreats": [(r.pose, r.to.tolist(), sorted(map(sorted, r.pairs))) for r in self.retreats],
             "inverse": self.inverse,
@@ -370,6 +374,16 @@ class Robot:
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {self.n} joints, {len(self.shapes)} shapes, gripper_width={self.gripper_width:g})"
+
+
+def _gripper_content(gripper: Gripper) -> dict[str, object]:
+    """What of a gripper can change an answer: how wide it opens and where to, and how it takes hold."""
+    return {
+        "joints": gripper.joints,
+        "range": (gripper.lower, gripper.upper),
+        "closed": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in gripper.closed],
+        "axes": (gripper.directions, gripper.approach, gripper.closing),
+    }
 
 
 def load_robot(name_or_path: str | Path) -> Robot:

@@ -23,6 +23,8 @@ __all__ = ["GripperEntry", "RetreatEntry", "RobotFile", "read_robot_file"]
 MAX_BYTES = 1_000_000
 """A robot.toml has a few kilobytes."""
 PACKAGE = "package://"
+AXIS_SLACK = 1e-6
+"""By which an axis may be longer or shorter than 1, and lean from a right angle."""
 LIMIT_KINDS = ("velocity", "acceleration", "jerk")
 
 Numbers = tuple[float, ...]
@@ -31,12 +33,14 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class GripperEntry:
-    """The ``[gripper]`` table; widths in metres."""
+    """The ``[gripper]`` table; widths in metres, axes as unit vectors in the tool frame."""
 
     joints: tuple[str, ...]
     lower: float
     upper: float
     width: float
+    approach: tuple[float, float, float]
+    closing: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -219,9 +223,26 @@ def _gripper(table: _Table) -> GripperEntry | None:
         entry.problems.append(
             f"gripper: lower {lower:g}, width {width:g}, upper {upper:g}; expected lower <= width <= upper"
         )
-    result = GripperEntry(entry.names("joints", 1), lower, upper, width)
+    approach, closing = _axis(entry, "approach"), _axis(entry, "closing")
+    if abs(math.fsum(a * b for a, b in zip(approach, closing, strict=True))) > AXIS_SLACK:
+        entry.problems.append(
+            f"gripper: approach {approach} and closing {closing}; expected a right angle between them"
+        )
+    result = GripperEntry(entry.names("joints", 1), lower, upper, width, approach, closing)
     entry.close()
     return result
+
+
+def _axis(entry: _Table, name: str) -> tuple[float, float, float]:
+    values = entry.numbers(name, 3)
+    if len(values) == 3:
+        x, y, z = values
+        if abs(math.hypot(x, y, z) - 1.0) <= AXIS_SLACK:
+            return x, y, z
+        entry.problems.append(
+            f"gripper.{name}: length {math.hypot(x, y, z):g}; expected a unit vector in the tool frame"
+        )
+    return (1.0, 0.0, 0.0) if name == "approach" else (0.0, 1.0, 0.0)
 
 
 def _allowed(entry: _Table) -> tuple[Pair, str]:

@@ -26,6 +26,9 @@ ACCELERATION = {"revolute": 3.141596, "prismatic": 0.5}
 JERK = {"revolute": 50.0, "prismatic": 10.0}
 """rad/s^3 and m/s^3: our convention, full acceleration within about 60 ms."""
 
+ALONG = 1e-6
+"""By how much the cosine between an axis and a direction that are to be the same may fall short of 1: about 1.4 mrad."""
+
 
 def robot_from_file(path: Path) -> Robot:
     """The robot of a robot.toml.
@@ -46,6 +49,9 @@ def robot_from_file(path: Path) -> Robot:
     if moving:
         raise InvalidFile(path, [f"base_links: {link} moves; expected a link fixed to the base" for link in moving])
     tool_body, tool_placement = assembly.frames[file.tool_frame]
+    gripper = _gripper(file.gripper, urdf, assembly)
+    if gripper is not None:
+        _require_closing(path, gripper, tool_body, tool_placement)
     robot = Robot(
         name=file.name,
         joint_names=file.joints,
@@ -58,7 +64,7 @@ def robot_from_file(path: Path) -> Robot:
         bodies=assembly.bodies,
         shapes=assembly.shapes,
         allowed_contacts=tuple(AllowedContact(links, reason) for links, reason in file.allowed),
-        gripper=_gripper(file.gripper, urdf, assembly),
+        gripper=gripper,
         retreats=tuple(ExemptRetreat(r.pose, np.array(r.to), r.pairs, r.reason) for r in file.retreats),
         inverse=file.inverse,
         settle_time=file.settle_time,
@@ -157,7 +163,20 @@ def _gripper(entry: GripperEntry | None, urdf: Urdf, assembly: Assembly) -> Grip
             directions |= dict.fromkeys(_downstream(urdf, joint.child), (x, y, z))
     closed = tuple(item for item in assembly.shapes if item.link in directions)
     along = tuple(directions[item.link] for item in closed)
-    return Gripper(entry.joints, tuple(directions), entry.lower, entry.upper, closed, along)
+    links, axes = tuple(directions), (entry.approach, entry.closing)
+    return Gripper(entry.joints, links, entry.lower, entry.upper, closed, along, *axes)
+
+
+def _require_closing(path: Path, gripper: Gripper, tool_body: int, tool: FloatArray) -> None:
+    """Refuse a closing axis along which the fingers do not move."""
+    x, y, z = gripper.closing
+    axis = [float(row[0] * x + row[1] * y + row[2] * z) for row in tool[:3, :3]]  # in the tool's body
+    for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
+        if item.body == tool_body and abs(abs(u * axis[0] + v * axis[1] + w * axis[2]) - 1.0) > ALONG:
+            columns = tool[:3, :3].T.tolist()
+            there = ", ".join(f"{a * u + b * v + c * w:.3g}" for a, b, c in columns)
+            found = f"gripper.closing = {list(gripper.closing)}; {item.link} moves along [{there}] of the tool frame"
+            raise InvalidFile(path, [found])
 
 
 def _downstream(urdf: Urdf, link: str) -> list[str]:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.batch import Batch
-from planner_service.certify import Certificate, Certifier, ExemptInterval
+from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
+from planner_service.collision.ledger import Cancelled
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
 from planner_service.many import Engine
@@ -225,6 +226,42 @@ class PlannerService:
         self._require_own_process()
         return self._certifier.certify(path, padding=padding, exempt=exempt, part=part)
 
+    def certify_gripper(
+        self,
+        q: ArrayLike,
+        start: float,
+        end: float,
+        *,
+        touching: Sequence[tuple[str, str]] = (),
+        reason: str = "",
+        cancel: CancelToken | None = None,
+    ) -> GripperMotion:
+        """The proof that the gripper can open or close while the arm stands at q (n,), or which pair is in the way.
+
+        Its bounds are counted in the certificate alone.
+
+        Args:
+            start: Metres between the finger pads before; the width of this service's robot does not matter.
+            end: The same after.
+            touching: Pairs that may touch meanwhile, such as the fingers and what they close on.
+            reason: Why they may.
+
+        Raises:
+            InvalidRequest: the robot has no gripper, q is outside its limits, or a width is out of range.
+            UnknownName: a pair names nothing that is there.
+            Cancelled: by ``cancel``.
+        """
+        self._require_own_process()
+
+        def poll(_: int) -> None:
+            if cancel is not None and cancel.cancelled:
+                raise Cancelled("cancelled by the caller")
+
+        robot, scene, allowed = self.robot, self.scene, self._allowed
+        return certify_gripper(
+            robot, scene, q, (start, end), allowed=allowed, touching=touching, reason=reason, charge=poll
+        )
+
     def follow(
         self,
         waypoints: ArrayLike,
@@ -232,6 +269,7 @@ class PlannerService:
         contacts: Sequence[AllowedStretch] = (),
         pace: Pace | None = None,
         blends: ArrayLike | None = None,
+        padding: float = 0.0,
         cancel: CancelToken | None = None,
     ) -> PlanResult:
         """A given polyline checked as it is, each piece once, proven and timed; nothing is searched.
@@ -242,6 +280,8 @@ class PlannerService:
             pace: The law s(t) along it, and how much of the limits it may use; ``Pace(Trapezoidal())`` if not given.
             blends: For each waypoint how wide its corner may be blended at most (rad of path before and
                 after it), shape (N,); every corner is a stop if not given.
+            padding: Metres that pairs which are not meant to touch are to keep. The line is as given: if it comes
+                nearer, ``result.padding`` and a note say what it keeps.
             cancel: As in ``plan``.
 
         Raises:
@@ -249,7 +289,7 @@ class PlannerService:
         """
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
-        request = FollowRequest(waypoints, contacts, pace, blends)
+        request = FollowRequest(waypoints, contacts, pace, blends, padding)
         result = follow(self._planning, self._certifier, request, (self._turns, cancel))
         return replace(result, origin=Origin(self, None))
 

@@ -120,6 +120,7 @@ class StageBook:
         path: JointPath,
         exempt: Sequence[ExemptInterval],
         part: tuple[float, float] | None = None,
+        padding: float = 0.0,
     ) -> Certificate:
         """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
         ledger = self._ledger
@@ -129,7 +130,7 @@ class StageBook:
             ledger.charge_distances(bounds)
 
         with self.during(Stage.CERTIFY) as entry:
-            found = certifier.certify(path, exempt=exempt, part=part, charge=charge)
+            found = certifier.certify(path, padding=padding, exempt=exempt, part=part, charge=charge)
             entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
             return found
 

@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.outcome import Failure, PlanResult
 from planner_service.request import PlanRequest
 from planner_service.service import PlannerService
-from planner_service.timing import Timing, Trapezoidal
+from planner_service.timing import Timing
 
 if TYPE_CHECKING:
     from planner_service.view import Viewer
@@ -28,9 +29,9 @@ class Handling:
         support: What the object stands on before a pick, or on after a place: an obstacle's name.
         support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
         open_width: The gripper's opening around the object; 12 mm of room for each finger if None.
-        request: Planner, timing, seed, scales and limits are taken from here; its start and goal are not.
-        line_timing: The law along the straight tool lines. Between two stops on a straight piece the
-            trapezoid is the optimum that TOPP-RA approaches, in closed form.
+        request: Planner, timing, seed, scales, padding and limits are taken from here; its start and goal are not. Its
+            ``time_limit`` is for the whole pick or place, its ``max_checks`` for each motion.
+        line_timing: The law along the straight tool lines; the request's if None.
         cancel: Ends the task before its next check when cancelled from another thread.
     """
 
@@ -38,7 +39,7 @@ class Handling:
     support_gap: float = 0.005
     open_width: float | None = None
     request: PlanRequest | None = None
-    line_timing: Timing = field(default_factory=Trapezoidal)
+    line_timing: Timing | None = None
     cancel: CancelToken | None = None
 
     def __post_init__(self) -> None:
@@ -48,11 +49,24 @@ class Handling:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One motion of a task, by name; ``width`` is the gripper's opening in metres during it."""
+    """One motion of a task, by name.
+
+    Attributes:
+        width: The gripper's opening in metres during it.
+        gripper: How it comes to that opening, the arm standing at the motion's start; None if it has it already.
+    """
 
     name: str
     result: PlanResult
     width: float
+    gripper: GripperMotion | None = None
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What the motion asked of the collision checker, its gripper's proof included."""
+        if self.gripper is None:
+            return self.result.counts
+        return self.result.counts + CheckCounts(distances=self.gripper.certificate.distances)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +97,7 @@ class TaskResult:
     @property
     def counts(self) -> CheckCounts:
         """What the whole task asked of the collision checker."""
-        return sum((segment.result.counts for segment in self.segments), self.choosing)
+        return sum((segment.counts for segment in self.segments), self.choosing)
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
         """Show the motions one after another on a page in the browser; see ``PlannerService.view``.

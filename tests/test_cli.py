@@ -340,8 +340,9 @@ def test_pick_and_place_is_printed_motion_by_motion_and_adds_up(picked: tuple[Re
     assert " ".join(head.split()) == "planned: pick blue_block from bin, place on tray states edges distances ms"
     rows = [row for row in rows if row[:19].strip()]
     names = [row[2:19].strip() for row in rows if row[:4].strip() and row[2] != " "]
-    motions = ["home -> pregrasp", "descend", "lift", "transfer", "lower", "retreat", "retreat -> home"]
-    assert names == [*motions, "choosing", "total"]
+    taking = ["gripper closes", "home -> pregrasp", "descend", "gripper closes", "lift"]
+    leaving = ["transfer", "lower", "gripper opens", "retreat", "retreat -> home"]
+    assert names == [*taking, *leaving, "choosing", "total"]
     *parts, total = [[int(word.replace(",", "")) for word in row.split()[-4:-1]] for row in rows]
     assert [sum(column) for column in zip(*parts, strict=True)] == total
 

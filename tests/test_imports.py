@@ -105,7 +105,8 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     ),
     "primitives": (
         {"primitives", "grasps", "task"},
-        {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"},
+        {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"}
+        | {"certify"},
     ),
 }
 ABOVE = {

@@ -267,8 +267,8 @@ def test_a_grasp_at_which_something_else_touches_is_refused_before_any_line_is_w
     walked: list[object] = []
     monkeypatch.setattr(primitives, "straight_tool_line", lambda *line, **_: walked.append(line))
     service = PlannerService("panda", "bin")
-    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))[:2]
-    task = pick(service, service.robot.home, "blue_block", grasps)
+    block = service.scene.obstacle("blue_block").pose.position
+    task = pick(service, service.robot.home, "blue_block", [grasp_at(*block), Pose(block)])  # lying on its side
     assert task.failure is not None
     assert " x table touch" in task.failure.detail
     assert walked == []

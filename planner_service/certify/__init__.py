@@ -2,6 +2,7 @@
 
 from planner_service.certify.certifier import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
 from planner_service.certify.edge import EdgeProof, EdgeVerdict
+from planner_service.certify.gripper import GripperMotion, certify_gripper
 
 __all__ = [
     "MARGIN",
@@ -10,6 +11,8 @@ __all__ = [
     "EdgeProof",
     "EdgeVerdict",
     "ExemptInterval",
+    "GripperMotion",
     "Refusal",
     "certify",
+    "certify_gripper",
 ]

@@ -162,8 +162,14 @@ def pick_place(
     scene: SceneName = "bin",
     target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
     onto: Annotated[str, typer.Option(help="The obstacle on whose middle to place it.")] = "tray",
+    planner: PlannerName = "rrtconnect",
+    timing: TimingName = "toppra",
     seed: Seed = DEFAULT.seed,
+    max_checks: MaxChecks = DEFAULT.max_checks,
+    time_limit: TimeLimit = DEFAULT.time_limit or math.inf,
     padding: Padding = DEFAULT.padding,
+    blend: Blend = DEFAULT.blend,
+    max_tool_speed: ToolSpeed = None,
     png: Picture = None,
     out: Out = None,
     as_json: AsJson = False,
@@ -173,7 +179,18 @@ def pick_place(
         require_places({"--out": out, "--png": png})
         service = service_for(robot, scene)
         require_obstacles(service.scene, {"--object": target, "--onto": onto})
-        request = PlanRequest(service.robot.home, service.robot.home, seed=seed, padding=padding)
+        request = PlanRequest(
+            service.robot.home,
+            service.robot.home,
+            planner_or_optimise(planner, None, polish=False),
+            timing_by_name(timing),
+            seed=seed,
+            max_checks=max_checks,
+            time_limit=time_limit_of(time_limit),
+            padding=padding,
+            blend=blend,
+            max_tool_speed=max_tool_speed,
+        )
         load_libraries(request, service.robot)
         task = plan_pick_place(service, target, onto, request)
         if out is not None:
@@ -182,8 +199,10 @@ def pick_place(
             draw_task(service, task, png)
     words = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
     text = "" if as_json else render(table(words, task_rows(task), console().width, unit_of(service.robot)))
-    proof = proof_words([segment.result for segment in task.segments])
-    lines = [*filter(None, [proof]), *(f"note: {note}" for note in task.notes)]
+    grips = [segment.gripper for segment in task.segments if segment.gripper is not None]
+    proof = proof_words([segment.result for segment in task.segments], grips)
+    notes = [*task.notes, *(f"{each.name}: {note}" for each in task.segments for note in each.result.notes)]
+    lines = [*filter(None, [proof]), *(f"note: {note}" for note in notes)]
     finish(task.document(), text, task.failure, tuple(lines), as_json=as_json)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from rich.console import Console, RenderableType
 from rich.text import Text
 
+from planner_service.certify import GripperMotion
 from planner_service.collision import CheckCounts
 from planner_service.health import Health
 from planner_service.outcome import MotionReport, PlanResult, PolishReport, Stage, StageReport
@@ -70,11 +71,21 @@ def plan_rows(result: PlanResult) -> list[Row]:
 
 def task_rows(task: SavedTask) -> list[Row]:
     """A row per motion of a task, those of its stages under one that had to search, and the total."""
-    rows = [row for segment in task.segments for row in _segment_rows(segment.name, segment.result)]
+    rows: list[Row] = []
+    for segment in task.segments:
+        rows += [] if segment.gripper is None else [_gripper_row(segment.gripper)]
+        rows += _segment_rows(segment.name, segment.result)
     results = [segment.result for segment in task.segments]
-    rest = task.seconds - sum(result.seconds for result in results)
+    rest = task.seconds - sum(row.seconds for row in rows)
     rows.append(Row("choosing", "grasp, placement and their straight lines", task.choosing, rest))
     return [*rows, _total(task.counts, task.seconds, results, ok=task.failure is None)]
+
+
+def _gripper_row(motion: GripperMotion) -> Row:
+    proof = motion.certificate
+    found = f"proven: {in_words(proof.clearance)}" if proof.certified else motion.refused
+    note = f"{motion.start * 1e3:.1f} -> {motion.end * 1e3:.1f} mm, {found}"
+    return Row(motion.name, note, CheckCounts(distances=proof.distances), motion.seconds)
 
 
 def _segment_rows(name: str, result: PlanResult) -> list[Row]:
@@ -112,9 +123,10 @@ def _stage_row(result: PlanResult, report: StageReport, depth: int) -> Row:
     return Row(report.stage.value, note, report.counts, report.seconds, length, duration, depth)
 
 
-def proof_words(results: Sequence[PlanResult]) -> str:
-    """What is proven of motions that have plans, in a sentence; empty if there are none."""
+def proof_words(results: Sequence[PlanResult], grips: Sequence[GripperMotion] = ()) -> str:
+    """What is proven of motions that have plans, and of the gripper's, in a sentence; empty if there are none."""
     proofs = [result.certificate for result in results if result.certificate is not None and result.ok]
+    proofs += [motion.certificate for motion in grips]
     if not proofs:
         return ""
     bounds = sum(proof.distances for proof in proofs)

@@ -224,6 +224,9 @@ def _obstacle_row(index: int, position: int, obstacle: Obstacle) -> dict[str, An
 
 
 def _count_rows(index: int, k: int, segment: Segment) -> Iterator[dict[str, Any]]:
+    if segment.gripper is not None:
+        counts = counts_record(segment.counts - segment.result.counts)
+        yield _count_row(index, k, segment.name, "gripper", counts)
     for report in segment.result.stages:
         yield _count_row(index, k, segment.name, report.stage.value, counts_record(report.counts))
 

@@ -1,0 +1,149 @@
+"""The proof of a gripper that opens or closes while the arm stands still.
+
+Each finger slides straight, by half of what the width changes. So this is the motion of a robot of one joint: the arm is
+locked where it stands, the fingers are its only moving bodies, and s is how far each of them has moved.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.certify.certifier import Backend, Certificate, Certifier, ExemptInterval
+from planner_service.certify.proof import LIMIT_SLACK
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import FloatArray, number, numbers
+from planner_service.locking import lock_joints
+from planner_service.path import JointPath
+from planner_service.robot import AllowedContact, Body, Gripper, JointLimits, LinkShape, Robot
+from planner_service.scene import Scene
+
+__all__ = ["GripperMotion", "certify_gripper"]
+
+FINGERS = "gripper"
+"""The one joint that is left: half of the width."""
+
+
+@dataclass(frozen=True)
+class GripperMotion:
+    """The gripper opening or closing while the arm stands still, and what is proven of it.
+
+    Attributes:
+        start: Metres between the finger pads before.
+        end: The same after.
+        certificate: The proof; its s is how far each finger has moved, in metres.
+        seconds: Wall time of the proof.
+    """
+
+    start: float
+    end: float
+    certificate: Certificate
+    seconds: float = field(default=0.0, compare=False)
+
+    @property
+    def name(self) -> str:
+        """What it is, in words."""
+        return "gripper opens" if self.end > self.start else "gripper closes"
+
+    @property
+    def refused(self) -> str:
+        """Which pair could not be proven apart, and at what width; empty if all is proven."""
+        refusal = self.certificate.refusal
+        if refusal is None:
+            return ""
+        verb, sign = ("open", 2.0) if self.end > self.start else ("close", -2.0)
+        width = self.start + sign * refusal.s
+        return (
+            f"the gripper cannot {verb} from {self.start * 1e3:.1f} to {self.end * 1e3:.1f} mm: {refusal.a} x {refusal.b} "
+            f"are not proven apart at a width of {width * 1e3:.1f} mm"
+        )
+
+
+def certify_gripper(
+    robot: Robot,
+    scene: Scene,
+    q: ArrayLike,
+    widths: tuple[float, float],
+    *,
+    allowed: Iterable[tuple[str, str]] = (),
+    touching: Sequence[tuple[str, str]] = (),
+    reason: str = "",
+    charge: Callable[[int], None] | None = None,
+    backend: Backend = "auto",
+) -> GripperMotion:
+    """The proof that no finger comes near anything between two widths while the arm stands at q (n,), or its refusal.
+
+    What does not move meanwhile is not judged. What the robot holds stands where it is.
+
+    Args:
+        widths: Metres between the finger pads, before and after.
+        allowed: Pairs of links or objects that may touch anyway.
+        touching: Pairs that may touch on this motion, such as fingers and what they close on.
+        reason: Why they may.
+
+    Raises:
+        InvalidRequest: the robot has no gripper, q is outside its joint limits, or a width outside the gripper's range.
+        UnknownName: a pair names nothing that is there.
+    """
+    began, gripper = time.perf_counter(), robot.gripper
+    if gripper is None:
+        raise InvalidRequest("robot", robot.name, "a robot with a gripper")
+    stands = _within(robot, q)
+    expected = f"a gap between the finger pads in [{gripper.lower:g}, {gripper.upper:g}] m"
+    start, end = (number("width", width, expected, gripper.lower, gripper.upper) for width in widths)
+    path = JointPath(np.array([[start / 2.0], [end / 2.0]]))
+    exempt = [ExemptInterval(0.0, path.length, tuple(touching), reason)] if touching else []
+    certifier = Certifier(_fingers_alone(robot, gripper, stands), scene, allowed=allowed, backend=backend)
+    certificate = certifier.certify(path, exempt=exempt, charge=charge)
+    return GripperMotion(start, end, certificate, time.perf_counter() - began)
+
+
+def _within(robot: Robot, q: ArrayLike) -> FloatArray:
+    """A configuration, its rounding beyond the limits taken off."""
+    expected = f"{robot.n} joint values within the limits of {robot.name}"
+    values, limits = numbers("q", q, expected), robot.limits
+    if values.shape != (robot.n,):
+        raise InvalidRequest("q", values.tolist(), expected)
+    inside = np.clip(values, limits.lower, limits.upper)
+    if not np.all(np.abs(inside - values) <= LIMIT_SLACK):  # False for NaN
+        raise InvalidRequest("q", values.tolist(), expected)
+    return np.asarray(inside)
+
+
+def _fingers_alone(robot: Robot, gripper: Gripper, q: FloatArray) -> Robot:
+    """The robot locked at q, its fingers being moved by one more joint.
+
+    A finger and what else is on the body that carries it slide in each other, and are not judged, as ever.
+    """
+    bodies, fingers = list(robot.bodies), list[LinkShape]()
+    for item, direction in zip(gripper.closed, gripper.directions, strict=True):
+        bodies.append(Body(FINGERS, item.body, np.eye(4), np.array(direction), prismatic=True, q_index=robot.n))
+        fingers.append(replace(item, body=len(bodies) - 1))
+    rest = [item for item in robot.shapes if item.link not in gripper.links]
+    guides = [
+        AllowedContact((carried.link, item.link), "on one body")
+        for carried in gripper.closed
+        for item in (*rest, *gripper.closed)
+        if item.body == carried.body and item.link != carried.link
+    ]
+    extent = {"lower": gripper.lower / 2.0, "upper": gripper.upper / 2.0}
+    limits = {
+        item.name: np.append(getattr(robot.limits, item.name), extent.get(item.name, 1.0))
+        for item in fields(JointLimits)
+    }
+    sliding = replace(
+        robot,
+        joint_names=(*robot.joint_names, FINGERS),
+        limits=JointLimits(**limits),
+        named_poses=(),
+        bodies=tuple(bodies),
+        shapes=(*rest, *fingers),
+        allowed_contacts=(*robot.allowed_contacts, *guides),
+        gripper=None,
+        retreats=(),
+    )
+    return lock_joints(sliding, dict(zip(robot.joint_names, q.tolist(), strict=True)))
