@@ -18,6 +18,7 @@ from planner_service.trace import Trace
 from planner_service.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from planner_service.pace import Pace
     from planner_service.request import PlanRequest
     from planner_service.service import PlannerService
     from planner_service.view import Viewer
@@ -169,10 +170,16 @@ class PolishReport:
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """Where a result comes from: the service that planned it, and what it was asked; None for a given polyline."""
+    """Where a result comes from: the service that planned it, and what it was asked.
+
+    Attributes:
+        request: None for a given polyline.
+        pace: Of a given polyline, how fast it was to be travelled; else None.
+    """
 
     service: PlannerService
     request: PlanRequest | None
+    pace: Pace | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ old curve; if that cannot be proven either, nothing is safe, which is said.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, product
@@ -68,16 +68,35 @@ def replan(
         InvalidRequest: as ``underway`` and ``request_for`` say, or a goal is neither a pose nor n finite joint values.
     """
     old = underway(motion[0], checker.robot, *motion[1:])
-    old = replace(old, exempt=tuple(_of_those_here(old.exempt, certifier)))
+    meant = tuple(_still_meant(old, certifier))
+    lapsed = {pair for e in old.exempt for pair in e.pairs} - {pair for e in meant for pair in e.pairs}
     request = request_for(motion[0], old, *asked)
-    return _Run((checker, certifier), old, request, caller[1]).result(caller[0])
+    run = _Run((checker, certifier), replace(old, exempt=meant), request, caller[1])
+    run.note(f"{a} x {b} may no longer touch: one of them is not as it was" for a, b in sorted(lapsed))
+    law = _law_of(motion[0])
+    if asked[0] is None and law != request.timing.name:
+        run.note([f"a new motion is timed by {request.timing.name}, which can begin at speed, not by {law}"])
+    return run.result(caller[0])
 
 
-def _of_those_here(exempt: Sequence[ExemptInterval], certifier: Certifier) -> Iterator[ExemptInterval]:
-    """Stretches without the pairs of which one is gone."""
-    there = certifier.listed.owners
-    for stretch in exempt:
-        pairs = tuple(pair for pair in stretch.pairs if there.issuperset(pair))
+def _law_of(previous: PlanResult | Replanned) -> str:
+    """The name of the law of the motion before, as far as it is known."""
+    origin = previous.origin if isinstance(previous, PlanResult) else None
+    asked = None if origin is None else origin.request or origin.pace
+    return ToppRa.name if asked is None else asked.timing.name
+
+
+def _still_meant(old: Old, certifier: Certifier) -> Iterator[ExemptInterval]:
+    """Stretches with the pairs that are as they were: contact was meant with an object where it stood, nowhere else."""
+    before, now = old.made_in, certifier.scene
+    if before is None:
+        return
+    objects = [{item.name: item for item in (*scene.obstacles, *scene.attached)} for scene in (before, now)]
+    as_it_was = certifier.listed.owners - {
+        name for name in {*objects[0], *objects[1]} if objects[0].get(name) != objects[1].get(name)
+    }
+    for stretch in old.exempt:
+        pairs = tuple(pair for pair in stretch.pairs if as_it_was.issuperset(pair))
         if pairs:
             yield replace(stretch, pairs=pairs)
 
@@ -97,6 +116,10 @@ class _Run:
         )
         self._endpoints = Endpoints(self._checker, request, self._book)
         self._detours = Detours(self._checker, request, self._book, (self._motion.path, old.ahead))
+
+    def note(self, notes: Iterable[str]) -> None:
+        """Say it in the result."""
+        self._book.notes.extend(notes)
 
     def result(self, turns: Turns) -> Replanned:
         """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""

@@ -173,7 +173,8 @@ class PlannerService:
 
         The old motion is to be kept to for ``latency`` seconds more, in which the new one is found; it begins there,
         at its own time 0, with the position, velocity and acceleration that the robot then has. What is left of the
-        old motion is kept where it is free and nothing better is found. If there is no way to the goal, a stop
+        old motion is kept where it is free and nothing better is found. Contacts that were meant on it stay meant only
+        with objects that stand where they stood, as they were. If there is no way to the goal, a stop
         along the old curve, proven in the new scene, is returned, and if that is not free, that nothing is safe.
 
         Args:
@@ -183,11 +184,11 @@ class PlannerService:
             scene: What the world is like from now on; this service's scene if not given.
             goal: Where to go; where ``previous`` was to go if not given.
             request: Search, padding, blends, budgets and scales, its start and goal apart. If not given those of the
-                call before, or, after a plan, those of a ``PlanRequest`` with ``max_checks=20_000``.
+                call before; after a plan what that was asked, timed by ``ToppRa`` and with at most 20,000 checks.
             cancel: As in ``plan``.
 
         Raises:
-            InvalidRequest: ``previous`` failed or is of another robot, ``at_time`` is not on it, ``latency`` is not in
+            InvalidRequest: ``previous`` failed or is of another robot or gripper width, ``at_time`` is not on it, ``latency`` is not in
                 [0, 10], the request's timing law is not ``ToppRa``, or the goal is no n finite numbers or pose.
         """
         self._require_own_process()
@@ -195,7 +196,8 @@ class PlannerService:
             other = self.with_scene(scene)
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
         motion, asked = (previous, at_time, latency), (request, goal)
-        return replan(self._planning, self._certifier, motion, asked, (self._turns, cancel))
+        found = replan(self._planning, self._certifier, motion, asked, (self._turns, cancel))
+        return replace(found, result=replace(found.result, origin=Origin(self, found.request)))
 
     @cached_property
     def _certifier(self) -> Certifier:
@@ -291,7 +293,7 @@ class PlannerService:
         pace = Pace(Trapezoidal()) if pace is None else pace
         request = FollowRequest(waypoints, contacts, pace, blends, padding)
         result = follow(self._planning, self._certifier, request, (self._turns, cancel))
-        return replace(result, origin=Origin(self, None))
+        return replace(result, origin=Origin(self, None, pace))
 
     def build_roadmap(
         self,

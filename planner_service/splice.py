@@ -108,6 +108,11 @@ class Underway:
         """Whether the old motion has ended at the splice."""
         return self.splice >= self.trajectory.duration
 
+    @property
+    def arrived(self) -> bool:
+        """Whether so little is left at the splice that no motion along it has numbers of its own."""
+        return self.s(self.splice) >= self.end
+
     def s(self, t: float) -> float:
         """Arc length at an instant of the old motion."""
         return self.moved(float(self.trajectory.s(t)))

@@ -17,9 +17,12 @@ from benchmarks import queries
 from benchmarks import replan as measure
 from planner_service import (
     AllowedStretch,
+    Box,
     CancelToken,
     CheckCounts,
+    CollisionChecker,
     Cylinder,
+    Handling,
     InvalidRequest,
     JointPath,
     JointStep,
@@ -34,12 +37,15 @@ from planner_service import (
     Reason,
     Replanned,
     SCurve,
+    Sphere,
     Stage,
     ToppRa,
     Trajectory,
     Trapezoidal,
     load_scene,
+    pick,
     save_scene,
+    top_grasps,
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
@@ -778,3 +784,109 @@ def test_a_part_must_end_at_rest() -> None:
     path = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]]))
     with pytest.raises(InvalidRequest, match="0 at both ends"):
         Trajectory(path, np.array([1.0]), np.array([[0.5, 0.5, 0.0, 0.0]]), 1.0, (0.5, 1.0))
+
+
+# --- what was meant before
+
+
+@pytest.fixture(scope="module")
+def descend() -> PlanResult:
+    """The way in of a pick, on which the fingers may touch the block."""
+    service = PlannerService("wxai", "bin")
+    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
+    task = pick(service, service.robot.home, "blue_block", grasps, Handling(support="bin_floor"))
+    assert task.failure is None
+    return task.segments[1].result
+
+
+def made_by(result: PlanResult) -> PlannerService:
+    assert result.origin is not None
+    return result.origin.service
+
+
+def test_contact_stays_meant_with_an_object_that_stands_where_it_stood(descend: PlanResult) -> None:
+    service = made_by(descend)
+    elsewhere = service.scene.with_obstacle(Obstacle("far", Sphere(0.01), Pose((-0.4, 0.0, 0.5))))
+    found = service.replan(descend, at_time=0.05, scene=elsewhere)
+    assert found.outcome is Outcome.KEPT
+    assert [stretch.pairs for stretch in found.result.exempt] == [stretch.pairs for stretch in descend.exempt]
+    again = service.replan(found, at_time=0.05, scene=elsewhere)
+    assert again.outcome is Outcome.KEPT
+    assert again.result.exempt
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+@pytest.mark.parametrize("aside", [1e-6, 0.012, 0.02, 0.045])
+def test_an_object_that_moved_is_not_touched(descend: PlanResult, aside: float, steps: int) -> None:
+    service = made_by(descend)
+    block = service.scene.obstacle("blue_block")
+    closing = service.robot.tool_pose(descend.unwrap()[0].waypoints[-1])[:3, 1]
+    x, y, z = (np.array(block.pose.position) + aside * closing).tolist()
+    moved = service.scene.moved("blue_block", Pose((x, y, z), block.pose.quaternion))
+    old: PlanResult | Replanned = descend if steps == 1 else service.replan(descend, at_time=0.05)
+    found = service.replan(old, at_time=0.05, latency=0.05, scene=moved)
+    assert found.result.exempt == ()
+    assert any("finger_left x blue_block may no longer touch" in note for note in found.result.notes)
+    motion = trajectory_of(found)
+    there = CollisionChecker(service.robot, moved)
+    assert all(there.state_is_free(motion(t)) for t in np.linspace(0.0, motion.duration, 100))
+
+
+def test_contact_with_what_changed_its_shape_or_comes_from_a_file_is_not_meant(descend: PlanResult) -> None:
+    service = made_by(descend)
+    block = service.scene.obstacle("blue_block")
+    larger = service.scene.without("blue_block").with_obstacle(replace(block, shape=Box((0.045, 0.046, 0.045))))
+    assert service.replan(descend, at_time=0.05, scene=larger).result.exempt == ()
+    assert service.replan(replace(descend, origin=None), at_time=0.05).result.exempt == ()
+
+
+def test_without_a_request_what_was_asked_before_is_kept(room: PlannerService) -> None:
+    asked = PlanRequest(
+        (0.0, 0.0),
+        (2.4, 0.0),
+        padding=0.02,
+        velocity_scale=0.3,
+        acceleration_scale=0.4,
+        max_tool_speed=0.2,
+        seed=5,
+        blend=0.2,
+        timing=SCurve(),
+        max_checks=3000,
+    )
+    found = room.replan(room.plan(asked), at_time=0.5, scene=disc(2.0))
+    kept = ("padding", "velocity_scale", "acceleration_scale", "max_tool_speed", "seed", "blend", "max_checks")
+    assert {name: getattr(found.request, name) for name in kept} == {name: getattr(asked, name) for name in kept}
+    assert found.result.motion is not None
+    assert found.result.motion.tool_speed <= 0.2 * (1.0 + 1e-6)
+    assert any("timed by toppra, which can begin at speed, not by s-curve" in note for note in found.result.notes)
+    again = room.replan(found, at_time=0.1, scene=disc(2.1))
+    assert {name: getattr(again.request, name) for name in kept} == {name: getattr(asked, name) for name in kept}
+
+
+def test_without_a_request_a_given_line_goes_on_at_its_own_pace(room: PlannerService) -> None:
+    pace = Pace(Trapezoidal(), velocity_scale=0.25, acceleration_scale=0.5, max_tool_speed=0.3)
+    found = room.replan(room.follow([[0.0, 0.0], [2.4, 0.0]], pace=pace, padding=0.01), at_time=0.5, scene=disc(2.0))
+    told = found.request.velocity_scale, found.request.acceleration_scale, found.request.max_tool_speed
+    assert (*told, found.request.padding) == (0.25, 0.5, 0.3, 0.01)
+
+
+def test_a_motion_made_with_another_gripper_width_is_refused(descend: PlanResult) -> None:
+    service = made_by(descend)
+    with pytest.raises(
+        InvalidRequest, match="previous: got 'a motion of wxai, .*expected one of wxai, .*gripper as wide"
+    ):
+        service.changed(gripper=0.08).replan(descend, at_time=0.05)
+
+
+@pytest.mark.parametrize("law", [ToppRa(), SCurve(), Trapezoidal()], ids=lambda law: str(law.name))
+def test_at_the_very_end_of_a_motion_there_is_an_outcome_too(room: PlannerService, law: Any) -> None:
+    old = room.plan(PlanRequest((0.0, 0.0), (2.4, 0.0), timing=law))
+    duration = trajectory_of(old).duration
+    for left in 10.0 ** np.arange(-9.0, -1.0, 0.25):
+        found = room.replan(old, at_time=duration - left, latency=0.0, goal=(0.0, 0.0))
+        assert found.ok
+        assert duration - left <= found.splice <= duration
+        if found.splice < duration:
+            assert max(jumps(old, found)) <= NO_JUMP
+        else:
+            assert found.request.start.tolist() == [2.4, 0.0]  # type: ignore[union-attr]

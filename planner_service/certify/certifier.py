@@ -129,6 +129,7 @@ class Certifier:
             was built. What they say is the same to the last bit.
 
     Attributes:
+        robot, scene: What is judged.
         listed: The pairs.
         motion: Poses and motion bounds of these.
         prover: Who proves.
@@ -141,7 +142,7 @@ class Certifier:
     def __init__(
         self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: Backend = "auto"
     ) -> None:
-        self.robot = robot
+        self.robot, self.scene = robot, scene
         self.listed = ProofPairs(robot, scene, allowed)
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
