@@ -10,7 +10,15 @@
 """
 
 from planner_service.batch import Interrupted
-from planner_service.certify import Certificate, Certifier, EdgeProof, EdgeVerdict, ExemptInterval, Refusal
+from planner_service.certify import (
+    Certificate,
+    Certifier,
+    EdgeProof,
+    EdgeVerdict,
+    ExemptInterval,
+    GripperMotion,
+    Refusal,
+)
 from planner_service.collision import (
     CancelToken,
     CheckCounts,
@@ -100,6 +108,7 @@ __all__ = [
     "EdgeVerdict",
     "ExemptInterval",
     "Failure",
+    "GripperMotion",
     "Handling",
     "HeightField",
     "InformedRRTstar",

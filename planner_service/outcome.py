@@ -193,8 +193,7 @@ class PlanResult:
         stages: What each stage cost, in order; a retried stage appears once, with all its tries.
         goal_index: Which of the requested goals the path reaches, counting as given.
         attempts: Searches started; 0 when a straight line was free.
-        padding: Distance in metres that the search kept from everything; of a given line, what is proven, up to what was
-            asked.
+        padding: Metres that the search kept from everything; of a given line, what is proven, up to what was asked.
         deterministic: False when the clock or the caller had a say in the result.
         certificate: The proof that the whole path is free, between samples too; of NOT_CERTIFIED its refusal.
         motion: Peaks over limits, tool speed and durations; None without a plan.

@@ -27,7 +27,7 @@ JERK = {"revolute": 50.0, "prismatic": 10.0}
 """rad/s^3 and m/s^3: our convention, full acceleration within about 60 ms."""
 
 ALONG = 1e-6
-"""By how much the cosine between an axis and a direction that are to be the same may fall short of 1: about 1.4 mrad."""
+"""By how much the cosine between an axis and a direction along it may fall short of 1: about 1.4 mrad."""
 
 
 def robot_from_file(path: Path) -> Robot:

@@ -188,8 +188,9 @@ class PlannerService:
             cancel: As in ``plan``.
 
         Raises:
-            InvalidRequest: ``previous`` failed or is of another robot or gripper width, ``at_time`` is not on it, ``latency`` is not in
-                [0, 10], the request's timing law is not ``ToppRa``, or the goal is no n finite numbers or pose.
+            InvalidRequest: ``previous`` failed or is of another robot or gripper width, ``at_time`` is not on it,
+                ``latency`` is not in [0, 10], the request's timing law is not ``ToppRa``, or the goal is no n finite
+                numbers or pose.
         """
         self._require_own_process()
         if scene is not None:

@@ -32,6 +32,7 @@ from planner_service import (
     primitives,
     top_grasps,
 )
+from planner_service.pick_place import plan_pick_place
 
 HALF = 0.0225
 
@@ -272,3 +273,74 @@ def test_a_grasp_at_which_something_else_touches_is_refused_before_any_line_is_w
     assert task.failure is not None
     assert " x table touch" in task.failure.detail
     assert walked == []
+
+
+# --- what the request says holds on the straight lines too
+
+SLOW_AND_SMOOTH = {"velocity_scale": 0.5, "acceleration_scale": 0.6, "max_tool_speed": 0.08, "padding": 0.003}
+
+
+def asked(service: PlannerService, **settings: object) -> PlanRequest:
+    return PlanRequest(service.robot.home, service.robot.home, **settings)  # type: ignore[arg-type]
+
+
+def test_every_motion_of_a_pick_and_place_obeys_the_request() -> None:
+    service = PlannerService("wxai", load_scene("bin").without("demo_post"))
+    request = asked(service, timing=SCurve(), **SLOW_AND_SMOOTH)
+    task = plan_pick_place(service, "blue_block", "tray", request)
+    assert task.failure is None
+    assert len(task.segments) == 7
+    for segment in task.segments:
+        motion = segment.result.motion
+        assert motion is not None
+        assert segment.result.stage(Stage.TIMING).note.startswith("s-curve")
+        assert motion.peaks.jerk.ratio <= 1.0 + 1e-9
+        assert motion.peaks.velocity.ratio <= 1.0 + 1e-9
+        assert motion.tool_speed <= 0.08 * (1.0 + 1e-6)
+        assert segment.result.padding == 0.003 or any("less than the padding of 3 mm" in n for n in segment.result.notes)
+
+
+def test_a_line_that_cannot_keep_the_padding_says_what_it_keeps_and_near_what(cell: PlannerService) -> None:
+    task = picked(cell, request=asked(cell, padding=0.03))
+    descend = task.segments[1].result
+    assert descend.certificate is not None
+    assert 0.0 < descend.padding == descend.certificate.clearance < 0.03
+    assert any(re.search(r"mm are proven, less than the padding of 30 mm: \w+ x \w+ at s = ", n) for n in descend.notes)
+    assert picked(cell).segments[1].result.padding == 0.001
+
+
+def test_a_given_line_keeps_the_padding_asked_or_says_what_it_keeps(cell: PlannerService) -> None:
+    line, home = [cell.robot.home, cell.robot.home + [0.3, 0.0, 0.0, 0.0, 0.0, 0.0]], cell.robot.home
+    roomy, tight = cell.follow(line, padding=0.01), cell.follow(line, padding=0.09)
+    assert (roomy.padding, roomy.notes) == (0.01, ())
+    assert tight.ok
+    assert tight.certificate is not None
+    assert tight.padding == tight.certificate.clearance < 0.09
+    assert "less than the padding of 90 mm" in tight.notes[0]
+    assert move_linear(cell, home, (0.02, 0.0, 0.0), padding=0.01).padding == 0.01
+    with pytest.raises(InvalidRequest, match=r"padding: got 0.2; expected metres in \[0, 0.1\]"):
+        cell.follow(line, padding=0.2)
+
+
+def test_lines_keep_their_corners_where_no_blend_is_wanted(cell: PlannerService) -> None:
+    sharp = picked(cell, request=asked(cell, blend=0.0)).segments[1].result.unwrap()[0]
+    assert len(sharp.corners) == len(sharp.waypoints) - 2 > 0
+    assert not sharp.blends.any()
+
+
+def test_the_time_limit_is_for_the_whole_pick(cell: PlannerService) -> None:
+    task = picked(cell, request=asked(cell, time_limit=0.0))
+    assert task.failure is not None
+    assert task.failure.reason is Reason.TIMED_OUT
+    late = picked(cell, request=asked(cell, time_limit=1e-3))
+    assert late.failure is not None
+    assert late.failure.reason is Reason.TIMED_OUT
+
+
+def test_a_cancelled_pick_and_place_ends(cell: PlannerService) -> None:
+    token = CancelToken()
+    token.cancel()
+    service = PlannerService("wxai", "bin")
+    task = plan_pick_place(service, "blue_block", "tray", asked(service), cancel=token)
+    assert task.failure is not None
+    assert task.failure.reason is Reason.PREEMPTED

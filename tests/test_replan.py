@@ -873,7 +873,7 @@ def test_without_a_request_a_given_line_goes_on_at_its_own_pace(room: PlannerSer
 def test_a_motion_made_with_another_gripper_width_is_refused(descend: PlanResult) -> None:
     service = made_by(descend)
     with pytest.raises(
-        InvalidRequest, match="previous: got 'a motion of wxai, .*expected one of wxai, .*gripper as wide"
+        InvalidRequest, match=r"previous: got 'a motion of wxai, .*expected one of wxai, .*gripper as wide"
     ):
         service.changed(gripper=0.08).replan(descend, at_time=0.05)
 

@@ -39,6 +39,22 @@ BAD = {
         'reason = "x"\nwhy = 1',
         r"unknown key allowed_contacts\[0\].why",
     ),
+    "no approach": ("approach = [1.0, 0.0, 0.0]", "", "gripper.approach is missing; expected 3 finite numbers"),
+    "approach no unit": (
+        "approach = [1.0, 0.0, 0.0]",
+        "approach = [2.0, 0.0, 0.0]",
+        "gripper.approach: length 2; expected a unit vector in the tool frame",
+    ),
+    "approach along closing": (
+        "approach = [1.0, 0.0, 0.0]",
+        "approach = [0.0, 0.8, 0.6]",
+        "gripper: approach .* and closing .*; expected a right angle",
+    ),
+    "closing no way of the fingers": (
+        "closing = [0.0, 1.0, 0.0]",
+        "closing = [0.0, 0.0, 1.0]",
+        r"gripper.closing = \[0.0, 0.0, 1.0\]; finger_left moves along \[0, 1, 0\] of the tool frame",
+    ),
     "no name": ('name = "wxai"', "", "name is missing; expected a text"),
     "name no text": ('name = "wxai"', "name = 3", "name = 3; expected a text"),
     "doubled joint": (

@@ -1,7 +1,7 @@
 """The proof of a gripper that opens or closes while the arm stands still.
 
-Each finger slides straight, by half of what the width changes. So this is the motion of a robot of one joint: the arm is
-locked where it stands, the fingers are its only moving bodies, and s is how far each of them has moved.
+Each finger slides straight, by half of what the width changes. So this is the motion of a robot of one joint: the arm
+is locked where it stands, the fingers are its only moving bodies, and s is how far each of them has moved.
 """
 
 from __future__ import annotations
@@ -57,10 +57,8 @@ class GripperMotion:
             return ""
         verb, sign = ("open", 2.0) if self.end > self.start else ("close", -2.0)
         width = self.start + sign * refusal.s
-        return (
-            f"the gripper cannot {verb} from {self.start * 1e3:.1f} to {self.end * 1e3:.1f} mm: {refusal.a} x {refusal.b} "
-            f"are not proven apart at a width of {width * 1e3:.1f} mm"
-        )
+        motion = f"the gripper cannot {verb} from {self.start * 1e3:.1f} to {self.end * 1e3:.1f} mm"
+        return f"{motion}: {refusal.a} x {refusal.b} are not proven apart at a width of {width * 1e3:.1f} mm"
 
 
 def certify_gripper(
