@@ -34,8 +34,8 @@ def plan_pick_place(
 
     Args:
         request: Its start is where the robot starts and returns to; planner, timing, seed, scales, padding and limits
-            are used throughout, its goal is not. Its ``time_limit`` is for all of it, its ``max_checks`` for each
-            motion.
+            are used throughout, its goal is not. Its ``time_limit`` is for the pick, for the place and for the way
+            home, its ``max_checks`` for each motion.
         cancel: Ends the task before its next check when cancelled from another thread.
 
     Raises:
@@ -54,26 +54,18 @@ def plan_pick_place(
     choosing, failure = picked.choosing, picked.failure
     if picked.ok:
         segments[0] = replace(segments[0], name="home -> pregrasp")
-        placing = Handling(support=onto, request=_with_time_left(request, began), cancel=cancel)
+        placing = Handling(support=onto, request=request, cancel=cancel)
         placed = place(picked.service, picked.q, target, places_on(obstacle, support), placing)
         notes += [f"place: {note}" for note in placed.notes]
         segments += placed.segments
         choosing, failure = choosing + placed.choosing, placed.failure
         if placed.ok:
-            back = replace(_with_time_left(request, began), start=placed.q, goal=request.start)
-            home = placed.service.plan(back, cancel=cancel)
+            home = placed.service.plan(replace(request, start=placed.q, goal=request.start), cancel=cancel)
             segments.append(Segment("retreat -> home", home, placed.service.robot.gripper_width))
             failure = home.failure
     return SavedTask(
         origin, task, tuple(segments), choosing, time.perf_counter() - began, failure=failure, notes=tuple(notes)
     )
-
-
-def _with_time_left(request: PlanRequest, began: float) -> PlanRequest:
-    """The request with what is left of its time, counted from ``began``."""
-    if request.time_limit is None:
-        return request
-    return replace(request, time_limit=max(0.0, request.time_limit - (time.perf_counter() - began)))
 
 
 def standing_on(scene: Scene, name: str) -> str | None:
