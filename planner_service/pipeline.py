@@ -236,7 +236,7 @@ class Run:
     def _nowhere_to_go(self, ends: Ends, goal_index: int) -> PlanResult:
         self._book.notes.append("start and goal are the same configuration: nothing to do")
         path = JointPath(np.array([ends.begin]))
-        exempt = [] if ends.departure is None else [_exempt(0.0, 0.0, ends.departure)]
+        exempt = [] if ends.departure is None else [self._exempt(0.0, 0.0, ends.departure)]
         certificate = self._book.certificate(self._certifier, path, exempt)
         if not certificate.certified:
             raise NoPlan(not_certified(certificate), certificate)
@@ -450,11 +450,15 @@ class Run:
             pieces.append(robot.pose(goal.arrival.pose)[None])
         path = JointPath(np.concatenate(pieces))
         if ends.departure is not None:
-            exempt.append(_exempt(0.0, float(path.knots[1]), ends.departure))
+            exempt.append(self._exempt(0.0, float(path.knots[1]), ends.departure))
         if goal.arrival is not None:
             kept.append(len(path.waypoints) - 2)
-            exempt.append(_exempt(float(path.knots[-2]), path.length, goal.arrival))
+            exempt.append(self._exempt(float(path.knots[-2]), path.length, goal.arrival))
         return _Route(path, goal.index, tuple(kept), tuple(exempt))
+
+    def _exempt(self, s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:
+        pairs = self._checker.parts.labels.links(retreat.pairs)
+        return ExemptInterval(s_start, s_end, pairs, retreat.reason)
 
     def _polished(self, route: _Route) -> JointPath:
         """The route with its corners blended as widely as is free with the padding of the search."""
@@ -473,10 +477,6 @@ class Run:
 
 def _without_repeats(points: Sequence[FloatArray]) -> FloatArray:
     return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
-
-
-def _exempt(s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:
-    return ExemptInterval(s_start, s_end, retreat.pairs, retreat.reason)
 
 
 def fresh_seed(seed: int, attempt: int) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.follow import AllowedStretch
 from planner_service.geometry import FloatArray, Pose
@@ -176,7 +177,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
     fingers = _fingers(service)
     width = width_across(target, grasp)
     opening = _opening(service, width, handling)
-    pairs = tuple((finger, target.name) for finger in fingers)
+    pairs = _touching(service, fingers, target.name)
 
     def services() -> tuple[PlannerService, PlannerService]:
         held = Attached(target.name, target.shape, grasp.inverse() @ target.pose, touch_links=fingers)
@@ -198,6 +199,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
 
 def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Handling) -> _Contact:
     opening = _opening(service, service.robot.gripper_width, handling)
+    names = Names(service.robot, service.scene)
 
     def services() -> tuple[PlannerService, PlannerService]:
         scene = service.scene.without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, pose))
@@ -206,15 +208,13 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
         if handling.support is None:
             return ""
-        pair = (held.name, handling.support)
+        pair = (names.object(held.name), names.object(handling.support))
         roomy = checker.variant(padding=handling.support_gap)
         if all(pair != (contact.a, contact.b) for contact in roomy.contacts(q)):
             return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
         return _unwanted(checker, q, (pair,))
 
-    touch = _Touch(
-        tuple((finger, held.name) for finger in _fingers(service)), None, "the fingers may touch what they leave"
-    )
+    touch = _Touch(_touching(service, _fingers(service), held.name), None, "the fingers may touch what they leave")
     lowering = _standing(service, held.name, handling)
     return _Contact(
         pose @ held.pose.inverse(), services, objection, lowering, (touch,), ("transfer", "lower", "retreat")
@@ -237,6 +237,12 @@ def _fingers(service: PlannerService) -> tuple[str, ...]:
     return tuple(link for link in _gripper(service).links if link in shaped)
 
 
+def _touching(service: PlannerService, fingers: tuple[str, ...], name: str) -> tuple[Pair, ...]:
+    """The labels of each finger and an object."""
+    names = Names(service.robot, service.scene)
+    return tuple((names.link(finger), names.object(name)) for finger in fingers)
+
+
 def _gripper(service: PlannerService) -> Gripper:
     if service.robot.gripper is None:
         raise InvalidRequest("robot", service.robot.name, "a robot with a gripper")
@@ -257,8 +263,9 @@ def _opening(service: PlannerService, width: float, handling: Handling) -> float
 def _standing(service: PlannerService, name: str, handling: Handling) -> tuple[_Touch, ...]:
     if handling.support is None:
         return ()
-    support = service.scene.obstacle(handling.support).name
-    return (_Touch(((name, support),), handling.support_gap, f"{name} stands on {support}"),)
+    names = Names(service.robot, service.scene)
+    standing, support = names.object(name), names.object(service.scene.obstacle(handling.support).name)
+    return (_Touch(((standing, support),), handling.support_gap, f"{standing} stands on {support}"),)
 
 
 class _Task:

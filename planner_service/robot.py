@@ -337,6 +337,14 @@ class Robot:
         return lock_joints(self, joints)
 
     @cached_property
+    def links(self) -> frozenset[str]:
+        """The links that play a part: with shapes, at the base, in the gripper, the tool frame, or named in pairs."""
+        pairs = [*(contact.links for contact in self.allowed_contacts), *(p for r in self.retreats for p in r.pairs)]
+        fingers = () if self.gripper is None else self.gripper.links
+        shaped = (item.link for item in self.shapes)
+        return frozenset([*shaped, *self.base_links, *fingers, self.tool_frame, *(link for p in pairs for link in p)])
+
+    @cached_property
     def link_pairs(self) -> tuple[tuple[str, str], ...]:
         """Pairs of links to judge against each other: with shapes, on different bodies, not allowed to touch."""
         body_of = {item.link: item.body for item in self.shapes}

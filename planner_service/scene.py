@@ -59,9 +59,11 @@ from planner_service.scene_file import (
     write_whole,
 )
 
-__all__ = ["Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
+__all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
 
 MAX_NAME = 64
+KIND_SUFFIXES = (" (link)", " (object)")
+"""What tells a link and an object of one name apart in print; no object's own name ends so."""
 MAX_DESCRIPTION = 1000
 MAX_OBJECTS = 10_000
 """A scene made by hand or from detections has far fewer; more would rather be a point cloud."""
@@ -89,7 +91,8 @@ def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
 
 
 def _check_body(name: str, shape: Any, pose: Any) -> None:
-    _checked_name("name", name)
+    if _checked_name("name", name).endswith(KIND_SUFFIXES):
+        raise InvalidRequest("name", name, f"a name that does not end in {' or '.join(map(repr, KIND_SUFFIXES))}")
     if not isinstance(shape, _KINDS):
         raise InvalidRequest(f"shape of {name!r}", shape, _ANY_KIND)
     if not isinstance(pose, Pose):
@@ -103,8 +106,9 @@ class Obstacle:
     """A named shape that stands still in the world; ``pose`` is the shape's in the robot's base frame.
 
     Raises:
-        InvalidRequest: the name is empty, longer than 64 characters, unprintable or has spaces at its
-            ends; shape or pose is of another kind; the position is beyond 1 km (a unit mistake).
+        InvalidRequest: the name is empty, longer than 64 characters, unprintable, has spaces at its
+            ends or ends in " (link)" or " (object)"; shape or pose is of another kind; the position is
+            beyond 1 km (a unit mistake).
     """
 
     name: str
@@ -120,7 +124,8 @@ class Attached:
     """A named shape that moves with the tool; ``pose`` is the shape's in the tool frame.
 
     Args:
-        touch_links: Names of the robot's links that may touch it, as the fingers that hold it do.
+        touch_links: Names of the robot's links that may touch it, as the fingers that hold it do; they have to have
+            collision shapes, which is checked once robot and scene meet.
 
     Raises:
         InvalidRequest: as for ``Obstacle``, or ``touch_links`` is one text, or names a link twice.

@@ -207,9 +207,12 @@ def test_what_the_simulator_has_not_is_refused(
         mjcf_text(arm_file(), robot, scene, loose=loose)
 
 
-def test_a_scenes_name_that_is_a_links_is_refused(robot: Robot) -> None:
-    with pytest.raises(InvalidRequest, match="'link_1'; expected an object name that is not a link of wxai"):
-        mjcf_text(arm_file(), robot, Scene((Obstacle("link_1", Sphere(0.05), TURNED),)))
+def test_an_object_called_like_a_link_has_geoms_of_its_own(robot: Robot) -> None:
+    scene = Scene((Obstacle("link_1", Sphere(0.05), TURNED),))
+    for loose in ((), ("link_1",)):
+        model = compiled(mjcf_text(arm_file(), robot, scene, loose=loose))
+        assert model.geom("link_1 (object)#0").size[0] == 0.05
+        assert model.geom("link_1 (link)#0").type != model.geom("link_1 (object)#0").type
 
 
 def test_another_robot_is_refused() -> None:

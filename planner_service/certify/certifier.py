@@ -134,8 +134,8 @@ class Certifier:
         prover: Who proves.
 
     Raises:
-        UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an object is called like a link, no such backend, or "native" where it was not built.
+        UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
+        InvalidRequest: a pair names a link and an object at once, no such backend, or "native" where it was not built.
     """
 
     def __init__(

@@ -52,7 +52,7 @@ class Sweep:
         parts = checker.parts
         riding = [part for part in parts.parts[: parts.riding] if part.moves]
         self._clusters = [_Cluster.of(body, riding) for body in sorted({part.body for part in riding})]
-        standing = [parts.parts[first:end] for first, end in parts.runs if parts.parts[first].owner in names]
+        standing = [parts.parts[first:end] for first, end in parts.runs if parts.parts[first].owner.name in names]
         self._boxes = [box for pieces in standing for box in _boxes(pieces)]
         self._pairs = len(riding) * len(self._boxes)
         self._reach: list[float] = checker.robot.reach(parts.carried).tolist()

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from planner_service.collision.names import Kind, Owner, owner_of
 from planner_service.errors import InvalidRequest
 from planner_service.execute.driver import ArmLimits
 from planner_service.geometry import FloatArray
@@ -106,8 +107,8 @@ def _proven(segment: Segment, robot: Robot, *, allow_unproven: bool) -> Motion:
         raise InvalidRequest(
             f"certificate of {segment.name}", why, "a proof of the whole motion, or allow_unproven=True"
         )
-    fingers = set(() if robot.gripper is None else robot.gripper.links)
-    touched = {name for interval in result.exempt for pair in interval.pairs for name in pair}
+    fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
+    touched = {owner_of(name, robot) for interval in result.exempt for pair in interval.pairs for name in pair}
     width = None if math.isnan(segment.width) or robot.gripper is None else segment.width
     return replace(_rested(segment.name, motion, width), grips=bool(fingers & touched))
 

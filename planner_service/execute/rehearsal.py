@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
+from planner_service.collision.names import Kind, Owner, owner_of
 from planner_service.execute.admission import Executable
 from planner_service.execute.execution import execute
 from planner_service.execute.report import ExecutionReport, ExecutionStopped
@@ -96,8 +97,9 @@ def meant_contacts(plan: Executable) -> Collection[frozenset[str]]:
 
 def taken(plan: Executable, robot: Robot) -> tuple[str, ...]:
     """The obstacles that a plan takes hold of: those that the robot's fingers are meant to touch."""
-    fingers = set(() if robot.gripper is None else robot.gripper.links)
-    return tuple(sorted({name for pair in meant_contacts(plan) if pair & fingers for name in pair - fingers}))
+    fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
+    pairs = [{owner_of(name, robot) for name in pair} for pair in meant_contacts(plan)]
+    return tuple(sorted({owner.name for pair in pairs if pair & fingers for owner in pair - fingers}))
 
 
 def _told(contact: ArmContact) -> dict[str, Any]:

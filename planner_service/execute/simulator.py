@@ -24,6 +24,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from planner_service.collision.names import Names
 from planner_service.errors import BrokenInvariant, InvalidRequest, MissingDependency
 from planner_service.execute.mjcf import MARK, link_of, mjcf_text
 from planner_service.execute.trossen import SIMULATED_LAG, TrossenDriver
@@ -114,7 +115,8 @@ class SimulatedArm:
         try:
             model = Path(self._folder.name) / "scene.xml"
             model.write_text(text, "utf-8")
-            fingers = [] if robot.gripper is None else [link + MARK for link in robot.gripper.links]
+            names = Names(robot, scene)
+            fingers = [] if robot.gripper is None else [names.link(link) + MARK for link in robot.gripper.links]
             bodies = [name + MARK for name in sorted(loose)]
             job = {"scene": str(model), "joints": joints, "fingers": fingers, "loose": bodies}
             self.host = self._started(job, host)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+from planner_service.collision.names import Names
 from planner_service.geometry import FloatArray, Pose
 from planner_service.scene import Attached, Obstacle, Scene
 from planner_service.service import PlannerService
@@ -34,9 +35,11 @@ def service_after(service: PlannerService, q: FloatArray, width: float) -> Plann
 
 def _between(closed: PlannerService, q: FloatArray, fingers: tuple[str, ...]) -> Obstacle | None:
     """The obstacle that most fingers touch, None if none does."""
-    touched = Counter(c.b for c in closed.checker.variant(padding=GRIP).contacts(q) if c.a in fingers)
-    found = [obstacle for obstacle in closed.scene.obstacles if touched[obstacle.name]]
-    return max(found, key=lambda obstacle: touched[obstacle.name], default=None)
+    names = Names(closed.robot, closed.scene)
+    labels = set(map(names.link, fingers))
+    touched = Counter(c.b for c in closed.checker.variant(padding=GRIP).contacts(q) if c.a in labels)
+    found = [obstacle for obstacle in closed.scene.obstacles if touched[names.object(obstacle.name)]]
+    return max(found, key=lambda obstacle: touched[names.object(obstacle.name)], default=None)
 
 
 def _carried(scene: Scene, taken: Obstacle, tool: Pose, fingers: tuple[str, ...]) -> Scene:
