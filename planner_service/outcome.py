@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -232,6 +233,17 @@ class PlanResult:
             )
         return self.origin.service.view(self, port=port, block=block)
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan, or the failure in its place, to a JSON file with its robot, scene and request.
+
+        Raises:
+            InvalidRequest: the result comes from a file or another process, or has no place in a file.
+            InvalidFile: it cannot be written.
+        """
+        from planner_service.plan_file import save_plan
+
+        save_plan(self, path)
+
     @property
     def ok(self) -> bool:
         """Whether there is a plan."""
@@ -241,6 +253,11 @@ class PlanResult:
     def exempt(self) -> tuple[ExemptInterval, ...]:
         """Stretches on which named pairs were not judged."""
         return () if self.certificate is None else self.certificate.exempt
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that were judged nowhere because the service was told that they may touch."""
+        return () if self.certificate is None else self.certificate.allowed
 
     @property
     def counts(self) -> CheckCounts:

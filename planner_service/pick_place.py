@@ -55,8 +55,9 @@ def plan_pick_place(service: PlannerService, target: str, onto: str, request: Pl
         segments += placed.segments
         choosing, failure = choosing + placed.choosing, placed.failure
         if placed.ok:
-            home = placed.service.plan(replace(request, start=placed.q, goal=request.start))
-            segments.append(Segment("retreat -> home", home, placed.service.robot.gripper_width))
+            there = placed.service
+            home = there.plan(replace(request, start=placed.q, goal=request.start))
+            segments.append(Segment("retreat -> home", home, there.robot.gripper_width, there.scene))
             failure = home.failure
     return SavedTask(
         origin, task, tuple(segments), choosing, time.perf_counter() - began, failure=failure, notes=tuple(notes)

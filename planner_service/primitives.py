@@ -359,8 +359,8 @@ class _Task:
         to = before.plan(request, cancel=self._handling.cancel)
         if not self._has_plan(contact.names[0], to):
             return ()
-        widths = (before.robot.gripper_width, before.robot.gripper_width, after.robot.gripper_width)
-        return tuple(Segment(*parts) for parts in zip(contact.names, (to, into, out), widths, strict=True))
+        motions = zip(contact.names, (to, into, out), (before, before, after), strict=True)
+        return tuple(Segment(name, found, by.robot.gripper_width, by.scene) for name, found, by in motions)
 
     def _followed(
         self, service: PlannerService, waypoints: FloatArray, contacts: tuple[AllowedStretch, ...]

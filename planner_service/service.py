@@ -78,6 +78,16 @@ class PlannerService:
         """The same judge for questions of your own; plans count in another, so that neither disturbs the other."""
         return self._new_checker()
 
+    @property
+    def edge_step(self) -> EdgeStep:
+        """How finely edges are sampled."""
+        return self._planning.edge_step
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of link or object names that may touch, beside those the robot allows; sorted."""
+        return self._planning.allowed
+
     def _new_checker(self) -> CollisionChecker:
         return CollisionChecker(self.robot, self.scene, edge_step=self._edge_step, allowed=self._allowed)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.outcome import Failure, PlanResult
 from planner_service.request import PlanRequest
+from planner_service.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.timing import Timing, Trapezoidal
 
@@ -48,11 +50,36 @@ class Handling:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One motion of a task, by name; ``width`` is the gripper's opening in metres during it."""
+    """One motion of a task, by name.
+
+    Attributes:
+        width: The gripper's opening in metres during it; NaN or 0 without a gripper.
+        scene: What stands around the robot, and what it carries, during it. If None, those of the service that planned
+            it, or, where that is unknown, of the motion before.
+    """
 
     name: str
     result: PlanResult
     width: float
+    scene: Scene | None = None
+
+    def service_after(self, before: PlannerService) -> PlannerService:
+        """What plans for the robot and the scene as they are during this motion.
+
+        Args:
+            before: For the motion before it, or for the beginning of the task.
+
+        Raises:
+            InvalidRequest: the width is outside the gripper's range.
+        """
+        origin = self.result.origin
+        if origin is not None:
+            return origin.service
+        scene = before.scene if self.scene is None else self.scene
+        moved = before.robot.gripper is not None and before.robot.gripper_width != self.width
+        if not moved and scene == before.scene:
+            return before
+        return before.changed(gripper=self.width if moved else None, scene=scene)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +119,17 @@ class TaskResult:
             MissingDependency: the extra ``view`` is not installed.
         """
         return self.service.view(self, port=port, block=block)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the motions, or how far there are plans, to a JSON file with the robot and the scene of each.
+
+        Raises:
+            InvalidRequest: something in it has no place in a file.
+            InvalidFile: it cannot be written.
+        """
+        from planner_service.plan_file import save_plan
+
+        save_plan(self, path)
 
     @property
     def duration(self) -> float:

@@ -103,6 +103,7 @@ class Certificate:
         exempt: Stretches on which named pairs were not judged.
         refusal: None when the whole curve is proven.
         part: From where to where in s the curve was judged; None: all of it.
+        allowed: Pairs that were judged nowhere because the caller allows them to touch, sorted.
     """
 
     clearance: float
@@ -111,6 +112,7 @@ class Certificate:
     exempt: tuple[ExemptInterval, ...] = ()
     refusal: Refusal | None = None
     part: Span | None = None
+    allowed: tuple[tuple[str, str], ...] = ()
 
     @property
     def certified(self) -> bool:
@@ -142,7 +144,8 @@ class Certifier:
         self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: Backend = "auto"
     ) -> None:
         self.robot = robot
-        self.listed = ProofPairs(robot, scene, allowed)
+        self._allowed = tuple(sorted({(min(pair), max(pair)) for pair in pairs_of_names("allowed", allowed)}))
+        self.listed = ProofPairs(robot, scene, self._allowed)
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
         self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
@@ -182,10 +185,10 @@ class Certifier:
         proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
         obstruction = proof.obstruction
         if obstruction is None:
-            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, part=told)
+            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, None, told, self._allowed)
         names = self.listed.names(obstruction.pair)
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, told)
+        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, told, self._allowed)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.

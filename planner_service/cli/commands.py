@@ -237,7 +237,7 @@ def export(
         saved = load_plan(plan_file)
         if saved.result.trajectory is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
-        motion, names = saved.result.trajectory, saved.made_for.joint_names
+        motion, names = saved.result.trajectory, saved.robot.joint_names
         text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:
             write_whole(Path(out), text)

@@ -17,7 +17,7 @@ from planner_service.cli.arguments import (
     goals,
     load_libraries,
     optimise,
-    reopened,
+    service_of_terms,
     time_limit_of,
     timing_by_name,
     unit_of,
@@ -299,8 +299,7 @@ def _service(
     terms = roadmap.terms
     if terms is None:
         return _service_for_any(roadmap, robot, scene), []
-    made_for = MadeFor(terms.robot, terms.robot_hash, terms.joint_names, terms.scene, terms.scene_hash)
-    service, notes = reopened(made_for, robot, scene, MADE)
+    service, notes = service_of_terms(terms, robot, scene, MADE)
     require_robot(roadmap, service.robot)
     differs = difference(terms, Terms.of(service.checker.variant(padding=padding)))
     return service, ["; ".join([*notes, differs])] if differs else notes

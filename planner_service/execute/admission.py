@@ -58,8 +58,8 @@ def robot_of(plan: Executable, robot: Robot | None) -> Robot:
         opened = robot if robot.gripper is None or made.gripper is None else robot.with_gripper(made.gripper_width)
         if made.hash != opened.hash:
             raise _other_robot(made.name, made.hash, robot)
-    if isinstance(plan, SavedPlan | SavedTask) and plan.made_for.robot_hash != robot.hash:
-        raise _other_robot(plan.made_for.robot, plan.made_for.robot_hash, robot)
+    if isinstance(plan, SavedPlan | SavedTask) and plan.robot.hash != robot.hash:
+        raise _other_robot(plan.robot.name, plan.robot.hash, robot)
     return robot
 
 
