@@ -35,7 +35,6 @@ from planner_service.execute.admission import motions_of
 from planner_service.task import TaskResult
 from planner_service.view.composition import TOUCHING
 from planner_service.view.figures import AMBER, colours_of
-from planner_service.view.handover import service_after
 
 URDF = """<robot name="swing">
   <link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
@@ -201,14 +200,6 @@ def test_the_executor_knows_fingers_from_what_they_take(carried: TaskResult) -> 
     assert [motion.grips for motion in motions_of(carried, robot, allow_unproven=False)] == [False, True, False]
     assert taken(carried, robot) == ("finger_left",)
     assert frozenset(("finger_left (link)", "finger_left (object)")) in meant_contacts(carried)
-
-
-def test_what_closing_fingers_touch_is_found_by_its_kind(carried: TaskResult) -> None:
-    descend = carried.segments[1].result
-    assert descend.origin is not None
-    before, (path, _) = descend.origin.service, descend.unwrap()
-    after = service_after(before, path(path.length), carried.service.robot.gripper_width - 0.001)
-    assert [held.name for held in after.scene.attached] == ["finger_left"]
 
 
 def test_only_what_touches_is_painted(swing: Robot) -> None:
