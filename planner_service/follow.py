@@ -13,7 +13,7 @@ from planner_service.certify import Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers
+from planner_service.geometry import FloatArray, instance, items, numbers, text, whole
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
@@ -26,6 +26,8 @@ __all__ = ["AllowedStretch", "FollowRequest", "follow"]
 
 Pair = tuple[str, str]
 
+MAX_WAYPOINTS = 1_000_000
+
 
 @dataclass(frozen=True)
 class AllowedStretch:
@@ -37,11 +39,10 @@ class AllowedStretch:
     reason: str
 
     def __post_init__(self) -> None:
-        for name in ("first", "last"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-                raise InvalidRequest(name, value, "the index of a waypoint")
+        object.__setattr__(self, "first", whole("first", self.first, -MAX_WAYPOINTS, MAX_WAYPOINTS))
+        object.__setattr__(self, "last", whole("last", self.last, -MAX_WAYPOINTS, MAX_WAYPOINTS))
         object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
+        text("reason", self.reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +55,12 @@ class FollowRequest:
     blends: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.contacts, (list, tuple)):
-            raise InvalidRequest("contacts", self.contacts, "a list of AllowedStretch")
-        if not isinstance(self.pace, Pace):
-            raise InvalidRequest("pace", self.pace, "a pace such as Pace(SCurve(), velocity_scale=0.5)")
-        for contact in self.contacts:
-            if not isinstance(contact, AllowedStretch):
-                raise InvalidRequest("contacts", contact, "AllowedStretch(first, last, pairs, reason)")
+        object.__setattr__(self, "waypoints", numbers("waypoints", self.waypoints, "rows of joint values"))
+        expected = "a list of AllowedStretch(first, last, pairs, reason)"
+        object.__setattr__(self, "contacts", items("contacts", self.contacts, AllowedStretch, expected))
+        instance("pace", self.pace, Pace, "a pace such as Pace(SCurve(), velocity_scale=0.5)")
+        if self.blends is not None:
+            object.__setattr__(self, "blends", numbers("blends", self.blends, "widths >= 0 in radians"))
 
 
 def follow(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
-from planner_service.geometry import FloatArray, as_sent
+from planner_service.geometry import FloatArray, as_sent, copied_in
 from planner_service.optimize import Figures
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
@@ -101,6 +101,9 @@ class Failure:
     nearest_free: FloatArray | None = None
     blocked_by: tuple[tuple[str, str, float], ...] = ()
     __setstate__ = as_sent
+
+    def __post_init__(self) -> None:
+        copied_in(self, "contacts", "nearest_free", "blocked_by")
 
     def __str__(self) -> str:
         return f"{self.reason.value} ({self.stage.value}): {self.detail}"
@@ -213,6 +216,9 @@ class PlanResult:
     polish: PolishReport | None = None
     trace: Trace | None = None
     origin: Origin | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        copied_in(self, "stages", "notes")
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process it goes without its origin: a service is built there, and is larger than a plan."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from planner_service.bodies import Body, BodyPose, BodyTree, LinkShape
 from planner_service.data import data_folder
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry import FloatArray, Pose, Shape, numbers, read_only
+from planner_service.geometry import FloatArray, Pose, Shape, copied_in, numbers, read_only
 from planner_service.reach import reach_bounds
 from planner_service.regular_file import as_path
 
@@ -145,6 +145,7 @@ class Robot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "named_poses", tuple((name, read_only(q)) for name, q in self.named_poses))
         object.__setattr__(self, "tool_placement", read_only(self.tool_placement))
+        copied_in(self, "joint_names", "base_links", "bodies", "shapes", "allowed_contacts", "retreats")
 
     @classmethod
     def from_urdf(

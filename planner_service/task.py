@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, copied_in
 from planner_service.outcome import Failure, PlanResult
 from planner_service.request import PlanRequest
 from planner_service.scene import Scene
@@ -101,6 +101,9 @@ class TaskResult:
     failure: Failure | None = None
     choosing: CheckCounts = field(default_factory=CheckCounts)
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        copied_in(self, "segments", "q", "notes")
 
     @property
     def ok(self) -> bool:

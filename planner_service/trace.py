@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry import FloatArray, read_only
+from planner_service.geometry import FloatArray, copied_in, read_only
 
 __all__ = ["SearchGraph", "Trace", "Tracer"]
 
@@ -46,6 +46,9 @@ class Trace:
     graph: SearchGraph | None = None
     searched: FloatArray | None = None
     shortcut: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        copied_in(self, "searched", "shortcut")
 
 
 class Tracer:

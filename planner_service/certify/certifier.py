@@ -17,7 +17,7 @@ from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.proof import LIMIT_SLACK, Prover, native_prover, numpy_prover
 from planner_service.certify.tree import Span
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers
+from planner_service.geometry import FloatArray, copied_in, number, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -113,6 +113,9 @@ class Certificate:
     refusal: Refusal | None = None
     part: Span | None = None
     allowed: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        copied_in(self, "exempt")
 
     @property
     def certified(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ from planner_service.execute.execution import execute
 from planner_service.execute.report import ExecutionReport, ExecutionStopped
 from planner_service.execute.simulator import ArmContact, SimulatedArm
 from planner_service.execute.streaming import Streaming
-from planner_service.geometry import Pose
+from planner_service.geometry import Pose, copied_in
 from planner_service.outcome import PlanResult
 from planner_service.plan_file import SavedPlan
 from planner_service.robot import Robot
@@ -36,7 +36,10 @@ class Rehearsal:
     report: ExecutionReport
     contacts: tuple[ArmContact, ...]
     meant: tuple[ArmContact, ...]
-    loose: dict[str, Pose]
+    loose: Mapping[str, Pose]
+
+    def __post_init__(self) -> None:
+        copied_in(self, "contacts", "meant", "loose")
 
     @property
     def ok(self) -> bool:

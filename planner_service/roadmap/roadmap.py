@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from planner_service.collision import CheckCounts
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers, read_only
+from planner_service.geometry import FloatArray, copied_in, numbers, read_only
 from planner_service.roadmap.knowledge import Knowledge, Lesson, Verdict
 from planner_service.roadmap.net import Net, checked_edges
 from planner_service.roadmap.places import nearest_places
@@ -47,6 +47,9 @@ class Built:
     settings: Mapping[str, int]
     seed: int
     counts: CheckCounts
+
+    def __post_init__(self) -> None:
+        copied_in(self, "settings")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
