@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -138,7 +137,7 @@ def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | Po
         ]
     else:
         array = numbers("goal", goal, expected)
-        if array.ndim != 2 and array.size:
+        if array.ndim != 2:
             return array
         several = list(array)
     if not several:

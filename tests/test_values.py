@@ -44,15 +44,16 @@ from planner_service import (
     Trapezoidal,
     load_robot,
 )
-from planner_service.execute import ArmLimits, Recording
 from planner_service.episodes import Drawn
+from planner_service.execute import ArmLimits, Recording
 from planner_service.follow import FollowRequest
 from planner_service.interchange.problem_set import Problem, ProblemSet
 from planner_service.roadmap import Built
 
+ROW, COLUMN = np.array([1.0]), np.array([[0.0]])
 CORNERS = [[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)]
-PATH = JointPath([[0.0, 0.0], [1.0, 1.0]])
-DRIVEN = Trapezoidal().time_path(PATH, JointLimits([-3.0] * 2, [3.0] * 2, [1.0] * 2, [1.0] * 2, [10.0] * 2))
+PATH = JointPath(np.array([[0.0, 0.0], [1.0, 1.0]]))
+DRIVEN = Trapezoidal().time_path(PATH, JointLimits(*(np.array([v, v]) for v in (-3.0, 3.0, 1.0, 1.0, 10.0))))
 BOX = Box((0.1, 0.1, 0.1))
 EXEMPT = ExemptInterval(0.0, 1.0, (("a", "b"),), "why")
 PAIRS = [["a", "b"]]
@@ -103,7 +104,7 @@ VALUES: list[tuple[Callable[[Any], Any], str, Any]] = [
     (lambda v: ExemptInterval(0.0, 1.0, v, "why"), "pairs", PAIRS),
     (lambda v: Certificate(0.1, 5, 0.0, v), "exempt", [EXEMPT]),
     (JointPath, "waypoints", np.array([[0.0, 0.5], [0.1, 0.2], [0.5, 0.3]])),
-    (lambda v: JointPath([[0.0, 0.5], [0.1, 0.2], [0.5, 0.3]], v), "blends", np.array([0.0, 0.01, 0.0])),
+    (lambda v: JointPath(np.array([[0.0, 0.5], [0.1, 0.2], [0.5, 0.3]]), v), "blends", np.array([0.0, 0.01, 0.0])),
     (lambda v: Trajectory(PATH, v, DRIVEN.coefficients), "durations", DRIVEN.durations),
     (lambda v: Trajectory(PATH, DRIVEN.durations, v), "coefficients", DRIVEN.coefficients),
     (lambda v: Trajectory(PATH, DRIVEN.durations, DRIVEN.coefficients, 1.0, v), "part", [0.0, PATH.length]),
@@ -118,18 +119,18 @@ VALUES: list[tuple[Callable[[Any], Any], str, Any]] = [
     (lambda v: Attached("a", BOX, Pose(), v), "touch_links", ["one", "two"]),
     (Scene, "obstacles", [Obstacle("a", BOX)]),
     (lambda v: Scene((), v), "attached", [Attached("a", BOX, Pose())]),
-    (lambda v: JointLimits([-1.0], v, [1.0], [1.0], [1.0]), "upper", np.array([1.0])),
-    (lambda v: ArmLimits([-1.0], v, [1.0]), "upper", np.array([1.0])),
+    (lambda v: JointLimits(-ROW, v, ROW, ROW, ROW), "upper", np.array([1.0])),
+    (lambda v: ArmLimits(-ROW, v, ROW), "upper", np.array([1.0])),
     (lambda v: Roadmap.of(v, [[0, 1]]), "milestones", np.array([[0.0, 0.5], [0.1, 0.2]])),
     (lambda v: Roadmap.of([[0.0, 0.5], [0.1, 0.2]], v), "edges", np.array([[0, 1]])),
     (lambda v: Built("prm", v, 0, CheckCounts()), "settings", {"milestones": 5}),
     (lambda v: SearchGraph(v, np.zeros((0, 2), dtype=int)), "milestones", np.array([[0.0, 0.5]])),
-    (lambda v: SearchGraph([[0.0], [1.0]], v), "edges", np.array([[0, 1]])),  # type: ignore[arg-type]
+    (lambda v: SearchGraph(np.array([[0.0], [1.0]]), v), "edges", np.array([[0, 1]])),
     (lambda v: Trace(searched=v), "searched", np.array([[0.0, 0.5]])),
     (lambda v: Failure(Stage.SEARCH, Reason.TIMED_OUT, "", nearest_free=v), "nearest_free", np.array([0.5])),
     (lambda v: Failure(Stage.SEARCH, Reason.TIMED_OUT, "", blocked_by=v), "blocked_by", [("a", "b", 0.5)]),
     (lambda v: PlanResult(None, None, None, (), notes=v), "notes", ["clamped"]),
-    (lambda v: Recording([0.0], v, [[0.0]], [0.0]), "commanded", np.array([[0.5]])),  # type: ignore[arg-type]
+    (lambda v: Recording(ROW, v, COLUMN, ROW), "commanded", np.array([[0.5]])),
     (lambda v: Drawn(Scene(), v, "a", "b"), "start", np.array([0.5])),
     (lambda v: Problem("p", ("j",), Scene(), np.array([0.0]), v), "goals", [np.array([0.5])]),
     (lambda v: Problem("p", ("j",), Scene(), v, ()), "start", np.array([0.5])),
