@@ -98,7 +98,10 @@ def number(field: str, value: object, expected: str, lowest: float, highest: flo
     plain = value.item() if isinstance(value, np.generic) else value  # numpy's would round the bounds to their type
     if not isinstance(plain, (int, float)) or isinstance(plain, bool) or not lowest <= plain <= highest:
         raise InvalidRequest(field, value, expected)
-    return float(plain)
+    try:
+        return float(plain)
+    except OverflowError:  # an integer that no float holds, where any number would do
+        raise InvalidRequest(field, value, expected) from None
 
 
 def whole(field: str, value: object, lowest: int, highest: int) -> int:
@@ -162,10 +165,10 @@ def flag(field: str, value: object) -> bool:
     Raises:
         InvalidRequest: naming ``field``: neither True nor False.
     """
-    return bool(instance(field, value, (bool, np.bool_), "True or False"))  # type: ignore[arg-type]
+    return bool(instance(field, value, (bool, np.bool_), "True or False"))
 
 
-def instance(field: str, value: object, kind: type[T], expected: str) -> T:
+def instance(field: str, value: object, kind: type[T] | tuple[type[T], ...], expected: str) -> T:
     """What a caller gave, if it is of that kind.
 
     Raises:
@@ -176,7 +179,9 @@ def instance(field: str, value: object, kind: type[T], expected: str) -> T:
     return value
 
 
-def items(field: str, values: object, kind: type[T], expected: str, most: int = MAX_ITEMS) -> tuple[T, ...]:
+def items(
+    field: str, values: object, kind: type[T] | tuple[type[T], ...], expected: str, most: int = MAX_ITEMS
+) -> tuple[T, ...]:
     """The elements of a list or another iterable, each of that kind.
 
     Raises:

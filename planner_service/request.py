@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose, as_sent, number, numbers, whole
+from planner_service.geometry import FloatArray, Pose, as_sent, instance, number, numbers, whole
 from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect
 from planner_service.pose_goal import PoseGoal
@@ -118,6 +118,7 @@ class PlanRequest:
         Raises:
             InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
         """
+        instance("robot", robot, Robot, "a Robot")
         if not isinstance(self.goal, tuple):
             return (self.goal if isinstance(self.goal, Pose | PoseGoal) else joint_vector("goal", self.goal, robot),)
         return tuple(

@@ -17,9 +17,11 @@ from numpy.typing import ArrayLike
 
 from planner_service.batch import Batch
 from planner_service.certify import Certificate, Certifier, ExemptInterval
+from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
+from planner_service.geometry import flag, instance
 from planner_service.many import Engine
 from planner_service.outcome import Origin, PlanResult
 from planner_service.pace import Pace
@@ -68,7 +70,7 @@ class PlannerService:
     ) -> None:
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
-        self._edge_step, self._allowed = edge_step, tuple(allowed)
+        self._edge_step, self._allowed = edge_step, pairs_of_names("allowed", allowed)
         self._planning = self._new_checker()
         self._turns = Turns()
         self._process = os.getpid()
@@ -122,6 +124,8 @@ class PlannerService:
                 carried across a fork. That no plan exists is a result, not an error.
         """
         self._require_own_process()
+        instance("request", request, PlanRequest, "a PlanRequest")
+        flag("trace", trace)
         run = Run(self._planning, self._certifier, request, cancel)
         run.tracer = Tracer() if trace else None
         result = run.result(self._turns)

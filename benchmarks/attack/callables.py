@@ -56,8 +56,8 @@ from planner_service import (
     Robot,
     RRTConnect,
     RRTstar,
-    SCurve,
     Scene,
+    SCurve,
     SearchGraph,
     Sequential,
     SORRTstar,
@@ -140,8 +140,8 @@ HOSTILE: Mapping[str, Callable[[], object]] = {
     "half a surrogate pair": lambda: "a\ud800b",
     "empty tuple": lambda: (),
     "short tuple": lambda: (0,),
-    "empty list": lambda: [],
-    "mapping": lambda: {},
+    "empty list": list,
+    "mapping": dict,
     "mapping of numbers": lambda: {0: 1.0},
     "set": lambda: {1.0, 2.0},
     "object": _Any,
@@ -153,7 +153,7 @@ HOSTILE: Mapping[str, Callable[[], object]] = {
     "numbers and a text": lambda: [0.0, "1"],
     "array of objects": lambda: np.array([0.0, 1.0], dtype=object),
     "array of texts": lambda: np.array("x"),
-    "masked array": lambda: np.ma.masked_array([0.0, 0.5], mask=[False, True]),
+    "masked array": lambda: np.ma.masked_array([0.0, 0.5], mask=[False, True]),  # type: ignore[no-untyped-call]
     "empty array": lambda: np.zeros((0, 2)),
     "array of NaN": lambda: np.full(2, np.nan),
     "five dimensions": lambda: np.zeros((1, 1, 1, 1, 1)),
@@ -214,10 +214,22 @@ def _values(folder: Path) -> dict[str, Call]:
     law = Trapezoidal().time_path(path, _limits())
     timed = {"durations": law.durations, "coefficients": law.coefficients, "dilation": 1.0, "part": (0.0, path.length)}
     tree = {"range": 0.5, "goal_bias": 0.05, "checks": 2_000}
-    asked = {
-        **{"start": [0.0, 0.5], "goal": [0.5, 0.5], "planner": RRTConnect(), "timing": ToppRa(), "seed": 0},
-        **{"max_checks": 1_000, "time_limit": 1.0, "retries": 0, "padding": 0.001, "velocity_scale": 1.0},
-        **{"acceleration_scale": 1.0, "max_tool_speed": None, "blend": 0.5, "start_tolerance": 0.01, "polish": None},
+    asked: dict[str, Any] = {
+        "start": [0.0, 0.5],
+        "goal": [0.5, 0.5],
+        "planner": RRTConnect(),
+        "timing": ToppRa(),
+        "seed": 0,
+        "max_checks": 1_000,
+        "time_limit": 1.0,
+        "retries": 0,
+        "padding": 0.001,
+        "velocity_scale": 1.0,
+        "acceleration_scale": 1.0,
+        "max_tool_speed": None,
+        "blend": 0.5,
+        "start_tolerance": 0.01,
+        "polish": None,
     }
     pairs = (("a", "b"),)
     return {
@@ -504,7 +516,8 @@ def _files(folder: Path) -> dict[str, Call]:
     mesh.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "f 1 2 3\n", encoding="utf-8")
     stand = folder / "stand.urdf"
     stand.write_text(
-        '<robot name="s"><link name="a"><collision><geometry><box size=".1 .1 .1"/></geometry></collision></link></robot>',
+        '<robot name="s"><link name="a"><collision><geometry><box size=".1 .1 .1"/></geometry></collision></link>'
+        "</robot>",
         encoding="utf-8",
     )
     np.save(cloud, np.array(CUBE))

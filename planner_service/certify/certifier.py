@@ -17,7 +17,7 @@ from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.proof import LIMIT_SLACK, Prover, native_prover, numpy_prover
 from planner_service.certify.tree import Span
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry import FloatArray, copied_in, number, numbers
+from planner_service.geometry import FloatArray, copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -146,8 +146,9 @@ class Certifier:
     def __init__(
         self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: Backend = "auto"
     ) -> None:
-        self.robot = robot
         self._allowed = tuple(sorted({(min(pair), max(pair)) for pair in pairs_of_names("allowed", allowed)}))
+        self.robot = instance("robot", robot, Robot, "a Robot")
+        instance("scene", scene, Scene, "a Scene")
         self.listed = ProofPairs(robot, scene, self._allowed)
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
@@ -177,9 +178,7 @@ class Certifier:
             UnknownName: an exempt pair names nothing that is there.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
-        if not isinstance(exempt, (list, tuple)):
-            raise InvalidRequest("exempt", exempt, "a list of ExemptInterval")
-        stretches = tuple(exempt)
+        stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         self._check_path(curve)
         self._check_exempt(curve.length, stretches)
@@ -304,7 +303,7 @@ def certify(
 
 
 def _prover_of(backend: object, motion: Motion) -> Prover:
-    if backend not in ("auto", "native", "numpy"):
+    if not isinstance(backend, str) or backend not in ("auto", "native", "numpy"):
         raise InvalidRequest("backend", backend, '"auto", "native" or "numpy"')
     native = None if backend == "numpy" else native_prover(motion)
     if native is None and backend == "native":
@@ -319,7 +318,7 @@ def _floored(gap: float) -> float:
 def _part_of(length: float, part: Span) -> Span:
     """A part of a path, checked."""
     expected = f"0 <= begin <= end <= {length:.12g}"
-    begin, end = numbers("part", part, expected).tolist()
+    begin, end = finite_numbers("part", part, 2).tolist()
     if not 0.0 <= begin <= end <= length:
         raise InvalidRequest("part", (begin, end), expected)
     return begin, end

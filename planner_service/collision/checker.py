@@ -29,7 +29,7 @@ from planner_service.collision.near import NearPairs, measuring_kernel
 from planner_service.collision.parts import Parts, require_padding, sorted_pairs
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers, read_only
+from planner_service.geometry import FloatArray, instance, number, numbers, read_only
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -76,8 +76,8 @@ class CollisionChecker:
         require_padding(padding)
         if edge_step is not None and not callable(getattr(edge_step, "segments", None)):
             raise InvalidRequest("edge_step", edge_step, "a rule such as MotionStep(0.010)")
-        self.robot = robot
-        self.scene = scene
+        self.robot = instance("robot", robot, Robot, "a Robot")
+        self.scene = instance("scene", scene, Scene, "a Scene")
         self.edge_step: EdgeStep = MotionStep() if edge_step is None else edge_step
         self.padding = float(padding)
         self.allowed = sorted_pairs(allowed)
@@ -108,11 +108,13 @@ class CollisionChecker:
             motion_step: Metres of a ``MotionStep`` that edges keep beside the step there is.
         """
         padding = self.padding if padding is None else padding
+        require_padding(padding)
+        if motion_step is not None:
+            motion_step = MotionStep(motion_step).distance
         pairs = self.allowed if allowed is None else sorted_pairs(allowed)
         key = (padding, pairs, self._motion_step if motion_step is None else motion_step)
         if key == (self.padding, self.allowed, self._motion_step):
             return self
-        require_padding(padding)
         if key not in self._variants:
             step = self.edge_step
             if motion_step is not None:
@@ -249,6 +251,8 @@ class CollisionChecker:
 
     def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int) -> Found | None:
         """Judge an edge, of its interior only what a glance sees unless ``glance`` is 0."""
+        if not isinstance(known, Known):
+            raise InvalidRequest("known", known, "Known.NEITHER, START, END or BOTH")
         with self.ledger.lock:
             answered, found = self._quickly(q1, q2, known, glance, 1)
             if answered:
@@ -300,6 +304,8 @@ class CollisionChecker:
         Args:
             known: Ends of the path that are known to be free.
         """
+        instance("path", path, JointPath, "a JointPath")
+        instance("known", known, Known, "Known.NEITHER, START, END or BOTH")
         points = path(path.breaks)
         if len(points) == 1:
             return bool(known) or self.state_is_free(points[0])

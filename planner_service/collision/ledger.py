@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
+from planner_service.errors import InvalidRequest
+
 __all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
 
 
@@ -103,6 +105,8 @@ class Ledger:
 
         Limits around the block hold on within it.
         """
+        if token is not None and not isinstance(token, CancelToken):
+            raise InvalidRequest("cancel", token, "a CancelToken, or None")
         before = (self._state_limit, self._deadline, self._token)
         self._state_limit = _least(self._state_limit, None if states is None else self.states + states)
         self._deadline = _least(self._deadline, deadline)

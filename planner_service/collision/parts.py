@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from planner_service.collision.names import Kind, Names, Owner
 from planner_service.composite import Composite, Solid
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry import FloatArray, Pose, Shape, read_only
+from planner_service.geometry import FloatArray, Pose, Shape, number, read_only
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
@@ -160,14 +160,14 @@ class Parts:
 
 def require_padding(padding: object) -> None:
     """Refuse what is no distance in metres up to 0.1."""
-    kind = isinstance(padding, int | float | np.number) and not isinstance(padding, bool)
-    if not kind or not 0.0 <= padding <= MAX_PADDING:  # type: ignore[operator]
-        raise InvalidRequest("padding", padding, f"metres in [0, {MAX_PADDING}]")
+    number("padding", padding, f"metres in [0, {MAX_PADDING}]", 0.0, MAX_PADDING)
 
 
 def sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     """Pairs of names as given by a user, each once and in order."""
     pairs = set()
+    if isinstance(allowed, (str, bytes)) or not isinstance(allowed, Iterable):
+        raise InvalidRequest("allowed", allowed, "pairs of link or object names")
     for pair in allowed:
         if not isinstance(pair, tuple | list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
             raise InvalidRequest("allowed", pair, "pairs of link or object names")

@@ -16,7 +16,7 @@ from planner_service.episodes.folder import DATA_PATH, Folder
 from planner_service.episodes.tables import pyarrow_version
 from planner_service.episodes.work import Episode, EpisodeWork, lost
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import copied_in
+from planner_service.geometry import copied_in, whole
 from planner_service.many import Engine, Lost, Processes
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
@@ -94,8 +94,7 @@ def write_episodes(
             the task cannot be done by the robot; or ``count`` is no number of requests.
         MissingDependency: pyarrow is not there; the extra ``episodes`` brings it.
     """
-    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
-        raise InvalidRequest("count", count, f"a whole number in [1, {MOST:,}]")
+    whole("count", count, 1, MOST)
     work.task.draw(work.robot, Draws(work.seed, 0))  # a robot that cannot be used is told of here, not by a worker
     with Folder(as_path("out", out), _generation(work), work.chunk) as folder:
         if folder.requests > count:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.errors import PlannerServiceError
-from planner_service.geometry import FloatArray, copied_in, read_only
+from planner_service.geometry import FloatArray, copied_in, numbers, read_only
 from planner_service.robot import Robot
 from planner_service.trajectory import Trajectory
 
@@ -41,7 +41,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         for name in ("t", "commanded", "measured", "lateness"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            object.__setattr__(self, name, numbers(name, getattr(self, name), "numbers"))
 
 
 @dataclass(frozen=True, eq=False)
