@@ -19,7 +19,7 @@ from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.follow import AllowedStretch
-from planner_service.geometry import FloatArray, Pose
+from planner_service.geometry import FloatArray, Pose, instance, text
 from planner_service.grasps import offset_from, width_across
 from planner_service.kinematics import ToolLine, inverse_kinematics, straight_tool_line
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
@@ -75,6 +75,7 @@ def move_linear(
     Raises:
         InvalidRequest: as ``PlannerService.follow`` and ``straight_tool_line`` say.
     """
+    instance("service", service, PlannerService, "a PlannerService")
     q = joint_vector("start", start, service.robot)
     line = straight_tool_line(service.robot, q, goal, points=points)
     if line.stopped is not None:
@@ -104,7 +105,8 @@ def pick(
         UnknownName: no such obstacle or support.
         InvalidRequest: no grasp given, the robot has no gripper, or the object is too wide for it.
     """
-    handling = handling or Handling()
+    instance("service", service, PlannerService, "a PlannerService")
+    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     obstacle = service.scene.obstacle(target)
     _require_poses("grasps", grasps)
     if handling.support == target:
@@ -126,7 +128,9 @@ def place(
         UnknownName: no such carried object or support.
         InvalidRequest: no pose given, or the robot has no gripper.
     """
-    handling = handling or Handling()
+    instance("service", service, PlannerService, "a PlannerService")
+    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
+    text("carried", carried)
     held = next((a for a in service.scene.attached if a.name == carried), None)
     if held is None:
         raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, field
+from types import NoneType
 from typing import TYPE_CHECKING
 
 from planner_service.collision import CancelToken, CheckCounts
-from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, copied_in
+from planner_service.geometry import FloatArray, copied_in, instance, number
 from planner_service.outcome import Failure, PlanResult
-from planner_service.request import PlanRequest
+from planner_service.request import PlanRequest, require_timing
 from planner_service.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.timing import Timing, Trapezoidal
@@ -44,8 +44,13 @@ class Handling:
     cancel: CancelToken | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.support_gap, int | float) or not 0.0 <= self.support_gap <= 0.05:
-            raise InvalidRequest("support_gap", self.support_gap, "metres in [0, 0.05]")
+        instance("support", self.support, (str, NoneType), "the name of an obstacle, or None")
+        number("support_gap", self.support_gap, "metres in [0, 0.05]", 0.0, 0.05)
+        if self.open_width is not None:
+            number("open_width", self.open_width, "metres in [0, 1], or None", 0.0, 1.0)
+        instance("request", self.request, (PlanRequest, NoneType), "a PlanRequest, or None")
+        require_timing(self.line_timing)
+        instance("cancel", self.cancel, (CancelToken, NoneType), "a CancelToken, or None")
 
 
 @dataclass(frozen=True, eq=False)

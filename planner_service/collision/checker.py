@@ -29,7 +29,7 @@ from planner_service.collision.near import NearPairs, measuring_kernel
 from planner_service.collision.parts import Parts, require_padding, sorted_pairs
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, instance, number, numbers, read_only
+from planner_service.geometry import FloatArray, instance, number, numbers, read_only, whole
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -391,6 +391,7 @@ class CollisionChecker:
 
     def pair_names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair by its number: the link or carried object, then what it meets."""
+        whole("pair", pair, 0, self.pair_count - 1)
         return self._parts.names(pair)
 
     @cached_property
