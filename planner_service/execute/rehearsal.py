@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from planner_service.collision.names import Kind, Owner, owner_of
+from planner_service.errors import BrokenInvariant
 from planner_service.execute.admission import Executable
 from planner_service.execute.execution import execute
 from planner_service.execute.report import ExecutionReport, ExecutionStopped
@@ -71,14 +72,20 @@ def rehearse(
 
     Raises:
         InvalidRequest: as ``execute`` says.
+        ExecutionStopped: it was stopped, and the simulation cannot say any more what touched: it ended itself.
     """
     with closing(arm.connect()) as driver:
+        ended: ExecutionStopped | None = None
         try:
             report = execute(plan, driver, robot, streaming, allow_unproven=allow_unproven)
         except ExecutionStopped as stopped:
-            report = stopped.report
-        loose = arm.poses()
-        contacts = arm.contacts()
+            report, ended = stopped.report, stopped
+        try:
+            loose, contacts = arm.poses(), arm.contacts()
+        except BrokenInvariant:
+            if ended is not None:
+                raise ended from None
+            raise
     may = meant_contacts(plan)
     return Rehearsal(
         report,
