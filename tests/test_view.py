@@ -220,6 +220,14 @@ def test_a_pose_by_hand_stays_within_the_limits(discs: PlannerService) -> None:
     assert state.seconds is None
 
 
+def test_what_is_no_number_moves_nothing(discs: PlannerService) -> None:
+    state = ViewState.of(discs, discs.plan(asked(discs))).at(0.7)
+    assert state.at(math.nan) == state
+    posed = state.posed((math.nan, 0.1))
+    assert posed.q.tolist() == [state.q[0], 0.1]
+    assert posed.look.clearance is not None
+
+
 def test_start_and_goal_are_where_the_robot_stands(discs: PlannerService) -> None:
     state = ViewState.of(discs).posed((0.1, 0.2)).with_start().posed((0.3, 0.4)).with_goal()
     assert (state.start.tolist(), state.goal.tolist()) == ([0.1, 0.2], [0.3, 0.4])
