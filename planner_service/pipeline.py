@@ -35,6 +35,7 @@ from planner_service.smoothing import blended, pulled_in, shortcut, without_shor
 from planner_service.stagebook import Entry, Limits, NoPlan, StageBook, not_certified
 from planner_service.trace import Tracer
 from planner_service.trajectory import Trajectory
+from planner_service.tries import FIRST_TRIES, fresh_tries
 from planner_service.turns import Turns
 
 __all__ = ["Run", "fresh_seed"]
@@ -343,28 +344,33 @@ class Run:
             return points
 
     def _tries(self, planner: Planner, problem: SearchProblem, entry: Entry) -> FloatArray | None:
-        """Search until a try finds a path: each with a fresh seed and an equal share of the states.
-
-        A search has a long tail, which a fresh start cuts off; one that would end well is over long before.
-        """
-        tries = 1 if planner.patience is None else self._request.retries + 1
-        share = max(1, self._search_states // tries, planner.patience or 0)
-        ledger = self._checker.ledger
+        """Search until a try finds a path; None after some that ended by themselves without one."""
+        ledger, retries, given_up = self._checker.ledger, self._request.retries, 0
+        tries: Iterable[int] = (self._search_states,)
+        if planner.patience is not None:
+            tries = fresh_tries(self._search_states, retries, planner.patience)
+        spent: CheckBudgetSpent | None = None
         with self._checker.limited(states=self._search_states):
-            for attempt in range(tries):
+            for attempt, states in enumerate(tries):
                 self._book.attempts += 1
                 entry.note = planner.name + (f", try {attempt + 1}" if attempt else "")
-                seed = fresh_seed(self._request.seed, attempt + tries * self._rounds)
+                seed = fresh_seed(self._request.seed, attempt + FIRST_TRIES * self._rounds)
                 try:
-                    with self._checker.limited(states=share):
+                    with self._checker.limited(states=states):
                         found = planner.search(replace(problem, seed=seed))
-                except CheckBudgetSpent:
-                    if attempt + 1 == tries or ledger.room() == 0:
+                except CheckBudgetSpent as stopped:
+                    if ledger.room() == 0:
                         raise
+                    spent = stopped
                     continue
                 if found.waypoints is not None:
                     self._book.deterministic &= not isinstance(found.stopped, TimeBoxSpent | Cancelled)
                     return found.waypoints
+                spent, given_up = None, given_up + 1
+                if retries is None and given_up == FIRST_TRIES:
+                    break
+        if spent is not None:
+            raise spent
         return None
 
     def _grown(self, planner: Planner) -> Planner:

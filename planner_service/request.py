@@ -38,10 +38,12 @@ class PlanRequest:
             improves straight lines, free or not.
         timing: The law s(t) along the path.
         seed: Decides every random choice; the same request and seed give the same plan and counts.
-        max_checks: States the whole plan may judge (a PRM's building has its own budget).
-        time_limit: Wall seconds for all stages and retries, a safety net: a result it touched says
-            ``deterministic=False``. None for no limit.
-        retries: Further searches with fresh seeds when one gives up.
+        max_checks: States the whole plan may judge (a PRM's building has its own budget). As it stands a backstop, for
+            requests without a time limit.
+        time_limit: Wall seconds for all stages and retries; a result that it changed says ``deterministic=False``. None
+            for no limit.
+        retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; None: as many
+            as time and checks allow, the later ones the longer.
         padding: Metres that the search keeps from everything; near an end that is closer it keeps less.
         velocity_scale: Part in (0, 1] of the robot's velocity limits that may be used.
         acceleration_scale: The same of its accelerations, and of its jerks.
@@ -62,9 +64,9 @@ class PlanRequest:
     planner: Planner | Optimise = field(default_factory=RRTConnect)
     timing: Timing = field(default_factory=ToppRa)
     seed: int = 0
-    max_checks: int = 50_000
-    time_limit: float | None = 1.0
-    retries: int = 3
+    max_checks: int = 10_000_000
+    time_limit: float | None = 5.0
+    retries: int | None = None
     padding: float = 0.001
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
@@ -77,8 +79,10 @@ class PlanRequest:
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", numbers("start", self.start, "joint values, shape (n,)"))
         object.__setattr__(self, "goal", _copied_goal(self.goal))
-        for name, low, high in (("seed", 0, 2**63 - 1), ("max_checks", 1, 10**9), ("retries", 0, 1000)):
+        for name, low, high in (("seed", 0, 2**63 - 1), ("max_checks", 1, 10**9)):
             object.__setattr__(self, name, whole(name, getattr(self, name), low, high))
+        if self.retries is not None:
+            object.__setattr__(self, "retries", whole("retries", self.retries, 0, 1000))
         _number("padding", self.padding, 0.0, 0.1)
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
         _number("blend", self.blend, 0.0, 3.0)

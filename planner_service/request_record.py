@@ -156,7 +156,7 @@ class RequestRecord(Record):
     polish: PlannerRecord | None
     seed: Count
     max_checks: Count
-    retries: Count
+    retries: Count | None
     padding: float
     velocity_scale: float
     acceleration_scale: float
@@ -180,7 +180,7 @@ class RequestRecord(Record):
             polish=polish,
             seed=int(request.seed),
             max_checks=int(request.max_checks),
-            retries=int(request.retries),
+            retries=None if request.retries is None else int(request.retries),
             padding=float(request.padding),
             velocity_scale=float(request.velocity_scale),
             acceleration_scale=float(request.acceleration_scale),

@@ -205,9 +205,8 @@ class StageBook:
             return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._limits.seconds:g} s passed")
         return self._unknown(
             Reason.CHECK_BUDGET_EXHAUSTED,
-            f"no path within the {self._limits.search_states} checks that a search may use"
-            if self._stage is Stage.SEARCH
-            else f"no path within the {self._limits.states} checks that may be made",
+            f"no path within the {self._limits.states:,} checks that may be made"
+            + (f", {self._limits.search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
         )
 
     def _unknown(self, reason: Reason, what: str) -> Failure:

@@ -89,6 +89,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "request",
             "outcome",
             "stagebook",
+            "tries",
             "turns",
             "endpoints",
             "remedies",

@@ -31,6 +31,7 @@ from planner_service.cli.exits import NO_PLAN, bad_input_exits, finish, json_tex
 from planner_service.cli.imported import import_record, import_table, locks, to_check
 from planner_service.cli.options import (
     DEFAULT,
+    SECONDS,
     AsJson,
     Blend,
     Clearance,
@@ -111,7 +112,7 @@ def plan(
     timing: TimingName = "toppra",
     seed: Seed = DEFAULT.seed,
     max_checks: MaxChecks = DEFAULT.max_checks,
-    time_limit: TimeLimit = 1.0,
+    time_limit: TimeLimit = SECONDS,
     padding: Padding = DEFAULT.padding,
     blend: Blend = DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,

@@ -25,6 +25,7 @@ from planner_service.cli.arguments import (
 from planner_service.cli.exits import bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.options import (
     DEFAULT,
+    SECONDS,
     AsJson,
     Blend,
     Clearance,
@@ -135,7 +136,7 @@ def query(
     timing: TimingName = "toppra",
     seed: Seed = DEFAULT.seed,
     max_checks: MaxChecks = DEFAULT.max_checks,
-    time_limit: TimeLimit = 1.0,
+    time_limit: TimeLimit = SECONDS,
     padding: Annotated[float | None, typer.Option(help="Metres to keep; if not given, the roadmap's own.")] = None,
     blend: Blend = DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,
