@@ -1,7 +1,7 @@
 """How many problems that nobody chose the default request solves, clock and all, and whether its plans are free.
 
-Random queries of the WidowX AI in random scenes, and the public Panda problems with several seeds. What is left unsolved
-is asked again with ten times the time, and of other planners.
+Random queries of the WidowX AI in random scenes, and the public Panda problems with several seeds. What is left is
+asked again with ten times the time, and of other planners.
 """
 
 from __future__ import annotations
