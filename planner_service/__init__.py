@@ -12,6 +12,7 @@
 from planner_service.batch import Interrupted
 from planner_service.certify import Certificate, Certifier, EdgeProof, EdgeVerdict, ExemptInterval, Refusal
 from planner_service.collision import (
+    Cancelled,
     CancelToken,
     CheckCounts,
     CollisionChecker,
@@ -87,6 +88,7 @@ __all__ = [
     "Box",
     "BrokenInvariant",
     "CancelToken",
+    "Cancelled",
     "Capsule",
     "Certificate",
     "Certifier",

@@ -82,18 +82,21 @@ def follow(
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
     turns, cancel = caller
     book = StageBook(checker, Limits(None, None, None, cancel))
+
+    def checked() -> PlanResult:
+        with book.during(Stage.ENDPOINTS):
+            _judge_first(checker, points, request.contacts)
+        with book.during(Stage.STRAIGHT_LINE) as entry:
+            _judge_pieces(checker, points, request.contacts)
+            entry.note, entry.length = f"{len(points)} points", path.length
+        smooth = _blended(checker, path, sizes, request.contacts, book)
+        smooth, certificate = book.certified(certifier, smooth, _intervals(smooth, points, request.contacts))
+        if not certificate.certified:
+            raise NoPlan(not_certified(certificate), certificate)
+        return book.result(smooth, timed(smooth, request.pace, checker.robot, book), certificate=certificate)
+
     try:
-        with book.within_limits(turns):
-            with book.during(Stage.ENDPOINTS):
-                _judge_first(checker, points, request.contacts)
-            with book.during(Stage.STRAIGHT_LINE) as entry:
-                _judge_pieces(checker, points, request.contacts)
-                entry.note, entry.length = f"{len(points)} points", path.length
-            path = _blended(checker, path, sizes, request.contacts, book)
-            path, certificate = book.certified(certifier, path, _intervals(path, points, request.contacts))
-            if not certificate.certified:
-                raise NoPlan(not_certified(certificate), certificate)
-            return book.result(path, timed(path, request.pace, checker.robot, book), certificate=certificate)
+        return book.within_limits(turns, checked)
     except NoPlan as no_plan:
         return book.result(failure=no_plan.failure, certificate=no_plan.certificate)
 

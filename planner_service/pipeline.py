@@ -90,8 +90,7 @@ class Run:
         if self._book.roadmap is not None:
             self._book.roadmap.prepare()  # before the clock starts
         try:
-            with self._book.within_limits(turns, padding=self._request.padding):
-                return self._stages()
+            return self._book.within_limits(turns, self._stages)
         except NoPlan as no_plan:
             return self._book.result(failure=no_plan.failure, certificate=no_plan.certificate)
 
@@ -374,10 +373,10 @@ class Run:
         return None
 
     def _grown(self, planner: Planner) -> Planner:
-        """The planner itself; for a PRM the roadmap it grows, on its own budget and outside the time box."""
+        """The planner itself; for a PRM the roadmap it grows, on its own budget of states."""
         if not isinstance(planner, GROWERS):
             return planner
-        with self._book.during(Stage.ROADMAP) as entry, self._checker.ledger.apart(states=None):
+        with self._book.during(Stage.ROADMAP) as entry, self._checker.ledger.apart():
             roadmap = replace(grow(planner, self._judge(self._padding), seed=self._request.seed), fallback=False)
             entry.note = f"{planner.name}: {len(roadmap.milestones)} milestones, {len(roadmap.edges)} edges"
             if self._rounds == 0:

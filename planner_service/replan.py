@@ -101,15 +101,23 @@ class _Run:
     def result(self, turns: Turns) -> Replanned:
         """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""
         try:
-            with self._book.within_limits(turns, padding=self._request.padding):
-                if not self._motion.rests:
-                    return self._going_on()
-                self._prove_last_stretch()
-            return self._from_rest(turns)
+            going_on = self._book.within_limits(turns, self._under_way)
+            return self._from_rest(turns) if going_on is None else going_on
         except NoPlan as no_plan:
             failure = no_plan.failure
         with self._book.apart():  # a robot under way waits for nobody
             return self._stopping(failure)
+
+    def _under_way(self) -> Replanned | None:
+        """What to do before the old motion rests; None if it does, its last stretch being proven.
+
+        Raises:
+            NoPlan: there is nothing to do, or what is left cannot be proven.
+        """
+        if not self._motion.rests:
+            return self._going_on()
+        self._prove_last_stretch()
+        return None
 
     def _prove_last_stretch(self) -> None:
         """What is left until the old motion rests.

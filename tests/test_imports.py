@@ -21,7 +21,7 @@ FRONT = "__init__"
 
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
-    "errors": ({"errors"}, set()),
+    "errors": ({"errors", "polling", "turns"}, set()),
     "many": ({"many"}, {"errors"}),
     "shapes": (
         {
@@ -90,7 +90,6 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "outcome",
             "stagebook",
             "tries",
-            "turns",
             "endpoints",
             "remedies",
             "follow",

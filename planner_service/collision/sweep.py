@@ -87,15 +87,16 @@ class Sweep:
         Args:
             enough: Beyond this a bound need not be good, (m,).
         """
-        self._ledger.charge_distances(len(Q) * self._pairs)
         balls = sum(len(cluster.radius) for cluster in self._clusters)
         if not self._boxes or not balls:
+            self._ledger.charge_distances(len(Q) * self._pairs)
             return np.full(len(Q), np.inf)
         blocks = [slice(start, start + AT_ONCE // balls + 1) for start in range(0, len(Q), AT_ONCE // balls + 1)]
         return np.concatenate([self._gaps_of(Q[rows], enough[rows]) for rows in blocks])
 
     def _gaps_of(self, Q: FloatArray, enough: FloatArray) -> FloatArray:
         self._ledger.poll()
+        self._ledger.charge_distances(len(Q) * self._pairs)
         least = np.full(len(Q), np.inf)
         R, t = self._robot.body_poses_batch(Q)
         for cluster in self._clusters:
