@@ -15,7 +15,7 @@ from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.scene_file import require_writable
 
 MEASURES = (
-    *("toy", "states", "solvable", "planners", "speed", "tasks", "proven"),
+    *("toy", "states", "solved", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
     *("roadmaps", "optimise", "replan", "many", "episodes", "view", "execute"),
 )
@@ -43,6 +43,7 @@ SETTINGS = {
     "roadmaps": ("part",),
     "many": ("part",),
     "episodes": ("seed",),
+    "solved": ("queries", "seeds", "seed"),
 }
 """Arguments that a measure takes."""
 
@@ -61,7 +62,8 @@ cold      from the start of a process to its first plan, then plan after plan
 all       all of the measures below (the default)
 toy       the lesson's two-joint program: seed 7 and the 50 seeds of its exercise
 states    states by stage on the stored queries, next to the lesson's program
-solvable  what any planner solves, the default solves
+solved    random queries in random scenes, and the public Panda problems with several seeds, by the default request,
+          audited by Coal; --queries N, --seeds M, --seed S
 planners  every planner on four scenes, twice
 speed     judging states and edges against pair-by-pair FCL, and import time
 tasks     pick-and-place on a clear table and out of the bin
@@ -102,6 +104,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--part", metavar="PART", help="the only part of a measure to take; all if not given")
     for what in ("states", "edges"):
         parser.add_argument(f"--{what}", type=whole(1), metavar="N", help=f"{what} of each robot")
+    parser.add_argument("--queries", type=whole(0, 10**6), metavar="N", help="random queries")
+    parser.add_argument("--seeds", type=whole(0, 1000), metavar="M", help="plans of each public problem")
     parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")
     asked = parser.parse_args()
     for key in sorted({key for keys in SETTINGS.values() for key in keys}):

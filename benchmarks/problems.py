@@ -48,7 +48,7 @@ JOINT_STEP, MOTION_STEP = 0.01, 0.0002
 """Between samples of an audit: radians that a joint turns, metres that any point of the robot moves, at most."""
 
 SOON = 1.0
-"""Seconds: the time limit of a default request."""
+"""Seconds that a person waits without a thought."""
 
 STAGES = (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH)
 

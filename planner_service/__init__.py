@@ -20,6 +20,7 @@ from planner_service.certify import (
     Refusal,
 )
 from planner_service.collision import (
+    Cancelled,
     CancelToken,
     CheckCounts,
     CollisionChecker,
@@ -95,6 +96,7 @@ __all__ = [
     "Box",
     "BrokenInvariant",
     "CancelToken",
+    "Cancelled",
     "Capsule",
     "Certificate",
     "Certifier",

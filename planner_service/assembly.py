@@ -18,7 +18,7 @@ from planner_service.bodies import Body, LinkShape
 from planner_service.errors import BrokenInvariant, InvalidFile
 from planner_service.geometry import Box, Cylinder, FloatArray, Pose, Shape, Sphere, rpy_matrix
 from planner_service.mesh import Mesh
-from planner_service.urdf_model import Urdf, UrdfLink, mesh_name
+from planner_service.urdf_model import JOINT, LINK, Urdf, UrdfLink, mesh_name
 
 __all__ = ["Assembly", "assemble", "compose", "locked_positions", "transform"]
 
@@ -82,20 +82,21 @@ def assemble(path: Path, urdf: Urdf, joints: Sequence[str], locked: Mapping[str,
         raise InvalidFile(path, [f"Pinocchio cannot build this robot: {error}"]) from error
     q = np.zeros(full.nq)
     for name, position in locked.items():
-        q[full.joints[full.getJointId(name)].idx_q] = position
-    model = pin.buildReducedModel(full, [full.getJointId(name) for name in locked], q)
-    if sorted(model.names.tolist()[1:]) != sorted(joints) or model.nq != len(joints):
-        raise BrokenInvariant(f"Pinocchio moves {model.names.tolist()[1:]}, the robot says {list(joints)}")
+        q[full.joints[full.getJointId(JOINT + name)].idx_q] = position
+    model = pin.buildReducedModel(full, [full.getJointId(JOINT + name) for name in locked], q)
+    moving = [name.removeprefix(JOINT) for name in model.names.tolist()[1:]]
+    if sorted(moving) != sorted(joints) or model.nq != len(joints):
+        raise BrokenInvariant(f"Pinocchio moves {moving}, the robot says {list(joints)}")
     bodies = _bodies(pin, model, joints)
     frames = {}
     for link in urdf.links:
-        frame = model.frames[model.getFrameId(link.name, pin.FrameType.BODY)]
+        frame = model.frames[model.getFrameId(LINK + link.name, pin.FrameType.BODY)]
         frames[link.name] = (int(frame.parentJoint), _exact(frame.placement.homogeneous))
     return Assembly(bodies, _shapes(urdf, frames), frames)
 
 
 def _bodies(pin: Any, model: Any, joints: Sequence[str]) -> tuple[Body, ...]:
-    names = model.names.tolist()
+    names = [name.removeprefix(JOINT) for name in model.names.tolist()]
     data, neutral = model.createData(), pin.neutral(model)
     bodies = [Body("base", -1, np.eye(4), np.zeros(3), False, -1)]
     for index in range(1, model.njoints):
@@ -126,7 +127,7 @@ def _shapes(urdf: Urdf, frames: Mapping[str, tuple[int, FloatArray]]) -> tuple[L
     robot = yourdfpy.URDF.load(
         io.BytesIO(urdf.xml().encode()), build_scene_graph=False, build_collision_scene_graph=False, load_meshes=False
     ).robot
-    read = {link.name: link.collisions for link in robot.links}
+    read = {link.name.removeprefix(LINK): link.collisions for link in robot.links}
     shapes = []
     for link in urdf.links:
         body, T_body_link = frames[link.name]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 from planner_service.errors import InvalidRequest
+from planner_service.geometry import items
 from planner_service.many import Answers, Engine, Lost, Processes
 from planner_service.outcome import Failure, Origin, PlanResult, Reason, Stage
 from planner_service.planners import RRTConnect
@@ -73,7 +74,7 @@ class Batch:
         self, requests: Iterable[PlanRequest], engine: Engine | None, progress: bool | None
     ) -> list[PlanResult]:
         """See ``PlannerService.plan_many``."""
-        asked = list(_iterated(requests))
+        asked = items("requests", requests, PlanRequest, "a PlanRequest")
         answers, results = self._started(asked, engine), list[PlanResult]()
         try:
             with closing(answers), bar("plans", progress) as told:

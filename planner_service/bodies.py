@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose, Shape, cosines_and_sines, read_only
+from planner_service.geometry import FloatArray, Pose, Shape, cosines_and_sines, numbers, read_only
 
 __all__ = ["Body", "BodyPose", "BodyTree", "LinkShape"]
 
@@ -145,7 +145,7 @@ class BodyTree:
         Args:
             portable: Bits that are the same on every processor instead, for what a path is made of.
         """
-        q = np.asarray(Q, dtype=np.float64)
+        q = numbers("Q", Q, f"configurations of shape (m, {self._n})")
         if q.ndim != 2 or q.shape[1] != self._n:
             raise InvalidRequest("Q", q.shape, f"configurations of shape (m, {self._n})")
         m = q.shape[0]

@@ -12,13 +12,14 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.decomposition import pieces_of_file
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.geometry import MAX_LENGTH, Box, FloatArray, Pose, Shape, number, numbers, read_only
+from planner_service.geometry import MAX_LENGTH, Box, FloatArray, Pose, Shape, items, number, numbers, read_only
 from planner_service.grid_file import MAX_POINTS, read_array
 from planner_service.regular_file import as_path
 
@@ -69,18 +70,18 @@ class Compound:
 
     def __post_init__(self) -> None:
         expected = f"1 to {MAX_COMPOUND:,} pairs of a convex shape and a Pose"
-        try:
-            parts = tuple((shape, pose) for shape, pose in self.parts)
-        except (TypeError, ValueError):
-            raise InvalidRequest("parts", self.parts, expected) from None
-        if not 1 <= len(parts) <= MAX_COMPOUND:
-            raise InvalidRequest("parts", len(parts), expected)
-        for k, (shape, pose) in enumerate(parts):
-            if not isinstance(shape, Shape) or not isinstance(pose, Pose):
-                raise InvalidRequest(f"parts[{k}]", (shape, pose), "a convex shape and a Pose")
+        pairs = items("parts", self.parts, (tuple, list), expected)
+        if not 1 <= len(pairs) <= MAX_COMPOUND:
+            raise InvalidRequest("parts", len(pairs), expected)
+        parts = []
+        for k, pair in enumerate(pairs):
+            if len(pair) != 2 or not isinstance(pair[0], Shape) or not isinstance(pair[1], Pose):
+                raise InvalidRequest(f"parts[{k}]", pair, "a convex shape and a Pose")
+            shape, pose = pair
+            parts.append((shape, pose))
             if max(map(abs, pose.position)) > MAX_LENGTH:
                 raise InvalidRequest(f"parts[{k}]", pose.position, f"metres, at most {MAX_LENGTH:g} along each axis")
-        object.__setattr__(self, "parts", parts)
+        object.__setattr__(self, "parts", tuple(parts))
 
     @classmethod
     def of_mesh(
@@ -104,7 +105,8 @@ class Compound:
     @classmethod
     def of_pieces(cls, pieces: Iterable[Shape]) -> Compound:
         """Convex shapes that all have the compound's own frame."""
-        return cls(tuple((piece, Pose()) for piece in pieces))
+        given: tuple[Any, ...] = items("pieces", pieces, object, "convex shapes", MAX_COMPOUND)
+        return cls(tuple((piece, Pose()) for piece in given))
 
     @cached_property
     def pieces(self) -> Pieces:

@@ -22,8 +22,7 @@ from planner_service.certify.motion import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.separation import refined_gaps, rough_gaps
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, read_only
+from planner_service.geometry import FloatArray, instance, read_only, whole
 from planner_service.mesh import Mesh
 from planner_service.robot import AllowedContact, Robot
 from planner_service.scene import Scene
@@ -135,9 +134,9 @@ def contact_table(robot: Robot, *, samples: int = SAMPLES, max_bounds: int = MAX
     Raises:
         InvalidRequest: ``samples`` or ``max_bounds`` is no positive integer.
     """
-    for field, value in (("samples", samples), ("max_bounds", max_bounds)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InvalidRequest(field, value, "an integer of at least 1")
+    instance("robot", robot, Robot, "a Robot")
+    whole("samples", samples, 1, 1_000_000)
+    whole("max_bounds", max_bounds, 1, 10**12)
     given: dict[frozenset[str], str] = {}
     for contact in robot.allowed_contacts:  # an adjacent pair that an SRDF lists too stays adjacent
         given.setdefault(frozenset(contact.links), contact.reason)

@@ -32,6 +32,7 @@ from planner_service.search import Configuration, SearchProblem, joint_distance
 from planner_service.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from planner_service.splice import Handover
 from planner_service.stagebook import NoPlan, StageBook
+from planner_service.tries import FIRST_TRIES
 
 __all__ = ["Detours", "Place", "Way"]
 
@@ -272,7 +273,9 @@ class Detours:
         (oracle, turn), planner = asked, request.planner
         if isinstance(planner, Roadmap | Optimise):
             planner = RRTConnect()
-        tries = 1 if planner.patience is None else request.retries + 1
+        tries = FIRST_TRIES if request.retries is None else request.retries + 1
+        if planner.patience is None:
+            tries = 1
         share = max(1, self._states // tries, planner.patience or 0)
         with self._book.during(Stage.SEARCH) as entry:
             entry.note = planner.name

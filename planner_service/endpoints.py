@@ -204,7 +204,8 @@ class Endpoints:
             rest = self._robot.pose(retreat.pose)
             if np.abs(q - rest).max() > SAME_POSE or self._checker.state_is_free(q):
                 continue
-            checker = self._checker.variant(allowed=(*self._checker.allowed, *retreat.pairs))
+            pairs = self._checker.parts.labels.links(retreat.pairs)
+            checker = self._checker.variant(allowed=(*self._checker.allowed, *pairs))
             if checker.edge_is_free(rest, retreat.to):
                 if q.tolist() != rest.tolist():
                     self._book.notes.append(

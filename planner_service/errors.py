@@ -87,10 +87,19 @@ class UnknownName(InvalidRequest, LookupError):
         self.kind = kind
         self.name = name
         self.available = tuple(sorted(available))
-        near = get_close_matches(name if isinstance(name, str) else shown(name), self.available, n=1)
+        near = _nearest(name if isinstance(name, str) else shown(name), self.available)
         hint = f"did you mean {near[0]!r}?" if near else f"available: {', '.join(self.available) or 'none'}"
         message = f"unknown {kind} {shown(name)}; {hint}"
         super().__init__(kind, name, f"one of {', '.join(self.available)}", message=message)
+
+
+def _nearest(name: str, available: Sequence[str]) -> list[str]:
+    """The name that was probably meant: spelt alike, or else the shortest that has it as a part."""
+    if len(name) > SHOWN:  # comparing spellings takes as long as the product of their lengths
+        return []
+    near = get_close_matches(name, available, n=1)
+    parts = [other for other in available if name and name.casefold() in other.casefold()]
+    return near or sorted(parts, key=lambda other: (not other.casefold().startswith(name.casefold()), len(other)))[:1]
 
 
 class InvalidFile(InvalidRequest):

@@ -13,7 +13,7 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers
+from planner_service.geometry import FloatArray, instance, items, number, numbers, text, whole
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
@@ -25,6 +25,8 @@ from planner_service.turns import Turns
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
 
 Pair = tuple[str, str]
+
+MAX_WAYPOINTS = 1_000_000
 
 MAX_PADDING = 0.1
 """Metres; more is a wrong unit."""
@@ -40,11 +42,10 @@ class AllowedStretch:
     reason: str
 
     def __post_init__(self) -> None:
-        for name in ("first", "last"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-                raise InvalidRequest(name, value, "the index of a waypoint")
+        object.__setattr__(self, "first", whole("first", self.first, -MAX_WAYPOINTS, MAX_WAYPOINTS))
+        object.__setattr__(self, "last", whole("last", self.last, -MAX_WAYPOINTS, MAX_WAYPOINTS))
         object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
+        text("reason", self.reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +60,13 @@ class FollowRequest:
     padding: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "waypoints", numbers("waypoints", self.waypoints, "rows of joint values"))
+        expected = "a list of AllowedStretch(first, last, pairs, reason)"
+        object.__setattr__(self, "contacts", items("contacts", self.contacts, AllowedStretch, expected))
+        instance("pace", self.pace, Pace, "a pace such as Pace(SCurve(), velocity_scale=0.5)")
+        if self.blends is not None:
+            object.__setattr__(self, "blends", numbers("blends", self.blends, "widths >= 0 in radians"))
         number("padding", self.padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
-        if not isinstance(self.contacts, (list, tuple)):
-            raise InvalidRequest("contacts", self.contacts, "a list of AllowedStretch")
-        if not isinstance(self.pace, Pace):
-            raise InvalidRequest("pace", self.pace, "a pace such as Pace(SCurve(), velocity_scale=0.5)")
-        for contact in self.contacts:
-            if not isinstance(contact, AllowedStretch):
-                raise InvalidRequest("contacts", contact, "AllowedStretch(first, last, pairs, reason)")
 
 
 def follow(
@@ -88,22 +88,24 @@ def follow(
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
     turns, cancel = caller
     book = StageBook(checker, Limits(None, None, None, cancel))
+
+    def checked() -> PlanResult:
+        with book.during(Stage.ENDPOINTS):
+            _judge_first(checker, points, request.contacts)
+        with book.during(Stage.STRAIGHT_LINE) as entry:
+            _judge_pieces(checker, points, request.contacts)
+            entry.note, entry.length = f"{len(points)} points", path.length
+        smooth = _blended(checker, path, sizes, request.contacts, book)
+        smooth, certificate = book.certified(certifier, smooth, _intervals(smooth, points, request.contacts))
+        if not certificate.certified:
+            raise NoPlan(not_certified(certificate), certificate)
+        if certificate.clearance < request.padding:
+            certificate = _padded(book, certifier, smooth, certificate, request.padding)
+        book.padding = min(request.padding, certificate.clearance)
+        return book.result(smooth, timed(smooth, request.pace, checker.robot, book), certificate=certificate)
+
     try:
-        with book.within_limits(turns):
-            with book.during(Stage.ENDPOINTS):
-                _judge_first(checker, points, request.contacts)
-            with book.during(Stage.STRAIGHT_LINE) as entry:
-                _judge_pieces(checker, points, request.contacts)
-                entry.note, entry.length = f"{len(points)} points", path.length
-            path = _blended(checker, path, sizes, request.contacts, book)
-            exempt = _intervals(path, points, request.contacts)
-            path, certificate = book.certified(certifier, path, exempt)
-            if not certificate.certified:
-                raise NoPlan(not_certified(certificate), certificate)
-            if certificate.clearance < request.padding:
-                certificate = _padded(book, certifier, path, certificate, request.padding)
-            book.padding = min(request.padding, certificate.clearance)
-            return book.result(path, timed(path, request.pace, checker.robot, book), certificate=certificate)
+        return book.within_limits(turns, checked)
     except NoPlan as no_plan:
         return book.result(failure=no_plan.failure, certificate=no_plan.certificate)
 

@@ -3,15 +3,16 @@
 Lengths in metres, quaternions as (w, x, y, z). Every shape is centred on its own origin and
 convex; cylinders and capsules lie along local z. All shapes answer the same few questions
 (``support``, ``distance``, ``grown``), on which the collision checker and its bounds are built.
-What callers give as numbers is read here too (``number``, ``numbers``), strictly.
+What callers give is read here too, strictly (``number``, ``whole``, ``numbers``, ``text``, ``items``, ``instance``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from itertools import islice
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,12 +28,21 @@ __all__ = [
     "Shape",
     "Sphere",
     "as_sent",
+    "copied_in",
     "cosines_and_sines",
+    "finite_numbers",
+    "flag",
+    "instance",
+    "items",
     "number",
     "numbers",
     "read_only",
     "rpy_matrix",
+    "text",
+    "whole",
 ]
+
+T = TypeVar("T")
 
 FloatArray = NDArray[np.float64]
 
@@ -42,6 +52,12 @@ _QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)
 MAX_LENGTH = 1e3
 """No robot on a table is a kilometre long: a longer length is a unit mistake."""
 
+MAX_ITEMS = 1_000_000
+"""Elements of a list a caller gives; an iterator without an end would fill the memory."""
+
+MAX_NUMBERS = 20_000_000
+"""Numbers of an array a caller gives, 160 MB."""
+
 
 def read_only(values: ArrayLike) -> FloatArray:
     """A private, immutable float64 copy of ``values``, which are known to be numbers; see ``numbers`` for others."""
@@ -50,11 +66,26 @@ def read_only(values: ArrayLike) -> FloatArray:
     return array
 
 
+def copied_in(value: object, *names: str) -> None:
+    """For ``__post_init__``: hold read-only copies of the arrays, lists and mappings that ``names`` were given as."""
+    for name in names:
+        held = getattr(value, name)
+        if isinstance(held, np.ndarray):
+            held = held.copy()
+            held.flags.writeable = False
+        elif isinstance(held, Mapping):
+            held = dict(held)
+        elif held is not None:
+            held = items(name, held, object, "a sequence")
+        object.__setattr__(value, name, held)
+
+
 def as_sent(value: object, state: dict[str, Any]) -> None:
     """``__setstate__`` of values with arrays: from another process they come as numbers, and are read-only again."""
     for held in state.values():
-        if isinstance(held, np.ndarray):
-            held.flags.writeable = False
+        for array in held if isinstance(held, tuple) else (held,):
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
     value.__dict__.update(state)
 
 
@@ -67,7 +98,21 @@ def number(field: str, value: object, expected: str, lowest: float, highest: flo
     plain = value.item() if isinstance(value, np.generic) else value  # numpy's would round the bounds to their type
     if not isinstance(plain, (int, float)) or isinstance(plain, bool) or not lowest <= plain <= highest:
         raise InvalidRequest(field, value, expected)
-    return float(plain)
+    try:
+        return float(plain)
+    except OverflowError:  # an integer that no float holds, where any number would do
+        raise InvalidRequest(field, value, expected) from None
+
+
+def whole(field: str, value: object, lowest: int, highest: int) -> int:
+    """The whole number in [``lowest``, ``highest``] that a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field``: another number, a boolean, or no integer.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not lowest <= value <= highest:
+        raise InvalidRequest(field, value, f"a whole number from {lowest:,} to {highest:,}")
+    return int(value)
 
 
 def numbers(field: str, values: object, expected: str) -> FloatArray:
@@ -77,13 +122,14 @@ def numbers(field: str, values: object, expected: str) -> FloatArray:
 
     Raises:
         InvalidRequest: naming ``field`` and what was ``expected``: texts, booleans, complex numbers, other objects,
-            hidden (masked) entries, rows of unequal length, or integers that no float holds.
+            hidden (masked) entries, rows of unequal length, integers that no float holds, or 20 million numbers.
     """
     try:
-        array = None if _disguised(values) else np.asarray(values)
-    except (TypeError, ValueError, OverflowError, RuntimeError):
-        array = None
-    if array is None or array.dtype.kind not in "iuf":
+        _count(values)
+        array = np.asarray(values)
+    except Exception:  # another library's object may raise anything when numpy looks at it
+        raise InvalidRequest(field, values, expected) from None
+    if array.dtype.kind not in "iuf":
         raise InvalidRequest(field, values, expected)
     if array.dtype.itemsize == 8 and array.dtype.kind == "f":
         return read_only(array)
@@ -91,14 +137,97 @@ def numbers(field: str, values: object, expected: str) -> FloatArray:
         return read_only(array)
 
 
-def _disguised(values: object) -> bool:
-    """Whether numpy would take something in ``values`` for a number that is none: a boolean or a hidden entry."""
+def finite_numbers(field: str, values: object, n: int) -> FloatArray:
+    """``n`` finite numbers as ``numbers`` reads them, shape (n,).
+
+    Raises:
+        InvalidRequest: as ``numbers``, or another count of them, or one that is not finite.
+    """
+    expected = f"{n} finite numbers, shape ({n},)"
+    array = numbers(field, values, expected)
+    if array.shape != (n,) or not np.isfinite(array).all():
+        raise InvalidRequest(field, values, expected)
+    return array
+
+
+def text(field: str, value: object, expected: str = "a text") -> str:
+    """The text a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field``: it is none.
+    """
+    return instance(field, value, str, expected)
+
+
+def flag(field: str, value: object) -> bool:
+    """The yes or no that a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field``: neither True nor False.
+    """
+    return bool(instance(field, value, (bool, np.bool_), "True or False"))
+
+
+def instance(field: str, value: object, kind: type[T] | tuple[type[T], ...], expected: str) -> T:
+    """What a caller gave, if it is of that kind.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``.
+    """
+    if not isinstance(value, kind):
+        raise InvalidRequest(field, value, expected)
+    return value
+
+
+def items(
+    field: str, values: object, kind: type[T] | tuple[type[T], ...], expected: str, most: int = MAX_ITEMS
+) -> tuple[T, ...]:
+    """The elements of a list or another iterable, each of that kind.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``: a text, a mapping, a set (which has no order),
+            something that has no elements, an element of another kind, or more than ``most``.
+    """
+    if isinstance(values, (str, bytes, Mapping, Set)):
+        raise InvalidRequest(field, values, expected)
+    try:
+        given = iter(values)  # type: ignore[call-overload]
+    except TypeError:
+        raise InvalidRequest(field, values, expected) from None
+    found: list[T] = []
+    for value in islice(given, most):
+        if not isinstance(value, kind):
+            raise InvalidRequest(f"{field}[{len(found)}]", value, expected)
+        found.append(value)
+    for _ in given:
+        raise InvalidRequest(field, values, f"{expected}, at most {most:,}")
+    return tuple(found)
+
+
+def _count(values: object) -> int:
+    """How many numbers numpy would find in ``values``.
+
+    Raises:
+        ValueError: too many, or it would take something for a number that is none: a boolean or a hidden entry.
+    """
     if isinstance(values, np.ndarray):
         mask = getattr(values, "mask", False)
-        return values.dtype.kind == "b" or (mask is not False and bool(np.any(mask)))
-    if isinstance(values, (list, tuple)):
-        return any(map(_disguised, values))
-    return isinstance(values, (bool, np.bool_))
+        if values.dtype.kind == "b" or (mask is not False and bool(np.any(mask))):
+            raise ValueError
+        count = values.size
+    elif isinstance(values, (list, tuple)):
+        count = 0
+        for value in values:
+            count += 1 if type(value) is float else _count(value)
+            if count > MAX_NUMBERS:
+                break
+    elif isinstance(values, (bool, np.bool_)):
+        raise ValueError
+    else:
+        count = len(values) if hasattr(values, "__len__") else 1
+    if count > MAX_NUMBERS:
+        raise ValueError
+    return count
 
 
 def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
@@ -115,32 +244,17 @@ def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
     )
 
 
-def _float(value: Any) -> float:
-    if isinstance(value, (str, bytes, bool)):  # float() would read them; Box("111") is no cube of a metre
-        raise TypeError(value)
-    return float(value)
-
-
 def _finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
     if type(values) is tuple and len(values) == size and all(type(v) is float and math.isfinite(v) for v in values):
         return values
-    try:
-        found = tuple(_float(v) for v in values)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidRequest(field, values, f"{size} numbers") from None
-    if len(found) != size or not all(math.isfinite(v) for v in found):
+    found = numbers(field, values, f"{size} finite numbers")
+    if found.shape != (size,) or not np.isfinite(found).all():
         raise InvalidRequest(field, values, f"{size} finite numbers")
-    return found
+    return tuple(found.tolist())
 
 
 def _length(field: str, value: Any) -> float:
-    try:
-        number = _float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidRequest(field, value, "a length in metres") from None
-    if not 0.0 < number <= MAX_LENGTH:
-        raise InvalidRequest(field, value, f"a positive length up to {MAX_LENGTH:g} m")
-    return number
+    return number(field, value, f"a positive length up to {MAX_LENGTH:g} m", math.ulp(0.0), MAX_LENGTH)
 
 
 @dataclass(frozen=True)

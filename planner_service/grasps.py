@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import Box, FloatArray, Pose
+from planner_service.geometry import Box, FloatArray, Pose, instance, items, number
 from planner_service.robot import Gripper, Robot
 from planner_service.scene import Obstacle
 
@@ -21,6 +21,8 @@ __all__ = ["middle_of", "offset_from", "top_grasps", "width_across"]
 TILTS = (0.0, math.radians(15.0), math.radians(-15.0), math.radians(30.0), math.radians(-30.0))
 """Leans of the approach from straight down, in the order tried: the arm cannot rise far with a vertical
 gripper, and a lean is what gives it room."""
+
+MAX_TILTS = 1_000
 
 _YAWS_OF_A_ROUND_OBJECT = 8
 
@@ -37,7 +39,14 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
     Raises:
         InvalidRequest: the robot has no gripper, or the object is too wide for it from every side.
     """
-    gripper = robot.gripper
+    instance("target", target, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
+    leans = items("tilts", tilts, (int, float), "angles in radians", MAX_TILTS)
+    if not leans:
+        raise InvalidRequest("tilts", tilts, "at least one angle in radians")
+    leans = tuple(
+        number(f"tilts[{k}]", lean, "an angle in [-pi, pi]", -math.pi, math.pi) for k, lean in enumerate(leans)
+    )
+    gripper = instance("robot", robot, Robot, "a Robot").gripper
     if gripper is None:
         raise InvalidRequest("robot", robot.name, "a robot with a gripper")
     R = target.pose.rotation
@@ -46,7 +55,7 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
     count = 4 if isinstance(target.shape, Box) else _YAWS_OF_A_ROUND_OBJECT
     grasps = [
         Pose.from_matrix(_from_above(gripper, middle, heading + 2 * math.pi * k / count, tilt))
-        for tilt in tilts
+        for tilt in leans
         for k in range(count)
     ]
     fitting = tuple(pose for pose in grasps if width_across(target, pose, gripper) <= gripper.upper)

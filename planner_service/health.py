@@ -15,8 +15,7 @@ from planner_service.certify import Certifier
 from planner_service.certify.proof import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.collision.kernel import instruction_sets
-from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, whole
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
@@ -80,8 +79,7 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     Raises:
         InvalidRequest: ``states`` is no integer from 1 to 1,000,000.
     """
-    if isinstance(states, bool) or not isinstance(states, int) or not 1 <= states <= MAX_STATES:
-        raise InvalidRequest("states", states, f"an integer from 1 to {MAX_STATES:,}")
+    whole("states", states, 1, MAX_STATES)
     chance = random.Random(seed)
     ranges = list(zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True))
     Q = np.array([[chance.uniform(*range_) for range_ in ranges] for _ in range(states)])

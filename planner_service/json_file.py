@@ -19,6 +19,12 @@ T = TypeVar("T")
 MAX_BYTES = 50_000_000
 """A plan of 10,000 waypoints takes about 5 MB; a larger file is no plan."""
 
+MAX_KEY, MAX_KEYS = 500, 100_000
+"""Characters of a key, and keys of an object."""
+
+MAX_PARTS = 2_000_000
+"""Lists and objects in a file: an empty one takes 60 bytes of memory and 2 of the file."""
+
 _ABSENT = object()
 
 
@@ -27,9 +33,12 @@ def read_json(path: Path) -> Any:
 
     Raises:
         InvalidFile: not a regular file, unreadable, over ``MAX_BYTES``, not UTF-8, malformed (with the
-            line), with NaN or an infinity, or with a key twice in one object.
+            line), with NaN or an infinity, with a key twice in one object, a key of more than 500 characters, or more
+            than 100,000 keys in one object or 2,000,000 lists and objects.
     """
     data = read_bytes(path, MAX_BYTES)
+    if data.count(b"[") + data.count(b"{") > MAX_PARTS:
+        raise InvalidFile(path, [f"too large: more than {MAX_PARTS:,} lists and objects"])
     try:
         return json.loads(data.decode("utf-8"), parse_constant=_refuse_constant, object_pairs_hook=_each_once)
     except RecursionError:
@@ -45,11 +54,15 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"key {reprlib.repr(twice)} is there twice in one object")
+    content: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in content:
+            raise ValueError(f"key {reprlib.repr(name)} is there twice in one object")
+        if len(name) > MAX_KEY:
+            raise ValueError(f"key {reprlib.repr(name)} is longer than {MAX_KEY} characters")
+        content[name] = value
+    if len(content) > MAX_KEYS:
+        raise ValueError(f"an object has more than {MAX_KEYS:,} keys")
     return content
 
 
@@ -64,10 +77,12 @@ class Node:
         problems: The list that all places of a document share.
     """
 
-    def __init__(self, where: str, value: Any, problems: list[str]) -> None:
+    def __init__(self, where: str, value: Any, problems: list[str], within: Node | None = None) -> None:
         self.where = where
         self.value = value
         self.problems = problems
+        self._within = within
+        self._faulty = False
 
     def wrong(self, expected: str) -> None:
         """Note that the value is not what was expected; nothing if it is missing, which has been noted before."""
@@ -78,11 +93,15 @@ class Node:
     def problem(self, text: str) -> None:
         """Note a problem of this place."""
         self.problems.append(f"{self.where}: {text}" if self.where else text)
+        node: Node | None = self
+        while node is not None and not node._faulty:
+            node._faulty = True
+            node = node._within
 
     @property
     def sound(self) -> bool:
         """Whether the value is there, and nothing wrong was found at this place or within it."""
-        return self.value is not _ABSENT and not any(problem.startswith(self.where) for problem in self.problems)
+        return self.value is not _ABSENT and not self._faulty
 
     def has(self, key: str) -> bool:
         """Whether this is an object with that key."""
@@ -93,10 +112,11 @@ class Node:
         where = f"{self.where}.{key}" if self.where else key
         if not isinstance(self.value, dict):
             self.wrong("an object")
-            return Node(where, _ABSENT, self.problems)
+            return Node(where, _ABSENT, self.problems, self)
+        found = Node(where, self.value.get(key, _ABSENT), self.problems, self)
         if key not in self.value:
-            self.problems.append(f"{where}: missing")
-        return Node(where, self.value.get(key, _ABSENT), self.problems)
+            found.problem("missing")
+        return found
 
     def items(self) -> Iterator[Node]:
         """The elements of a list."""
@@ -104,7 +124,7 @@ class Node:
             self.wrong("a list")
             return
         for k, item in enumerate(self.value):
-            yield Node(f"{self.where}[{k}]", item, self.problems)
+            yield Node(f"{self.where}[{k}]", item, self.problems, self)
 
     def optional(self, read: Callable[[Node], T]) -> T | None:
         """What ``read`` makes of the value, or None for null."""

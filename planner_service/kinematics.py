@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose, numbers, read_only
+from planner_service.geometry import FloatArray, Pose, finite_numbers, instance, items, numbers, read_only, whole
 from planner_service.numeric_inverse import descend
 from planner_service.robot import Robot
 from planner_service.tool_chain import ToolChain
@@ -151,7 +151,10 @@ def inverse_kinematics(
     """
     if not isinstance(pose, Pose):
         raise InvalidRequest("pose", pose, "a Pose")
-    given = [_configuration(robot, f"seeds[{i}]", q) for i, q in enumerate(seeds)]
+    instance("robot", robot, Robot, "a Robot")
+    whole("seed", seed, 0, 2**63 - 1)
+    starts: tuple[Any, ...] = items("seeds", seeds, object, "configurations")
+    given = [_configuration(robot, f"seeds[{i}]", q) for i, q in enumerate(starts)]
     chain = ToolChain.of(robot, robot.home if still is None else _configuration(robot, "still", still))
     given = [chain.of_whole(q) for q in given]
     if robot.inverse == "wxai":
@@ -196,10 +199,7 @@ def _distance(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def _configuration(robot: Robot, field: str, values: ArrayLike) -> FloatArray:
-    q = numbers(field, values, f"{robot.n} finite numbers")
-    if q.shape != (robot.n,) or not np.all(np.isfinite(q)):
-        raise InvalidRequest(field, values, f"{robot.n} finite numbers")
-    return q
+    return finite_numbers(field, values, robot.n)
 
 
 # --- straight tool lines
@@ -293,8 +293,8 @@ def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *
     Raises:
         InvalidRequest: a wrong shape, a number that is not finite, ``q_start`` outside the limits.
     """
-    if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 10_000:
-        raise InvalidRequest("points", points, "an integer from 2 to 10000")
+    instance("robot", robot, Robot, "a Robot")
+    whole("points", points, 2, 10_000)
     q = _configuration(robot, "q_start", q_start)
     outside = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     worst = int(outside.argmax())

@@ -12,13 +12,11 @@ and no exception unwinds through OMPL's own code.
 from __future__ import annotations
 
 import os
-import threading
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import ompl.base as ob
@@ -37,10 +35,13 @@ from planner_service.search import (
     distances,
     of_tuples,
 )
+from planner_service.turns import Turns
 
 __all__ = ["Setting", "grow", "solve", "solve_in_batches"]
 
 Setting = float | int | bool
+T = TypeVar("T")
+
 MAX_SAMPLES = 200_000
 """Samples of one batch planner at most; its neighbourhoods would fill the memory first."""
 
@@ -59,19 +60,19 @@ look are too far apart for a scene, thousands of such paths may follow each othe
 UNTOLD = ("BITstar", "AORRTC")
 """What these grew OMPL 2.0.1 does not tell: telling leaks the whole query, or gives nothing."""
 
-# OMPL's seed source is global to the process, and so is the lock that makes queries repeatable.
-_turn = threading.Lock()
+# OMPL's seed source is global to the process, and so are the turns that make queries repeatable.
+_turns = Turns()
 
 _SEEDS = 2**32 - 1
 
 
-def _renew_turn() -> None:
-    """In the child of a fork nobody will give back the lock that another thread of the parent held."""
-    global _turn
-    _turn = threading.Lock()
+def _renew_turns() -> None:
+    """In the child of a fork nobody will give back the turn that another thread of the parent held."""
+    global _turns
+    _turns = Turns()
 
 
-os.register_at_fork(after_in_child=_renew_turn)
+os.register_at_fork(after_in_child=_renew_turns)
 
 
 class _GoingInCircles(Exception):
@@ -94,27 +95,28 @@ class _Judge:
         self._free = set(free)
         self._edges: dict[tuple[Configuration, Configuration], bool] = {}
         self._idle = self._repeats = self._looks = self._refuted = 0
-        self.held: Exception | None = None
+        self.held: BaseException | None = None
 
     @property
     def states(self) -> int:
         return self._oracle.states
 
     def state(self, state: Any) -> bool:
-        q = tuple(state[self._span])
-        del state  # see edge()
-        if q in self._free:
-            return True
-        if self.held is not None:
-            return False
         try:
+            q = tuple(state[self._span])
+            del state  # see edge()
+            if q in self._free:
+                return True
+            if self.held is not None:
+                return False
             self._idle = self._repeats = 0
             free = bool(self._oracle.state_is_free(q))
-        except Exception as error:
-            self._hold(error)
+            if free:
+                self._free.add(q)
+        except BaseException as error:  # Ctrl-C is not to unwind through OMPL either
+            state = None  # noqa: F841 - nor may the traceback keep it
+            self.hold(error)
             return False
-        if free:
-            self._free.add(q)
         return free
 
     def edge(self, a: Configuration, b: Configuration) -> bool:
@@ -129,8 +131,8 @@ class _Judge:
         if free is None:
             try:
                 return self.between(a, b)
-            except Exception as error:
-                self._hold(error)
+            except BaseException as error:
+                self.hold(error)
                 return False
         self._repeats += 1
         if self._repeats > MAX_REPEATS:
@@ -187,14 +189,15 @@ class _Judge:
                 self._poll()
                 if self._idle > MAX_IDLE:
                     raise _GoingInCircles("OMPL asked nothing new any more")
-            except Exception as error:
-                self._hold(error)
+            except BaseException as error:
+                self.hold(error)
         return self.held is not None
 
-    def _hold(self, error: Exception) -> None:
+    def hold(self, error: BaseException) -> None:
+        """Keep an exception until OMPL has come to its end."""
         self.held = error
 
-    def release(self) -> Exception | None:
+    def release(self) -> BaseException | None:
         """What was held back, without a reference here, which would be a cycle through its traceback."""
         held, self.held = self.held, None
         return held
@@ -213,9 +216,14 @@ class _Motions(ob.MotionValidator):  # type: ignore[misc]
         self._span = slice(0, si.getStateDimension())
 
     def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
-        a, b = tuple(first[self._span]), tuple(second[self._span])
-        del first, second  # see _Judge.edge
-        return self._judge.edge(a, b)
+        try:
+            a, b = tuple(first[self._span]), tuple(second[self._span])
+            del first, second  # see _Judge.edge
+            return self._judge.edge(a, b)
+        except BaseException as error:
+            first = second = None  # noqa: F841
+            self._judge.hold(error)
+            return False
 
 
 class _Run:
@@ -392,12 +400,14 @@ def grow(
             progress(count, milestones)
         return bool(count >= milestones or judge.states - first >= max_checks)
 
+    def grown() -> tuple[FloatArray, list[tuple[int, int]]]:
+        run = _Run(space, judge, planner, settings)
+        run.ready()  # growing before a problem is set would crash OMPL
+        run.until(run.planner.growRoadmapPtc, enough)
+        return run.roadmap()
+
     try:
-        with _seeded(seed, space.poll):
-            run = _Run(space, judge, planner, settings)
-            run.ready()  # growing before a problem is set would crash OMPL
-            run.until(run.planner.growRoadmapPtc, enough)
-            points, free = run.roadmap()
+        points, free = _seeded(seed, space.poll, grown)
     finally:
         judge.close()
     held = judge.release()
@@ -412,20 +422,22 @@ def grow(
     return Survey(points, free, blocked)
 
 
-@contextmanager
-def _seeded(seed: int, poll: Callable[[], None]) -> Iterator[None]:
-    """The process's turn at OMPL, freshly seeded and silent; a caller who waits for it can still be stopped."""
-    turn = _turn
-    while not turn.acquire(timeout=0.01):
-        poll()
-    level = ou.getLogLevel()
-    try:
-        ou.setLogLevel(ou.LOG_NONE)  # also of the claim that reseeding a used generator had no effect: it has
-        ou.RNG.setSeed(1 + int(seed) % _SEEDS)  # OMPL ignores 0
-        yield
-    finally:
-        ou.setLogLevel(level)
-        turn.release()
+def _seeded(seed: int, poll: Callable[[], None], act: Callable[[], T]) -> T:
+    """What ``act`` returns at the process's turn at OMPL, freshly seeded and silent; waiting for it can be stopped."""
+
+    def silent() -> T:
+        level = ou.getLogLevel()
+        try:
+            try:
+                ou.setLogLevel(ou.LOG_NONE)  # also of the claim that reseeding a used generator had no effect: it has
+                ou.RNG.setSeed(1 + int(seed) % _SEEDS)  # OMPL ignores 0
+                return act()
+            finally:
+                ou.setLogLevel(level)
+        finally:
+            ou.setLogLevel(level)  # Ctrl-C may have come before it was done
+
+    return _turns.taken(silent, poll)
 
 
 def _path(
@@ -437,13 +449,16 @@ def _path(
     enough: Callable[[Any], bool],
 ) -> list[Configuration]:
     """The path OMPL found, empty if none."""
-    with _seeded(problem.seed, problem.poll):
+
+    def found() -> list[Configuration]:
         run = _Run(problem, judge, planner, settings)
         run.between(problem.start, goals)
         run.until(run.planner.solve, enough)
         if problem.grown is not None:
             problem.grown(*(judge.free_graph() if planner in UNTOLD else run.roadmap()))
         return run.path()
+
+    return _seeded(problem.seed, problem.poll, found)
 
 
 def _ends(problem: SearchProblem) -> Iterable[Configuration]:

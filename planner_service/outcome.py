@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import enum
+import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
-from planner_service.geometry import FloatArray, as_sent
+from planner_service.geometry import FloatArray, as_sent, copied_in
 from planner_service.optimize import Figures
 from planner_service.path import JointPath
 from planner_service.peaks import LimitPeaks
@@ -101,6 +102,9 @@ class Failure:
     nearest_free: FloatArray | None = None
     blocked_by: tuple[tuple[str, str, float], ...] = ()
     __setstate__ = as_sent
+
+    def __post_init__(self) -> None:
+        copied_in(self, "contacts", "nearest_free", "blocked_by")
 
     def __str__(self) -> str:
         return f"{self.reason.value} ({self.stage.value}): {self.detail}"
@@ -220,6 +224,9 @@ class PlanResult:
     trace: Trace | None = None
     origin: Origin | None = field(default=None, repr=False)
 
+    def __post_init__(self) -> None:
+        copied_in(self, "stages", "notes")
+
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process it goes without its origin: a service is built there, and is larger than a plan."""
         return {**self.__dict__, "origin": None}
@@ -239,6 +246,17 @@ class PlanResult:
             )
         return self.origin.service.view(self, port=port, block=block)
 
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan, or the failure in its place, to a JSON file with its robot, scene and request.
+
+        Raises:
+            InvalidRequest: the result comes from a file or another process, or has no place in a file.
+            InvalidFile: it cannot be written.
+        """
+        from planner_service.plan_file import save_plan
+
+        save_plan(self, path)
+
     @property
     def ok(self) -> bool:
         """Whether there is a plan."""
@@ -248,6 +266,11 @@ class PlanResult:
     def exempt(self) -> tuple[ExemptInterval, ...]:
         """Stretches on which named pairs were not judged."""
         return () if self.certificate is None else self.certificate.exempt
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that were judged nowhere because the service was told that they may touch."""
+        return () if self.certificate is None else self.certificate.allowed
 
     @property
     def counts(self) -> CheckCounts:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, instance
 from planner_service.kinematics import tool_speeds
 from planner_service.outcome import Failure, MotionReport, Reason, Stage
 from planner_service.path import JointPath
@@ -64,11 +64,13 @@ class Pace:
     @classmethod
     def of(cls, request: PlanRequest, timing: Timing | None = None) -> Pace:
         """That of a request, with another timing law if one is given."""
+        instance("request", request, PlanRequest, "a PlanRequest")
         scales = request.velocity_scale, request.acceleration_scale
-        return cls(timing or request.timing, *scales, request.max_tool_speed)
+        return cls(request.timing if timing is None else timing, *scales, request.max_tool_speed)
 
     def limits(self, robot: Robot) -> JointLimits:
         """The robot's limits as far as they may be used."""
+        instance("robot", robot, Robot, "a Robot")
         limits = replace(
             robot.limits,
             velocity=robot.limits.velocity * self.velocity_scale,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, instance
 from planner_service.path import JointPath
 from planner_service.trajectory import Trajectory
 
@@ -70,9 +70,12 @@ class LimitPeaks:
 
 def require_usable(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
     """Raise unless every joint that moves on the path has positive, finite limits."""
+    instance("path", path, JointPath, "a JointPath")
     share = np.abs(path(path.breaks, 1)).max(axis=0)
     for name in ("velocity", "acceleration", "jerk")[: 3 if jerk else 2]:
-        row: FloatArray = getattr(limits, name)
+        row: FloatArray | None = getattr(limits, name, None)
+        if not isinstance(row, np.ndarray):
+            raise InvalidRequest("limits", limits, "JointLimits")
         if row.shape != (path.n,):
             raise InvalidRequest(f"limits.{name}", row.shape, f"one number for each of the path's {path.n} joints")
         bad = np.flatnonzero((share > STANDING) & ~((row > 0.0) & np.isfinite(row)))

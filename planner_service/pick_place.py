@@ -10,7 +10,7 @@ import numpy as np
 
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose
+from planner_service.geometry import FloatArray, Pose, instance
 from planner_service.grasps import middle_of, top_grasps
 from planner_service.plan_file import MadeFor, SavedTask
 from planner_service.primitives import pick, place
@@ -42,6 +42,8 @@ def plan_pick_place(
         UnknownName: no such obstacle.
         InvalidRequest: the robot has no gripper, or the object is too wide for it.
     """
+    instance("service", service, PlannerService, "a PlannerService")
+    instance("request", request, PlanRequest, "a PlanRequest")
     began, origin = time.perf_counter(), MadeFor.of(service)
     scene = service.scene
     obstacle, support = scene.obstacle(target), scene.obstacle(onto)
@@ -60,8 +62,9 @@ def plan_pick_place(
         segments += placed.segments
         choosing, failure = choosing + placed.choosing, placed.failure
         if placed.ok:
-            home = placed.service.plan(replace(request, start=placed.q, goal=request.start), cancel=cancel)
-            segments.append(Segment("retreat -> home", home, placed.service.robot.gripper_width))
+            there = placed.service
+            home = there.plan(replace(request, start=placed.q, goal=request.start), cancel=cancel)
+            segments.append(Segment("retreat -> home", home, there.robot.gripper_width, there.scene))
             failure = home.failure
     return SavedTask(
         origin, task, tuple(segments), choosing, time.perf_counter() - began, failure=failure, notes=tuple(notes)
@@ -70,7 +73,7 @@ def plan_pick_place(
 
 def standing_on(scene: Scene, name: str) -> str | None:
     """The obstacle whose top is within 5 mm of an object's underside and below its centre, None if there is none."""
-    target = scene.obstacle(name)
+    target = instance("scene", scene, Scene, "a Scene").obstacle(name)
     x, y, _ = middle_of(target)
     bottom = -_reach(target, -UP)
     gaps = {
@@ -84,6 +87,8 @@ def standing_on(scene: Scene, name: str) -> str | None:
 
 def places_on(target: Obstacle, support: Obstacle) -> tuple[Pose, ...]:
     """Poses of an object with its underside on the middle of a support's top: turned as it is, then by quarters."""
+    for field, obstacle in (("target", target), ("support", support)):
+        instance(field, obstacle, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
     x, y, _ = middle_of(support)
     height = _reach(target, -UP) + target.pose.position[2]
     top = _reach(support, UP)

@@ -35,6 +35,7 @@ from planner_service.smoothing import blended, pulled_in, shortcut, without_shor
 from planner_service.stagebook import Entry, Limits, NoPlan, StageBook, not_certified
 from planner_service.trace import Tracer
 from planner_service.trajectory import Trajectory
+from planner_service.tries import FIRST_TRIES, fresh_tries
 from planner_service.turns import Turns
 
 __all__ = ["Run", "fresh_seed"]
@@ -89,8 +90,7 @@ class Run:
         if self._book.roadmap is not None:
             self._book.roadmap.prepare()  # before the clock starts
         try:
-            with self._book.within_limits(turns, padding=self._request.padding):
-                return self._stages()
+            return self._book.within_limits(turns, self._stages)
         except NoPlan as no_plan:
             return self._book.result(failure=no_plan.failure, certificate=no_plan.certificate)
 
@@ -236,7 +236,7 @@ class Run:
     def _nowhere_to_go(self, ends: Ends, goal_index: int) -> PlanResult:
         self._book.notes.append("start and goal are the same configuration: nothing to do")
         path = JointPath(np.array([ends.begin]))
-        exempt = [] if ends.departure is None else [_exempt(0.0, 0.0, ends.departure)]
+        exempt = [] if ends.departure is None else [self._exempt(0.0, 0.0, ends.departure)]
         certificate = self._book.certificate(self._certifier, path, exempt)
         if not certificate.certified:
             raise NoPlan(not_certified(certificate), certificate)
@@ -343,35 +343,40 @@ class Run:
             return points
 
     def _tries(self, planner: Planner, problem: SearchProblem, entry: Entry) -> FloatArray | None:
-        """Search until a try finds a path: each with a fresh seed and an equal share of the states.
-
-        A search has a long tail, which a fresh start cuts off; one that would end well is over long before.
-        """
-        tries = 1 if planner.patience is None else self._request.retries + 1
-        share = max(1, self._search_states // tries, planner.patience or 0)
-        ledger = self._checker.ledger
+        """Search until a try finds a path; None after some that ended by themselves without one."""
+        ledger, retries, given_up = self._checker.ledger, self._request.retries, 0
+        tries: Iterable[int] = (self._search_states,)
+        if planner.patience is not None:
+            tries = fresh_tries(self._search_states, retries, planner.patience)
+        spent: CheckBudgetSpent | None = None
         with self._checker.limited(states=self._search_states):
-            for attempt in range(tries):
+            for attempt, states in enumerate(tries):
                 self._book.attempts += 1
                 entry.note = planner.name + (f", try {attempt + 1}" if attempt else "")
-                seed = fresh_seed(self._request.seed, attempt + tries * self._rounds)
+                seed = fresh_seed(self._request.seed, attempt + FIRST_TRIES * self._rounds)
                 try:
-                    with self._checker.limited(states=share):
+                    with self._checker.limited(states=states):
                         found = planner.search(replace(problem, seed=seed))
-                except CheckBudgetSpent:
-                    if attempt + 1 == tries or ledger.room() == 0:
+                except CheckBudgetSpent as stopped:
+                    if ledger.room() == 0:
                         raise
+                    spent = stopped
                     continue
                 if found.waypoints is not None:
                     self._book.deterministic &= not isinstance(found.stopped, TimeBoxSpent | Cancelled)
                     return found.waypoints
+                spent, given_up = None, given_up + 1
+                if retries is None and given_up == FIRST_TRIES:
+                    break
+        if spent is not None:
+            raise spent
         return None
 
     def _grown(self, planner: Planner) -> Planner:
-        """The planner itself; for a PRM the roadmap it grows, on its own budget and outside the time box."""
+        """The planner itself; for a PRM the roadmap it grows, on its own budget of states."""
         if not isinstance(planner, GROWERS):
             return planner
-        with self._book.during(Stage.ROADMAP) as entry, self._checker.ledger.apart(states=None):
+        with self._book.during(Stage.ROADMAP) as entry, self._checker.ledger.apart():
             roadmap = replace(grow(planner, self._judge(self._padding), seed=self._request.seed), fallback=False)
             entry.note = f"{planner.name}: {len(roadmap.milestones)} milestones, {len(roadmap.edges)} edges"
             if self._rounds == 0:
@@ -450,11 +455,15 @@ class Run:
             pieces.append(robot.pose(goal.arrival.pose)[None])
         path = JointPath(np.concatenate(pieces))
         if ends.departure is not None:
-            exempt.append(_exempt(0.0, float(path.knots[1]), ends.departure))
+            exempt.append(self._exempt(0.0, float(path.knots[1]), ends.departure))
         if goal.arrival is not None:
             kept.append(len(path.waypoints) - 2)
-            exempt.append(_exempt(float(path.knots[-2]), path.length, goal.arrival))
+            exempt.append(self._exempt(float(path.knots[-2]), path.length, goal.arrival))
         return _Route(path, goal.index, tuple(kept), tuple(exempt))
+
+    def _exempt(self, s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:
+        pairs = self._checker.parts.labels.links(retreat.pairs)
+        return ExemptInterval(s_start, s_end, pairs, retreat.reason)
 
     def _polished(self, route: _Route) -> JointPath:
         """The route with its corners blended as widely as is free with the padding of the search."""
@@ -473,10 +482,6 @@ class Run:
 
 def _without_repeats(points: Sequence[FloatArray]) -> FloatArray:
     return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
-
-
-def _exempt(s_start: float, s_end: float, retreat: ExemptRetreat) -> ExemptInterval:
-    return ExemptInterval(s_start, s_end, retreat.pairs, retreat.reason)
 
 
 def fresh_seed(seed: int, attempt: int) -> int:

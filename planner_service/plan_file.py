@@ -1,50 +1,51 @@
-"""Plans and tasks in JSON files: written whole, read back bit for bit.
+"""Plans and tasks in JSON files: written whole, read back bit for bit, with the world they were made in.
 
-A plan is ``q(t) = path(s(t))``: ``waypoints`` is the polyline, ``blends`` what of it before and after
-each waypoint is rounded (``planner_service.blend`` has the formula), and row i of ``coefficients`` holds
-c0 to c3 of ``s = c0 + c1 x + c2 x^2 + c3 x^3``, x the time since that piece began, for
-``durations[i]`` seconds; s is the L2 length along the polyline. Floats are written with the fewest
-digits that read back as the same bits. There is no NaN and no infinity in a file.
+A file holds its robot, its scene and what was asked, so that a plan is certified, shown, planned again and rehearsed
+from the file alone. What a file claims is only a claim: hashes are computed anew, and whoever moves an arm proves the
+motion again (``planner_service.proving``). Floats are written with the fewest digits that read back as the same bits;
+there is no NaN and no infinity in a file. ``docs/plan-files.md`` describes the format.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
+from pydantic import AfterValidator, Field, JsonValue
 
-from planner_service.collision import CheckCounts
-from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry import Pose
-from planner_service.json_file import Node, read_json
-from planner_service.optimize import METHODS, Optimise
+from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionStep
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.json_file import MAX_BYTES, read_json
+from planner_service.old_plan_file import command_of
 from planner_service.outcome import Failure, PlanResult
-from planner_service.planners import PLANNERS
-from planner_service.pose_goal import PoseGoal
+from planner_service.record import Reading, Record, Text, as_text, read_record, recorded
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
+from planner_service.request_record import TIMINGS, RequestRecord
 from planner_service.result_record import (
-    counts_record,
-    failure_record,
-    gripper_record,
-    read_counts,
-    read_failure,
-    read_gripper,
-    read_result,
-    read_texts,
-    result_record,
+    CountsRecord,
+    FailureRecord,
+    GripperMotionRecord,
+    PairList,
+    ResultRecord,
+    name_pairs,
 )
-from planner_service.roadmap import Roadmap, RoadmapReference
+from planner_service.robot import Robot
+from planner_service.robot_record import RobotRecord
+from planner_service.scene import Scene
 from planner_service.scene_file import write_whole
+from planner_service.scene_record import SceneRecord, WorldRecord
 from planner_service.service import PlannerService
-from planner_service.task import Segment
-from planner_service.timing import SCurve, ToppRa, Trapezoidal
+from planner_service.task import Segment, TaskResult
 
 if TYPE_CHECKING:
     from planner_service.view import Viewer
@@ -53,6 +54,7 @@ __all__ = [
     "PLAN_FORMAT",
     "TASK_FORMAT",
     "TIMINGS",
+    "VERSION",
     "MadeFor",
     "SavedPlan",
     "SavedTask",
@@ -64,63 +66,116 @@ __all__ = [
 
 PLAN_FORMAT = "planner-service/plan"
 TASK_FORMAT = "planner-service/task"
-VERSION = 2
+VERSION = 3
 
-TIMINGS: Mapping[str, type[Any]] = MappingProxyType({law.name: law for law in (ToppRa, Trapezoidal, SCurve)})
-"""Every timing law that can be made from its name alone, by that name."""
+MAX_SEGMENTS = 1_000
+MAX_DEPTH = 64
+"""Of what is nested in a section."""
 
-_PLANNERS: Mapping[str, type[Any]] = MappingProxyType({**PLANNERS, RoadmapReference.name: RoadmapReference})
-"""Those that a name and settings make; of a roadmap the hash is kept."""
-
-_WHOLE = ("seed", "max_checks", "retries")
-_REAL = ("padding", "velocity_scale", "acceleration_scale", "blend", "start_tolerance")
-_MAYBE = ("time_limit", "max_tool_speed")
-"""Numbers or None."""
+_LIBRARIES = ("planner-service", "numpy", "python-fcl", "ompl", "pin", "toppra")
 
 
-@dataclass(frozen=True)
+@lru_cache(maxsize=1)
+def _versions() -> Mapping[str, str]:
+    """What plans are made with here."""
+    found = {"python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name.replace("-", "_")] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name.replace("-", "_")] = "unknown"
+    return MappingProxyType(found)
+
+
+@dataclass(frozen=True, eq=False)
 class MadeFor:
-    """The robot and the scene a plan was made for; a plan for another hash is not valid."""
+    """The robot and the scene a plan was made for, and the terms: all that its ``PlannerService`` was made of.
 
-    robot: str
-    robot_hash: str
-    joint_names: tuple[str, ...]
-    scene: str
-    scene_hash: str
+    Attributes:
+        allowed: Pairs that the service was told may touch, sorted.
+        edge_step: How finely edges were sampled; None of a file if it was by a rule of the caller's own.
+    """
+
+    robot: Robot
+    scene: Scene
+    allowed: tuple[tuple[str, str], ...] = ()
+    edge_step: EdgeStep | None = field(default_factory=MotionStep)
 
     @classmethod
     def of(cls, service: PlannerService) -> MadeFor:
         """What a service plans for."""
-        robot, scene = service.robot, service.scene
-        return cls(robot.name, robot.hash, robot.joint_names, scene.name, scene.hash)
+        return cls(service.robot, service.scene, service.allowed, service.edge_step)
+
+    def service(self) -> PlannerService:
+        """A service for these, its edges sampled by ``MotionStep()`` if the rule is not known.
+
+        Raises:
+            InvalidRequest: robot, scene and pairs do not go together.
+        """
+        return PlannerService(self.robot, self.scene, edge_step=self.edge_step, allowed=self.allowed)
 
 
 @dataclass(frozen=True, eq=False)
 class SavedPlan:
-    """A plan with what was asked; ``request`` is None if its planner or timing law has no name to be made from."""
+    """A plan with what was asked, and the world it was made in.
+
+    Attributes:
+        request: None if its planner or timing law has no name to be made from.
+        made_with: Versions of this package and of the libraries that plans depend on, by name.
+        sections: Further parts of the file by name, JSON values; those that are not known are kept as they are.
+    """
 
     made_for: MadeFor
     request: PlanRequest | None
     result: PlanResult
+    made_with: Mapping[str, str] = field(default_factory=_versions)
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot it was made for."""
+        return self.made_for.robot
+
+    @property
+    def scene(self) -> Scene:
+        """The scene it was made in."""
+        return self.made_for.scene
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that may touch by the word of whoever made it."""
+        return self.made_for.allowed
+
+    def service(self) -> PlannerService:
+        """A service like the one it was made with; see ``MadeFor.service``."""
+        return self.made_for.service()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file; see ``save_plan``."""
+        save_plan(self, path)
 
     def document(self) -> dict[str, Any]:
-        """The content of the file, of plain JSON values."""
-        return {
-            **_head(PLAN_FORMAT, self.made_for),
-            "request": None if self.request is None else _request(self.request),
-            "result": result_record(self.result),
-        }
+        """The content of the file, of plain JSON values.
+
+        Raises:
+            InvalidRequest: something in it has no place in a file.
+        """
+        return recorded("plan", lambda: PlanRecord.of(self)).model_dump()
 
 
 @dataclass(frozen=True, eq=False)
 class SavedTask:
-    """The motions of a task in order, with the robot and scene at its start.
+    """The motions of a task in order, with the robot and the scene at its start.
 
     Attributes:
+        made_for: The robot and the scene as they are before the first motion.
         task: What was done, in words.
+        segments: The motions; those from a file have the scene that each is made in.
         choosing: What looking for grasps and placements cost, beyond the segments.
         seconds: Wall time of all of it.
         failure: None if every motion has a plan.
+        made_with: As of ``SavedPlan``.
+        sections: As of ``SavedPlan``.
     """
 
     made_for: MadeFor
@@ -130,55 +185,293 @@ class SavedTask:
     seconds: float
     failure: Failure | None = None
     notes: tuple[str, ...] = ()
+    made_with: Mapping[str, str] = field(default_factory=_versions)
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot it was made for."""
+        return self.made_for.robot
+
+    @property
+    def scene(self) -> Scene:
+        """The scene at its start."""
+        return self.made_for.scene
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that may touch by the word of whoever made it."""
+        return self.made_for.allowed
 
     @property
     def counts(self) -> CheckCounts:
         """What the whole task asked of the collision checker."""
         return sum((segment.counts for segment in self.segments), self.choosing)
 
+    def service(self) -> PlannerService:
+        """A service for the beginning of the task; see ``MadeFor.service``."""
+        return self.made_for.service()
+
+    def within(self, made_for: MadeFor) -> SavedTask:
+        """The same motions in another world, in which the task takes, carries and leaves the same things."""
+        segments = [
+            replace(segment, scene=segment.scene and _carried_over(segment.scene, self.scene, made_for.scene))
+            for segment in self.segments
+        ]
+        return replace(self, made_for=made_for, segments=tuple(segments))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file; see ``save_plan``."""
+        save_plan(self, path)
+
     def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
         """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
 
         Raises:
-            InvalidRequest: it comes from a file, or nothing was planned: ``service.view(task)`` shows it.
             MissingDependency: the extra ``view`` is not installed.
         """
-        origin = self.segments[0].result.origin if self.segments else None
-        if origin is None:
-            expected = "motions that a service in this process planned; show it with service.view(task)"
-            raise InvalidRequest("task", "a task from a file, or without motions", expected)
-        return origin.service.view(self, port=port, block=block)
+        return self.service().view(self, port=port, block=block)
 
     def document(self) -> dict[str, Any]:
-        """The content of the file, of plain JSON values."""
-        return {
-            **_head(TASK_FORMAT, self.made_for),
-            "task": self.task,
-            "ok": self.failure is None,
-            "failure": failure_record(self.failure),
-            "counts": counts_record(self.counts),
-            "choosing": counts_record(self.choosing),
-            "seconds": self.seconds,
-            "notes": list(self.notes),
-            "segments": [
-                {
-                    "name": segment.name,
-                    "gripper_width": segment.width,
-                    "gripper": gripper_record(segment.gripper),
-                    "result": result_record(segment.result),
-                }
-                for segment in self.segments
-            ],
-        }
+        """The content of the file, of plain JSON values.
+
+        Raises:
+            InvalidRequest: something in it has no place in a file.
+        """
+        return recorded("task", lambda: TaskRecord.of(self)).model_dump()
 
 
-def save_plan(plan: SavedPlan | SavedTask, path: str | os.PathLike[str]) -> None:
+def _carried_over(scene: Scene, first: Scene, other: Scene) -> Scene:
+    """What becomes of another scene by what has made a scene of the first one."""
+    if other == first:
+        return scene
+    unchanged = {obstacle.name for obstacle in set(first.obstacles) & set(scene.obstacles)}
+    new = [obstacle for obstacle in scene.obstacles if obstacle.name not in unchanged]
+    held = scene.attached if scene.attached != first.attached else other.attached
+    changed = (*first.obstacles, *new), held
+    gone = {item.name for items in changed for item in items} - unchanged
+    kept = [obstacle for obstacle in other.obstacles if obstacle.name not in gone]
+    return replace(other, obstacles=(*kept, *new), attached=held)
+
+
+# The files, defined.
+
+
+class StepRecord(Record):
+    """A ``MotionStep`` or ``JointStep``: metres or radians."""
+
+    kind: Literal["motion", "joint"]
+    size: float
+
+    @classmethod
+    def of(cls, step: EdgeStep | None) -> StepRecord | None:
+        """Its record, None of a rule of the caller's own."""
+        if type(step) is MotionStep:
+            return cls(kind="motion", size=step.distance)
+        return cls(kind="joint", size=step.angle) if type(step) is JointStep else None
+
+    @cached_property
+    def value(self) -> MotionStep | JointStep:
+        return MotionStep(self.size) if self.kind == "motion" else JointStep(self.size)
+
+
+def _shallow(sections: dict[str, Any]) -> dict[str, Any]:
+    layer: list[Any] = [sections]
+    for _ in range(MAX_DEPTH):
+        layer = [part for whole in layer if isinstance(whole, dict | list) for part in _parts(whole)]
+    if layer:
+        raise ValueError(f"at most {MAX_DEPTH} values within each other")
+    return sections
+
+
+def _parts(whole: dict[str, Any] | list[Any]) -> list[Any]:
+    return list(whole.values()) if isinstance(whole, dict) else whole
+
+
+class _Head(Record):
+    """What plans and tasks have in common."""
+
+    version: Literal[3]
+    made_with: Annotated[dict[Text, Text], Field(max_length=100)]
+    robot: RobotRecord
+    scene: SceneRecord
+    allowed: PairList
+    edge_step: StepRecord | None
+
+    @cached_property
+    def made_for(self) -> MadeFor:
+        """What it was made for."""
+        step = None if self.edge_step is None else self.edge_step.value
+        return MadeFor(self.robot.value, self.scene.value, name_pairs(self.allowed), step)
+
+
+def _head(made_for: MadeFor, made_with: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        "version": VERSION,
+        "made_with": dict(made_with),
+        "robot": RobotRecord.of(made_for.robot),
+        "scene": SceneRecord.of(made_for.scene),
+        "allowed": [list(pair) for pair in made_for.allowed],
+        "edge_step": StepRecord.of(made_for.edge_step),
+    }
+
+
+Sections = Annotated[dict[str, JsonValue], AfterValidator(_shallow)]
+
+
+class PlanRecord(_Head):
+    """A plan file."""
+
+    format: Literal["planner-service/plan"]
+    request: RequestRecord | None
+    result: ResultRecord
+    sections: Sections
+
+    @classmethod
+    def of(cls, plan: SavedPlan) -> PlanRecord:
+        return cls(
+            format="planner-service/plan",
+            **_head(plan.made_for, plan.made_with),
+            request=None if plan.request is None else RequestRecord.of(plan.request),
+            result=ResultRecord.of(plan.result),
+            sections=dict(plan.sections),
+        )
+
+    @cached_property
+    def value(self) -> SavedPlan:
+        request = None if self.request is None else self.request.value
+        return SavedPlan(self.made_for, request, self.result.value, MappingProxyType(self.made_with), self.sections)
+
+
+class SegmentRecord(Record):
+    """One motion of a task; ``scene`` is null where the scene is as in the motion before, or at the start."""
+
+    name: Text
+    gripper_width: float | None
+    gripper: GripperMotionRecord | None
+    scene: WorldRecord | None
+    result: ResultRecord
+
+
+class TaskRecord(_Head):
+    """A task file."""
+
+    format: Literal["planner-service/task"]
+    task: Text
+    ok: bool
+    failure: FailureRecord | None
+    counts: CountsRecord
+    choosing: CountsRecord
+    seconds: float
+    notes: Annotated[list[Text], Field(max_length=MAX_SEGMENTS)]
+    segments: Annotated[list[SegmentRecord], Field(max_length=MAX_SEGMENTS)]
+    sections: Sections
+
+    @classmethod
+    def of(cls, task: SavedTask) -> TaskRecord:
+        return cls(
+            format="planner-service/task",
+            **_head(task.made_for, task.made_with),
+            task=as_text(task.task),
+            ok=task.failure is None,
+            failure=None if task.failure is None else FailureRecord.of(task.failure),
+            counts=CountsRecord.of(task.counts),
+            choosing=CountsRecord.of(task.choosing),
+            seconds=task.seconds,
+            notes=[as_text(note) for note in task.notes[:MAX_SEGMENTS]],
+            segments=_segment_records(task),
+            sections=dict(task.sections),
+        )
+
+    @cached_property
+    def value(self) -> SavedTask:
+        task = SavedTask(
+            self.made_for,
+            self.task,
+            self._segments(),
+            self.choosing.value,
+            self.seconds,
+            None if self.failure is None else self.failure.value,
+            tuple(self.notes),
+            MappingProxyType(self.made_with),
+            self.sections,
+        )
+        if self.ok != (task.failure is None):
+            raise InvalidRequest("ok", self.ok, "false with a failure, true without")
+        if task.counts != self.counts.value:
+            raise InvalidRequest("counts", str(self.counts.value), f"those of all motions, {task.counts}")
+        return task
+
+    def _segments(self) -> tuple[Segment, ...]:
+        first, gripper = self.scene.value, self.robot.value.gripper
+        scene, before = first, {obstacle.name: obstacle for obstacle in first.obstacles}
+        found = []
+        for k, record in enumerate(self.segments):
+            width = record.gripper_width
+            if gripper is not None and (width is None or not gripper.lower <= width <= gripper.upper):
+                expected = f"metres in [{gripper.lower:g}, {gripper.upper:g}]"
+                raise InvalidRequest(f"segments[{k}].gripper_width", width, expected)
+            try:
+                scene = scene if record.scene is None else record.scene.scene(first, before)
+            except InvalidRequest as error:
+                where = f"segments[{k}].scene"
+                raise InvalidRequest(where, None, error.expected, message=f"{where}: {error}") from None
+            grip = None if record.gripper is None else record.gripper.value
+            width = math.nan if width is None else width
+            found.append(Segment(record.name, record.result.value, width, scene, grip))
+        return tuple(found)
+
+
+def _segment_records(task: SavedTask) -> list[SegmentRecord]:
+    first = scene = task.made_for.scene
+    records = []
+    for segment in task.segments:
+        origin, before = segment.result.origin, scene
+        scene = (segment.scene or scene) if origin is None else origin.service.scene
+        records.append(
+            SegmentRecord(
+                name=segment.name,
+                gripper_width=None if math.isnan(segment.width) else segment.width,
+                gripper=None if segment.gripper is None else GripperMotionRecord.of(segment.gripper),
+                scene=None if scene == before else WorldRecord.of(scene, first),
+                result=ResultRecord.of(segment.result),
+            )
+        )
+    return records
+
+
+# Writing and reading.
+
+
+def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str | os.PathLike[str]) -> None:
     """Write a plan or a task, or the failure that is in their place; the file is there whole or not at all.
 
     Raises:
+        InvalidRequest: a result that does not know its service (from a file or another process), or something that has
+            no place in a file.
         InvalidFile: it cannot be written.
     """
-    write_whole(as_path("path", path), json.dumps(plan.document(), indent=1, allow_nan=False) + "\n")
+    target = as_path("path", path)
+    text = json.dumps(_saved(plan).document(), indent=1, allow_nan=False) + "\n"
+    if len(text) > MAX_BYTES:  # of ASCII
+        raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
+    write_whole(target, text)
+
+
+def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan | SavedTask:
+    if isinstance(plan, SavedPlan | SavedTask):
+        return plan
+    if isinstance(plan, PlanResult):
+        if plan.origin is None:
+            expected = "SavedPlan(MadeFor.of(service), request, result): it does not know its service and request"
+            raise InvalidRequest("plan", "a result from a file or another process", expected)
+        return SavedPlan(MadeFor.of(plan.origin.service), plan.origin.request, plan)
+    if not isinstance(plan, TaskResult):
+        raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
+    first = plan.segments[0].service_after(plan.service) if plan.segments else plan.service
+    words = ", ".join(segment.name for segment in plan.segments) or "a task without a motion"
+    seconds = math.fsum(segment.result.seconds for segment in plan.segments)
+    return SavedTask(MadeFor.of(first), words, plan.segments, plan.choosing, seconds, plan.failure, plan.notes)
 
 
 def load_plan(path: str | os.PathLike[str]) -> SavedPlan:
@@ -187,11 +480,8 @@ def load_plan(path: str | os.PathLike[str]) -> SavedPlan:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    root, made_for = _opened(as_path("path", path), PLAN_FORMAT)
-    request = root.at("request").optional(lambda node: _read_request(node, len(made_for.joint_names)))
-    result = read_result(root.at("result"), len(made_for.joint_names))
-    _refuse_problems(path, root)
-    return SavedPlan(made_for, request, result)
+    file = as_path("path", path)
+    return _plan(file, read_json(file))
 
 
 def load_task(path: str | os.PathLike[str]) -> SavedTask:
@@ -200,27 +490,8 @@ def load_task(path: str | os.PathLike[str]) -> SavedTask:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    root, made_for = _opened(as_path("path", path), TASK_FORMAT)
-    n = len(made_for.joint_names)
-    task = SavedTask(
-        made_for,
-        root.at("task").text(),
-        tuple(
-            Segment(
-                item.at("name").text(),
-                read_result(item.at("result"), n),
-                item.at("gripper_width").number(),
-                gripper=item.at("gripper").optional(read_gripper) if item.has("gripper") else None,
-            )
-            for item in root.at("segments").items()
-        ),
-        read_counts(root.at("choosing")),
-        root.at("seconds").number(),
-        root.at("failure").optional(lambda node: read_failure(node, n)),
-        read_texts(root.at("notes")),
-    )
-    _refuse_problems(path, root)
-    return task
+    file = as_path("path", path)
+    return _task(file, read_json(file))
 
 
 def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
@@ -229,171 +500,31 @@ def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
     Raises:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    kind = Node("", read_json(as_path("path", path)), []).at("format").value
-    return load_task(path) if kind == TASK_FORMAT else load_plan(path)
+    file = as_path("path", path)
+    document = read_json(file)
+    task = isinstance(document, dict) and document.get("format") == TASK_FORMAT
+    return _task(file, document) if task else _plan(file, document)
 
 
-def _head(kind: str, made_for: MadeFor) -> dict[str, Any]:
-    joints = list(made_for.joint_names)
-    return {
-        "format": kind,
-        "version": VERSION,
-        "robot": {"name": made_for.robot, "hash": made_for.robot_hash, "joint_names": joints},
-        "scene": {"name": made_for.scene, "hash": made_for.scene_hash},
-    }
+def _plan(file: Path, document: Any) -> SavedPlan:
+    found: SavedPlan = read_record(PlanRecord, document, file, _reading(file, document, PLAN_FORMAT)).value
+    return found
 
 
-def _opened(path: Path, kind: str) -> tuple[Node, MadeFor]:
-    """The document at ``path`` and what it was made for; raise at once if its head is not sound."""
-    root = Node("", read_json(path), [])
-    found, version = root.at("format").text(), root.at("version").whole()
-    if not root.problems and found != kind:
-        root.problem(f"format: got {found!r}; expected {kind!r}")
-    if not root.problems and version != VERSION:
-        root.problem(f"version: got {version}; this package reads version {VERSION}")
-    _refuse_problems(path, root)
-    robot, scene = root.at("robot"), root.at("scene")
-    joints = read_texts(robot.at("joint_names"))
-    names = robot.at("name").text(), robot.at("hash").text(), joints, scene.at("name").text(), scene.at("hash").text()
-    _refuse_problems(path, root)
-    return root, MadeFor(*names)
+def _task(file: Path, document: Any) -> SavedTask:
+    found: SavedTask = read_record(TaskRecord, document, file, _reading(file, document, TASK_FORMAT)).value
+    return found
 
 
-def _refuse_problems(path: str | os.PathLike[str], root: Node) -> None:
-    if root.problems:
-        raise InvalidFile(os.fspath(path), root.problems)
-
-
-def _list(values: Any) -> list[float]:
-    numbers: list[float] = np.asarray(values, dtype=np.float64).tolist()
-    return numbers
-
-
-def _request(request: PlanRequest) -> dict[str, Any] | None:
-    planner, timing = _planner(request.planner), _settings(request.timing, TIMINGS)
-    polish = None if request.polish is None else _planner(request.polish)
-    if planner is None or timing is None or (polish is None) != (request.polish is None):
-        return None
-    return {
-        "start": _list(request.start),
-        "goals": [_goal(goal) for goal in _goals(request.goal)],
-        "planner": planner,
-        "timing": timing,
-        "polish": polish,
-        **{name: int(getattr(request, name)) for name in _WHOLE},
-        **{name: float(getattr(request, name)) for name in _REAL},
-        **{name: None if (value := getattr(request, name)) is None else float(value) for name in _MAYBE},
-    }
-
-
-def _goals(goal: Any) -> list[Any]:
-    if isinstance(goal, Pose | PoseGoal):
-        return [goal]
-    several = any(isinstance(entry, Pose | PoseGoal) or np.ndim(entry) > 0 for entry in goal)
-    return list(goal) if several else [goal]
-
-
-def _goal(goal: Any) -> dict[str, Any]:
-    if isinstance(goal, Pose):
-        return {"pose": _pose(goal)}
-    if isinstance(goal, PoseGoal):
-        room = {item.name: getattr(goal, item.name) for item in fields(goal) if item.name != "pose"}
-        return {"pose": _pose(goal.pose), "room": room | {"free_axis": goal.free_axis and list(goal.free_axis)}}
-    return {"joints": _list(goal)}
-
-
-def _pose(pose: Pose) -> dict[str, Any]:
-    return {"position": list(pose.position), "quaternion_wxyz": list(pose.quaternion)}
-
-
-def _settings(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | None:
-    """Name and settings of a planner or timing law, None if it is not one that a name and settings make."""
-    if type(chosen) is not known.get(getattr(chosen, "name", "")):
-        return None
-    return {"name": chosen.name, "settings": {item.name: getattr(chosen, item.name) for item in fields(chosen)}}
-
-
-def _planner(chosen: Any) -> dict[str, Any] | None:
-    """As ``_settings``; an optimisation has those of its method among its own, a roadmap its hash."""
-    if not isinstance(chosen, Optimise):
-        chosen = RoadmapReference(chosen.hash) if isinstance(chosen, Roadmap) else chosen
-        return _settings(chosen, _PLANNERS)
-    method = _settings(chosen.method, METHODS)
-    told = None if method is None else _settings(chosen, {chosen.name: Optimise})
-    if told is not None:
-        told["settings"]["method"] = method
-    return told
-
-
-def _read_request(node: Node, n: int) -> PlanRequest | None:
-    goals = [
-        _read_tool_goal(item) if item.has("pose") else item.at("joints").numbers(n) for item in node.at("goals").items()
-    ]
-    if len(goals) == 0:
-        node.at("goals").wrong("at least one goal")
-    limits: dict[str, Any] = {name: node.at(name).whole() for name in _WHOLE}
-    limits |= {name: node.at(name).number() for name in _REAL}
-    limits |= {name: node.at(name).optional(Node.number) for name in _MAYBE}
-    start = node.at("start").numbers(n)
-    planner = _read_planner(node.at("planner"))
-    polish = node.at("polish").optional(_read_planner) if node.has("polish") else None  # files of before have none
-    timing = _read_settings(node.at("timing"), "timing law", TIMINGS)
-    if planner is None or timing is None:
-        return None
-    return node.attempt(
-        lambda: PlanRequest(
-            start, goals[0] if len(goals) == 1 else tuple(goals), planner, timing, polish=polish, **limits
-        )
-    )
-
-
-def _read_planner(node: Node) -> Any:
-    optimise = Optimise().name
-    if node.at("name").value != optimise:
-        return _read_settings(node, "planner", _PLANNERS)
-    settings = node.at("settings")
-    method = _read_settings(settings.at("method"), "method", METHODS)
-    if method is None:
-        return None
-    return _made(
-        settings, [item.name for item in fields(Optimise)], lambda **given: Optimise(**{**given, "method": method})
-    )
-
-
-def _read_tool_goal(node: Node) -> Pose | PoseGoal:
-    pose = _read_pose(node.at("pose"))
-    if not node.has("room"):
-        return pose
-    room = node.at("room")
-    axis = room.at("free_axis").optional(lambda at: _axis(at.numbers(3)))
-    tolerances = room.at("position_tolerance").number(), room.at("orientation_tolerance").number()
-    count = room.at("candidates").whole()
-    return room.attempt(lambda: PoseGoal(pose, *tolerances, axis, count)) or pose
-
-
-def _axis(values: Any) -> tuple[float, float, float]:
-    x, y, z = values
-    return (x, y, z)
-
-
-def _read_pose(node: Node) -> Pose:
-    (x, y, z), (w, i, j, k) = node.at("position").numbers(3), node.at("quaternion_wxyz").numbers(4)
-    return node.attempt(lambda: Pose((x, y, z), (w, i, j, k))) or Pose()
-
-
-def _read_settings(node: Node, kind: str, known: Mapping[str, type[Any]]) -> Any:
-    name, settings = node.at("name").text(), node.at("settings")
-    if not node.sound:
-        return None
-    if name not in known:
-        node.problem(str(UnknownName(kind, name, known)))
-        return None
-    return _made(settings, [item.name for item in fields(known[name])], known[name])
-
-
-def _made(node: Node, allowed: Sequence[str], make: Callable[..., Any]) -> Any:
-    """What settings make, none of which has another name; None if they make nothing."""
-    if not isinstance(node.value, dict) or not set(node.value) <= set(allowed):
-        node.wrong(f"an object with no other keys than {', '.join(allowed)}")
-        return None
-    return node.attempt(lambda: make(**node.value))
+def _reading(file: Path, document: Any, kind: str) -> Reading:
+    """What a file's records are read with; InvalidFile at once if it is another file."""
+    content = document if isinstance(document, dict) else {}
+    found, version = content.get("format"), content.get("version")
+    if found != kind and (found in (PLAN_FORMAT, TASK_FORMAT) or "format" in content):
+        raise InvalidFile(file, [f"format: got {found!r:.100}; expected {kind!r}"])
+    if found == kind and isinstance(version, int) and version in (1, 2):
+        lacking = f"version: got {version}; expected {VERSION}: this file does not hold its robot and scene"
+        raise InvalidFile(file, [f"{lacking}; plan again: {command_of(content)}"])
+    robot = content.get("robot")
+    names = robot.get("joint_names") if isinstance(robot, dict) else None
+    return Reading(joints=len(names) if isinstance(names, list) else None)

@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from planner_service import ompl_bridge
-from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry import number
+from planner_service.errors import UnknownName
+from planner_service.geometry import number, whole
 from planner_service.roadmap import Roadmap
 from planner_service.search import (
     Oracle,
@@ -87,12 +87,11 @@ class _Settings:
             value = getattr(self, item.name)
             if item.name in _WHOLE:
                 least, most = _WHOLE[item.name]
-                if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                    raise InvalidRequest(item.name, value, f"a whole number of at least {least} and at most {most}")
+                value = whole(item.name, value, least, most)
             else:
                 low, high = (MIN_RANGE, MAX_RANGE) if item.name == "range" else (0.0, 1.0)
                 value = number(item.name, value, f"a number from {low:g} to {high:g}", low, high)
-                object.__setattr__(self, item.name, value)
+            object.__setattr__(self, item.name, value)
 
 
 @dataclass(frozen=True)

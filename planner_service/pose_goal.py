@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import Pose, number
+from planner_service.geometry import Pose, number, whole
 
 __all__ = ["PoseGoal"]
 
@@ -51,9 +51,7 @@ class PoseGoal:
         number("orientation_tolerance", self.orientation_tolerance, "radians in [0, pi]", 0.0, math.pi)
         if self.free_axis is not None:
             object.__setattr__(self, "free_axis", _unit(self.free_axis))
-        count = self.candidates
-        if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MAX_CANDIDATES:
-            raise InvalidRequest("candidates", count, f"a whole number in [1, {MAX_CANDIDATES}]")
+        object.__setattr__(self, "candidates", whole("candidates", self.candidates, 1, MAX_CANDIDATES))
 
     def poses(self) -> tuple[Pose, ...]:
         """The candidates; one alone where there is no room."""

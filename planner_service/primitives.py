@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled
+from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.follow import AllowedStretch
-from planner_service.geometry import FloatArray, Pose
+from planner_service.geometry import FloatArray, Pose, instance, text
 from planner_service.grasps import offset_from, width_across
 from planner_service.kinematics import ToolLine, inverse_kinematics, straight_tool_line
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
@@ -80,6 +81,7 @@ def move_linear(
     Raises:
         InvalidRequest: as ``PlannerService.follow`` and ``straight_tool_line`` say.
     """
+    instance("service", service, PlannerService, "a PlannerService")
     q = joint_vector("start", start, service.robot)
     line = straight_tool_line(service.robot, q, goal, points=points)
     if line.stopped is not None:
@@ -110,7 +112,8 @@ def pick(
         UnknownName: no such obstacle or support.
         InvalidRequest: no grasp given, the robot has no gripper, or the object is too wide for it.
     """
-    handling = handling or Handling()
+    instance("service", service, PlannerService, "a PlannerService")
+    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     obstacle = service.scene.obstacle(target)
     _require_poses("grasps", grasps)
     if handling.support == target:
@@ -132,7 +135,9 @@ def place(
         UnknownName: no such carried object or support.
         InvalidRequest: no pose given, or the robot has no gripper.
     """
-    handling = handling or Handling()
+    instance("service", service, PlannerService, "a PlannerService")
+    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
+    text("carried", carried)
     held = next((a for a in service.scene.attached if a.name == carried), None)
     if held is None:
         raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])
@@ -185,7 +190,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
     fingers, gripper = _fingers(service), _gripper(service)
     width = width_across(target, grasp, gripper)
     opening = _opening(service, width, handling)
-    pairs = tuple((finger, target.name) for finger in fingers)
+    pairs = _touching(service, fingers, target.name)
 
     def services() -> tuple[PlannerService, PlannerService]:
         held = Attached(target.name, target.shape, grasp.inverse() @ target.pose, touch_links=fingers)
@@ -207,6 +212,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
 
 def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Handling) -> _Contact:
     opening = _opening(service, service.robot.gripper_width, handling)
+    names = Names(service.robot, service.scene)
 
     def services() -> tuple[PlannerService, PlannerService]:
         scene = service.scene.without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, pose))
@@ -215,15 +221,13 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
         if handling.support is None:
             return ""
-        pair = (held.name, handling.support)
+        pair = (names.object(held.name), names.object(handling.support))
         roomy = checker.variant(padding=handling.support_gap)
         if all(pair != (contact.a, contact.b) for contact in roomy.contacts(q)):
             return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
         return _unwanted(checker, q, (pair,))
 
-    touch = _Touch(
-        tuple((finger, held.name) for finger in _fingers(service)), None, "the fingers may touch what they leave"
-    )
+    touch = _Touch(_touching(service, _fingers(service), held.name), None, "the fingers may touch what they leave")
     lowering = _standing(service, held.name, handling)
     return _Contact(
         pose @ held.pose.inverse(), services, objection, lowering, (touch,), touch, ("transfer", "lower", "retreat")
@@ -246,6 +250,12 @@ def _fingers(service: PlannerService) -> tuple[str, ...]:
     return tuple(link for link in _gripper(service).links if link in shaped)
 
 
+def _touching(service: PlannerService, fingers: tuple[str, ...], name: str) -> tuple[Pair, ...]:
+    """The labels of each finger and an object."""
+    names = Names(service.robot, service.scene)
+    return tuple((names.link(finger), names.object(name)) for finger in fingers)
+
+
 def _gripper(service: PlannerService) -> Gripper:
     if service.robot.gripper is None:
         raise InvalidRequest("robot", service.robot.name, "a robot with a gripper")
@@ -266,8 +276,9 @@ def _opening(service: PlannerService, width: float, handling: Handling) -> float
 def _standing(service: PlannerService, name: str, handling: Handling) -> tuple[_Touch, ...]:
     if handling.support is None:
         return ()
-    support = service.scene.obstacle(handling.support).name
-    return (_Touch(((name, support),), handling.support_gap, f"{name} stands on {support}"),)
+    names = Names(service.robot, service.scene)
+    standing, support = names.object(name), names.object(service.scene.obstacle(handling.support).name)
+    return (_Touch(((standing, support),), handling.support_gap, f"{standing} stands on {support}"),)
 
 
 class _Task:
@@ -373,9 +384,9 @@ class _Task:
         to = self._having_plan(going, before.plan(request, cancel=self._handling.cancel))
         open_width = before.robot.gripper_width
         return (
-            Segment(going, to, open_width, gripper=opening),
-            Segment(into, line_in, open_width),
-            Segment(out, line_out, after.robot.gripper_width, gripper=grip),
+            Segment(going, to, open_width, before.scene, opening),
+            Segment(into, line_in, open_width, before.scene),
+            Segment(out, line_out, after.robot.gripper_width, after.scene, grip),
         )
 
     def _gripper_motion(

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from planner_service.geometry import flag
+
 __all__ = ["bar"]
 
 
@@ -16,6 +18,8 @@ def bar(what: str, shown: bool | None) -> Iterator[Callable[[int, int], None] | 
     Args:
         shown: If None, when standard error is a terminal.
     """
+    if shown is not None:
+        flag("progress", shown)
     if not (sys.stderr.isatty() if shown is None else shown):
         yield None
         return

@@ -30,6 +30,7 @@ from planner_service.pipeline import Run
 from planner_service.pose_goal import PoseGoal
 from planner_service.replanned import Old, Outcome, Replanned, request_for, underway
 from planner_service.request import Goal, PlanRequest
+from planner_service.scene import KIND_SUFFIXES
 from planner_service.search import joint_distance
 from planner_service.splice import Handover
 from planner_service.stagebook import Limits, NoPlan, StageBook, narrower, not_certified
@@ -92,9 +93,9 @@ def _still_meant(old: Old, certifier: Certifier) -> Iterator[ExemptInterval]:
     if before is None:
         return
     objects = [{item.name: item for item in (*scene.obstacles, *scene.attached)} for scene in (before, now)]
-    as_it_was = certifier.listed.owners - {
-        name for name in {*objects[0], *objects[1]} if objects[0].get(name) != objects[1].get(name)
-    }
+    changed = {name for name in {*objects[0], *objects[1]} if objects[0].get(name) != objects[1].get(name)}
+    of_objects = KIND_SUFFIXES[1]
+    as_it_was = {owner for owner in certifier.listed.owners if owner.removesuffix(of_objects) not in changed}
     for stretch in old.exempt:
         pairs = tuple(pair for pair in stretch.pairs if as_it_was.issuperset(pair))
         if pairs:
@@ -124,15 +125,23 @@ class _Run:
     def result(self, turns: Turns) -> Replanned:
         """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""
         try:
-            with self._book.within_limits(turns, padding=self._request.padding):
-                if not self._motion.rests:
-                    return self._going_on()
-                self._prove_last_stretch()
-            return self._from_rest(turns)
+            going_on = self._book.within_limits(turns, self._under_way)
+            return self._from_rest(turns) if going_on is None else going_on
         except NoPlan as no_plan:
             failure = no_plan.failure
         with self._book.apart():  # a robot under way waits for nobody
             return self._stopping(failure)
+
+    def _under_way(self) -> Replanned | None:
+        """What to do before the old motion rests; None if it does, its last stretch being proven.
+
+        Raises:
+            NoPlan: there is nothing to do, or what is left cannot be proven.
+        """
+        if not self._motion.rests:
+            return self._going_on()
+        self._prove_last_stretch()
+        return None
 
     def _prove_last_stretch(self) -> None:
         """What is left until the old motion rests.

@@ -10,7 +10,7 @@ import numpy as np
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number
+from planner_service.geometry import FloatArray, copied_in, number
 from planner_service.outcome import Failure, PlanResult
 from planner_service.path import JointPath
 from planner_service.request import Goal, PlanRequest
@@ -76,6 +76,9 @@ class Replanned:
     failure: Failure | None
     ahead: FloatArray
     stop: Trajectory | None = None
+
+    def __post_init__(self) -> None:
+        copied_in(self, "ahead")
 
     @property
     def ok(self) -> bool:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, Pose, numbers
+from planner_service.geometry import FloatArray, Pose, as_sent, instance, number, numbers, whole
 from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect
 from planner_service.pose_goal import PoseGoal
@@ -31,7 +30,7 @@ class PlanRequest:
     """A motion from a configuration to a goal, and what it may cost.
 
     Attributes:
-        start: Joint vector, shape (n,).
+        start: Joint vector, shape (n,). Start and goal are copied in.
         goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
             kinematics solution is a goal, joints that do not move the tool staying as in the start), a
             ``PoseGoal`` with room around one, or a sequence of these, any of which will do.
@@ -39,10 +38,12 @@ class PlanRequest:
             improves straight lines, free or not.
         timing: The law s(t) along the path.
         seed: Decides every random choice; the same request and seed give the same plan and counts.
-        max_checks: States the whole plan may judge (a PRM's building has its own budget).
-        time_limit: Wall seconds for all stages and retries, a safety net: a result it touched says
-            ``deterministic=False``. None for no limit.
-        retries: Further searches with fresh seeds when one gives up.
+        max_checks: States the whole plan may judge (a PRM's building has its own budget). As it stands a backstop, for
+            requests without a time limit.
+        time_limit: Wall seconds for all stages and retries; a result that it changed says ``deterministic=False``. None
+            for no limit.
+        retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; None: as many
+            as time and checks allow, the later ones the longer.
         padding: Metres that the search keeps from everything; near an end that is closer it keeps less.
         velocity_scale: Part in (0, 1] of the robot's velocity limits that may be used.
         acceleration_scale: The same of its accelerations, and of its jerks.
@@ -63,9 +64,9 @@ class PlanRequest:
     planner: Planner | Optimise = field(default_factory=RRTConnect)
     timing: Timing = field(default_factory=ToppRa)
     seed: int = 0
-    max_checks: int = 50_000
-    time_limit: float | None = 1.0
-    retries: int = 3
+    max_checks: int = 10_000_000
+    time_limit: float | None = 5.0
+    retries: int | None = None
     padding: float = 0.001
     velocity_scale: float = 1.0
     acceleration_scale: float = 1.0
@@ -73,11 +74,15 @@ class PlanRequest:
     blend: float = 0.5
     start_tolerance: float = 0.01
     polish: Optimise | None = None
+    __setstate__ = as_sent
 
     def __post_init__(self) -> None:
-        _whole("seed", self.seed, 0, 2**63 - 1)
-        _whole("max_checks", self.max_checks, 1, 10**9)
-        _whole("retries", self.retries, 0, 1000)
+        object.__setattr__(self, "start", numbers("start", self.start, "joint values, shape (n,)"))
+        object.__setattr__(self, "goal", _copied_goal(self.goal))
+        for name, low, high in (("seed", 0, 2**63 - 1), ("max_checks", 1, 10**9)):
+            object.__setattr__(self, name, whole(name, getattr(self, name), low, high))
+        if self.retries is not None:
+            object.__setattr__(self, "retries", whole("retries", self.retries, 0, 1000))
         _number("padding", self.padding, 0.0, 0.1)
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
         _number("blend", self.blend, 0.0, 3.0)
@@ -117,17 +122,32 @@ class PlanRequest:
         Raises:
             InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
         """
-        goal: Any = self.goal
-        if isinstance(goal, Pose | PoseGoal):
-            return (goal,)
-        several = isinstance(goal, list | tuple) and any(isinstance(g, Pose | PoseGoal) or np.ndim(g) > 0 for g in goal)
-        if not several and np.ndim(goal) < 2:
-            return (joint_vector("goal", goal, robot),)
-        if len(goal) == 0:
-            raise InvalidRequest("goal", goal, "at least one goal")
+        instance("robot", robot, Robot, "a Robot")
+        if not isinstance(self.goal, tuple):
+            return (self.goal if isinstance(self.goal, Pose | PoseGoal) else joint_vector("goal", self.goal, robot),)
         return tuple(
-            g if isinstance(g, Pose | PoseGoal) else joint_vector(f"goal[{k}]", g, robot) for k, g in enumerate(goal)
+            g if isinstance(g, Pose | PoseGoal) else joint_vector(f"goal[{k}]", g, robot)
+            for k, g in enumerate(self.goal)
         )
+
+
+def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | PoseGoal | FloatArray, ...]:
+    """One goal, or a tuple of several; joint values copied, their shape for the robot to judge."""
+    if isinstance(goal, Pose | PoseGoal):
+        return goal
+    expected = "joint values, a Pose, a PoseGoal, or a list of these"
+    if isinstance(goal, list | tuple) and any(isinstance(g, Pose | PoseGoal | list | tuple | np.ndarray) for g in goal):
+        several = [
+            g if isinstance(g, Pose | PoseGoal) else numbers(f"goal[{k}]", g, expected) for k, g in enumerate(goal)
+        ]
+    else:
+        array = numbers("goal", goal, expected)
+        if array.ndim != 2:
+            return array
+        several = list(array)
+    if not several:
+        raise InvalidRequest("goal", goal, "at least one goal")
+    return tuple(several)
 
 
 def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
@@ -151,6 +171,10 @@ def require_timing(value: object) -> None:
         raise InvalidRequest("timing", value, "a timing law such as ToppRa()")
 
 
+def _number(name: str, value: object, low: float, high: float) -> float:
+    return number(name, value, f"a number in [{low:g}, {high:g}]", low, high)
+
+
 def require_scale(name: str, value: object) -> None:
     """Refuse what is no part in (0, 1] of a limit."""
     if _number(name, value, 0.0, 1.0) == 0.0:
@@ -161,15 +185,3 @@ def require_tool_speed(value: object) -> None:
     """Refuse what is neither None nor a speed in m/s."""
     if value is not None:
         _number("max_tool_speed", value, MIN_TOOL_SPEED, 100.0)
-
-
-def _whole(name: str, value: object, low: int, high: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-        raise InvalidRequest(name, value, f"a whole number in [{low}, {high}]")
-
-
-def _number(name: str, value: object, low: float, high: float) -> float:
-    kind = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    if not kind or not low <= value <= high:  # type: ignore[operator]
-        raise InvalidRequest(name, value, f"a number in [{low:g}, {high:g}]")
-    return float(value)  # type: ignore[arg-type]

@@ -10,6 +10,7 @@ from planner_service.collision import CheckCounts, CollisionChecker
 from planner_service.collision.edges import KNOWN_ENDS
 from planner_service.collision.sweep import Sweep
 from planner_service.errors import InvalidRequest
+from planner_service.geometry import copied_in
 from planner_service.oracle import SearchOracle
 from planner_service.planners import PRM, LazyPRM, PRMstar, Progress
 from planner_service.roadmap import Built, Roadmap, Terms, Verdict
@@ -47,6 +48,9 @@ class RoadmapUpdate:
     fell: int
     rose: int
     counts: CheckCounts
+
+    def __post_init__(self) -> None:
+        copied_in(self, "changed")
 
     def __str__(self) -> str:
         what = f"{', '.join(self.changed)} changed: " if self.changed else ""

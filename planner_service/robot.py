@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,19 @@ from numpy.typing import ArrayLike
 from planner_service.bodies import Body, BodyPose, BodyTree, LinkShape
 from planner_service.data import data_folder
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry import FloatArray, Pose, Shape, numbers, read_only
+from planner_service.geometry import (
+    FloatArray,
+    Pose,
+    Shape,
+    copied_in,
+    finite_numbers,
+    instance,
+    items,
+    number,
+    numbers,
+    read_only,
+    text,
+)
 from planner_service.reach import reach_bounds
 from planner_service.regular_file import as_path
 
@@ -149,6 +162,7 @@ class Robot:
     def __post_init__(self) -> None:
         object.__setattr__(self, "named_poses", tuple((name, read_only(q)) for name, q in self.named_poses))
         object.__setattr__(self, "tool_placement", read_only(self.tool_placement))
+        copied_in(self, "joint_names", "base_links", "bodies", "shapes", "allowed_contacts", "retreats")
 
     @classmethod
     def from_urdf(
@@ -189,13 +203,16 @@ class Robot:
         """
         from planner_service.robot_source import Selection, robot_from_urdf
 
-        if isinstance(joints, str):
-            raise InvalidRequest("joints", joints, "a sequence of names")
-        folders = tuple(as_path("package_dirs", folder) for folder in package_dirs)
+        instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
+        for field, given in (("locked_joints", locked_joints), ("decompose", decompose)):
+            instance(field, given, (Mapping, NoneType), "numbers by name, or None")
+        names = None if joints is None else items("joints", joints, str, "a sequence of names")
+        given_folders = items("package_dirs", package_dirs, object, "folders")
+        folders = tuple(as_path("package_dirs", folder) for folder in given_folders)
         selection = Selection(
             tool_frame,
             None if srdf is None else as_path("srdf", srdf),
-            None if joints is None else tuple(joints),
+            names,
             dict(locked_joints or {}),
             dict(decompose or {}),
         )
@@ -223,7 +240,7 @@ class Robot:
             UnknownName: there is none of that name.
         """
         poses = self.poses
-        if name not in poses:
+        if text("name", name) not in poses:
             raise UnknownName("pose", name, poses)
         return poses[name]
 
@@ -233,7 +250,10 @@ class Robot:
 
     def body_poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
         """World pose of every body as (r00, r01, r02, r10, ..., r22, x, y, z); q (n,) must be finite."""
-        return self._tree.poses(q)
+        try:
+            return self._tree.poses(q)
+        except (TypeError, ValueError, LookupError, ArithmeticError):  # no check before: planners ask this all the time
+            raise InvalidRequest("q", q, f"{self.n} finite numbers") from None
 
     def body_poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
         """World rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for Q (m, n): the bits of ``body_poses``.
@@ -245,7 +265,7 @@ class Robot:
 
     def tool_pose(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """4 x 4 T_world_tool."""
-        return np.array([*self.tool_rows(q), [0.0, 0.0, 0.0, 1.0]])
+        return np.array([*self.tool_rows(finite_numbers("q", q, self.n)), [0.0, 0.0, 0.0, 1.0]])
 
     def tool_rows(self, q: Sequence[float] | FloatArray) -> list[list[float]]:
         """The first three rows of ``tool_pose``, by scalar arithmetic."""
@@ -262,7 +282,7 @@ class Robot:
 
     def tool_jacobian(self, q: Sequence[float] | FloatArray) -> FloatArray:
         """6 x n: linear velocity of the tool's origin, then angular, world axes (Pinocchio's LOCAL_WORLD_ALIGNED)."""
-        poses = self.body_poses(q)
+        poses = self.body_poses(finite_numbers("q", q, self.n))
         a, b, c, d, e, f, g, h, i, x, y, z = poses[self.tool_body]
         u, v, w = self.tool_placement[:3, 3].tolist()
         x, y, z = x + a * u + b * v + c * w, y + d * u + e * v + f * w, z + g * u + h * v + i * w
@@ -313,8 +333,7 @@ class Robot:
         if self.gripper is None:
             raise InvalidRequest("width", width, f"nothing: robot {self.name!r} has no gripper")
         lower, upper = self.gripper.lower, self.gripper.upper
-        if not isinstance(width, (int, float)) or not lower <= width <= upper:
-            raise InvalidRequest("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m")
+        width = number("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m", lower, upper)
         moved = iter(self.gripper.shapes(float(width)))
         shapes = tuple(next(moved) if item.link in self.gripper.links else item for item in self.shapes)
         moved_robot = replace(self, gripper_width=float(width), shapes=shapes)
@@ -339,6 +358,14 @@ class Robot:
         from planner_service.locking import lock_joints
 
         return lock_joints(self, joints)
+
+    @cached_property
+    def links(self) -> frozenset[str]:
+        """The links that play a part: with shapes, at the base, in the gripper, the tool frame, or named in pairs."""
+        pairs = [*(contact.links for contact in self.allowed_contacts), *(p for r in self.retreats for p in r.pairs)]
+        fingers = () if self.gripper is None else self.gripper.links
+        shaped = (item.link for item in self.shapes)
+        return frozenset([*shaped, *self.base_links, *fingers, self.tool_frame, *(link for p in pairs for link in p)])
 
     @cached_property
     def link_pairs(self) -> tuple[tuple[str, str], ...]:
@@ -396,12 +423,13 @@ def load_robot(name_or_path: str | Path) -> Robot:
     """
     from planner_service.robot_source import robot_from_file
 
-    text = str(name_or_path)
-    if isinstance(name_or_path, Path) or "/" in text or text.endswith(".toml"):
-        return robot_from_file(Path(name_or_path))
-    if text not in robot_names():
-        raise UnknownName("robot", text, robot_names())
-    return robot_from_file(data_folder("robots") / text / "robot.toml")
+    path = as_path("robot", name_or_path)
+    name = str(name_or_path)
+    if not isinstance(name_or_path, str) or "/" in name or name.endswith(".toml"):
+        return robot_from_file(path)
+    if name not in robot_names():
+        raise UnknownName("robot", name, robot_names())
+    return robot_from_file(data_folder("robots") / name / "robot.toml")
 
 
 def robot_names() -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 from planner_service.collision import CollisionChecker
 from planner_service.contact_table import ContactKind, ContactTable, PairFinding, contact_table
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest
+from planner_service.geometry import copied_in, flag, instance, items
 from planner_service.mesh_file import MAX_BYTES
 from planner_service.mesh_path import MeshShelf
 from planner_service.regular_file import as_path, read_bytes
@@ -52,7 +53,10 @@ class Source:
         object.__setattr__(self, "urdf", as_path("urdf", self.urdf))
         if self.srdf is not None:
             object.__setattr__(self, "srdf", as_path("srdf", self.srdf))
-        object.__setattr__(self, "package_dirs", tuple(as_path("package_dirs", path) for path in self.package_dirs))
+        folders = items("package_dirs", self.package_dirs, object, "folders")
+        object.__setattr__(self, "package_dirs", tuple(as_path("package_dirs", path) for path in folders))
+        instance("locked_joints", self.locked_joints, Mapping, "positions by joint name")
+        copied_in(self, "locked_joints", "joints")
 
     @property
     def selection(self) -> Selection:
@@ -102,6 +106,8 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
             elsewhere, or a joint is locked outside its limits.
     """
     begun = time.perf_counter()
+    instance("source", source, Source, "a Source")
+    flag("force", force)
     folder = as_path("out", out)
     toml, copy = folder / ROBOT_FILE, folder / source.urdf.name
     text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")

@@ -10,7 +10,7 @@ import numpy as np
 
 from planner_service.assembly import Assembly, assemble, compose, locked_positions, transform
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, number
 from planner_service.robot import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 from planner_service.robot_file import GripperEntry, RobotFile, read_robot_file
 from planner_service.srdf import Srdf, read_srdf
@@ -252,8 +252,8 @@ def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
         if not isinstance(name, str) or name not in movable:
             raise UnknownName("joint", name, movable)
         lower, upper = movable[name].lower, movable[name].upper
-        if isinstance(position, bool) or not isinstance(position, (int, float)) or not lower <= position <= upper:
-            raise InvalidRequest(f"locked_joints[{name!r}]", position, f"a position in [{lower:g}, {upper:g}]")
+        expected = f"a position in [{lower:g}, {upper:g}]"
+        given[name] = number(f"locked_joints[{name!r}]", position, expected, lower, upper)
     if selection.joints is None:
         return locked_positions(urdf, (), given)
     for name in selection.joints:

@@ -45,9 +45,10 @@ from typing import Any, NoReturn
 from planner_service.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.data import data_folder
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere
+from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere, instance, items, text
 from planner_service.mesh import Mesh
 from planner_service.mesh_path import MeshShelf
+from planner_service.regular_file import as_path
 from planner_service.scene_file import (
     MAX_BYTES,
     SHAPE_KEYS,
@@ -59,9 +60,11 @@ from planner_service.scene_file import (
     write_whole,
 )
 
-__all__ = ["Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
+__all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
 
 MAX_NAME = 64
+KIND_SUFFIXES = (" (link)", " (object)")
+"""What tells a link and an object of one name apart in print; no object's own name ends so."""
 MAX_DESCRIPTION = 1000
 MAX_OBJECTS = 10_000
 """A scene made by hand or from detections has far fewer; more would rather be a point cloud."""
@@ -89,7 +92,8 @@ def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
 
 
 def _check_body(name: str, shape: Any, pose: Any) -> None:
-    _checked_name("name", name)
+    if _checked_name("name", name).endswith(KIND_SUFFIXES):
+        raise InvalidRequest("name", name, f"a name that does not end in {' or '.join(map(repr, KIND_SUFFIXES))}")
     if not isinstance(shape, _KINDS):
         raise InvalidRequest(f"shape of {name!r}", shape, _ANY_KIND)
     if not isinstance(pose, Pose):
@@ -103,8 +107,9 @@ class Obstacle:
     """A named shape that stands still in the world; ``pose`` is the shape's in the robot's base frame.
 
     Raises:
-        InvalidRequest: the name is empty, longer than 64 characters, unprintable or has spaces at its
-            ends; shape or pose is of another kind; the position is beyond 1 km (a unit mistake).
+        InvalidRequest: the name is empty, longer than 64 characters, unprintable, has spaces at its
+            ends or ends in " (link)" or " (object)"; shape or pose is of another kind; the position is
+            beyond 1 km (a unit mistake).
     """
 
     name: str
@@ -120,7 +125,8 @@ class Attached:
     """A named shape that moves with the tool; ``pose`` is the shape's in the tool frame.
 
     Args:
-        touch_links: Names of the robot's links that may touch it, as the fingers that hold it do.
+        touch_links: Names of the robot's links that may touch it, as the fingers that hold it do; they have to have
+            collision shapes, which is checked once robot and scene meet.
 
     Raises:
         InvalidRequest: as for ``Obstacle``, or ``touch_links`` is one text, or names a link twice.
@@ -133,9 +139,8 @@ class Attached:
 
     def __post_init__(self) -> None:
         _check_body(self.name, self.shape, self.pose)
-        if isinstance(self.touch_links, str):
-            raise InvalidRequest("touch_links", self.touch_links, "a sequence of link names")
-        object.__setattr__(self, "touch_links", tuple(self.touch_links))
+        links = items("touch_links", self.touch_links, str, "a sequence of link names")
+        object.__setattr__(self, "touch_links", links)
         for link in self.touch_links:
             _checked_name("touch_links", link)
         if len(set(self.touch_links)) != len(self.touch_links):
@@ -161,8 +166,8 @@ class Scene:
     description: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "obstacles", _tuple_of("obstacles", self.obstacles, Obstacle))
-        object.__setattr__(self, "attached", _tuple_of("attached", self.attached, Attached))
+        object.__setattr__(self, "obstacles", items("obstacles", self.obstacles, Obstacle, "Obstacles"))
+        object.__setattr__(self, "attached", items("attached", self.attached, Attached, "Attached objects"))
         if len(self.names) > MAX_OBJECTS:
             raise InvalidRequest("scene", len(self.names), f"at most {MAX_OBJECTS:,} obstacles and attached objects")
         seen: set[str] = set()
@@ -170,7 +175,7 @@ class Scene:
             if name in seen:
                 raise InvalidRequest("name", name, "each name once among obstacles and attached objects")
             seen.add(name)
-        if self.name != "":
+        if text("name", self.name) != "":
             _checked_name("name of the scene", self.name)
         _check_description(self.description)
 
@@ -228,6 +233,7 @@ class Scene:
         Raises:
             UnknownName: there is none.
         """
+        text("name", name)
         left = tuple(a for a in self.attached if a.name != name)
         if len(left) == len(self.attached):
             raise UnknownName("attached object", name, (a.name for a in self.attached))
@@ -261,21 +267,11 @@ class Scene:
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
     def _index(self, name: str) -> int:
+        text("name", name)
         for k, obstacle in enumerate(self.obstacles):
             if obstacle.name == name:
                 return k
         raise UnknownName("obstacle", name, (o.name for o in self.obstacles))
-
-
-def _tuple_of(field_name: str, values: Any, kind: type[Any]) -> tuple[Any, ...]:
-    try:
-        elements = tuple(values)
-    except TypeError:
-        raise InvalidRequest(field_name, values, f"a sequence of {kind.__name__}") from None
-    for element in elements:
-        if not isinstance(element, kind):
-            raise InvalidRequest(field_name, element, f"a sequence of {kind.__name__}")
-    return elements
 
 
 def _canonical(body: Obstacle | Attached) -> list[Any]:
@@ -319,9 +315,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
         UnknownName: no scene of that name comes with the package.
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-    if not isinstance(name_or_path, (str, os.PathLike)):
-        raise InvalidRequest("scene", name_or_path, "the name of a scene or the path of a file")
-    path = Path(name_or_path)
+    path = as_path("scene", name_or_path)
     if isinstance(name_or_path, str) and path.name == name_or_path and path.suffix != ".toml":
         if name_or_path not in scene_names():
             raise UnknownName("scene", name_or_path, scene_names())
@@ -340,6 +334,8 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
         InvalidRequest: the file would be too large to be loaded again.
         InvalidFile: it cannot be written.
     """
+    instance("scene", scene, Scene, "a Scene")
+    target = as_path("path", path)
     told = {"name": scene.name, "description": scene.description}
     top = [f"{key} = {_quoted(text)}" for key, text in told.items() if text]
     parts = ["\n".join(top)] if top else []
@@ -347,10 +343,10 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     for a in scene.attached:
         links = ", ".join(_quoted(link) for link in a.touch_links)
         parts.append("\n".join(["[[attached]]", *_body_lines(a), f"touch_links = [{links}]"]))
-    text = "\n\n".join(parts) + "\n"
-    if len(text.encode()) > MAX_BYTES:
-        raise InvalidRequest("scene", f"{len(text.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
-    write_whole(Path(path), text)
+    content = "\n\n".join(parts) + "\n"
+    if len(content.encode()) > MAX_BYTES:
+        raise InvalidRequest("scene", f"{len(content.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
+    write_whole(target, content)
 
 
 def _quoted(text: str) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from planner_service.collision.edges import Known
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, read_only
+from planner_service.geometry import FloatArray, read_only, whole
 
 if TYPE_CHECKING:
     from planner_service.roadmap.roadmap import Roadmap
@@ -254,8 +254,7 @@ def distances(points: FloatArray, q: FloatArray) -> FloatArray:
 
 def require_seed(seed: int) -> None:
     """Refuse what is not a whole number of at least 0."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InvalidRequest("seed", seed, "a whole number of at least 0")
+    whole("seed", seed, 0, 2**63 - 1)
 
 
 def _bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:

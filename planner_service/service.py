@@ -6,21 +6,23 @@ request -> ENDPOINTS -> STRAIGHT_LINE -> SEARCH -> SHORTCUT -> POLISH -> CERTIFY
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.batch import Batch
 from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
+from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.collision.ledger import Cancelled
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
+from planner_service.geometry import flag, instance
 from planner_service.many import Engine
 from planner_service.outcome import Origin, PlanResult
 from planner_service.pace import Pace
@@ -36,6 +38,7 @@ from planner_service.roadmap_work import Grower, RoadmapUpdate, grow, require_gr
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene, load_scene
 from planner_service.search import require_seed
+from planner_service.stagebook import Limits, in_turn
 from planner_service.timing import Trapezoidal
 from planner_service.trace import Tracer
 from planner_service.turns import Turns
@@ -44,6 +47,8 @@ if TYPE_CHECKING:
     from planner_service.view import Shown, Viewer
 
 __all__ = ["PlannerService"]
+
+T = TypeVar("T")
 
 
 class PlannerService:
@@ -69,7 +74,7 @@ class PlannerService:
     ) -> None:
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
-        self._edge_step, self._allowed = edge_step, tuple(allowed)
+        self._edge_step, self._allowed = edge_step, pairs_of_names("allowed", allowed)
         self._planning = self._new_checker()
         self._turns = Turns()
         self._process = os.getpid()
@@ -78,6 +83,16 @@ class PlannerService:
     def checker(self) -> CollisionChecker:
         """The same judge for questions of your own; plans count in another, so that neither disturbs the other."""
         return self._new_checker()
+
+    @property
+    def edge_step(self) -> EdgeStep:
+        """How finely edges are sampled."""
+        return self._planning.edge_step
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of link or object names that may touch, beside those the robot allows; sorted."""
+        return self._planning.allowed
 
     def _new_checker(self) -> CollisionChecker:
         return CollisionChecker(self.robot, self.scene, edge_step=self._edge_step, allowed=self._allowed)
@@ -113,6 +128,8 @@ class PlannerService:
                 carried across a fork. That no plan exists is a result, not an error.
         """
         self._require_own_process()
+        instance("request", request, PlanRequest, "a PlanRequest")
+        flag("trace", trace)
         run = Run(self._planning, self._certifier, request, cancel)
         run.tracer = Tracer() if trace else None
         result = run.result(self._turns)
@@ -303,6 +320,7 @@ class PlannerService:
         seed: int = 0,
         padding: float = 0.001,
         progress: bool | None = None,
+        cancel: CancelToken | None = None,
     ) -> Roadmap:
         """A roadmap of the free space, for many queries; pass it as ``PlanRequest.planner``.
 
@@ -313,15 +331,21 @@ class PlannerService:
             seed: Decides which configurations are drawn.
             padding: Metres its milestones and edges keep from everything; best that of the queries to come.
             progress: Whether to draw a progress bar on standard error; if not given, when that is a terminal.
+            cancel: Ends the call when cancelled from another thread.
 
         Raises:
             InvalidRequest: no such planner or seed, or a padding that is no distance.
+            Cancelled: ``cancel`` was cancelled; nothing is kept.
         """
         self._require_own_process()
         require_seed(seed)
         require_grower(planner)
-        with self._turns.taken(), bar("roadmap", progress) as told:
-            return grow(planner, self._planning.variant(padding=padding), seed=seed, progress=told)
+
+        def grown() -> Roadmap:
+            with bar("roadmap", progress) as told:
+                return grow(planner, self._planning.variant(padding=padding), seed=seed, progress=told)
+
+        return self._in_turn(grown, cancel)
 
     def path_memory(self, *, padding: float = 0.001) -> Roadmap:
         """A roadmap of nothing, that remembers every path planned with it: ``result.roadmap`` has one path more.
@@ -333,25 +357,27 @@ class PlannerService:
             InvalidRequest: a padding that is no distance.
         """
         self._require_own_process()
-        with self._turns.taken():
-            checker = self._planning.variant(padding=padding)
+        checker = self._in_turn(lambda: self._planning.variant(padding=padding))
         nothing = Roadmap.of(np.zeros((0, self.robot.n)), reach=checker.reach)
         return replace(nothing, terms=Terms.of(checker), remember=True)
 
-    def update_roadmap(self, roadmap: Roadmap) -> RoadmapUpdate:
+    def update_roadmap(self, roadmap: Roadmap, *, cancel: CancelToken | None = None) -> RoadmapUpdate:
         """A roadmap told of what changed in this scene since it was judged: all it may have touched is judged again.
 
         ``plan`` does that for the edges that a path needs, this for all of them, with the roadmap's own padding.
 
+        Args:
+            cancel: Ends the call when cancelled from another thread.
+
         Raises:
             InvalidRequest: it is no roadmap, or one of other joints.
+            Cancelled: ``cancel`` was cancelled; the roadmap is as it was.
         """
         self._require_own_process()
         if not isinstance(roadmap, Roadmap):
             raise InvalidRequest("roadmap", roadmap, "a Roadmap")
         padding = 0.001 if roadmap.terms is None else roadmap.terms.padding
-        with self._turns.taken():
-            return update(roadmap, self._planning.variant(padding=padding))
+        return self._in_turn(lambda: update(roadmap, self._planning.variant(padding=padding)), cancel)
 
     def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
         """A short motion from a colliding configuration q (n,) to a free one, None if none was found; q itself if free.
@@ -360,8 +386,8 @@ class PlannerService:
         """
         self._require_own_process()
         require_seed(seed)
-        with self._turns.taken():
-            return way_out(self._planning, joint_vector("q", q, self.robot), np.random.default_rng(seed))
+        start = joint_vector("q", q, self.robot)
+        return self._in_turn(lambda: way_out(self._planning, start, np.random.default_rng(seed)))
 
     def view(
         self,
@@ -392,6 +418,9 @@ class PlannerService:
         if not interactive() if block is None else block:
             viewer.wait()
         return viewer
+
+    def _in_turn(self, act: Callable[[], T], cancel: CancelToken | None = None) -> T:
+        return in_turn(self._turns, self._planning.ledger, Limits(None, None, None, cancel), act)
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:

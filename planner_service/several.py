@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from planner_service.errors import InvalidRequest
+from planner_service.geometry import instance, items
 from planner_service.many import Engine, Sequential
 from planner_service.outcome import PlanResult
 from planner_service.request import PlanRequest
 from planner_service.service import PlannerService
 
 __all__ = ["best_of_seeds", "plan_seeds"]
+
+MAX_SEEDS = 100_000
 
 LACKING = 1e-3
 """Metres of distance, summed over a curve, by which two that lack some are not told apart."""
@@ -47,10 +50,13 @@ def plan_seeds(
     Raises:
         InvalidRequest: no seeds, or one that is none.
     """
-    if isinstance(seeds, str) or not hasattr(seeds, "__len__") or not len(seeds):
+    instance("service", service, PlannerService, "a PlannerService")
+    instance("request", request, PlanRequest, "a PlanRequest")
+    given = items("seeds", seeds, object, "at least one, in a list", MAX_SEEDS)
+    if not given:
         raise InvalidRequest("seeds", seeds, "at least one, in a list")
-    requests = [replace(request, seed=seed) for seed in seeds]
-    return tuple(service.plan_many(requests, engine=engine or Sequential(), progress=False))
+    requests = [replace(request, seed=seed) for seed in given]  # type: ignore[arg-type]
+    return tuple(service.plan_many(requests, engine=Sequential() if engine is None else engine, progress=False))
 
 
 def _worth(result: PlanResult) -> tuple[float, ...]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,12 +16,25 @@ from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.ledger import Cancelled, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.path import JointPath
+from planner_service.polling import ask_from_now_on
 from planner_service.roadmap import Roadmap
 from planner_service.smoothing import LEAST_BLEND
 from planner_service.trajectory import Trajectory
 from planner_service.turns import Turns
 
-__all__ = ["Entry", "Limits", "NoPlan", "StageBook", "blocked_in_words", "in_words", "narrower", "not_certified"]
+T = TypeVar("T")
+
+__all__ = [
+    "Entry",
+    "Limits",
+    "NoPlan",
+    "StageBook",
+    "blocked_in_words",
+    "in_turn",
+    "in_words",
+    "narrower",
+    "not_certified",
+]
 
 
 class NoPlan(Exception):
@@ -40,6 +54,37 @@ class Limits:
     search_states: int | None
     seconds: float | None
     token: CancelToken | None
+
+
+def in_turn(turns: Turns, ledger: Ledger, limits: Limits, act: Callable[[], T]) -> T:
+    """What ``act`` returns: called when the turn has come, held to the limits from then on, and polled for.
+
+    However it ends, Ctrl-C at any step included, this thread is as before; what undoes it stands twice for that reason.
+
+    Raises:
+        SearchStopped: a limit was reached.
+    """
+
+    def wanted() -> None:
+        if limits.token is not None and limits.token.cancelled:
+            raise Cancelled("cancelled while waiting for its turn")
+
+    def limited() -> T:
+        try:
+            try:
+                ledger.let_go()
+                deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
+                with ledger.limited(states=limits.states, deadline=deadline, token=limits.token):
+                    ask_from_now_on(ledger.poll)
+                    return act()
+            finally:
+                ask_from_now_on(None)
+                ledger.let_go()
+        finally:
+            ask_from_now_on(None)
+            ledger.let_go()
+
+    return turns.taken(limited, wanted)
 
 
 class Entry:
@@ -83,25 +128,19 @@ class StageBook:
                 stage, before.counts + spent, before.seconds + seconds, entry.length, entry.note
             )
 
-    @contextmanager
-    def within_limits(self, turns: Turns, *, padding: float = 0.0) -> Iterator[None]:
-        """Take a turn, and hold the call to its limits from then on.
-
-        Args:
-            padding: The checker's variant that keeps it is built before the clock starts: among thousands
-                of obstacles that takes longer than a plan.
+    def within_limits(self, turns: Turns, act: Callable[[], T]) -> T:
+        """What ``act`` returns: called when the turn has come, and held to the limits from then on.
 
         Raises:
             NoPlan: a limit was reached.
         """
-        limits = self._limits
+
+        def noted() -> T:
+            self._hits = self._checker.ledger.hits.copy()
+            return act()
+
         try:
-            with turns.taken(limits.token):
-                self._checker.variant(padding=padding)
-                self._hits = self._checker.ledger.hits.copy()
-                deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
-                with self._checker.limited(states=limits.states, deadline=deadline, token=limits.token):
-                    yield
+            return in_turn(turns, self._checker.ledger, self._limits, noted)
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
 
@@ -206,9 +245,8 @@ class StageBook:
             return self._unknown(Reason.TIMED_OUT, f"the time limit of {self._limits.seconds:g} s passed")
         return self._unknown(
             Reason.CHECK_BUDGET_EXHAUSTED,
-            f"no path within the {self._limits.search_states} checks that a search may use"
-            if self._stage is Stage.SEARCH
-            else f"no path within the {self._limits.states} checks that may be made",
+            f"no path within the {self._limits.states:,} checks that may be made"
+            + (f", {self._limits.search_states:,} of them by a search" if self._stage is Stage.SEARCH else ""),
         )
 
     def _unknown(self, reason: Reason, what: str) -> Failure:

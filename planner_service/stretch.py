@@ -161,6 +161,8 @@ def stretches(
     path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None, since: float | None = None
 ) -> Iterator[Stretch]:
     """The parts of a path between its stops, none for a single point; of what is left from ``since`` on, if given."""
+    if speed_limit is not None and not callable(speed_limit):
+        raise InvalidRequest("speed_limit", speed_limit, "a function of s, or None")
     if path.length > (since or 0.0):
         stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length]).tolist()
         if since is not None:

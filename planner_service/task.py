@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field
+from types import NoneType
 from typing import TYPE_CHECKING
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
-from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, copied_in, instance, number
 from planner_service.outcome import Failure, PlanResult
-from planner_service.request import PlanRequest
+from planner_service.request import PlanRequest, require_timing
+from planner_service.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.timing import Timing
 
@@ -43,8 +45,14 @@ class Handling:
     cancel: CancelToken | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.support_gap, int | float) or not 0.0 <= self.support_gap <= 0.05:
-            raise InvalidRequest("support_gap", self.support_gap, "metres in [0, 0.05]")
+        instance("support", self.support, (str, NoneType), "the name of an obstacle, or None")
+        number("support_gap", self.support_gap, "metres in [0, 0.05]", 0.0, 0.05)
+        if self.open_width is not None:
+            number("open_width", self.open_width, "metres in [0, 1], or None", 0.0, 1.0)
+        instance("request", self.request, (PlanRequest, NoneType), "a PlanRequest, or None")
+        if self.line_timing is not None:
+            require_timing(self.line_timing)
+        instance("cancel", self.cancel, (CancelToken, NoneType), "a CancelToken, or None")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +60,16 @@ class Segment:
     """One motion of a task, by name.
 
     Attributes:
-        width: The gripper's opening in metres during it.
+        width: The gripper's opening in metres during it; NaN or 0 without a gripper.
+        scene: What stands around the robot, and what it carries, during it. If None, those of the service that planned
+            it, or, where that is unknown, of the motion before.
         gripper: How it comes to that opening, the arm standing at the motion's start; None if it has it already.
     """
 
     name: str
     result: PlanResult
     width: float
+    scene: Scene | None = None
     gripper: GripperMotion | None = None
 
     @property
@@ -67,6 +78,24 @@ class Segment:
         if self.gripper is None:
             return self.result.counts
         return self.result.counts + CheckCounts(distances=self.gripper.certificate.distances)
+
+    def service_after(self, before: PlannerService) -> PlannerService:
+        """What plans for the robot and the scene as they are during this motion.
+
+        Args:
+            before: For the motion before it, or for the beginning of the task.
+
+        Raises:
+            InvalidRequest: the width is outside the gripper's range.
+        """
+        origin = self.result.origin
+        if origin is not None:
+            return origin.service
+        scene = before.scene if self.scene is None else self.scene
+        moved = before.robot.gripper is not None and before.robot.gripper_width != self.width
+        if not moved and scene == before.scene:
+            return before
+        return before.changed(gripper=self.width if moved else None, scene=scene)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +118,9 @@ class TaskResult:
     choosing: CheckCounts = field(default_factory=CheckCounts)
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        copied_in(self, "segments", "q", "notes")
+
     @property
     def ok(self) -> bool:
         """Whether every segment has a plan."""
@@ -106,6 +138,17 @@ class TaskResult:
             MissingDependency: the extra ``view`` is not installed.
         """
         return self.service.view(self, port=port, block=block)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the motions, or how far there are plans, to a JSON file with the robot and the scene of each.
+
+        Raises:
+            InvalidRequest: something in it has no place in a file.
+            InvalidFile: it cannot be written.
+        """
+        from planner_service.plan_file import save_plan
+
+        save_plan(self, path)
 
     @property
     def duration(self) -> float:

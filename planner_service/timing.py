@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
-from planner_service.geometry import FloatArray, cosines_and_sines, number
+from planner_service.geometry import FloatArray, cosines_and_sines, number, whole
 from planner_service.path import JointPath
 from planner_service.peaks import TOLERANCE, LimitPeaks, peaks, require_usable
 from planner_service.profiles import Part, Phase, TooFast, chained, trapezoid
@@ -165,9 +165,7 @@ class ToppRa:
     name = "toppra"
 
     def __post_init__(self) -> None:
-        count = self.gridpoints
-        if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= MAX_GRIDPOINTS:
-            raise InvalidRequest("gridpoints", count, f"an integer in [2, {MAX_GRIDPOINTS}]")
+        object.__setattr__(self, "gridpoints", whole("gridpoints", self.gridpoints, 2, MAX_GRIDPOINTS))
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
         """The path travelled from rest to rest; see ``Timing``."""

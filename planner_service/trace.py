@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry import FloatArray, read_only
+from planner_service.errors import InvalidRequest
+from planner_service.geometry import MAX_ITEMS, FloatArray, copied_in, numbers, read_only
 
 __all__ = ["SearchGraph", "Trace", "Tracer"]
 
@@ -27,9 +28,13 @@ class SearchGraph:
     edges: Pairs
 
     def __post_init__(self) -> None:
-        edges = np.array(self.edges, dtype=np.intp).reshape(-1, 2)
+        expected = "rows of two milestones each, shape (E, 2)"
+        given = numbers("edges", self.edges, expected)
+        if given.size and (given.ndim != 2 or given.shape[1] != 2 or not (np.abs(given) < MAX_ITEMS).all()):
+            raise InvalidRequest("edges", self.edges, expected)
+        edges = given.reshape(-1, 2).astype(np.intp)
         edges.flags.writeable = False
-        object.__setattr__(self, "milestones", read_only(self.milestones))
+        object.__setattr__(self, "milestones", numbers("milestones", self.milestones, "rows of joint values"))
         object.__setattr__(self, "edges", edges)
 
 
@@ -46,6 +51,9 @@ class Trace:
     graph: SearchGraph | None = None
     searched: FloatArray | None = None
     shortcut: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        copied_in(self, "searched", "shortcut")
 
 
 class Tracer:

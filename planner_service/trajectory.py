@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, as_sent, number, numbers, read_only
+from planner_service.geometry import FloatArray, as_sent, finite_numbers, instance, number, numbers, read_only
 from planner_service.path import OVERSHOOT, JointPath, require_order, within
 
 __all__ = ["Samples", "Trajectory"]
@@ -75,6 +75,7 @@ class Trajectory:
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
+        instance("path", self.path, JointPath, "a JointPath")
         h = numbers("durations", self.durations, "seconds of each piece, shape (m,)")
         c = numbers("coefficients", self.coefficients, "four numbers for each piece, shape (m, 4)")
         if h.ndim != 1 or c.shape != (len(h), 4) or not (np.all(np.isfinite(h)) and np.all(np.isfinite(c))):
@@ -238,7 +239,7 @@ def _geometry(path: JointPath, c: FloatArray, ends: FloatArray) -> NDArray[np.in
 
 
 def _checked_part(part: object, length: float) -> tuple[float, float]:
-    begin, end = numbers("part", part, "two numbers, s where it begins and ends").tolist()
+    begin, end = finite_numbers("part", part, 2).tolist()
     if not 0.0 <= begin <= end <= length:
         raise InvalidRequest("part", (begin, end), f"0 <= begin <= end <= {length:.9g}")
     return begin, end

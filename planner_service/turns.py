@@ -4,48 +4,56 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-from planner_service.collision.ledger import Cancelled, CancelToken
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TypeVar
 
 __all__ = ["Turns"]
 
-_LOOK_AROUND = 0.01
-"""Seconds between looks at the cancel token while waiting."""
+T = TypeVar("T")
+
+_LOOK_AROUND = 0.02
+"""Seconds between looks around while waiting."""
 
 
 class Turns:
-    """A fair lock: threads get it in the order in which they asked."""
+    """A fair lock: threads get it in the order in which they asked.
+
+    Ctrl-C may come between any two steps. So the turn is given back twice, the second time in case the first did not
+    come about: leaving a line in which one does not stand does nothing.
+    """
 
     def __init__(self) -> None:
-        self._condition = threading.Condition()
-        self._queue: deque[object] = deque()
+        self._line: deque[threading.Lock] = deque()  # its operations are atomic; each caller's bell, not rung yet
 
     @property
     def waiting(self) -> int:
         """How many callers stand in line behind the one whose turn it is."""
-        with self._condition:
-            return max(0, len(self._queue) - 1)
+        return max(0, len(self._line) - 1)
 
-    @contextmanager
-    def taken(self, token: CancelToken | None = None) -> Iterator[None]:
-        """Hold the turn within the block.
+    def taken(self, act: Callable[[], T], poll: Callable[[], None] = lambda: None) -> T:
+        """What ``act`` returns, holding the turn.
 
-        Raises:
-            Cancelled: ``token`` was cancelled while waiting.
+        Args:
+            poll: Called now and then while waiting; what it raises ends the wait.
         """
-        ticket = object()
-        with self._condition:
-            self._queue.append(ticket)
+        bell = threading.Lock()
         try:
-            with self._condition:
-                while self._queue[0] is not ticket:
-                    if token is not None and token.cancelled:
-                        raise Cancelled("cancelled while waiting for its turn")
-                    self._condition.wait(_LOOK_AROUND if token is not None else None)
-            yield
+            try:
+                bell.acquire()
+                self._line.append(bell)
+                while self._line[0] is not bell:
+                    poll()
+                    bell.acquire(timeout=_LOOK_AROUND)
+                return act()
+            finally:
+                self._leave(bell)
         finally:
-            with self._condition:
-                self._queue.remove(ticket)
-                self._condition.notify_all()
+            self._leave(bell)
+
+    def _leave(self, bell: threading.Lock) -> None:
+        """Leave the line, wherever in it, and ring for the first."""
+        with suppress(ValueError):
+            self._line.remove(bell)
+        with suppress(IndexError, RuntimeError):  # nobody is there; it was rung for already
+            self._line[0].release()

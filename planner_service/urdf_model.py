@@ -12,7 +12,21 @@ from xml.etree import ElementTree
 from planner_service.geometry import Box, Cylinder, Shape, Sphere
 from planner_service.mesh import Mesh
 
-__all__ = ["Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "Vector", "mesh_name"]
+__all__ = [
+    "JOINT",
+    "LINK",
+    "Inertial",
+    "Mimic",
+    "Urdf",
+    "UrdfCollision",
+    "UrdfJoint",
+    "UrdfLink",
+    "Vector",
+    "mesh_name",
+]
+
+LINK, JOINT = "link:", "joint:"
+"""How names begin in our text: Pinocchio has one list of frames for both, with "universe" and "root_joint" in it."""
 
 Vector = tuple[float, float, float]
 
@@ -105,7 +119,7 @@ def _words(values: Sequence[float]) -> str:
 
 
 def _write_link(robot: ElementTree.Element, link: UrdfLink) -> None:
-    element = ElementTree.SubElement(robot, "link", name=link.name)
+    element = ElementTree.SubElement(robot, "link", name=LINK + link.name)
     if link.inertial is not None:
         inertial = ElementTree.SubElement(element, "inertial")
         ElementTree.SubElement(inertial, "origin", xyz=_words(link.inertial.xyz), rpy=_words(link.inertial.rpy))
@@ -134,9 +148,9 @@ def mesh_name(mesh: Mesh) -> str:
 
 
 def _write_joint(robot: ElementTree.Element, joint: UrdfJoint) -> None:
-    element = ElementTree.SubElement(robot, "joint", name=joint.name, type=joint.kind)
-    ElementTree.SubElement(element, "parent", link=joint.parent)
-    ElementTree.SubElement(element, "child", link=joint.child)
+    element = ElementTree.SubElement(robot, "joint", name=JOINT + joint.name, type=joint.kind)
+    ElementTree.SubElement(element, "parent", link=LINK + joint.parent)
+    ElementTree.SubElement(element, "child", link=LINK + joint.child)
     ElementTree.SubElement(element, "origin", xyz=_words(joint.xyz), rpy=_words(joint.rpy))
     if joint.kind != "fixed":
         ElementTree.SubElement(element, "axis", xyz=_words(joint.axis))

@@ -247,11 +247,6 @@ def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
         CollisionChecker(WXAI, Scene((), (Attached("cup", Sphere(0.02), Pose(), ("finger_lft",)),)))
 
 
-def test_an_obstacle_that_is_called_like_a_link_is_refused() -> None:
-    with pytest.raises(InvalidRequest, match="'forearm'"):
-        planar(Scene((Obstacle("forearm", Sphere(0.1)),)))
-
-
 @pytest.mark.parametrize("padding", [-0.001, math.nan, math.inf, 1.0])
 def test_a_padding_that_makes_no_sense_is_refused(padding: float) -> None:
     with pytest.raises(InvalidRequest, match="padding"):

@@ -21,7 +21,7 @@ FRONT = "__init__"
 
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
-    "errors": ({"errors"}, set()),
+    "errors": ({"errors", "polling", "turns"}, set()),
     "many": ({"many"}, {"errors"}),
     "shapes": (
         {
@@ -89,7 +89,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "request",
             "outcome",
             "stagebook",
-            "turns",
+            "tries",
             "endpoints",
             "remedies",
             "follow",
@@ -111,12 +111,15 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
 }
 ABOVE = {
     *(FRONT, "__main__", "cli", "episodes", "execute", "interchange"),
-    *("pick_place", "plan_file", "proving", "result_record", "several", "view"),
+    *("pick_place", "plan_file", "old_plan_file", "proving", "several", "view"),
+    *("record", "request_record", "result_record", "robot_record", "scene_record"),
 }
 """The public face, the command line and its files: they may import everything, nothing below imports them."""
 
-LATE = {"service.py": {"view"}, "outcome.py": {"view"}, "task.py": {"view"}}
-"""Arrows upwards, for what opens a page: the types, and in ``PlannerService.view`` the import when it is asked for."""
+LATE = {"service.py": {"view"}, "outcome.py": {"view", "plan_file"}, "task.py": {"view", "plan_file"}}
+"""Arrows upwards, imported when asked for: what opens a page, and what saves."""
+
+_RECORDS = ("request_record", "result_record", "robot_record", "scene_record")
 
 ONLY_IN = {
     "fcl": {"collision/fcl.py"},
@@ -133,6 +136,7 @@ ONLY_IN = {
     "ray": {"many/cluster.py"},
     "pyarrow": {"episodes/tables.py"},
     "pandas": set[str](),
+    "pydantic": {f"{name}.py" for name in ("record", "plan_file", *_RECORDS)},
     "yourdfpy": {"assembly.py", "robot_source.py"},
     "viser": {"view/viewer.py"},
     "playwright": set[str](),
@@ -152,6 +156,7 @@ ONLY_IN = {
 SLOW = (
     *("yourdfpy", "toppra", "trimesh", "viser", "scipy.optimize", "scipy.sparse", "piqp"),
     *("matplotlib", "lxml", "rich", "typer", "PIL", "trossen_arm", "trossen_arm_sim", "mujoco", "ray"),
+    "pydantic",
 )
 """Only imported when first used."""
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
 
 import pytest
 
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker, JointStep, Known
+from planner_service.collision.judge import PairByPair
 from planner_service.collision.ledger import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.geometry import Cylinder, Pose
 from planner_service.robot import load_robot
@@ -125,12 +129,17 @@ def test_limits_end_with_their_block_even_when_it_raises() -> None:
     ledger = Ledger()
     with ledger.limited(states=5, deadline=None, token=None):
         assert ledger.room() == 5
-        with pytest.raises(CheckBudgetSpent), ledger.limited(states=1, deadline=0.0, token=None):
-            ledger.charge_states(2)
+        with ledger.limited(states=1):
+            ledger.record_states(1)
+            with pytest.raises(CheckBudgetSpent):
+                ledger.require_room()
+        with pytest.raises(TimeBoxSpent), ledger.limited(deadline=0.0):
+            ledger.require_room()
         assert ledger.room() == 4
         ledger.poll()
     assert ledger.room() is None
-    ledger.charge_states(100)
+    ledger.require_room()
+    ledger.record_states(100)
     assert ledger.counts == CheckCounts(states=101)
 
 
@@ -183,8 +192,9 @@ def test_a_limit_never_reaches_beyond_the_limits_around_it(inner: int, room: int
     with ledger.limited(states=10, deadline=None, token=None):
         with ledger.limited(states=inner):
             assert ledger.room() == room
+            ledger.record_states(room)
             with pytest.raises(CheckBudgetSpent):
-                ledger.charge_states(room + 1)
+                ledger.require_room()
         assert ledger.room() == 10 - room
     with ledger.limited(states=2):
         assert ledger.room() == 2
@@ -192,44 +202,104 @@ def test_a_limit_never_reaches_beyond_the_limits_around_it(inner: int, room: int
     assert ledger.counts == CheckCounts(states=room)
 
 
-def test_work_apart_does_not_shorten_the_limits_around_it() -> None:
+def test_work_apart_does_not_use_up_the_limits_around_it() -> None:
     ledger = Ledger()
-    with ledger.limited(states=10, deadline=None, token=None):
-        ledger.charge_states(4)
-        with ledger.apart(states=100):
-            assert ledger.room() == 100
-            ledger.charge_states(50)
+    with ledger.limited(states=10):
+        ledger.record_states(4)
+        with ledger.apart():
+            assert ledger.room() is None
+            ledger.record_states(50)
         assert ledger.room() == 6
-        with pytest.raises(CheckBudgetSpent):
-            ledger.charge_states(7)
-    assert ledger.counts == CheckCounts(states=60)
+    assert ledger.counts == CheckCounts(states=54)
 
 
-def test_work_apart_has_its_own_limit_and_leaves_the_rest_as_it_was() -> None:
+def test_work_apart_may_have_limits_of_its_own() -> None:
     ledger = Ledger()
-    with ledger.limited(states=10, deadline=None, token=None):
-        with pytest.raises(CheckBudgetSpent), ledger.apart(states=5):
-            ledger.charge_states(6)
-        assert ledger.counts == CheckCounts(states=5)
+    with ledger.limited(states=10):
+        with ledger.apart(), ledger.limited(states=50):
+            assert ledger.room() == 50
+            ledger.record_states(50)
         assert ledger.room() == 10
 
 
-def test_work_apart_stops_the_clock_but_not_the_token(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_work_apart_keeps_to_the_time_and_the_token(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     ledger, token = Ledger(), CancelToken()
-    with ledger.limited(states=None, deadline=101.0, token=token):
-        with ledger.apart(states=None):
-            now[0] = 150.0
-            ledger.poll()
-        now[0] = 150.9
+    with ledger.limited(deadline=101.0, token=token), ledger.apart():
         ledger.poll()
-        now[0] = 151.1
+        now[0] = 101.1
         with pytest.raises(TimeBoxSpent):
             ledger.poll()
         token.cancel()
-        with ledger.apart(states=None), pytest.raises(Cancelled):
+        with pytest.raises(Cancelled):
             ledger.poll()
+
+
+def test_blocks_may_end_in_any_order() -> None:
+    ledger = Ledger()
+    first, second = ledger.limited(states=5), ledger.limited(states=1000)
+    first.__enter__()
+    second.__enter__()
+    assert ledger.room() == 5
+    first.__exit__(None, None, None)
+    assert ledger.room() == 1000
+    second.__exit__(None, None, None)
+    assert ledger.room() is None
+
+
+def test_a_limit_is_of_the_thread_whose_block_it_is() -> None:
+    checker, barrier = open_checker(), threading.Barrier(2)
+    found: dict[int, int] = {}
+
+    def judge(states: int) -> None:
+        with checker.limited(states=states):
+            barrier.wait()
+            found[states] = 0
+            with suppress(CheckBudgetSpent):
+                while True:
+                    checker.state_is_free(START)
+                    found[states] += 1
+            barrier.wait()
+
+    threads = [threading.Thread(target=judge, args=(states,)) for states in (5, 100)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == {5: 5, 100: 100}
+    assert checker.ledger.room() is None
+    assert checker.state_is_free(START)
+
+
+def test_a_block_that_never_ended_limits_nothing_once_it_is_gone() -> None:
+    checker = open_checker()
+    for limits in ({"states": 1}, {"deadline": 0.0}):
+        block = checker.limited(**limits)
+        block.__enter__()
+        del block  # as an interrupt between two steps of the interpreter leaves it
+        assert all(checker.state_is_free(START) for _ in range(5))
+        assert checker.edge_is_free(START, GOAL)
+
+
+@pytest.mark.parametrize("room", range(12))
+def test_at_a_spent_budget_just_what_was_judged_is_counted(room: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    judged = 0
+    touching = PairByPair._touching
+
+    def spied(judge: PairByPair, q: Sequence[float]) -> Any:
+        nonlocal judged
+        judged += 1
+        return touching(judge, q)
+
+    monkeypatch.setattr(PairByPair, "_touching", spied)
+    checker = CollisionChecker(PLANAR, open_checker().scene, edge_step=JointStep(3.0 / (SAMPLES - 1)), backend="fcl")
+    with checker.limited(states=room), suppress(CheckBudgetSpent):
+        checker.state_is_free(START)
+        checker.states_are_free([START, START, START])
+        checker.contacts(START)
+        checker.edge_is_free(START, GOAL)
+    assert checker.counts.states == judged == room
 
 
 def test_every_way_to_be_stopped_is_caught_by_one_name() -> None:

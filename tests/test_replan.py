@@ -557,12 +557,15 @@ def test_a_cancelled_call_ends_in_a_proven_stop(room: PlannerService, swing: Pla
 def test_a_call_that_is_cancelled_while_another_plans_stops_without_waiting_for_it(swing: PlanResult) -> None:
     service, token = PlannerService("planar2", disc(-1.0)), CancelToken()
     token.cancel()
-    with service._turns.taken():  # by a long plan
-        answers: list[Replanned] = []
+    answers: list[Replanned] = []
+
+    def meanwhile() -> None:
         asking = Thread(target=lambda: answers.append(service.replan(swing, at_time=0.5, cancel=token)), daemon=True)
         asking.start()
         asking.join(10.0)
         assert [found.outcome for found in answers] == [Outcome.STOP]
+
+    service._turns.taken(meanwhile)  # a long plan
     assert answers[0].counts.distances > 0
     assert answers[0].counts == sum((report.counts for report in answers[0].result.stages), CheckCounts())
 

@@ -14,6 +14,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import closing
 from dataclasses import replace
@@ -28,6 +29,7 @@ from benchmarks import execute as measure
 from planner_service import (
     Attached,
     Box,
+    BrokenInvariant,
     Capsule,
     Compound,
     Cylinder,
@@ -207,9 +209,12 @@ def test_what_the_simulator_has_not_is_refused(
         mjcf_text(arm_file(), robot, scene, loose=loose)
 
 
-def test_a_scenes_name_that_is_a_links_is_refused(robot: Robot) -> None:
-    with pytest.raises(InvalidRequest, match="'link_1'; expected an object name that is not a link of wxai"):
-        mjcf_text(arm_file(), robot, Scene((Obstacle("link_1", Sphere(0.05), TURNED),)))
+def test_an_object_called_like_a_link_has_geoms_of_its_own(robot: Robot) -> None:
+    scene = Scene((Obstacle("link_1", Sphere(0.05), TURNED),))
+    for loose in ((), ("link_1",)):
+        model = compiled(mjcf_text(arm_file(), robot, scene, loose=loose))
+        assert model.geom("link_1 (object)#0").size[0] == 0.05
+        assert model.geom("link_1 (link)#0").type != model.geom("link_1 (object)#0").type
 
 
 def test_another_robot_is_refused() -> None:
@@ -349,6 +354,45 @@ def test_an_arm_that_is_stopped_on_its_way_stays_there(robot: Robot) -> None:
     assert np.abs(first - cut.stood).max() < 0.01
     assert -0.55 < first[0] < 0.55
     assert len(caught.value.report.motions[0].recording.t) > 0
+
+
+def test_of_a_simulation_that_dies_on_the_way_the_report_is_kept(robot: Robot) -> None:
+    service = PlannerService(robot, "empty")
+    plan = service.plan(PlanRequest(robot.home, robot.home + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    with SimulatedArm(robot, Scene()) as arm:
+        assert arm._process is not None
+        threading.Timer(2.0, arm._process.kill).start()
+        with pytest.raises(ExecutionStopped) as caught:
+            rehearse(arm, plan, robot, Streaming(speed=0.1, latest=0.5, gripper_time=0.1))
+    (motion,) = caught.value.report.motions
+    assert len(motion.recording.t) > 0
+
+
+@pytest.mark.parametrize("line", ["no JSON", "[1, 2]", '{"type": "end"}'])
+def test_a_simulation_that_talks_nonsense_is_ended_at_once(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    spawned = subprocess.Popen
+
+    def babbling(command: list[str], **how: Any) -> Any:
+        return spawned(["sh", "-c", 'echo \'{"ready": 1}\'; echo "$0"; cat', line], **how)
+
+    monkeypatch.setattr(subprocess, "Popen", babbling)
+    arm = SimulatedArm(load_robot("wxai"), Scene())
+    with pytest.raises(BrokenInvariant, match="ended by itself"):
+        arm.contacts()
+    arm.close()
+
+
+def test_a_simulation_may_complain_at_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    spawned = subprocess.Popen
+
+    def wordy(command: list[str], **how: Any) -> Any:
+        script = "import sys; sys.stderr.write('x' * 1_000_000); print('{\"ready\": 1}', flush=True)\n"
+        return spawned([sys.executable, "-c", f"{script}for _ in sys.stdin: print('{{}}', flush=True)"], **how)
+
+    monkeypatch.setattr(subprocess, "Popen", wordy)
+    monkeypatch.setattr(simulator_module, "SECONDS", 5.0)
+    with SimulatedArm(load_robot("wxai"), Scene()) as arm:
+        assert arm.contacts() == ()
 
 
 def test_a_saved_plan_is_rehearsed_by_the_command(robot: Robot, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from planner_service.collision.ledger import Cancelled, CancelToken
+from planner_service.collision.ledger import Cancelled
 from planner_service.turns import Turns
 
 
@@ -15,10 +15,9 @@ def test_threads_get_their_turns_in_the_order_in_which_they_asked() -> None:
 
     def take(k: int, queued: threading.Event) -> None:
         queued.set()
-        with turns.taken():
-            served.append(k)
+        turns.taken(lambda: served.append(k))
 
-    with turns.taken():
+    def queue() -> None:
         for k in range(8):
             queued = threading.Event()
             threads.append(threading.Thread(target=take, args=(k, queued)))
@@ -26,6 +25,8 @@ def test_threads_get_their_turns_in_the_order_in_which_they_asked() -> None:
             queued.wait()
             while turns.waiting <= k:  # the thread has said it will ask; wait until it has asked
                 pass
+
+    turns.taken(queue)
     for thread in threads:
         thread.join()
     assert served == list(range(8))
@@ -33,16 +34,23 @@ def test_threads_get_their_turns_in_the_order_in_which_they_asked() -> None:
 
 def test_a_turn_is_given_back_when_its_holder_fails() -> None:
     turns = Turns()
-    with pytest.raises(ZeroDivisionError), turns.taken():
-        1 / 0  # noqa: B018
-    with turns.taken():
-        assert turns.waiting == 0
+    with pytest.raises(ZeroDivisionError):
+        turns.taken(lambda: 1 / 0)
+    assert turns.taken(lambda: turns.waiting) == 0
 
 
-def test_a_cancelled_caller_leaves_the_queue() -> None:
-    turns, token = Turns(), CancelToken()
-    token.cancel()
-    with turns.taken(), pytest.raises(Cancelled), turns.taken(token):
+def test_a_caller_who_waits_no_more_leaves_the_queue() -> None:
+    turns = Turns()
+
+    def impatient() -> None:
+        raise Cancelled
+
+    def served() -> None:
         raise AssertionError("a cancelled caller got a turn")
-    with turns.taken():
-        assert turns.waiting == 0
+
+    def first() -> None:
+        with pytest.raises(Cancelled):
+            turns.taken(served, impatient)
+
+    turns.taken(first)
+    assert turns.taken(lambda: turns.waiting) == 0

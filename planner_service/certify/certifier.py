@@ -17,7 +17,7 @@ from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.proof import LIMIT_SLACK, Prover, native_prover, numpy_prover
 from planner_service.certify.tree import Span
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers
+from planner_service.geometry import FloatArray, copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -103,6 +103,7 @@ class Certificate:
         exempt: Stretches on which named pairs were not judged.
         refusal: None when the whole curve is proven.
         part: From where to where in s the curve was judged; None: all of it.
+        allowed: Pairs that were judged nowhere because the caller allows them to touch, sorted.
     """
 
     clearance: float
@@ -111,6 +112,10 @@ class Certificate:
     exempt: tuple[ExemptInterval, ...] = ()
     refusal: Refusal | None = None
     part: Span | None = None
+    allowed: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        copied_in(self, "exempt")
 
     @property
     def certified(self) -> bool:
@@ -135,15 +140,17 @@ class Certifier:
         prover: Who proves.
 
     Raises:
-        UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an object is called like a link, no such backend, or "native" where it was not built.
+        UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
+        InvalidRequest: a pair names a link and an object at once, no such backend, or "native" where it was not built.
     """
 
     def __init__(
         self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: Backend = "auto"
     ) -> None:
-        self.robot, self.scene = robot, scene
-        self.listed = ProofPairs(robot, scene, allowed)
+        self._allowed = tuple(sorted({(min(pair), max(pair)) for pair in pairs_of_names("allowed", allowed)}))
+        self.robot = instance("robot", robot, Robot, "a Robot")
+        self.scene = instance("scene", scene, Scene, "a Scene")
+        self.listed = ProofPairs(robot, scene, self._allowed)
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
         self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
@@ -172,9 +179,7 @@ class Certifier:
             UnknownName: an exempt pair names nothing that is there.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
-        if not isinstance(exempt, (list, tuple)):
-            raise InvalidRequest("exempt", exempt, "a list of ExemptInterval")
-        stretches = tuple(exempt)
+        stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         self._check_path(curve)
         self._check_exempt(curve.length, stretches)
@@ -183,10 +188,10 @@ class Certifier:
         proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
         obstruction = proof.obstruction
         if obstruction is None:
-            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, part=told)
+            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, None, told, self._allowed)
         names = self.listed.names(obstruction.pair)
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, told)
+        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, told, self._allowed)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
@@ -299,7 +304,7 @@ def certify(
 
 
 def _prover_of(backend: object, motion: Motion) -> Prover:
-    if backend not in ("auto", "native", "numpy"):
+    if not isinstance(backend, str) or backend not in ("auto", "native", "numpy"):
         raise InvalidRequest("backend", backend, '"auto", "native" or "numpy"')
     native = None if backend == "numpy" else native_prover(motion)
     if native is None and backend == "native":
@@ -314,7 +319,7 @@ def _floored(gap: float) -> float:
 def _part_of(length: float, part: Span) -> Span:
     """A part of a path, checked."""
     expected = f"0 <= begin <= end <= {length:.12g}"
-    begin, end = numbers("part", part, expected).tolist()
+    begin, end = finite_numbers("part", part, 2).tolist()
     if not 0.0 <= begin <= end <= length:
         raise InvalidRequest("part", (begin, end), expected)
     return begin, end

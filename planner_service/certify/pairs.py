@@ -20,6 +20,9 @@ from planner_service.scene import Scene
 
 __all__ = ["FIXED", "Frame", "Piece", "ProofPairs", "pairs_of_names"]
 
+Owner = tuple[str, str]
+"""The kind, "link" or "object", and the name."""
+
 Frame = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 
 MAX_PAIRS = 20_000_000
@@ -33,7 +36,7 @@ FIXED = -1
 class Piece:
     """One convex solid of ``owner``; ``frame`` is its pose in its body, or in the world: rows of a 3 x 4 matrix."""
 
-    owner: str
+    owner: Owner
     body: int
     shape: Shape
     frame: Frame
@@ -58,38 +61,39 @@ class ProofPairs:
         roots: Pairs that are nobody's children, (r,).
 
     Raises:
-        UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an object is called like a link; more than 20,000,000 pairs.
+        UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
+        InvalidRequest: a pair names a link and an object at once; more than 20,000,000 pairs.
     """
 
     def __init__(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> None:
         tool = _frame(robot.tool_placement)
-        riding = [Piece(s.link, s.body, s.shape, _frame(s.pose.matrix)) for s in robot.shapes]
+        riding = [Piece(("link", s.link), s.body, s.shape, _frame(s.pose.matrix)) for s in robot.shapes]
         for a in scene.attached:
             there = _times(tool, _frame(a.pose.matrix))
-            riding += [Piece(a.name, robot.tool_body, shape, at, held=True) for shape, at in _pieces(a.shape, there)]
+            solid = _pieces(a.shape, there)
+            riding += [Piece(("object", a.name), robot.tool_body, shape, at, held=True) for shape, at in solid]
         self.riding = tuple(riding)
         standing: list[Piece] = []
         self._obstacles: list[range] = []
         for o in scene.obstacles:
             first = len(riding) + len(standing)
-            standing += [Piece(o.name, FIXED, shape, at) for shape, at in _pieces(o.shape, _frame(o.pose.matrix))]
+            standing += [
+                Piece(("object", o.name), FIXED, shape, at) for shape, at in _pieces(o.shape, _frame(o.pose.matrix))
+            ]
             self._obstacles.append(range(first, len(riding) + len(standing)))
         self._trees: dict[range, list[Bundle]] = {}
         for o, numbers in zip(scene.obstacles, self._obstacles, strict=True):
             if isinstance(o.shape, Composite) and len(numbers) >= MANY:
                 tree = bundled(o.shape.pieces, numbers.start, len(riding) + len(standing))
                 at = _frame(o.pose.matrix)
-                standing += [Piece(o.name, FIXED, each.box, _times(at, each.frame)) for each in tree]
+                standing += [Piece(("object", o.name), FIXED, each.box, _times(at, each.frame)) for each in tree]
                 if tree:
                     self._trees[numbers] = tree
         self.standing = tuple(standing)
         self._pieces = self.riding + self.standing
-        self.owners = frozenset(piece.owner for piece in self._pieces)
-        links = {shape.link for shape in robot.shapes}
-        for name in scene.names:
-            if name in links:
-                raise InvalidRequest("scene", name, f"an object name that is not a link of {robot.name}")
+        self._twice = robot.links & frozenset(scene.names)
+        self._called = {self._label(piece.owner): piece.owner for piece in self._pieces}
+        self.owners = frozenset(self._called)
         self._may_touch = self._contacts(robot, scene, allowed)
         self.pairs, self.children = self._listed()
         self.judged = int((self.children[:, 1] == 0).sum())
@@ -99,25 +103,35 @@ class ProofPairs:
         self.roots: NDArray[np.intp] = np.flatnonzero(~child)
 
     def check_name(self, kind: str, name: str) -> None:
-        """Raise ``UnknownName`` unless a link or object of that name has a piece here."""
+        """Raise unless that is what one link or object with a piece here is called."""
+        if name in self._twice:
+            raise InvalidRequest(kind, name, f"'{name} (link)' or '{name} (object)': the name stands for both")
         if name not in self.owners:
             raise UnknownName(kind, name, self.owners)
 
     def names(self, pair: int) -> tuple[str, str]:
-        """The owners of a pair."""
+        """What the owners of a pair are called."""
         first, second = self.pairs[pair].tolist()
-        return self._pieces[first].owner, self._pieces[second].owner
+        return self._label(self._pieces[first].owner), self._label(self._pieces[second].owner)
 
-    def _contacts(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> set[frozenset[str]]:
-        found = {frozenset(contact.links) for contact in robot.allowed_contacts}
+    def _label(self, owner: Owner) -> str:
+        """The name, and the kind where the name alone could be read as another owner."""
+        kind, name = owner
+        plain = name not in self._twice and not name.endswith((" (link)", " (object)"))
+        return name if plain else f"{name} ({kind})"
+
+    def _contacts(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> set[frozenset[Owner]]:
+        found = {frozenset((("link", a), ("link", b))) for a, b in (c.links for c in robot.allowed_contacts)}
+        shaped = {shape.link for shape in robot.shapes}
         for attached in scene.attached:
             for link in attached.touch_links:
-                self.check_name("touch link", link)
-                found.add(frozenset((attached.name, link)))
+                if link not in shaped:
+                    raise UnknownName("touch link", link, shaped)
+                found.add(frozenset((("object", attached.name), ("link", link))))
         for a, b in pairs_of_names("allowed", allowed):
             self.check_name("link or object", a)
             self.check_name("link or object", b)
-            found.add(frozenset((a, b)))
+            found.add(frozenset((self._called[a], self._called[b])))
         return found
 
     def _listed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -14,9 +15,10 @@ from planner_service.geometry import FloatArray, Pose
 from planner_service.interchange import load_world
 from planner_service.optimize import Optimise, load_solver
 from planner_service.path import JointPath
-from planner_service.plan_file import TIMINGS, MadeFor
+from planner_service.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.planners import PLANNERS, Planner, planner_by_name
 from planner_service.request import PlanRequest
+from planner_service.roadmap.terms import Terms
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene
 from planner_service.scene_file import require_writable
@@ -33,6 +35,7 @@ __all__ = [
     "require_obstacles",
     "require_places",
     "service_for",
+    "service_of_terms",
     "time_limit_of",
     "timing_by_name",
     "unit_of",
@@ -174,19 +177,43 @@ def require_places(files: Mapping[str, str | None]) -> None:
 
 
 def reopened(
-    made_for: MadeFor, robot: str | None, scene: str | None, made: str = "the plan was made for"
-) -> tuple[PlannerService, list[str]]:
-    """The service for what a file was made for, or for what was given in its place, with what is to be said of that.
+    saved: SavedPlan | SavedTask, robot: str | None, scene: str | None
+) -> tuple[SavedPlan | SavedTask, list[str]]:
+    """A plan or task from a file in the world that it brings, or in what is given in place of that; and what is to be
+    said of it.
 
     Raises:
-        InvalidRequest: robot or scene, taken by the name in the file, is not there or not what it was ``made`` for.
+        InvalidRequest: no such robot or scene.
     """
-    arm = load_robot(robot) if robot is not None else _found("--robot", made_for.robot, load_robot, made)
-    world = load_world(scene) if scene is not None else _found("--scene", made_for.scene, load_world, made)
+    made_for, notes = saved.made_for, [f"against the scene in this file: {saved.scene.name or 'unnamed'}"]
+    if robot is not None:
+        arm, before = load_robot(robot), made_for.robot
+        arm = arm if arm.gripper is None or before.gripper is None else arm.with_gripper(before.gripper_width)
+        notes += [] if arm.hash == before.hash else [f"made for another robot: {before.name}, {before.hash[:12]}"]
+        made_for = replace(made_for, robot=arm)
+    if scene is not None:
+        world = load_world(scene)
+        notes[0] = f"against --scene {scene}, not the scene in this file"
+        if world.hash != made_for.scene.hash:
+            notes.append(f"made for another scene: {saved.scene.name}, {saved.scene.hash[:12]}")
+        made_for = replace(made_for, scene=world)
+    if made_for.edge_step is None:
+        notes.append("made with an edge step of its maker's own, which no file holds; here it is MotionStep()")
+    return saved.within(made_for) if isinstance(saved, SavedTask) else replace(saved, made_for=made_for), notes
+
+
+def service_of_terms(terms: Terms, robot: str | None, scene: str | None, made: str) -> tuple[PlannerService, list[str]]:
+    """The service for which a roadmap holds, or for what was given in its place, with what is to be said of that.
+
+    Raises:
+        InvalidRequest: robot or scene, taken by the name in the roadmap, is not there or not what it was ``made`` for.
+    """
+    arm = load_robot(robot) if robot is not None else _found("--robot", terms.robot, load_robot, made)
+    world = load_world(scene) if scene is not None else _found("--scene", terms.scene, load_world, made)
     notes = []
     rows = (
-        ("--robot", robot, made_for.robot, made_for.robot_hash, arm.hash),
-        ("--scene", scene, made_for.scene, made_for.scene_hash, world.hash),
+        ("--robot", robot, terms.robot, terms.robot_hash, arm.hash),
+        ("--scene", scene, terms.scene, terms.scene_hash, world.hash),
     )
     for option, given, name, before, now in rows:
         if before != now and given is None:

@@ -22,8 +22,8 @@ __all__ = ["certify"]
 
 def certify(
     plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan or a task written with --out.")],
-    scene: Annotated[str | None, typer.Option(help="Another scene than the plan was made for.")] = None,
-    robot: Annotated[str | None, typer.Option(help="Another robot than the plan was made for.")] = None,
+    scene: Annotated[str | None, typer.Option(help="Another scene than the one in FILE.")] = None,
+    robot: Annotated[str | None, typer.Option(help="Another robot than the one in FILE.")] = None,
     padding: Annotated[float, typer.Option(help="Metres that every pair is to keep.")] = 0.0,
     as_json: AsJson = False,
 ) -> None:
@@ -33,8 +33,8 @@ def certify(
     left out here, too, and what a robot had passed when its motion was replanned.
     """
     with bad_input_exits():
-        saved = load_plan_or_task(plan_file)
-        service, notes = reopened(saved.made_for, robot, scene)
+        saved, notes = reopened(load_plan_or_task(plan_file), robot, scene)
+        service = saved.service()
         found = proofs(saved, service, padding=padding)
         if not found or (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
@@ -59,6 +59,7 @@ def certify(
                 begin, end = certificate.part
                 notes.append(f"{of}only s = {begin:.4g} to {end:.4g} of the path is left to go")
             notes += [f"{of}{exempt}" for exempt in certificate.exempt]
+        notes += [f"not judged, as who made the plan allowed: {a} x {b}" for a, b in saved.allowed]
         emit(render(*lines, *(f"note: {note}" for note in notes)))
     raise typer.Exit(0 if certified else NO_PLAN)
 

@@ -31,6 +31,7 @@ from planner_service.cli.exits import NO_PLAN, bad_input_exits, finish, json_tex
 from planner_service.cli.imported import import_record, import_table, locks, to_check
 from planner_service.cli.options import (
     DEFAULT,
+    SECONDS,
     AsJson,
     Blend,
     Clearance,
@@ -111,7 +112,7 @@ def plan(
     timing: TimingName = "toppra",
     seed: Seed = DEFAULT.seed,
     max_checks: MaxChecks = DEFAULT.max_checks,
-    time_limit: TimeLimit = 1.0,
+    time_limit: TimeLimit = SECONDS,
     padding: Padding = DEFAULT.padding,
     blend: Blend = DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,
@@ -256,7 +257,7 @@ def export(
         saved = load_plan(plan_file)
         if saved.result.trajectory is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
-        motion, names = saved.result.trajectory, saved.made_for.joint_names
+        motion, names = saved.result.trajectory, saved.robot.joint_names
         text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:
             write_whole(Path(out), text)

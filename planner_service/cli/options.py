@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import typer
@@ -11,6 +12,7 @@ from planner_service.request import PlanRequest
 
 __all__ = [
     "DEFAULT",
+    "SECONDS",
     "AsJson",
     "Blend",
     "Clearance",
@@ -42,7 +44,7 @@ PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(
 TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
 Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
 MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
-TimeLimit = Annotated[float, typer.Option(help="Wall seconds of a plan, a safety net; inf for none.")]
+TimeLimit = Annotated[float, typer.Option(help="Wall seconds of a plan; inf for none.")]
 Padding = Annotated[float, typer.Option(help="Metres that the search keeps from everything.")]
 ToolSpeed = Annotated[float | None, typer.Option(help="Metres per second that the tool may move at most.")]
 Blend = Annotated[
@@ -63,3 +65,6 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document in
 
 DEFAULT = PlanRequest((), ())
 """What is asked where nothing else is said."""
+
+SECONDS = math.inf if DEFAULT.time_limit is None else DEFAULT.time_limit
+"""Its time limit, as ``--time-limit`` has it."""

@@ -17,7 +17,7 @@ from planner_service.cli.arguments import (
     goals,
     load_libraries,
     optimise,
-    reopened,
+    service_of_terms,
     time_limit_of,
     timing_by_name,
     unit_of,
@@ -25,6 +25,7 @@ from planner_service.cli.arguments import (
 from planner_service.cli.exits import bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.options import (
     DEFAULT,
+    SECONDS,
     AsJson,
     Blend,
     Clearance,
@@ -135,7 +136,7 @@ def query(
     timing: TimingName = "toppra",
     seed: Seed = DEFAULT.seed,
     max_checks: MaxChecks = DEFAULT.max_checks,
-    time_limit: TimeLimit = 1.0,
+    time_limit: TimeLimit = SECONDS,
     padding: Annotated[float | None, typer.Option(help="Metres to keep; if not given, the roadmap's own.")] = None,
     blend: Blend = DEFAULT.blend,
     max_tool_speed: ToolSpeed = None,
@@ -299,8 +300,7 @@ def _service(
     terms = roadmap.terms
     if terms is None:
         return _service_for_any(roadmap, robot, scene), []
-    made_for = MadeFor(terms.robot, terms.robot_hash, terms.joint_names, terms.scene, terms.scene_hash)
-    service, notes = reopened(made_for, robot, scene, MADE)
+    service, notes = service_of_terms(terms, robot, scene, MADE)
     require_robot(roadmap, service.robot)
     differs = difference(terms, Terms.of(service.checker.variant(padding=padding)))
     return service, ["; ".join([*notes, differs])] if differs else notes

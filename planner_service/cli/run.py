@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from planner_service.cli.arguments import load_libraries, reopened, require_obstacles
+from planner_service.cli.arguments import load_libraries, require_obstacles
 from planner_service.cli.exits import BAD_INPUT, NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.listings import columns
 from planner_service.cli.options import DEFAULT, AsJson, RobotName, Seed
@@ -114,7 +114,7 @@ class _Opened:
 
 def _opened(file: str) -> _Opened:
     plan = load_plan_or_task(file)
-    service, _ = reopened(plan.made_for, None, None)
+    service = plan.service()
     return _Opened(proven_anew(plan, service), service)
 
 

@@ -28,8 +28,8 @@ def view(
     file: Annotated[
         str | None, typer.Argument(metavar="FILE", help="A plan or a task written with --out, to show its motion.")
     ] = None,
-    scene: Annotated[str | None, typer.Option(help="As for plan; of FILE the one it was made for.")] = None,
-    robot: Annotated[str | None, typer.Option(help="As for plan; of FILE the one it was made for.")] = None,
+    scene: Annotated[str | None, typer.Option(help="As for plan; if not given, the one in FILE.")] = None,
+    robot: Annotated[str | None, typer.Option(help="As for plan; if not given, the one in FILE.")] = None,
     port: Annotated[int, typer.Option(help="The first port to try; 0 for any.")] = PORT,
     host: Annotated[str, typer.Option(help="The address to serve it at: whoever can reach that can use the page.")] = (
         HOST
@@ -55,12 +55,15 @@ def opened(file: str | None, robot: str | None, scene: str | None) -> tuple[Plan
         if scene is None:
             raise InvalidRequest("--scene", None, "a scene", message="give a --scene, or the FILE of a plan or a task")
         return PlannerService(load_robot(robot or "wxai"), load_world(scene)), None, []
-    saved = load_plan_or_task(file)
-    service, notes = reopened(saved.made_for, robot, scene)
+    made = load_plan_or_task(file)
+    saved, notes = reopened(made, robot, scene)
+    service = saved.service()
     if isinstance(saved, SavedTask):
         return service, saved, notes
-    origin = None if notes else Origin(service, saved.request)  # of another robot or scene the search is not the same
-    return service, replace(saved.result, origin=origin), notes
+    # of another robot or scene, or with another edge step, the search is not the same
+    same = (saved.robot.hash, saved.scene.hash) == (made.robot.hash, made.scene.hash)
+    known = same and saved.made_for.edge_step is not None
+    return service, replace(saved.result, origin=Origin(service, saved.request) if known else None), notes
 
 
 def _has_display() -> bool:

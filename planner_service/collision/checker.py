@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from functools import cached_property, partial
 
 import numpy as np
@@ -24,12 +24,12 @@ from planner_service.collision.edges import (
 )
 from planner_service.collision.judge import Backend, Compiled, judge_for
 from planner_service.collision.kernel import Found, Kernel, rules_of
-from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger
+from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger, SearchStopped
 from planner_service.collision.near import NearPairs, measuring_kernel
 from planner_service.collision.parts import Parts, require_padding, sorted_pairs
 from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers, read_only
+from planner_service.geometry import FloatArray, instance, number, numbers, read_only, whole
 from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Scene
@@ -76,8 +76,8 @@ class CollisionChecker:
         require_padding(padding)
         if edge_step is not None and not callable(getattr(edge_step, "segments", None)):
             raise InvalidRequest("edge_step", edge_step, "a rule such as MotionStep(0.010)")
-        self.robot = robot
-        self.scene = scene
+        self.robot = instance("robot", robot, Robot, "a Robot")
+        self.scene = instance("scene", scene, Scene, "a Scene")
         self.edge_step: EdgeStep = MotionStep() if edge_step is None else edge_step
         self.padding = float(padding)
         self.allowed = sorted_pairs(allowed)
@@ -108,11 +108,13 @@ class CollisionChecker:
             motion_step: Metres of a ``MotionStep`` that edges keep beside the step there is.
         """
         padding = self.padding if padding is None else padding
+        require_padding(padding)
+        if motion_step is not None:
+            motion_step = MotionStep(motion_step).distance
         pairs = self.allowed if allowed is None else sorted_pairs(allowed)
         key = (padding, pairs, self._motion_step if motion_step is None else motion_step)
         if key == (self.padding, self.allowed, self._motion_step):
             return self
-        require_padding(padding)
         if key not in self._variants:
             step = self.edge_step
             if motion_step is not None:
@@ -163,13 +165,11 @@ class CollisionChecker:
         """Pairs of pieces judged in each state, robot against itself and against the scene."""
         return len(self._parts.pairs)
 
-    @contextmanager
     def limited(
         self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
-    ) -> Iterator[None]:
-        """Within the block, a check that would pass one of these limits raises a ``SearchStopped`` instead."""
-        with self.ledger.limited(states=states, deadline=deadline, token=token):
-            yield
+    ) -> AbstractContextManager[None]:
+        """Within the block, a check of this thread that would pass one of these limits raises a ``SearchStopped``."""
+        return self.ledger.limited(states=states, deadline=deadline, token=token)
 
     def state_is_free(self, q: ArrayLike) -> bool:
         """Whether the robot at q (n,) touches neither itself nor the scene; counts one state.
@@ -179,12 +179,13 @@ class CollisionChecker:
         """
         if self._quick is not None:
             with self.ledger.lock:
+                self.ledger.require_room()
                 told = self._quick.state(q)
                 if told is True:
-                    self.ledger.settle(1)
+                    self.ledger.record_states(1)
                     return True
                 if told is not None and len(told) == 3:
-                    self.ledger.settle(1)
+                    self.ledger.record_states(1)
                     self._note(told)
                     return False
         return self._first_collision(self._configuration("q", q)[None]) is None
@@ -200,12 +201,14 @@ class CollisionChecker:
             raise InvalidRequest("Q", array.shape, f"rows of {self.robot.n} joint values, shape (m, {self.robot.n})")
         rows = [self._configuration(f"Q[{k}]", q) for k, q in enumerate(array)]
         free = np.ones(len(rows), dtype=bool)
-        for start in range(0, len(rows), self._judge.at_once):
-            chunk = np.array(rows[start : start + self._judge.at_once])
+        start = 0
+        while start < len(rows):
             with self.ledger.lock:
-                self.ledger.poll()
-                self.ledger.charge_states(len(chunk))
-                free[[start + row for row in self._judge.colliding(chunk)]] = False
+                self.ledger.require_room()
+                stop = self._stop(start, len(rows))
+                free[[start + row for row in self._judge.colliding(np.array(rows[start:stop]))]] = False
+                self.ledger.record_states(stop - start)
+            start = stop
         return free
 
     def edge_is_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
@@ -249,6 +252,8 @@ class CollisionChecker:
 
     def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int) -> Found | None:
         """Judge an edge, of its interior only what a glance sees unless ``glance`` is 0."""
+        if not isinstance(known, Known):
+            raise InvalidRequest("known", known, "Known.NEITHER, START, END or BOTH")
         with self.ledger.lock:
             answered, found = self._quickly(q1, q2, known, glance, 1)
             if answered:
@@ -270,20 +275,24 @@ class CollisionChecker:
         """
         if self._quick is None:
             return False, None
-        told, ledger = self._quick.ask(q1, q2, known._value_, glance, self._stop(0, MAX_SEGMENTS)), self.ledger
+        ledger = self.ledger
+        try:
+            ledger.require_room()
+        except SearchStopped:  # which the caller will find out, if there is anything to judge
+            return False, None
+        told = self._quick.ask(q1, q2, known._value_, glance, self._stop(0, MAX_SEGMENTS))
         if told is None:
             return False, None
         ledger.edges += edges
         if isinstance(told, int):
-            if told:
-                ledger.settle(told)
+            ledger.record_states(told)
             return True, None
         if len(told) == 3:
-            ledger.settle(told[0] + 1)
+            ledger.record_states(told[0] + 1)
             self._note(told)
             return True, told
         ends, segments, rows, row, free = told
-        ledger.settle(free)
+        ledger.record_states(free)
         a, b = (np.asarray(q, dtype=np.float64).tolist() for q in (q1, q2))
         return True, self._counted(partial(self._judge.first_on, SampledEdge(a, b, ends, segments)), rows, row)
 
@@ -300,6 +309,8 @@ class CollisionChecker:
         Args:
             known: Ends of the path that are known to be free.
         """
+        instance("path", path, JointPath, "a JointPath")
+        instance("known", known, Known, "Known.NEITHER, START, END or BOTH")
         points = path(path.breaks)
         if len(points) == 1:
             return bool(known) or self.state_is_free(points[0])
@@ -385,6 +396,7 @@ class CollisionChecker:
 
     def pair_names(self, pair: int) -> tuple[str, str]:
         """The owners of a pair by its number: the link or carried object, then what it meets."""
+        whole("pair", pair, 0, self.pair_count - 1)
         return self._parts.names(pair)
 
     @cached_property
@@ -399,8 +411,9 @@ class CollisionChecker:
         """
         q = self._configuration("q", q)
         with self.ledger.lock:
-            self.ledger.charge_states(1)
+            self.ledger.require_room()
             hits = np.array(self._judge.touching(q), dtype=np.intp)
+            self.ledger.record_states(1)
         overlaps = self._prefilter.overlaps(q, hits).tolist()
         return deepest(zip(map(self._parts.names, hits.tolist()), overlaps, strict=True))
 
@@ -423,19 +436,19 @@ class CollisionChecker:
             return self._counted(partial(self._judge.first_of, Q), len(Q))
 
     def _stop(self, start: int, rows: int) -> int:
-        """Up to which row to judge in one go, from ``start``: one more than there is room for passes the limit."""
+        """Up to which row to judge in one go, from ``start``: none more than there is room for."""
         room, stop = self.ledger.room(), start + self._at_once
         if room is not None and start + room < stop:
-            stop = start + max(room, 0) + 1
+            stop = start + room
         return stop if stop < rows else rows
 
     def _counted(self, ask: Callable[[int, int], Found | None], rows: int, start: int = 0) -> Found | None:
         """The first of rows ``start`` to ``rows`` that collides, ``ask`` finding it among some; all is counted."""
         while start < rows:
-            self.ledger.poll()
+            self.ledger.require_room()
             stop = self._stop(start, rows)
             found = ask(start, stop)
-            self.ledger.charge_states((stop if found is None else found[0] + 1) - start)
+            self.ledger.record_states((stop if found is None else found[0] + 1) - start)
             if found is not None:
                 self._note(found)
                 return found

@@ -227,7 +227,7 @@ def judge_for(backend: Backend, robot: Robot, parts: Parts, sieves: Callable[[],
     Raises:
         InvalidRequest: no such backend, or "native" where the kernel was not built.
     """
-    if backend not in get_args(Backend):
+    if not isinstance(backend, str) or backend not in get_args(Backend):
         raise InvalidRequest("backend", backend, '"auto", "native", "numpy" or "fcl"')
     kernel = build_kernel(robot, parts, prefilter.MARGIN) if backend in ("auto", "native") else None
     if kernel is None and backend == "native":

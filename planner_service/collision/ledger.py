@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+import weakref
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
-from typing import TypeVar
+
+from planner_service.errors import InvalidRequest, PlannerServiceError
 
 __all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
 
@@ -35,8 +37,8 @@ class CheckCounts:
         return CheckCounts(self.states - other.states, self.edges - other.edges, self.distances - other.distances)
 
 
-class SearchStopped(Exception):
-    """A limit was reached inside a check; it unwinds to the service, which turns it into a Failure."""
+class SearchStopped(PlannerServiceError):
+    """A limit was reached inside a check; it unwinds to the service, which turns it into a Failure of a plan."""
 
 
 class CheckBudgetSpent(SearchStopped):
@@ -67,18 +69,11 @@ class CancelToken:
         return self._event.is_set()
 
 
-_Limit = TypeVar("_Limit", int, float)
-
-
-def _least(a: _Limit | None, b: _Limit | None) -> _Limit | None:
-    """The smaller of two limits, None meaning no limit."""
-    if a is None or b is None:
-        return b if a is None else a
-    return min(a, b)
-
-
 class Ledger:
-    """Running counts with their limits, shared by a checker and its variants, and the lock that guards both."""
+    """Running counts, shared by a checker and its variants, the limits of each thread, and the lock that guards both.
+
+    Limits belong to the thread whose block set them: what another thread judges neither uses them up nor meets them.
+    """
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
@@ -86,75 +81,63 @@ class Ledger:
         self.edges = 0
         self.distances = 0
         self.hits: Counter[tuple[str, str]] = Counter()
-        self._state_limit: int | None = None
-        self._deadline: float | None = None
-        self._token: CancelToken | None = None
+        self._threads = _Threads()
 
     @property
     def counts(self) -> CheckCounts:
         """The counts so far."""
         return CheckCounts(self.states, self.edges, self.distances)
 
-    @contextmanager
     def limited(
         self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
-    ) -> Iterator[None]:
+    ) -> AbstractContextManager[None]:
         """Within the block, stop before ``states`` more are exceeded, or ``time.monotonic()`` passes ``deadline``.
 
         Limits around the block hold on within it.
         """
-        before = (self._state_limit, self._deadline, self._token)
-        self._state_limit = _least(self._state_limit, None if states is None else self.states + states)
-        self._deadline = _least(self._deadline, deadline)
-        self._token = token if token is not None else self._token
-        try:
-            yield
-        finally:
-            self._state_limit, self._deadline, self._token = before
+        if token is not None and not isinstance(token, CancelToken):
+            raise InvalidRequest("cancel", token, "a CancelToken, or None")
+        return _Block(self._threads.own, states, deadline, token)
 
-    @contextmanager
-    def apart(self, *, states: int | None) -> Iterator[None]:
-        """Within the block only ``states`` and the token limit; what it spends does not use up the limits around it."""
-        limit, deadline = self._state_limit, self._deadline
-        began, clock = self.states, time.monotonic()
-        try:
-            self._state_limit, self._deadline = None, None
-            with self.limited(states=states):
-                yield
-        finally:
-            self._state_limit = None if limit is None else limit + self.states - began
-            self._deadline = None if deadline is None else deadline + time.monotonic() - clock
+    def apart(self) -> AbstractContextManager[None]:
+        """Within the block no number of states limits; what it spends does not use up the limits around it."""
+        return _Block(self._threads.own, None, None, None, apart=True)
+
+    def let_go(self) -> None:
+        """End what a call of this thread may have left behind when Ctrl-C came: limits, and its hold of the lock."""
+        self._threads.own.unlimited()
+        with suppress(RuntimeError):  # not held by this thread, or not any more
+            while True:
+                self.lock.release()
 
     def poll(self) -> None:
         """Raise if the time box is over or the call was cancelled; costs no check."""
-        if self._token is not None and self._token.cancelled:
-            raise Cancelled("cancelled by the caller")
-        if self._deadline is not None and time.monotonic() > self._deadline:
-            raise TimeBoxSpent("the time limit passed")
+        own = self._threads.own
+        if own.tokens or own.deadline is not None:
+            own.check(own.poll)
+
+    def require_room(self) -> None:
+        """Poll, and raise if not one more state may be judged."""
+        own = self._threads.own
+        if own.blocks:
+            self.poll()
+            if own.most is not None and own.states >= own.most:
+                own.check(own.require_room)
 
     def room(self) -> int | None:
         """How many more states may be judged; None without a limit."""
-        return None if self._state_limit is None else self._state_limit - self.states
+        own = self._threads.own
+        return None if own.most is None else max(0, own.most - own.states)
 
     def time_left(self) -> float | None:
         """Seconds until the deadline, none below 0; None without one."""
-        return None if self._deadline is None else max(0.0, self._deadline - time.monotonic())
+        deadline = self._threads.own.deadline
+        return None if deadline is None else max(0.0, deadline - time.monotonic())
 
-    def charge_states(self, judged: int) -> None:
-        """Record ``judged`` states; when that is more than there is room for, record the room and stop."""
-        if self._state_limit is not None and self.states + judged > self._state_limit:
-            self.states = max(self.states, self._state_limit)
-            raise CheckBudgetSpent("the check budget is spent")
+    def record_states(self, judged: int) -> None:
+        """Record states that were judged, as many as there was room for."""
         self.states += judged
-
-    def settle(self, judged: int) -> None:
-        """Poll and record ``judged`` states, in one."""
-        if self._deadline is not None or self._token is not None:
-            self.poll()
-        states, limit = self.states + judged, self._state_limit
-        if limit is not None and states > limit:
-            self.charge_states(judged)
-        self.states = states
+        self._threads.own.states += judged
 
     def charge_edge(self) -> None:
         """Record one edge."""
@@ -169,3 +152,92 @@ class Ledger:
     def hit(self, pair: tuple[str, str]) -> None:
         """Record which pair made a state collide."""
         self.hits[pair] += 1
+
+
+class _Thread:
+    """What one thread has judged, and the limits of the blocks it is in, the outermost first.
+
+    A block is known weakly: one that Ctrl-C kept from ending is gone with its frame, and so are its limits.
+    """
+
+    def __init__(self) -> None:
+        self.states = 0
+        self.unlimited()
+
+    def unlimited(self) -> None:
+        """Forget all blocks."""
+        self.blocks: tuple[weakref.ref[_Block], ...] = ()
+        self.most: int | None = None
+        self.deadline: float | None = None
+        self.tokens: tuple[CancelToken, ...] = ()
+
+    def hold(self, *blocks: _Block) -> None:
+        """Take the limits of these blocks for all there are."""
+        deadlines = [block.deadline for block in blocks if block.deadline is not None]
+        inner = max((k for k, block in enumerate(blocks) if block.apart), default=0)
+        counts = [block.most for block in blocks[inner:] if block.most is not None]
+        self.tokens = tuple(block.token for block in blocks if block.token is not None)
+        self.deadline = min(deadlines, default=None)
+        self.most = min(counts, default=None)
+        self.blocks = tuple(map(weakref.ref, blocks))
+
+    def living(self) -> list[_Block]:
+        """The blocks there are."""
+        return [block for ref in self.blocks if (block := ref()) is not None]
+
+    def check(self, limit: Callable[[], None]) -> None:
+        """Raise what a limit raises, unless its block is gone."""
+        try:
+            limit()
+        except SearchStopped:
+            living = self.living()
+            if len(living) == len(self.blocks):
+                raise
+            self.hold(*living)
+            limit()
+
+    def poll(self) -> None:
+        if any(token.cancelled for token in self.tokens):
+            raise Cancelled("cancelled by the caller")
+        if self.deadline is not None and time.monotonic() > self.deadline:
+            raise TimeBoxSpent("the time limit passed")
+
+    def require_room(self) -> None:
+        if self.most is not None and self.states >= self.most:
+            raise CheckBudgetSpent("the check budget is spent")
+
+
+class _Threads(threading.local):
+    """What each thread has of its own."""
+
+    def __init__(self) -> None:
+        self.own = _Thread()
+
+
+class _Block(AbstractContextManager[None]):
+    """Limits while it is entered. Blocks of a thread may end in any order: each takes back its own limits alone."""
+
+    def __init__(
+        self,
+        thread: _Thread,
+        states: int | None,
+        deadline: float | None,
+        token: CancelToken | None,
+        *,
+        apart: bool = False,
+    ) -> None:
+        self._thread, self._states, self._before = thread, states, 0
+        self.deadline, self.token, self.apart = deadline, token, apart
+        self.most: int | None = None
+
+    def __enter__(self) -> None:
+        thread = self._thread
+        self._before = thread.states
+        self.most = None if self._states is None else thread.states + self._states
+        thread.hold(*thread.living(), self)
+
+    def __exit__(self, *_: object) -> None:
+        thread = self._thread
+        if self.apart:
+            thread.states = self._before
+        thread.hold(*(block for block in thread.living() if block is not self))

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.collision.names import Kind, Names, Owner
 from planner_service.composite import Composite, Solid
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry import FloatArray, Pose, Shape, read_only
+from planner_service.geometry import FloatArray, Pose, Shape, number, read_only
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
@@ -28,14 +29,14 @@ MAX_PAIRS = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One convex piece: ``owner`` is the link, carried object or obstacle it belongs to, maybe with other pieces.
+    """One convex piece: ``owner`` is the link or object it belongs to, maybe with other pieces.
 
     ``body`` numbers the robot body it rides on, or is -1 for an obstacle; ``T`` is its pose in
     that body, or in the world. What is ``carried`` must not be inside the link that carries it
     either, though no motion changes that.
     """
 
-    owner: str
+    owner: Owner
     body: int
     shape: Shape
     T: FloatArray
@@ -58,23 +59,25 @@ class Parts:
         padding: Metres. Every pair must stay apart by at least this: each piece is grown by half of it.
 
     Attributes:
+        labels: What links and objects are called.
         carried: The pieces of carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
         runs: Numbers from and to which the pieces of each obstacle go, those of one being neighbours in space.
         crowds: Those of many.
         pairs: Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot.
 
     Raises:
-        UnknownName: a pair or a touch link names nothing that is there.
-        InvalidRequest: an owner's name stands for two things; more than 20,000,000 pairs.
+        UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
+        InvalidRequest: a pair names a link and an object at once; more than 20,000,000 pairs.
     """
 
     def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Iterable[tuple[str, str]]) -> None:
-        riding = [Part(s.link, s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes]
+        self.labels = Names(robot, scene)
+        riding = [Part(Owner(Kind.LINK, s.link), s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes]
         tool = Pose.from_matrix(robot.tool_placement)
         held = [(a, tool @ a.pose) for a in scene.attached]
         self.carried = tuple((robot.tool_body, *piece) for a, pose in held for piece in _posed(a.shape, pose))
         riding += [
-            Part(a.name, robot.tool_body, shape, T, carried=True)
+            Part(Owner(Kind.OBJECT, a.name), robot.tool_body, shape, T, carried=True)
             for a, pose in held
             for shape, T in _placed(a.shape, pose)
         ]
@@ -83,39 +86,36 @@ class Parts:
         runs = []
         for o in scene.obstacles:
             first = len(riding) + len(standing)
-            standing += [Part(o.name, -1, shape, T) for shape, T in _placed(o.shape, o.pose)]
+            standing += [Part(Owner(Kind.OBJECT, o.name), -1, shape, T) for shape, T in _placed(o.shape, o.pose)]
             runs.append((first, len(riding) + len(standing)))
         self.parts = tuple(riding + standing)
         self.riding = len(riding)
         self.runs = tuple(runs)
         self.crowds = tuple(run for run in runs if run[1] - run[0] >= MANY)
         self.shapes = tuple(part.shape.grown(padding / 2) if padding else part.shape for part in self.parts)
-        self._check_names(robot, scene)
         self._allowed = self._allowed_pairs(robot, scene, allowed)
         self.pairs = self._pairs()
         self._names: dict[int, tuple[str, str]] = {}  # of those that were asked for
 
-    def _check_names(self, robot: Robot, scene: Scene) -> None:
-        links = {shape.link for shape in robot.shapes}
-        for name in [o.name for o in scene.obstacles] + [a.name for a in scene.attached]:
-            if name in links:
-                raise InvalidRequest("scene", name, f"an object name that is not a link of {robot.name}")
-
     def _allowed_pairs(
         self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]
-    ) -> frozenset[frozenset[str]]:
-        known = {part.owner for part in self.parts}
-        pairs = [frozenset(contact.links) for contact in robot.allowed_contacts]
+    ) -> frozenset[frozenset[Owner]]:
+        known = {self.labels.of(part.owner): part.owner for part in self.parts}
+        pairs = [frozenset(Owner(Kind.LINK, link) for link in contact.links) for contact in robot.allowed_contacts]
+        links = {item.link for item in robot.shapes}
         for attached in scene.attached:
             for link in attached.touch_links:
-                if link not in known:
-                    raise UnknownName("touch link", link, known)
-                pairs.append(frozenset((attached.name, link)))
-        for a, b in allowed:
-            for name in (a, b):
+                if link not in links:
+                    raise UnknownName("touch link", link, links)
+                pairs.append(frozenset((Owner(Kind.OBJECT, attached.name), Owner(Kind.LINK, link))))
+        for pair in allowed:
+            for name in pair:
+                if name in self.labels.twice:
+                    expected = " or ".join(repr(name + kind.value) for kind in Kind)
+                    raise InvalidRequest("link or object", name, f"{expected}: the name stands for both")
                 if name not in known:
                     raise UnknownName("link or object", name, known)
-            pairs.append(frozenset((a, b)))
+            pairs.append(frozenset(known[name] for name in pair))
         return frozenset(pairs)
 
     def _may_touch(self, a: Part, b: Part) -> bool:
@@ -150,24 +150,24 @@ class Parts:
         return list(zip(starts, [*starts[1:], self.riding], strict=False))
 
     def names(self, pair: int) -> tuple[str, str]:
-        """The owners of a pair: the link or carried object, then what it meets."""
+        """The labels of a pair's owners: the link or carried object, then what it meets."""
         found = self._names.get(pair)
         if found is None:
             i, j = self.pairs[pair]
-            found = self._names[pair] = self.parts[i].owner, self.parts[j].owner
+            found = self._names[pair] = self.labels.of(self.parts[i].owner), self.labels.of(self.parts[j].owner)
         return found
 
 
 def require_padding(padding: object) -> None:
     """Refuse what is no distance in metres up to 0.1."""
-    kind = isinstance(padding, int | float | np.number) and not isinstance(padding, bool)
-    if not kind or not 0.0 <= padding <= MAX_PADDING:  # type: ignore[operator]
-        raise InvalidRequest("padding", padding, f"metres in [0, {MAX_PADDING}]")
+    number("padding", padding, f"metres in [0, {MAX_PADDING}]", 0.0, MAX_PADDING)
 
 
 def sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     """Pairs of names as given by a user, each once and in order."""
     pairs = set()
+    if isinstance(allowed, (str, bytes)) or not isinstance(allowed, Iterable):
+        raise InvalidRequest("allowed", allowed, "pairs of link or object names")
     for pair in allowed:
         if not isinstance(pair, tuple | list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
             raise InvalidRequest("allowed", pair, "pairs of link or object names")

@@ -52,7 +52,7 @@ class Sweep:
         parts = checker.parts
         riding = [part for part in parts.parts[: parts.riding] if part.moves]
         self._clusters = [_Cluster.of(body, riding) for body in sorted({part.body for part in riding})]
-        standing = [parts.parts[first:end] for first, end in parts.runs if parts.parts[first].owner in names]
+        standing = [parts.parts[first:end] for first, end in parts.runs if parts.parts[first].owner.name in names]
         self._boxes = [box for pieces in standing for box in _boxes(pieces)]
         self._pairs = len(riding) * len(self._boxes)
         self._reach: list[float] = checker.robot.reach(parts.carried).tolist()
@@ -87,15 +87,16 @@ class Sweep:
         Args:
             enough: Beyond this a bound need not be good, (m,).
         """
-        self._ledger.charge_distances(len(Q) * self._pairs)
         balls = sum(len(cluster.radius) for cluster in self._clusters)
         if not self._boxes or not balls:
+            self._ledger.charge_distances(len(Q) * self._pairs)
             return np.full(len(Q), np.inf)
         blocks = [slice(start, start + AT_ONCE // balls + 1) for start in range(0, len(Q), AT_ONCE // balls + 1)]
         return np.concatenate([self._gaps_of(Q[rows], enough[rows]) for rows in blocks])
 
     def _gaps_of(self, Q: FloatArray, enough: FloatArray) -> FloatArray:
         self._ledger.poll()
+        self._ledger.charge_distances(len(Q) * self._pairs)
         least = np.full(len(Q), np.inf)
         R, t = self._robot.body_poses_batch(Q)
         for cluster in self._clusters:

@@ -11,6 +11,7 @@ from planner_service.episodes.draws import Draws
 from planner_service.episodes.task import Drawn, EpisodeTask
 from planner_service.episodes.work import EpisodeWork
 from planner_service.errors import UnknownName
+from planner_service.geometry import text
 
 __all__ = [
     "EPISODE_TASKS",
@@ -33,6 +34,6 @@ def episode_task(name: str) -> EpisodeTask:
     Raises:
         UnknownName: there is none; the message offers the nearest.
     """
-    if name not in EPISODE_TASKS:
+    if text("name", name) not in EPISODE_TASKS:
         raise UnknownName("task", name, EPISODE_TASKS)
     return EPISODE_TASKS[name]

@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from planner_service.episodes.folder import DATA_PATH, Folder
 from planner_service.episodes.tables import pyarrow_version
 from planner_service.episodes.work import Episode, EpisodeWork, lost
 from planner_service.errors import InvalidRequest
+from planner_service.geometry import copied_in, whole
 from planner_service.many import Engine, Lost, Processes
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
@@ -56,7 +57,7 @@ class EpisodesSummary:
     requests: int
     episodes: int
     frames: int
-    failures: dict[str, int]
+    failures: Mapping[str, int]
     motions: int
     certified: int
     motion_seconds: float
@@ -64,6 +65,9 @@ class EpisodesSummary:
     edges: int
     distances: int
     new: int
+
+    def __post_init__(self) -> None:
+        copied_in(self, "failures")
 
 
 def write_episodes(
@@ -90,8 +94,7 @@ def write_episodes(
             the task cannot be done by the robot; or ``count`` is no number of requests.
         MissingDependency: pyarrow is not there; the extra ``episodes`` brings it.
     """
-    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= MOST:
-        raise InvalidRequest("count", count, f"a whole number in [1, {MOST:,}]")
+    whole("count", count, 1, MOST)
     work.task.draw(work.robot, Draws(work.seed, 0))  # a robot that cannot be used is told of here, not by a worker
     with Folder(as_path("out", out), _generation(work), work.chunk) as folder:
         if folder.requests > count:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from planner_service.episodes.draws import Draws
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, copied_in
 from planner_service.plan_file import SavedTask
 from planner_service.request import PlanRequest
 from planner_service.robot import Robot
@@ -31,6 +31,9 @@ class Drawn:
     start: FloatArray
     target: str
     onto: str
+
+    def __post_init__(self) -> None:
+        copied_in(self, "start")
 
 
 class EpisodeTask(Protocol):

@@ -15,7 +15,7 @@ from planner_service.episodes.tables import TABLES, Rows
 from planner_service.episodes.task import Drawn, EpisodeTask
 from planner_service.episodes.timeline import Frames, Part, frames, timeline
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry import Box, Capsule, Cylinder, Sphere, number
+from planner_service.geometry import Box, Capsule, Cylinder, Sphere, instance, number, whole
 from planner_service.many import Lost
 from planner_service.outcome import Reason
 from planner_service.path import JointPath
@@ -69,12 +69,10 @@ class EpisodeWork:
     chunk: int = 1000
 
     def __post_init__(self) -> None:
-        if self.robot.gripper is None:
+        if instance("robot", self.robot, Robot, "a Robot").gripper is None:
             raise InvalidRequest("robot", self.robot.name, "a robot with a gripper")
         for name, most in (("seed", 2**63 - 1), ("fps", 1000), ("max_checks", 10**9), ("chunk", 10_000)):
-            value, least = getattr(self, name), 0 if name == "seed" else 1
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise InvalidRequest(name, value, f"a whole number in [{least}, {most}]")
+            whole(name, getattr(self, name), 0 if name == "seed" else 1, most)
         number("gripper_speed", self.gripper_speed, "metres per second in [0.001, 10]", 0.001, 10.0)
 
     @property

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from planner_service.collision.names import Kind, Owner, owner_of
 from planner_service.errors import InvalidRequest
 from planner_service.execute.driver import ArmLimits
 from planner_service.geometry import FloatArray
@@ -57,8 +58,8 @@ def robot_of(plan: Executable, robot: Robot | None) -> Robot:
         opened = robot if robot.gripper is None or made.gripper is None else robot.with_gripper(made.gripper_width)
         if made.hash != opened.hash:
             raise _other_robot(made.name, made.hash, robot)
-    if isinstance(plan, SavedPlan | SavedTask) and plan.made_for.robot_hash != robot.hash:
-        raise _other_robot(plan.made_for.robot, plan.made_for.robot_hash, robot)
+    if isinstance(plan, SavedPlan | SavedTask) and plan.robot.hash != robot.hash:
+        raise _other_robot(plan.robot.name, plan.robot.hash, robot)
     return robot
 
 
@@ -106,8 +107,8 @@ def _proven(segment: Segment, robot: Robot, *, allow_unproven: bool) -> Motion:
         raise InvalidRequest(
             f"certificate of {segment.name}", why, "a proof of the whole motion, or allow_unproven=True"
         )
-    fingers = set(() if robot.gripper is None else robot.gripper.links)
-    touched = {name for interval in result.exempt for pair in interval.pairs for name in pair}
+    fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
+    touched = {owner_of(name, robot) for interval in result.exempt for pair in interval.pairs for name in pair}
     width = None if math.isnan(segment.width) or robot.gripper is None else segment.width
     return replace(_rested(segment.name, motion, width), grips=bool(fingers & touched))
 

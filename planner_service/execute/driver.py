@@ -19,7 +19,8 @@ class ArmLimits:
     """What an arm's controller allows, each of shape (n,), in rad and rad/s (m for a prismatic joint).
 
     Raises:
-        InvalidRequest: not three lists of equally many finite numbers.
+        InvalidRequest: not three lists of equally many finite numbers, an upper limit below its lower one, or a
+            velocity that is not positive.
     """
 
     lower: FloatArray
@@ -32,15 +33,23 @@ class ArmLimits:
             if array.ndim != 1 or not np.all(np.isfinite(array)) or array.shape != np.shape(self.lower):
                 raise InvalidRequest(item.name, array, "finite numbers of shape (n,), as many as the other limits")
             object.__setattr__(self, item.name, array)
+        if not np.all(self.lower <= self.upper):
+            raise InvalidRequest("upper", self.upper, f"positions from {self.lower} up")
+        if not np.all(self.velocity > 0.0):
+            raise InvalidRequest("velocity", self.velocity, "positive numbers")
 
 
 class Driver(Protocol):
     """An arm that is told where to be, many times a second.
 
+    Every call returns soon or raises; a driver that waits for an answer needs a timeout of its own. While a plan is
+    executed calls come from one thread, which is not the caller's, one after the other. The exception is ``hold``: if
+    another call has not returned for two seconds it is called from yet another thread.
+
     Attributes:
         simulated: Nothing real moves: then plans are executed at full speed by default, else at a fifth of it.
         lag: Seconds, shape (n,), by which each joint of a moving arm is behind what it is told; every command is that
-            much ahead of the plan. Zero for a controller that follows velocities, too.
+            much ahead of the plan; at most 1. Zero for a controller that follows velocities, too.
     """
 
     @property
@@ -54,7 +63,7 @@ class Driver(Protocol):
         ...
 
     def positions(self) -> FloatArray:
-        """Where the joints are, shape (n,)."""
+        """Where the joints are, shape (n,); they are copied."""
         ...
 
     def command(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> None:

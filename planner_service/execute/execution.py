@@ -7,17 +7,21 @@ Where an arm is told to hold: where it is, as measured. It has been there, so it
 momentum carries it on. What it was told last lies ahead of it, by its lag along the tangent of the path, where nothing
 is proven. Only where the arm does not say where it is, or says what cannot be, it holds the last planned configuration,
 which is proven free.
+
+Commands go out in a thread of their own. No signal interrupts it, so that Ctrl-C cannot fall between a failure and the
+hold, and the caller's thread, which waits for it, hears of a driver that does not return.
 """
 
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from planner_service.errors import BrokenInvariant
 from planner_service.execute.admission import (
     Executable,
     Motion,
@@ -27,17 +31,15 @@ from planner_service.execute.admission import (
     require_near,
     robot_of,
 )
-from planner_service.execute.driver import ArmLimits, Driver
+from planner_service.execute.arm import Arm, Call
+from planner_service.execute.driver import Driver
 from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
 from planner_service.execute.streaming import HARDWARE_SPEED, Streaming
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
-from planner_service.trajectory import Trajectory
+from planner_service.trajectory import MAX_SAMPLES, Trajectory
 
 __all__ = ["execute"]
-
-ABSURD = 0.5
-"""Radians between where an arm was a moment ago and where it says it is, beyond which it is not believed."""
 
 REST, STILL = 0.1, 2e-4
 """Seconds for which an arm moves less than so many radians if it has come to rest."""
@@ -49,7 +51,10 @@ TRIES = 3
 """Of telling an arm to hold."""
 
 LOOK = 0.05
-"""Seconds between two looks at the gripper."""
+"""Seconds between two looks at the stream."""
+
+SILENT = 40
+"""Looks at which the same call of the driver is still under way, until it is taken to be one that never returns."""
 
 WIDTH_KEPT = 1e-6
 """Metres; a gripper that is to move less need not."""
@@ -85,86 +90,152 @@ def execute(
     how = streaming or Streaming()
     robot = robot_of(plan, robot)
     motions = motions_of(plan, robot, allow_unproven=allow_unproven)
-    speed = how.speed if how.speed is not None else (1.0 if driver.simulated else HARDWARE_SPEED)
-    limits = driver.limits()
-    require_drivable(motions, robot, limits, speed, how.start_tolerance)
-    run = _Run(driver, robot, how, speed, limits)
+    arm = Arm(driver, robot)
+    speed = how.speed if how.speed is not None else (1.0 if arm.simulated else HARDWARE_SPEED)
+    require_drivable(motions, robot, arm.limits, speed, how.start_tolerance)
+    run = _Run(arm, robot, how, speed)
     run.require_at("start", motions[0], 0.0)
     run.drive(motions)
     return run.report()
 
 
 class _Run:
-    """One execution: what it has done so far, where the arm was to be last, and where it was."""
+    """One execution: what it has done so far, and where the arm was to be last."""
 
-    def __init__(self, driver: Driver, robot: Robot, how: Streaming, speed: float, limits: ArmLimits) -> None:
-        self.driver, self.robot, self.how, self.speed, self.limits = driver, robot, how, speed, limits
+    def __init__(self, arm: Arm, robot: Robot, how: Streaming, speed: float) -> None:
+        self.arm, self.robot, self.how, self.speed = arm, robot, how, speed
         self.began = time.perf_counter()
         self.done: list[tuple[str, Trajectory, _Log]] = []
-        self.planned: FloatArray | None = None
-        self.seen: FloatArray | None = None
+        self.planned: FloatArray = np.zeros(robot.n)
+        self.told: FloatArray = self.planned
         self.width: float | None = None
+        self.error: BaseException | None = None
+        self.held: str | None = None
+        self._launched = self._running = self._ended = False
+        self._over = threading.Lock()
 
     def report(self, stopped: str | None = None) -> ExecutionReport:
         """What was done; takes a while, in which no arm may be kept waiting."""
         seconds, period = time.perf_counter() - self.began, 1.0 / self.how.rate
         done = [ExecutedMotion.of(name, way, log.recording(), self.robot, period) for name, way, log in self.done]
-        return ExecutionReport(tuple(done), self.speed, seconds, self.driver.simulated, stopped)
+        return ExecutionReport(tuple(done), self.speed, seconds, self.arm.simulated, stopped)
 
     def drive(self, motions: Sequence[Motion]) -> None:
         """All motions; however that ends before its end, the arm is told to hold."""
-        self.planned = motions[0].trajectory(0.0)
-        grips = False
+        for motion in motions:
+            ticks = motion.trajectory.duration / self.speed * self.how.rate
+            if not ticks < MAX_SAMPLES:
+                found = f"{self.speed:g}, {ticks:.3g} commands in {motion.name}"
+                raise refusal("speed", found, f"one at which a motion has fewer than {MAX_SAMPLES}")
+        self.planned = self.told = motions[0].trajectory(0.0)
         try:
-            for motion in motions:
-                if motion.width is not None:
-                    self._set_gripper(motion.width, grips=grips)
-                self.require_at("start", motion, 0.0)
-                self._follow(motion)
-                self.require_at("end", motion, motion.trajectory.duration)
-                grips = motion.grips
-        except Exception as error:
-            held = self._hold()
-            why = f"{type(error).__name__}: {error}"
-            raise ExecutionStopped(self.report(f"stopped by {why}; {held}")) from error
-        except BaseException:  # Ctrl-C
-            self._hold()
+            self._supervise(motions)
+            if self.error is not None and not isinstance(self.error, Exception):
+                raise self.error
+        except BaseException as interrupt:  # Ctrl-C
+            if self.held is not None:
+                interrupt.args = (self.held,)
             raise
+        if self.error is not None:
+            why = f"stopped by {type(self.error).__name__}: {self.error}; {self.held}"
+            raise ExecutionStopped(self.report(why)) from self.error
+
+    def _supervise(self, motions: Sequence[Motion]) -> None:
+        """Stream in a thread of its own; whatever is raised here has it hold, and waits until it has."""
+        stream = threading.Thread(target=self._stream, args=(motions,), name="planner-service stream", daemon=True)
+        self._over.acquire()
+        try:
+            try:
+                stream.start()
+                self._launched = True
+                self._wait()
+            finally:
+                self.arm.stopping = True
+                self._wait()
+        finally:  # a second Ctrl-C waits, too
+            self.arm.stopping = True
+            self._wait()
+
+    def _wait(self) -> None:
+        """Until the stream has ended, or a call of the driver does not."""
+        before, looks = None, 0
+        while (self._launched or self._running) and not self._ended and not self.arm.abandoned:
+            self._over.acquire(timeout=LOOK)
+            call = self.arm.call
+            looks = looks + 1 if call is not None and call is before else 0
+            before = call
+            if call is not None and looks >= SILENT:
+                self._abandon(call)
+
+    def _abandon(self, call: Call) -> None:
+        """Give up a stream that hangs in a call, and tell the arm to hold past it."""
+        self.arm.abandoned = True
+        self.error = TimeoutError(f"{call.name}() of the driver has not returned for {SILENT * LOOK:g} s")
+        self.held = f"THE ARM COULD NOT BE TOLD TO HOLD ({self.error}): use its emergency stop"
+        if call.name == "hold":
+            return
+        heard = threading.Lock()
+        heard.acquire()
+
+        def hold() -> None:
+            with suppress(Exception):
+                self.arm.driver.hold(self.planned.copy())
+                heard.release()
+
+        threading.Thread(target=hold, name="planner-service hold", daemon=True).start()
+        if heard.acquire(timeout=SILENT * LOOK):
+            self.held = "the arm was told to hold the last planned configuration, past the call that has not returned"
+
+    def _stream(self, motions: Sequence[Motion]) -> None:
+        """What the thread does: all motions, or until something is raised, and then the arm is told to hold."""
+        self._running = True
+        arrived = self.arm.stopping  # before anything was begun
+        try:
+            if not arrived:
+                self._drive(motions)
+                arrived = True
+        except BaseException as error:
+            if not self.arm.abandoned:
+                self.error = error
+        finally:
+            if not arrived and not self.arm.abandoned:
+                self._hold()
+            self._ended = True
+            self._over.release()
+
+    def _drive(self, motions: Sequence[Motion]) -> None:
+        grips = False
+        for motion in motions:
+            if motion.width is not None:
+                self._set_gripper(motion.width, grips=grips)
+            self.require_at("start", motion, 0.0)
+            self._follow(motion)
+            self.require_at("end", motion, motion.trajectory.duration)
+            grips = motion.grips
 
     def require_at(self, which: str, motion: Motion, t: float) -> None:
         """Raise unless the arm stands where the motion is after t seconds at full speed."""
         wanted, near = motion.trajectory(t), self.how.start_tolerance
-        require_near(f"{which} of {motion.name}", self.driver.positions(), wanted, self.robot, near)
+        require_near(f"{which} of {motion.name}", self.arm.positions(wanted), wanted, self.robot, near)
 
-    def _hold(self) -> str:
-        """As ``_told_to_hold``; Ctrl-C in the meantime waits until the arm was told, but not for ever."""
-        interrupt: BaseException | None = None
+    def _hold(self) -> None:
+        """Tell the arm to hold, and keep what it was told, in words; what a driver raises as by Ctrl-C comes after."""
+        self.arm.holding = True
         for _ in range(TRIES):
             try:
-                told = self._told_to_hold()
-            except BaseException as error:
-                interrupt = error
-            else:
-                break
-        if interrupt is not None:
-            raise interrupt
-        return told
+                self.held = self._told_to_hold()
+                return
+            except BaseException as interrupt:
+                self.error = interrupt
+        self.held = f"THE ARM COULD NOT BE TOLD TO HOLD ({type(self.error).__name__}): use its emergency stop"
 
     def _told_to_hold(self) -> str:
-        """Tell the arm to hold; in words, what it was told."""
-        wanted, seen = self.planned, self.planned if self.seen is None else self.seen
-        if wanted is None or seen is None:
-            raise BrokenInvariant("an execution that has not begun cannot be stopped")
-        where = "the last planned configuration, as it does not say where it is"
-        try:
-            found = self.driver.positions()
-            if found.shape == seen.shape and np.all(np.abs(found - seen) <= ABSURD):
-                wanted, where = found, "where it was"
-        except Exception:  # whatever it is, the arm has to be told
-            pass
+        wanted, where = self.planned, "the last planned configuration, as it gave no reading that can be believed"
+        with suppress(Exception):  # whatever it is, the arm has to be told
+            wanted, where = self.arm.positions(self.told), "where it was"
         for _ in range(TRIES):
             try:
-                self.driver.hold(wanted)
+                self.arm.hold(wanted)
             except Exception as error:
                 failed = f"{type(error).__name__}: {error}"
             else:
@@ -175,39 +246,45 @@ class _Run:
         """Open or close, if it is not so already; around what was just reached it is told to close farther."""
         near = WIDTH_KEPT
         if self.width is None:  # it may hold something, and then is let be
-            self.width, near = self.driver.gripper_width(), self.how.gripper_tolerance
+            self.width, near = self.arm.gripper_width(), self.how.gripper_tolerance
         if abs(width - self.width) <= near:
             self.width = width
             return
         closing = grips and not width > self.width
         told = max(0.0, width - self.how.squeeze) if closing else width
-        self.driver.move_gripper(told, self.how.gripper_time)
+        self.arm.move_gripper(told, self.how.gripper_time)
         self.width = width
-        time.sleep(self.how.gripper_time)
+        self._stand(self.how.gripper_time)
         self._require_width(width)
 
     def _require_width(self, width: float) -> None:
         """Raise unless the gripper gets there before it should have settled; closed on nothing it is beyond."""
-        waited = 0.0
-        while not abs((found := self.driver.gripper_width()) - width) <= self.how.gripper_tolerance:
-            if waited >= self.how.settle:
+        late = time.perf_counter() + self.how.settle
+        while not abs((found := self.arm.gripper_width()) - width) <= self.how.gripper_tolerance:
+            if time.perf_counter() >= late:
                 expected = f"{width:.4f} within {self.how.gripper_tolerance:g} (gripper_tolerance)"
                 raise refusal("gripper", f"{found:.4f}", expected)
-            time.sleep(LOOK)
-            waited += LOOK
+            self._stand(LOOK)
+
+    def _stand(self, seconds: float) -> None:
+        """Wait, and ask the arm all the while where it is, so that no reading jumps unseen."""
+        end = time.perf_counter() + seconds
+        while (left := end - time.perf_counter()) > 0.0:
+            self.arm.positions(self.told)
+            time.sleep(min(1.0 / self.how.rate, left))
 
     def _follow(self, motion: Motion) -> None:
         """Command every tick until the end, then its end until the arm has settled there, or has had its time to."""
         trajectory, log = motion.trajectory.dilated(1.0 / self.speed), _Log(self.robot.n)
         self.done.append((motion.name, trajectory, log))
-        period, driver = 1.0 / self.how.rate, self.driver
+        period, arm = 1.0 / self.how.rate, self.arm
         t, q, qd, qdd = trajectory.sample(period)
         last = len(t) - 1
         qd[last] = qdd[last] = 0.0  # what brakes the arm at the end would push it back afterwards
         rest = math.ceil(self.how.settle * self.how.rate)
         due = np.concatenate([t, t[-1] + period * np.arange(1, rest + 1)]).tolist()
-        ahead = np.clip(q + driver.lag * qd, self.limits.lower, self.limits.upper)
-        behind = math.ceil((self.how.latest + float(driver.lag.max(initial=0.0))) * self.how.rate)
+        ahead = np.clip(q + arm.lag * qd, arm.limits.lower, arm.limits.upper)
+        behind = math.ceil((self.how.latest + float(arm.lag.max(initial=0.0))) * self.how.rate)
         began = time.perf_counter()
         tick = 0
         while tick < len(due):
@@ -222,9 +299,9 @@ class _Run:
                 tick += 1
                 log.skipped += tick <= last
             k = min(tick, last)
-            self.planned = q[k]
-            driver.command(ahead[k], qd[k], qdd[k])
-            measured = driver.positions()
+            self.planned, self.told = q[k], np.stack([q[k], ahead[k]])
+            arm.command(ahead[k], qd[k], qdd[k])
+            measured = arm.positions(self.told)
             log.add(time.perf_counter() - began, ahead[k], measured, late)
             self._require_followed(measured, q[min(max(tick - behind, 0), last) : k + 1])
             tick += 1
@@ -236,9 +313,8 @@ class _Run:
         near = np.clip(measured, lately.min(axis=0), lately.max(axis=0))
         off = np.abs(measured - near)
         if np.all(off <= self.how.tracking_tolerance):
-            self.seen = measured
             return
-        k = int(np.argmax(np.where(np.isfinite(off), off, math.inf)))
+        k = int(np.argmax(off))
         at, wanted = f"{self.robot.joint_names[k]} at {measured[k]:.4f}", lately[-1, k]
         raise refusal("arm", at, f"{wanted:.4f} within {self.how.tracking_tolerance:g} (tracking_tolerance)")
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from planner_service.collision.names import Names
 from planner_service.composite import Compound, Solid
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
@@ -23,7 +24,7 @@ from planner_service.xml_file import read_xml
 __all__ = ["MARK", "link_of", "mjcf_text"]
 
 MARK = "#"
-"""Between a link's or an obstacle's name and the number of its shape."""
+"""Between the label of a link or an object and the number of its shape."""
 
 DENSITY = "500"
 """Of what lies loose, in kg/m3: that of wood."""
@@ -39,8 +40,8 @@ FRICTION = "1.0"
 def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[str] = ()) -> str:
     """The MJCF of a robot, its gripper movable, among the obstacles of a scene.
 
-    Shape k of a link, an obstacle or an attached object is the geom ``name#k``, at the pose that the planner judges it
-    at. What is attached weighs nothing.
+    Shape k of a link, an obstacle or an attached object is the geom ``label#k`` (see ``Names``), at the pose that
+    the planner judges it at. What is attached weighs nothing.
 
     Args:
         arm_file: The vendor's MJCF of the arm, which has the robot's joints by name.
@@ -64,31 +65,29 @@ def mjcf_text(arm_file: Path, robot: Robot, scene: Scene, *, loose: Collection[s
         for geom in body.findall("geom"):
             body.remove(geom)
     bodies = _bodies(world, robot)
-    _add_robot(bodies, robot)
+    names = Names(robot, scene)
+    _add_robot(bodies, robot, names)
     for name in loose:
         scene.obstacle(name)
-    for name in scene.names:
-        if name in {item.link for item in robot.shapes}:
-            raise InvalidRequest("scene", name, f"an object name that is not a link of {robot.name}")
     hand = bodies[robot.bodies[robot.tool_body].name]
     tool = Pose.from_matrix(robot.tool_placement)
     for held in scene.attached:
-        _add(root, hand, held.name, held.shape, tool @ held.pose, ARM)
+        _add(root, hand, names.object(held.name), held.shape, tool @ held.pose, ARM)
     for obstacle in scene.obstacles:
         if obstacle.name in loose:
             own = obstacle.name + MARK
             body = SubElement(world, "body", {"name": own, **_placement(obstacle.pose)})
             SubElement(body, "freejoint", name=own)
-            _add(root, body, obstacle.name, obstacle.shape, Pose(), LOOSE)
+            _add(root, body, names.object(obstacle.name), obstacle.shape, Pose(), LOOSE)
             weld = {"name": own, "body1": hand.attrib["name"], "body2": own, "active": "false"}
             SubElement(SubElement(root, "equality"), "weld", weld)
         else:
-            _add(root, world, obstacle.name, obstacle.shape, obstacle.pose, FIXED)
+            _add(root, world, names.object(obstacle.name), obstacle.shape, obstacle.pose, FIXED)
     return ElementTree.tostring(root, encoding="unicode")
 
 
 def link_of(geom: str) -> str:
-    """The link's or obstacle's name that a geom is a shape of."""
+    """The label of the link or object that a geom is a shape of."""
     return geom.rpartition(MARK)[0] or geom
 
 
@@ -109,7 +108,7 @@ def _bodies(world: Element, robot: Robot) -> dict[str, Element]:
     return found
 
 
-def _add_robot(bodies: dict[str, Element], robot: Robot) -> None:
+def _add_robot(bodies: dict[str, Element], robot: Robot, names: Names) -> None:
     gripper = robot.gripper
     fingers = () if gripper is None else gripper.links
     fixed = [item for item in robot.shapes if item.link not in fingers]
@@ -118,7 +117,7 @@ def _add_robot(bodies: dict[str, Element], robot: Robot) -> None:
     count: dict[str, int] = {}
     for joint, item in placed:
         k = count[item.link] = count.get(item.link, -1) + 1
-        _geom(bodies[joint], f"{item.link}{MARK}{k}", item.shape, item.pose, ARM)
+        _geom(bodies[joint], f"{names.link(item.link)}{MARK}{k}", item.shape, item.pose, ARM)
 
 
 def _fingers(bodies: dict[str, Element], gripper: Gripper) -> Iterator[tuple[str, LinkShape]]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
+from planner_service.collision.names import Kind, Owner, owner_of
+from planner_service.errors import BrokenInvariant
 from planner_service.execute.admission import Executable
 from planner_service.execute.execution import execute
 from planner_service.execute.report import ExecutionReport, ExecutionStopped
 from planner_service.execute.simulator import ArmContact, SimulatedArm
 from planner_service.execute.streaming import Streaming
-from planner_service.geometry import Pose
+from planner_service.geometry import Pose, copied_in
 from planner_service.outcome import PlanResult
 from planner_service.plan_file import SavedPlan
 from planner_service.robot import Robot
@@ -35,7 +37,10 @@ class Rehearsal:
     report: ExecutionReport
     contacts: tuple[ArmContact, ...]
     meant: tuple[ArmContact, ...]
-    loose: dict[str, Pose]
+    loose: Mapping[str, Pose]
+
+    def __post_init__(self) -> None:
+        copied_in(self, "contacts", "meant", "loose")
 
     @property
     def ok(self) -> bool:
@@ -67,14 +72,20 @@ def rehearse(
 
     Raises:
         InvalidRequest: as ``execute`` says.
+        ExecutionStopped: it was stopped, and the simulation cannot say any more what touched: it ended itself.
     """
     with closing(arm.connect()) as driver:
+        ended: ExecutionStopped | None = None
         try:
             report = execute(plan, driver, robot, streaming, allow_unproven=allow_unproven)
         except ExecutionStopped as stopped:
-            report = stopped.report
-        loose = arm.poses()
-        contacts = arm.contacts()
+            report, ended = stopped.report, stopped
+        try:
+            loose, contacts = arm.poses(), arm.contacts()
+        except BrokenInvariant:
+            if ended is not None:
+                raise ended from None
+            raise
     may = meant_contacts(plan)
     return Rehearsal(
         report,
@@ -96,8 +107,9 @@ def meant_contacts(plan: Executable) -> Collection[frozenset[str]]:
 
 def taken(plan: Executable, robot: Robot) -> tuple[str, ...]:
     """The obstacles that a plan takes hold of: those that the robot's fingers are meant to touch."""
-    fingers = set(() if robot.gripper is None else robot.gripper.links)
-    return tuple(sorted({name for pair in meant_contacts(plan) if pair & fingers for name in pair - fingers}))
+    fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
+    pairs = [{owner_of(name, robot) for name in pair} for pair in meant_contacts(plan)]
+    return tuple(sorted({owner.name for pair in pairs if pair & fingers for owner in pair - fingers}))
 
 
 def _told(contact: ArmContact) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.errors import PlannerServiceError
-from planner_service.geometry import FloatArray, read_only
+from planner_service.geometry import FloatArray, copied_in, numbers, read_only
 from planner_service.robot import Robot
 from planner_service.trajectory import Trajectory
 
@@ -41,7 +41,7 @@ class Recording:
 
     def __post_init__(self) -> None:
         for name in ("t", "commanded", "measured", "lateness"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            object.__setattr__(self, name, numbers(name, getattr(self, name), "numbers"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,9 @@ class ExecutedMotion:
     late: int
     ticks: int
     completed: bool
+
+    def __post_init__(self) -> None:
+        copied_in(self, "error_max", "error_rms", "final_error")
 
     @classmethod
     def of(cls, name: str, trajectory: Trajectory, recording: Recording, robot: Robot, period: float) -> ExecutedMotion:
@@ -137,6 +140,9 @@ class ExecutionReport:
     seconds: float
     simulated: bool
     stopped: str | None = None
+
+    def __post_init__(self) -> None:
+        copied_in(self, "motions")
 
     @property
     def ok(self) -> bool:

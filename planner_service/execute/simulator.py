@@ -24,6 +24,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from planner_service.collision.names import Names
 from planner_service.errors import BrokenInvariant, InvalidRequest, MissingDependency
 from planner_service.execute.mjcf import MARK, link_of, mjcf_text
 from planner_service.execute.trossen import SIMULATED_LAG, TrossenDriver
@@ -108,13 +109,15 @@ class SimulatedArm:
         joints = dict(zip(robot.joint_names, q.tolist(), strict=True))
         joints |= {} if robot.gripper is None else dict.fromkeys(robot.gripper.joints, robot.gripper_width / 2.0)
         self._folder = tempfile.TemporaryDirectory(prefix="planner-service-")
+        self._errors = Path(self._folder.name) / "errors.txt"
         self._said: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self._contacts: list[dict[str, Any]] = []
         self._process: subprocess.Popen[str] | None = None
         try:
             model = Path(self._folder.name) / "scene.xml"
             model.write_text(text, "utf-8")
-            fingers = [] if robot.gripper is None else [link + MARK for link in robot.gripper.links]
+            names = Names(robot, scene)
+            fingers = [] if robot.gripper is None else [names.link(link) + MARK for link in robot.gripper.links]
             bodies = [name + MARK for name in sorted(loose)]
             job = {"scene": str(model), "joints": joints, "fingers": fingers, "loose": bodies}
             self.host = self._started(job, host)
@@ -166,10 +169,9 @@ class SimulatedArm:
     def _end(self) -> None:
         process, self._process = self._process, None
         if process is not None:
-            stdin, stdout, stderr = process.stdin, process.stdout, process.stderr
+            stdin, stdout = process.stdin, process.stdout
             assert stdin is not None
             assert stdout is not None
-            assert stderr is not None
             with contextlib.suppress(OSError):
                 stdin.close()
             try:
@@ -179,7 +181,6 @@ class SimulatedArm:
                 process.wait()
             self._listener.join()
             stdout.close()
-            stderr.close()
 
     def __enter__(self) -> SimulatedArm:
         return self
@@ -206,23 +207,30 @@ class SimulatedArm:
         script = Path(__file__).with_name("simulator_child.py")
         command = [sys.executable, "-I", str(script), json.dumps(job)]
         pipe = subprocess.PIPE
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, encoding="utf-8")
+        with self._errors.open("wb") as errors:  # a pipe that nobody reads would stop the simulation when it is full
+            self._process = subprocess.Popen(
+                command, stdin=pipe, stdout=pipe, stderr=errors, text=True, encoding="utf-8", errors="replace"
+            )
         self._listener = threading.Thread(target=self._listen, args=(self._process,), daemon=True)
         self._listener.start()
 
     def _listen(self, process: subprocess.Popen[str]) -> None:
         """Sort what the child says until it ends."""
         assert process.stdout is not None
-        for line in process.stdout:
-            event = json.loads(line)
-            kind = event.get("type")
-            if kind == "begin":
-                self._contacts.append(event)
-            elif kind == "end":
-                self._ended(event)
-            else:
-                self._said.put(event)
-        self._said.put(None)
+        said = self._said
+        try:
+            for line in process.stdout:
+                event = json.loads(line)
+                kind = event.get("type")
+                if kind == "begin":
+                    self._contacts.append(event)
+                elif kind == "end":
+                    self._ended(event)
+                else:
+                    said.put(event)
+        except (ValueError, AttributeError, KeyError):
+            process.kill()  # what else it says would not be known to be true
+        said.put(None)
 
     def _ended(self, event: dict[str, Any]) -> None:
         for begun in reversed(self._contacts):
@@ -247,8 +255,8 @@ class SimulatedArm:
         except queue.Empty:
             raise BrokenInvariant(f"the simulated arm said nothing for {SECONDS:g} s") from None
         if found is None:
-            process = self._process
-            last = "" if process is None or process.stderr is None else process.stderr.read().strip()[-300:]
+            self._said.put(None)  # the next one who asks hears it, too
+            last = self._errors.read_text("utf-8", "replace").strip()[-300:] if self._errors.exists() else ""
             raise BrokenInvariant(f"the simulated arm ended by itself: {last}")
         return found
 

@@ -47,7 +47,7 @@ class Streaming:
     def __post_init__(self) -> None:
         if self.speed is not None:
             number("speed", self.speed, "a part of the planned speed in (0, 1]", 1e-3, 1.0)
-        ranges = {"rate": (10.0, 1000.0), "start_tolerance": (0.0, 0.1), "settle": (0.0, 10.0), "latest": (0.0, 1.0)}
+        ranges = {"rate": (10.0, 1000.0), "start_tolerance": (0.0, 0.1), "settle": (0.0, 10.0), "latest": (0.001, 1.0)}
         ranges |= {"gripper_time": (0.1, 10.0), "squeeze": (0.0, 0.02)}
         ranges |= {"tracking_tolerance": (0.0, 1.0), "gripper_tolerance": (0.0, 0.1)}
         for item in fields(self)[1:]:

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry import Box, Cylinder, FloatArray, Pose, Shape, Sphere, read_only
+from planner_service.geometry import Box, Cylinder, FloatArray, Pose, Shape, Sphere, copied_in, read_only
 from planner_service.interchange.obstacle_list import MAX_FOUND
 from planner_service.json_file import Node, read_json
 from planner_service.regular_file import as_path
@@ -66,6 +66,10 @@ class Problem:
     start: FloatArray
     goals: tuple[FloatArray, ...]
 
+    def __post_init__(self) -> None:
+        copied_in(self, "joint_names", "start")
+        object.__setattr__(self, "goals", tuple(read_only(goal) for goal in self.goals))
+
     def request(self, robot: Robot, **settings: Any) -> PlanRequest:
         """What to ask of ``PlannerService(robot, problem.scene)``; settings are those of ``PlanRequest``.
 
@@ -92,6 +96,9 @@ class ProblemSet:
     problems: tuple[Problem, ...]
     robot: str = ""
     source: str = ""
+
+    def __post_init__(self) -> None:
+        copied_in(self, "joint_names", "problems")
 
     def problem(self, id: str) -> Problem:
         """The problem of that name.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from planner_service.errors import InvalidRequest
+from planner_service.geometry import text
 from planner_service.many.cluster import Ray
 from planner_service.many.engine import Engine
-from planner_service.many.processes import Processes
+from planner_service.many.processes import Processes, require_workers
 from planner_service.many.sequential import Sequential
 
 __all__ = ["engine_named"]
@@ -18,6 +19,8 @@ def engine_named(name: str, workers: int | None) -> Engine:
         InvalidRequest: another name, or no number of workers.
         MissingDependency: ray is not installed.
     """
+    text("--engine", name, "processes, ray or ray=ADDRESS")
+    require_workers(workers)
     kind, _, address = name.partition("=")
     if name == "processes":
         return Sequential() if workers == 1 else Processes(workers)

@@ -15,6 +15,7 @@ from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
 
 from planner_service.errors import BrokenInvariant, InvalidRequest, shown
+from planner_service.geometry import whole
 from planner_service.many.engine import Answers, Limit, Work
 from planner_service.many.events import Event, Gone, Raised, Ready
 from planner_service.many.schedule import Schedule
@@ -45,10 +46,13 @@ def available_cores() -> int:
     return os.cpu_count() or 1 if affinity is None else len(affinity(0))
 
 
+MAX_WORKERS = 10_000
+
+
 def require_workers(value: object) -> None:
     """Refuse what is neither None nor a number of workers."""
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-        raise InvalidRequest("workers", value, "a whole number of at least 1, or None")
+    if value is not None:
+        whole("workers", value, 1, MAX_WORKERS)
 
 
 @dataclass(frozen=True)

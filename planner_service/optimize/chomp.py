@@ -16,11 +16,11 @@ import numpy as np
 from planner_service.bodies import Body
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere, number
+from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere, number, whole
 from planner_service.mesh import Mesh
 from planner_service.optimize.course import IntArray, Samples, summed
 from planner_service.optimize.field import DistanceField, field_of
-from planner_service.optimize.method import Found, require_whole
+from planner_service.optimize.method import Found
 from planner_service.optimize.task import RAMP, Task
 
 __all__ = ["Balls", "Chomp"]
@@ -54,7 +54,7 @@ class Chomp:
     voxel: float = 0.02
 
     def __post_init__(self) -> None:
-        require_whole("iterations", self.iterations, 1, 100_000)
+        whole("iterations", self.iterations, 1, 100_000)
         number("voxel", self.voxel, "metres in [0.002, 0.1]", 0.002, 0.1)
 
     @property

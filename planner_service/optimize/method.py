@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 
 if TYPE_CHECKING:
     from planner_service.optimize.task import Task
 
-__all__ = ["Found", "Method", "require_whole"]
+__all__ = ["Found", "Method"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +30,3 @@ class Method(Protocol):
 
     def minimise(self, task: Task, corners: FloatArray, held: tuple[int, int]) -> Found:
         """A curve of less cost, with fewer pairs too near, or the same; the first and last ``held`` corners stay."""
-
-
-def require_whole(name: str, value: object, least: int, most: int) -> None:
-    """Refuse what is no whole number in that range."""
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        raise InvalidRequest(name, value, f"a whole number from {least} to {most}")

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers, read_only
+from planner_service.geometry import FloatArray, number, numbers, read_only, whole
 from planner_service.optimize.chomp import Chomp
 from planner_service.optimize.course import course_path, evenly
-from planner_service.optimize.method import Method, require_whole
+from planner_service.optimize.method import Method
 from planner_service.optimize.task import Figures, Task, Terms
 from planner_service.optimize.trajopt import TrajOpt
 from planner_service.path import JointPath
@@ -90,10 +90,10 @@ class Optimise:
     starts: int = 1
 
     def __post_init__(self) -> None:
-        require_whole("waypoints", self.waypoints, 4, 1000)
+        whole("waypoints", self.waypoints, 4, 1000)
         if self.corners is not None:
-            require_whole("corners", self.corners, 1, 200)
-        require_whole("starts", self.starts, 1, 100)
+            whole("corners", self.corners, 1, 200)
+        whole("starts", self.starts, 1, 100)
         number("smoothness", self.smoothness, "a number from 0 to 1e6", 0.0, 1e6)
         number("clearance", self.clearance, f"metres in [0, {MOST_CLEARANCE:g}]", 0.0, MOST_CLEARANCE)
         if isinstance(self.method, type) or not callable(getattr(self.method, "minimise", None)):

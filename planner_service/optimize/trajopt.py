@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.geometry import FloatArray
+from planner_service.geometry import FloatArray, whole
 from planner_service.optimize.course import Samples
-from planner_service.optimize.method import Found, require_whole
+from planner_service.optimize.method import Found
 from planner_service.optimize.program import Step, solved
 from planner_service.optimize.task import Look, Task
 
@@ -45,7 +45,7 @@ class TrajOpt:
     iterations: int = 40
 
     def __post_init__(self) -> None:
-        require_whole("iterations", self.iterations, 1, 10_000)
+        whole("iterations", self.iterations, 1, 10_000)
 
     @property
     def name(self) -> str:

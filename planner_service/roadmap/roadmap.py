@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from planner_service.collision import CheckCounts
 from planner_service.collision.ledger import SearchStopped
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers, read_only
+from planner_service.geometry import FloatArray, copied_in, instance, items, numbers, read_only
 from planner_service.roadmap.knowledge import Knowledge, Lesson, Verdict
 from planner_service.roadmap.net import Net, checked_edges
 from planner_service.roadmap.places import nearest_places
@@ -47,6 +47,9 @@ class Built:
     settings: Mapping[str, int]
     seed: int
     counts: CheckCounts
+
+    def __post_init__(self) -> None:
+        copied_in(self, "settings")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -124,13 +127,23 @@ class Roadmap:
         Raises:
             InvalidRequest: as ``of``.
         """
-        roadmap = cls.of(milestones, [*free, *blocked], reach=reach)
+        instance("blocked", blocked, Mapping, "a mapping from edges to obstacles, SELF or None")
+        judged: list[Any] = [*items("free", free, object, "edges"), *blocked]
+        roadmap = cls.of(milestones, judged, reach=reach)
         obstacles = {(min(edge), max(edge)): blocker for edge, blocker in blocked.items()}
         verdicts: dict[int, Lesson] = {}
         for k, (a, b) in enumerate(roadmap.edges.tolist()):
             there = (a, b) in obstacles
             verdicts[k] = (Verdict.BLOCKED, obstacles[a, b]) if there else (Verdict.FREE, None)
         return roadmap.with_lessons(dict.fromkeys(range(len(roadmap.milestones)), (Verdict.FREE, None)), verdicts)
+
+    def __post_init__(self) -> None:
+        instance("net", self.net, Net, "a Net")
+        for name in ("milestone_knowledge", "edge_knowledge"):
+            instance(name, getattr(self, name), Knowledge, "Knowledge")
+        instance("terms", self.terms, (Terms, NoneType), "Terms, or None")
+        instance("built", self.built, (Built, NoneType), "Built, or None")
+        copied_in(self, "pending")
 
     def __repr__(self) -> str:
         where = "" if self.terms is None else f" of {self.terms.robot} in {self.terms.scene}"

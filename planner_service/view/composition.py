@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.collision.names import Names
 from planner_service.geometry import FloatArray, Pose
 from planner_service.path import JointPath
 from planner_service.robot import Robot
@@ -64,7 +65,7 @@ CELLS, MOST_CELLS = (0.1, 0.2, 0.5, 1.0, 10.0, 100.0, 1000.0), 16
 
 @dataclass(frozen=True, eq=False)
 class Stand:
-    """The robot at q (n,), which need not be within its limits; ``touching`` are the links to draw red."""
+    """The robot at q (n,), which need not be within its limits; ``touching`` are the labels of what to draw red."""
 
     q: FloatArray
     kind: Kind = START
@@ -103,9 +104,11 @@ def _axes_at(pose: Pose) -> tuple[Line, ...]:
 def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
     """The picture of a view with names and a caption, (height, width, 3) of ``size`` (width, height)."""
     touching = frozenset[str]().union(*(stand.touching for stand in view.stands))
-    solids = scene_solids(view.scene)
+    names = Names(view.robot, view.scene)
+    solids = [replace(solid, name=names.object(solid.name)) for solid in scene_solids(view.scene)]
+    links = [replace(solid, name=names.link(solid.name)) for solid in robot_solids(view.robot)]
     obstacles = [solid for solid in solids if solid.frame is None]
-    riding = [*robot_solids(view.robot), *(solid for solid in solids if solid.frame is not None)]
+    riding = [*links, *(solid for solid in solids if solid.frame is not None)]
     robots = [_robot_at(view.robot, riding, stand) for stand in view.stands]
     red = [_reddened(o) for o in obstacles if o.name in touching]
     lines = (*view.lines, *(line for frame in view.frames for line in _axes_at(frame)))
@@ -119,11 +122,11 @@ def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
     inner = (size[0], size[1] - CAPTION)
     camera = sights.camera(inner)
     image, owners = paint(drawing, camera, inner)
-    links = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.touching]
+    struck = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.touching]
     goals = [_pixel(camera, np.array(frame.position)) for frame in view.frames]
     marks = [
         *(Mark("goal", (x, y + BELOW), GOAL.colour) for x, y in goals),
-        *_marks([*links, *red], camera),
+        *_marks([*struck, *red], camera),
         *_visible_marks(drawing.solids, len(robots[0]), owners),
     ]
     return lettered(image, marks, caption)

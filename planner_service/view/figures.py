@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from planner_service.collision.names import Kind, Owner, owner_of
 from planner_service.geometry import FloatArray, Pose
 from planner_service.robot import Robot
 from planner_service.scene import Attached, Obstacle, Scene
@@ -76,10 +77,10 @@ class Figure:
             pose = Pose.from_matrix(T)
             frame.position, frame.wxyz = pose.position, pose.quaternion
 
-    def paint(self, colours: dict[str, Colour]) -> None:
+    def paint(self, colours: dict[Owner, Colour]) -> None:
         """Give some links another colour, the others their own."""
         for name, solid in self._solids.items():
-            wanted = colours.get(name, solid.colour)
+            wanted = colours.get(Owner(Kind.LINK, name), solid.colour)
             if self._painted.get(name, solid.colour) != wanted:
                 self._painted[name] = self._meshes[name].color = wanted
 
@@ -143,11 +144,11 @@ class Props:
         )  # fmt: skip
         self._nodes[solid.name] = mesh, label
 
-    def paint(self, colours: dict[str, Colour]) -> None:
+    def paint(self, colours: dict[Owner, Colour]) -> None:
         """Give some things another colour, the others their own."""
         for name, (mesh, _) in self._nodes.items():
             own = self._colours[name, isinstance(self._things[name], Obstacle)]
-            wanted = colours.get(name, own)
+            wanted = colours.get(Owner(Kind.OBJECT, name), own)
             if self._painted.get(name, own) != wanted:
                 self._painted[name] = mesh.color = wanted
 
@@ -160,6 +161,9 @@ class Props:
             label.visible = shown and isinstance(self._things[name], Obstacle)
 
 
-def colours_of(bad: Collection[tuple[str, str]], meant: Collection[tuple[str, str]]) -> dict[str, Colour]:
+def colours_of(
+    bad: Collection[tuple[str, str]], meant: Collection[tuple[str, str]], robot: Robot
+) -> dict[Owner, Colour]:
     """Red for what touches and must not, amber for what may."""
-    return {name: AMBER for pair in meant for name in pair} | {name: TOUCHING for pair in bad for name in pair}
+    told = {name: AMBER for pair in meant for name in pair} | {name: TOUCHING for pair in bad for name in pair}
+    return {owner_of(name, robot): colour for name, colour in told.items()}

@@ -103,7 +103,7 @@ class Page:
             self._props.show(state.service.scene)
             self._ghost(self._start, state.start, hidden_by=[state.q])
             self._ghost(self._goal, state.goal, hidden_by=[state.q, state.start])
-            colours = colours_of(bad, meant)
+            colours = colours_of(bad, meant, robot)
             self._figure.paint(colours)
             self._props.paint(colours)
             self._props.label(self._show_names.value and look.free)

@@ -18,7 +18,6 @@ from planner_service.service import PlannerService
 from planner_service.task import Segment
 from planner_service.trajectory import Trajectory
 from planner_service.view.eye import Eye
-from planner_service.view.handover import service_after
 
 __all__ = ["Moment", "Reel", "Samples", "Take"]
 
@@ -100,8 +99,7 @@ class Reel:
         """The motions of a task, as far as there are plans; None without any.
 
         Args:
-            service: Of the task's beginning. Where the motions know no services of their own, having been read from a
-                file, what is carried is found out: the obstacle that the fingers touch as they close.
+            service: For the beginning of the task.
         """
         takes = list[Take]()
         here, clock = service, 0.0
@@ -109,12 +107,7 @@ class Reel:
             result = segment.result
             if result.trajectory is None:
                 break
-            if result.origin is not None:
-                here = result.origin.service
-            elif takes:
-                here = service_after(here, takes[-1].trajectory(takes[-1].trajectory.duration), segment.width)
-            elif here.robot.gripper is not None and here.robot.gripper_width != segment.width:
-                here = here.changed(gripper=segment.width)
+            here = segment.service_after(here)
             takes.append(Take(segment.name, here, result.trajectory, result.exempt, clock))
             clock = takes[-1].end
         return cls(tuple(takes)) if takes else None

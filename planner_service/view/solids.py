@@ -30,8 +30,8 @@ Colour = tuple[int, int, int]
 
 IntArray = NDArray[np.int64]
 
-TOOL = "@tool"
-"""The frame of what is carried: the robot's tool frame, whatever the link is called."""
+TOOL = ""
+"""The frame of what is carried: the robot's tool frame. No link has an empty name."""
 
 LINKS: tuple[Colour, ...] = ((214, 219, 226), (158, 172, 190))
 """Colours of the links, in turn."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -96,8 +97,8 @@ class ViewState:
         return read_only(np.minimum(np.maximum(q, limits.lower), limits.upper))
 
     def at(self, seconds: float) -> ViewState:
-        """The robot where it is on the reel after so many seconds, with what it then carries."""
-        if self.reel is None:
+        """The robot where it is on the reel after so many seconds, with what it then carries; NaN changes nothing."""
+        if self.reel is None or math.isnan(seconds):
             return self
         seconds = min(max(seconds, 0.0), self.reel.duration)
         moment = self.reel.at(seconds)
@@ -105,8 +106,9 @@ class ViewState:
         return replace(self, service=take.service, eye=take.eye, q=self._within(moment.q), seconds=seconds)
 
     def posed(self, q: Sequence[float] | FloatArray) -> ViewState:
-        """The robot moved by hand to q (n,), within its limits."""
-        return replace(self, q=self._within(np.array(q, dtype=np.float64)), seconds=None)
+        """The robot moved by hand to q (n,), within its limits; a joint at NaN stays."""
+        moved = np.array(q, dtype=np.float64)
+        return replace(self, q=self._within(np.where(np.isnan(moved), self.q, moved)), seconds=None)
 
     def with_start(self) -> ViewState:
         """The next plan starts where the robot stands."""

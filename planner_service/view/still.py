@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision import CheckCounts, CollisionChecker, Contact
-from planner_service.geometry import Pose
+from planner_service.geometry import Pose, instance
 from planner_service.outcome import PlanResult, Reason
 from planner_service.plan_file import SavedTask
 from planner_service.pose_goal import PoseGoal
@@ -100,6 +100,8 @@ def draw_check(checker: CollisionChecker, q: ArrayLike, file: str | os.PathLike[
         InvalidRequest: as ``checker.contacts`` does, which is asked.
         InvalidFile: the file cannot be written.
     """
+    instance("checker", checker, CollisionChecker, "a CollisionChecker")
+    file = as_path("file", file)
     robot, scene = checker.robot, checker.scene
     contacts, clearance = checker.contacts(q), checker.clearance(q)
     room = "nothing to touch" if clearance == math.inf else f"clearance: at least {clearance * 1000:.1f} mm"

@@ -11,6 +11,7 @@ import time
 from typing import Any
 
 from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.geometry import whole
 from planner_service.service import PlannerService
 from planner_service.view.page import Page
 from planner_service.view.state import Shown, ViewState
@@ -100,8 +101,7 @@ def open_viewer(
         MissingDependency: viser is not installed.
     """
     state = ViewState.of(service, shown)
-    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65_535:
-        raise InvalidRequest("port", port, "a whole number from 0 to 65535")
+    whole("port", port, 0, 65_535)
     if not host:  # to sockets that is every address there is
         raise InvalidRequest("host", host, f"an address of this machine, such as {HOST}")
     try:

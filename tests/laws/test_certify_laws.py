@@ -334,7 +334,7 @@ def shrunk(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def smaller(parts: Parts, *arguments: Any, **options: Any) -> None:
         whole(parts, *arguments, **options)
-        tips = [part.owner in FINGERS for part in parts.parts]
+        tips = [part.owner.name in FINGERS for part in parts.parts]
         parts.shapes = tuple(Sphere(0.001) if tip else s for s, tip in zip(parts.shapes, tips, strict=True))
 
     monkeypatch.setattr(Parts, "__init__", smaller)
@@ -363,7 +363,7 @@ def unpaired(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def fewer(parts: Parts) -> Any:
         pairs = whole(parts)
-        return pairs[[parts.parts[i].owner not in (*FINGERS, "link_6") for i in pairs[:, 0].tolist()]]
+        return pairs[[parts.parts[i].owner.name not in (*FINGERS, "link_6") for i in pairs[:, 0].tolist()]]
 
     monkeypatch.setattr(Parts, "_pairs", fewer)
 

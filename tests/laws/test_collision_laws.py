@@ -278,7 +278,7 @@ def test_the_comparison_notices_a_pair_that_is_not_judged(monkeypatch: pytest.Mo
 
     def without_one(parts: Parts) -> Any:
         pairs = whole(parts)
-        names = [{parts.parts[i].owner, parts.parts[j].owner} for i, j in pairs.tolist()]
+        names = [{parts.parts[i].owner.name, parts.parts[j].owner.name} for i, j in pairs.tolist()]
         tip = max(k for k, pair in enumerate(names) if pair == {"finger_left", "table"})
         return np.delete(pairs, tip, axis=0)
 

@@ -1,0 +1,81 @@
+"""Whatever is given in place of an argument: an answer, or an error that names it; soon, and in little memory."""
+
+from __future__ import annotations
+
+import resource
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import planner_service
+from benchmarks.attack.callables import HOSTILE, SKIPPED, Call, calls
+from planner_service.errors import BrokenInvariant, PlannerServiceError, shown
+
+MEMORY = 1_500_000_000
+"""Bytes that the calls may take beside what the tests have."""
+
+SECONDS = 5.0
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
+    return calls(tmp_path_factory.mktemp("files"))
+
+
+@pytest.fixture
+def little_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(tmp_path)
+    taken = int(Path("/proc/self/statm").read_text("ascii").split()[0]) * resource.getpagesize()
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MEMORY, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def test_every_public_name_is_attacked_or_says_why_not(known: dict[str, Call]) -> None:
+    attacked = {name.split(".")[0] for name in known}
+    assert set(planner_service.__all__) - attacked - set(SKIPPED) == set()
+    assert set(SKIPPED) <= set(planner_service.__all__)
+
+
+def test_arguments_that_are_right_are_taken(known: dict[str, Call]) -> None:
+    refused = []
+    for name, call in known.items():
+        try:
+            call.function(**call.arguments)
+        except PlannerServiceError as error:
+            if "no such file" not in str(error):
+                refused.append(f"{name}: {error}"[:200])
+    assert refused == []
+
+
+def harm(call: Call, argument: str, hostile: str) -> str | None:
+    """What is wrong with how a call takes a hostile argument."""
+    value, began = HOSTILE[hostile](), time.monotonic()
+    try:
+        call.function(**{**call.arguments, argument: value})
+    except BrokenInvariant as error:
+        return f"BrokenInvariant: {error}"[:160]
+    except PlannerServiceError:
+        pass
+    except Exception as error:  # that is what is looked for
+        return f"{type(error).__name__}: {shown(error)}"[:160]
+    seconds = time.monotonic() - began
+    return f"{seconds:.1f} s" if seconds > SECONDS else None
+
+
+@pytest.mark.usefixtures("little_memory")
+@pytest.mark.parametrize("hostile", HOSTILE)
+def test_only_our_errors_come_of_hostile_arguments(known: dict[str, Call], hostile: str) -> None:
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, call in known.items():
+            for argument in call.arguments:
+                wrong = harm(call, argument, hostile)
+                if wrong is not None:
+                    found.append(f"{name}({argument}=): {wrong}")
+    assert found == []
