@@ -98,9 +98,11 @@ def run_part(name: str, seed: int, seconds: float, most: int) -> tuple[Summary, 
             note("leftover", "a process is left", f"process {pid}", -1, {})
         for file in jail.leftovers():
             note("leftover", "a half-written file is left", file, -1, {})
+    until = time.perf_counter() + max(5.0, LESS * seconds)
     for signature, finding in list(found.items()):
-        if finding.number >= 0:
-            found[signature] = minimised(finding, max(5.0, LESS * seconds / len(found)))
+        left = until - time.perf_counter()
+        if finding.number >= 0 and left > 0.0:
+            found[signature] = minimised(finding, max(1.0, 2.0 * left / len(found)))
     return summary, list(found.values())
 
 
