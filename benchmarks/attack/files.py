@@ -130,7 +130,13 @@ SRDF = """<robot name="drawn"><group name="arm"><chain base_link="l0" tip_link="
 <group_state name="up" group="arm"><joint name="j1" value="0.01"/></group_state>
 <disable_collisions link1="l0" link2="l1" reason="Adjacent"/></robot>"""
 
-HEADER = {"kind": "header", "suite": "smoke"}
+_MACHINE = {"python": "3", "platform": "p", "cpu": "c", "cores": 1, "versions": {}, "commit": None}
+_HEADER = {"version": 1, "suite": "s", "environment": _MACHINE, "command": []}
+_ROW: dict[str, Any] = {"suite": "s", "problem": "p", "kind": "k", "robot": "r", "tool": "planner_service", "planner": "a"}
+_ROW |= {"seed": 0, "ok": True, "failure": None, "detail": "", "seconds": {}, "total_seconds": 0.1, "cpu_seconds": 0.1}
+_ROW |= {"checks": {"search": {"states": 100, "edges": 10, "distances": 0}}, "raw_length": 3.0, "length": 2.0}
+_ROW |= {"duration": 1.0, "clearance": 0.001, "peaks": None, "path_hash": "x"}
+_ROW |= {"audit": {"step": 0.01, "verdict": "free", "depth": None, "pair": None}}
 
 
 class _Stock:
@@ -175,8 +181,7 @@ class _Stock:
         cache = DiskCache(folder / "cache")
         cache.put(KEY, points.tobytes())
         self.contents["cache"] = (folder / "cache" / f"{KEY}.bin").read_bytes()
-        row = rows.line_of(HEADER) + rows.line_of({"kind": "row", "query": 1, "seed": 1, "counts": {}})
-        self.contents["results"] = row.encode()
+        self.contents["results"] = (rows.line_of({"header": _HEADER}) + rows.line_of(_ROW)).encode()
 
     def _saved(self, kind: str, made: Any) -> None:
         file = self.folder / f"{kind}.json"
@@ -291,7 +296,7 @@ class Attack(Part):
             patch("planner_service.execute.execution.time", FakeTime()),
             contextlib.suppress(PlannerServiceError),
         ):
-            execute(plan, arm, streaming=Streaming(speed=1.0, settle=0.2))
+            execute(plan, arm, stock.service.robot, Streaming(speed=1.0, settle=0.2))
         if not arm.told:
             return
         self.counted["forged plans driven"] += 1
