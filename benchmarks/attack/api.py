@@ -34,7 +34,7 @@ class _Hater:
     def _fail(self, *_: object) -> Any:
         raise _OwnError
 
-    __getattr__ = __len__ = __float__ = __eq__ = __repr__ = _fail  # type: ignore[assignment]
+    __getattr__ = __len__ = __float__ = __eq__ = __repr__ = _fail
     __hash__ = None  # type: ignore[assignment]
 
 
@@ -156,7 +156,7 @@ class _Stock:
         lower, upper = self.robot.limits.lower, self.robot.limits.upper
         each = {"velocity": np.ones(6), "acceleration": np.ones(6), "jerk": np.ones(6)}
         solids = (box, ps.Sphere(0.1), ps.Cylinder(0.1, 0.2), ps.Capsule(0.1, 0.2), mesh, field, cloud, compound)
-        stretch = {"s_start": 0.0, "s_end": 0.1, "pairs": pair, "reason": "because"}
+        stretch: dict[str, Any] = {"s_start": 0.0, "s_end": 0.1, "pairs": pair, "reason": "because"}
         self.calls: dict[str, Call] = {
             "Box": (ps.Box, {"size": (0.1, 0.2, 0.3)}),
             "Sphere": (ps.Sphere, {"radius": 0.1}),

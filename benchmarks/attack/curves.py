@@ -6,6 +6,7 @@ import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,11 +57,11 @@ class Attack(Part):
         original = case["obstacles"]
         for _ in range(CURVES):
             case["obstacles"] = [dict(obstacle) for obstacle in original]
-            points = _points(world, rng)
-            if points is None:
+            found = _points(world, rng)
+            if found is None:
                 continue
-            case["waypoints"], case["round"] = points.tolist(), float(rng.choice((0.0, 0.3, 0.9)))
-            curve = _curve(points, case["round"])
+            case["waypoints"], case["round"] = found.tolist(), float(rng.choice((0.0, 0.3, 0.9)))
+            curve = _curve(found, case["round"])
             certifier = Certifier(world.robot, world.scene)
             at = self._judge(world, certifier, second, curve)
             count += 1
@@ -78,9 +79,7 @@ class Attack(Part):
         case["obstacles"] = original
         return max(count, 1)
 
-    def _judge(
-        self, world: World, certifier: Certifier, second: IndependentChecker, curve: JointPath
-    ) -> float:
+    def _judge(self, world: World, certifier: Certifier, second: IndependentChecker, curve: JointPath) -> float:
         """Compare, and say where on the curve the least gap was found."""
         proof = certifier.certify(curve)
         least, at = _least(second, curve)
@@ -92,12 +91,14 @@ class Attack(Part):
             self.extreme("least true less claimed clearance, m:", slack)
             self.extreme("least clearance proven, m:", proof.clearance)
             if least <= 0.0 or slack < (-SLACK if least < NEAR else -COAL):
-                raise Wrong("a certified curve is as free as is claimed", f"{proof.clearance:.4g} m, {least:.4g} at {at}")
+                raise Wrong(
+                    "a certified curve is as free as is claimed", f"{proof.clearance:.4g} m, {least:.4g} at {at}"
+                )
         elif proof.refusal is not None and least > 1e-3 and not proof.refusal.spent:
             raise Wrong("a curve is refused near contact only", f"{least:.4g} m from contact: {proof.refusal}")
         self.counted["spent"] += proof.refusal is not None and proof.refusal.spent
         points = curve.waypoints
-        for a, b in zip(points[:-1], points[1:], strict=True):
+        for a, b in pairwise(points):
             edge = certifier.certify_edge(a, b)
             straight = JointPath(np.array([a, b]))
             self.counted["edges"] += 1

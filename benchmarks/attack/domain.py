@@ -1,4 +1,4 @@
-"""What the attacks draw from: the domain inside which the promises were tested, and its description for the documents."""
+"""What the attacks draw from: the domain inside which the promises were tested, in numbers and in words."""
 
 from __future__ import annotations
 

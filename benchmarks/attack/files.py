@@ -1,4 +1,4 @@
-"""Files of every kind that is read, mutated and forged: refused with their problems, or read as something that holds."""
+"""Files of every kind, mutated and forged: refused with their problems, or read as something that holds."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ KEY = "0" * 64
 
 
 def _ply(points: FloatArray) -> bytes:
-    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
+    )
     faces = [f"3 {k} {k + 1} {k + 2}" for k in range(len(points) - 2)]
     head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     return (head + "\n".join([" ".join(map(repr, p)) for p in points.tolist()] + faces) + "\n").encode()
@@ -78,13 +80,15 @@ DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COL
 <source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array><technique_common>
 <accessor source="#a" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/>
 <param name="Z" type="float"/></accessor></technique_common></source><vertices id="v">
-<input semantic="POSITION" source="#p"/></vertices><triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/>
-<p>0 1 2 0 1 3 0 2 3 1 2 3</p></triangles></mesh></geometry></library_geometries><library_visual_scenes>
+<input semantic="POSITION" source="#p"/></vertices><triangles count="4">
+<input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 0 1 3 0 2 3 1 2 3</p></triangles></mesh></geometry>
+</library_geometries><library_visual_scenes>
 <visual_scene id="s"><node id="n"><matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</matrix><instance_geometry url="#g"/></node>
 </visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
 
-WORLD = """<robot name="w"><link name="world"/><link name="t"><collision><geometry><box size="1 1 .1"/></geometry></collision>
-</link><joint name="f" type="fixed"><parent link="world"/><child link="t"/><origin xyz="0 0 -.1" rpy="0 0 1"/></joint></robot>"""
+WORLD = """<robot name="w"><link name="world"/><link name="t"><collision><geometry><box size="1 1 .1"/>
+</geometry></collision></link><joint name="f" type="fixed"><parent link="world"/><child link="t"/><origin xyz="0 0 -.1"
+rpy="0 0 1"/></joint></robot>"""
 
 MOVEIT = """(noname)+
 * table
@@ -132,7 +136,14 @@ SRDF = """<robot name="drawn"><group name="arm"><chain base_link="l0" tip_link="
 
 _MACHINE = {"python": "3", "platform": "p", "cpu": "c", "cores": 1, "versions": {}, "commit": None}
 _HEADER = {"version": 1, "suite": "s", "environment": _MACHINE, "command": []}
-_ROW: dict[str, Any] = {"suite": "s", "problem": "p", "kind": "k", "robot": "r", "tool": "planner_service", "planner": "a"}
+_ROW: dict[str, Any] = {
+    "suite": "s",
+    "problem": "p",
+    "kind": "k",
+    "robot": "r",
+    "tool": "planner_service",
+    "planner": "a",
+}
 _ROW |= {"seed": 0, "ok": True, "failure": None, "detail": "", "seconds": {}, "total_seconds": 0.1, "cpu_seconds": 0.1}
 _ROW |= {"checks": {"search": {"states": 100, "edges": 10, "distances": 0}}, "raw_length": 3.0, "length": 2.0}
 _ROW |= {"duration": 1.0, "clearance": 0.001, "peaks": None, "path_hash": "x"}
@@ -157,7 +168,12 @@ class _Stock:
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
         points = rng.normal(size=(8, 3)) * 0.1
         self.contents |= {"ply": _ply(points), "obj": _obj(points), "stl": _stl(points), "stl text": _stl_text(points)}
-        self.contents |= {"dae": DAE.encode(), "world": WORLD.encode(), "moveit": MOVEIT.encode(), "srdf": SRDF.encode()}
+        self.contents |= {
+            "dae": DAE.encode(),
+            "world": WORLD.encode(),
+            "moveit": MOVEIT.encode(),
+            "srdf": SRDF.encode(),
+        }
         for kind, array in (("npy", points), ("heights", np.abs(points[:3]))):
             file = io.BytesIO()
             np.save(file, array)
@@ -225,7 +241,9 @@ TEXTS = frozenset({"plan", "task", "obj", "stl text", "dae", "scene", "urdf", "r
 
 class Attack(Part):
     name = "files"
-    what = "files of 20 kinds with bytes, words, lines and structure mutated; forged plans driven by an arm that records"
+    what = (
+        "files of 20 kinds with bytes, words, lines and structure mutated; forged plans driven by an arm that records"
+    )
     lists = ("data",)
 
     def __init__(self) -> None:

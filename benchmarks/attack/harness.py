@@ -24,7 +24,19 @@ import numpy as np
 
 from planner_service.errors import BrokenInvariant, PlannerServiceError
 
-__all__ = ["Case", "Finding", "Law", "Part", "Wrong", "further", "judged", "packed", "read_finding", "rng_of", "unpacked"]
+__all__ = [
+    "Case",
+    "Finding",
+    "Law",
+    "Part",
+    "Wrong",
+    "further",
+    "judged",
+    "packed",
+    "read_finding",
+    "rng_of",
+    "unpacked",
+]
 
 Case = dict[str, Any]
 

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.attack.domain import HISTORY
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.worlds import World, draw_obstacle, draw_robot, draw_scene, random_states, scene_of
-from planner_service import CollisionChecker, LazyPRM, PlannerService, PlanRequest, PRM, Roadmap, Verdict
+from planner_service import PRM, CollisionChecker, LazyPRM, PlannerService, PlanRequest, Roadmap, Verdict
 from planner_service.errors import InvalidRequest
 
 __all__ = ["Attack"]

@@ -91,7 +91,8 @@ def run_part(name: str, seed: int, seconds: float, most: int) -> tuple[Summary, 
                 _, number, outcome, case = answer
                 note(outcome.kind, outcome.signature, outcome.detail, number, case)
             else:
-                note(*answer[1:], {})
+                _, kind, signature, detail, number = answer
+                note(kind, signature, detail, number, {})
                 summary.inputs += 1
         summary.seconds = time.perf_counter() - began
         for pid in jail.end():
@@ -166,7 +167,9 @@ def _attack(asked: argparse.Namespace, console: Console) -> int:
     out.mkdir(parents=True, exist_ok=True)
     whole_share, bad = sum(PARTS[name] for name in names), 0
     most = asked.inputs or 2**62
-    for old in [out / f"{name}.json" for name in names] + [f for name in names for f in out.glob(f"finding-{name}-*.json")]:
+    for old in [out / f"{name}.json" for name in names] + [
+        f for name in names for f in out.glob(f"finding-{name}-*.json")
+    ]:
         old.unlink(missing_ok=True)
     for name in names:
         seconds = 60.0 * asked.minutes * PARTS[name] / whole_share

@@ -92,10 +92,10 @@ class Attack(Part):
             if found.deterministic and digest(found) != known:
                 raise Wrong("a plan that was not cancelled is the same")
         elif what == "certify":
-            service.certify([request.start, request.start])
+            service.certify(np.stack([request.start, request.start]))
         elif what == "limit":
             checker = service.checker.variant()
             with checker.limited(states=10**6):
-                checker.states_are_free([request.start])
+                checker.states_are_free(np.stack([request.start]))
         elif not service.checker.state_is_free(request.start):
             raise Wrong("a state is judged the same among threads")

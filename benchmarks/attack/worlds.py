@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.attack.domain import ROBOTS, JOINTS, LENGTHS, OBSTACLES
+from benchmarks.attack.domain import JOINTS, LENGTHS, OBSTACLES, ROBOTS
 from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
 from planner_service.data import data_folder
 from planner_service.geometry import FloatArray, Shape
@@ -179,7 +179,9 @@ class World:
 
 def scene_of(obstacles: Sequence[Plain]) -> Scene:
     """Drawn obstacles as a scene."""
-    return Scene(tuple(Obstacle(o["name"], _solid(o), Pose(tuple(o["xyz"]), tuple(o["quaternion"]))) for o in obstacles))
+    return Scene(
+        tuple(Obstacle(o["name"], _solid(o), Pose(tuple(o["xyz"]), tuple(o["quaternion"]))) for o in obstacles)
+    )
 
 
 def random_states(robot: Robot, count: int, rng: np.random.Generator) -> FloatArray:
