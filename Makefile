@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint types bench measures micro docs clean
+.PHONY: demo test lint types bench attack measures micro docs clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -38,6 +38,9 @@ types: $(BIN)/.dev
 
 bench: $(BIN)/.dev  ## the gate: what the smoke suite costs is what is stored
 	$(BIN)/python -m benchmarks check
+
+attack: $(BIN)/.dev  ## hostile inputs of every kind for half a minute; docs/attack.md has the long version
+	$(BIN)/python -m benchmarks attack --minutes 0.5 --seed 20
 
 measures: $(BIN)/.dev  ## the tables of the README, printed
 	$(BIN)/python -m benchmarks

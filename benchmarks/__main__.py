@@ -28,6 +28,7 @@ COMMANDS = {
     "cold": "cold",
     "peers": "peers.running",
     "report": "page",
+    "attack": "attack.running",
 }
 """Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
 
@@ -56,6 +57,7 @@ compare   two results files, or the planners within one
 check     the gate: the smoke suite's counts against those stored; --write stores them
 export    a results file in another format: --ompl-log FILE
 report    results files as one HTML page: FILE... -o report.html; or into a text: --markdown FILE
+attack    hostile inputs of every kind: [PART...] --minutes N --seed S; replay FILE...; table FOLDER...
 peers     other planners in environments of their own: install PEER..., list, run --peer PEER --suite NAME --out FILE
 cold      from the start of a process to its first plan, then plan after plan
 

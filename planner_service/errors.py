@@ -5,7 +5,8 @@
     PlannerServiceError
     ├─ InvalidRequest (ValueError)       the caller's mistake: .field, .value, .expected
     │  ├─ UnknownName (LookupError)      .kind, .name, .available
-    │  └─ InvalidFile                    .path, .problems: all of them, not the first
+    │  ├─ InvalidFile                    .path, .problems: all of them, not the first
+    │  └─ NotProven                      .problems: of a plan that was proven again before its use
     ├─ PlanningFailed                    only from PlanResult.unwrap(); carries .failure
     ├─ BrokenInvariant                   our bug; nobody catches it
     ├─ MissingDependency (ImportError)   names the package, and the extra that brings it
@@ -26,6 +27,7 @@ __all__ = [
     "InvalidFile",
     "InvalidRequest",
     "MissingDependency",
+    "NotProven",
     "PlannerServiceError",
     "PlanningFailed",
     "UnknownName",
@@ -116,6 +118,19 @@ class InvalidFile(InvalidRequest):
         lines = "".join(f"\n  - {problem}" for problem in self.problems)
         name = str(path).encode("utf-8", "backslashreplace").decode()  # half a surrogate pair cannot be printed
         super().__init__("file", str(path), "a valid file", message=f"{name}: {len(self.problems)} problem(s){lines}")
+
+
+class NotProven(InvalidRequest):
+    """A plan or a task that was proven again before its use, and does not hold.
+
+    Attributes:
+        problems: Which motion, and why: one line each.
+    """
+
+    def __init__(self, *problems: str) -> None:
+        self.problems = problems
+        lines = problems[0] if len(problems) == 1 else "".join(f"\n  - {problem}" for problem in problems)
+        super().__init__("plan", lines, "a plan that is proven again", message=f"not proven: {lines}")
 
 
 class PlanningFailed(PlannerServiceError):

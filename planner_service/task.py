@@ -20,7 +20,10 @@ from planner_service.timing import Timing
 if TYPE_CHECKING:
     from planner_service.view import Viewer
 
-__all__ = ["Handling", "Segment", "TaskResult"]
+__all__ = ["MAX_SUPPORT_GAP", "Handling", "Segment", "TaskResult"]
+
+MAX_SUPPORT_GAP = 0.05
+"""Metres of a lift or of a lowering, at most, within which an object and its support may touch."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Handling:
 
     def __post_init__(self) -> None:
         instance("support", self.support, (str, NoneType), "the name of an obstacle, or None")
-        number("support_gap", self.support_gap, "metres in [0, 0.05]", 0.0, 0.05)
+        number("support_gap", self.support_gap, f"metres in [0, {MAX_SUPPORT_GAP:g}]", 0.0, MAX_SUPPORT_GAP)
         if self.open_width is not None:
             number("open_width", self.open_width, "metres in [0, 1], or None", 0.0, 1.0)
         instance("request", self.request, (PlanRequest, NoneType), "a PlanRequest, or None")

@@ -20,6 +20,7 @@ from planner_service import (
     InvalidRequest,
     JointPath,
     MissingDependency,
+    NotProven,
     PlannerService,
     PlanRequest,
     PlanResult,
@@ -47,6 +48,7 @@ from planner_service.geometry import FloatArray
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, save_plan
 from tests.arms import FakeArm, FakeTime
 
+WORLD = ["--robot", "wxai", "--scene", "empty"]
 QUICK = Streaming(settle=0.02, gripper_time=0.1)
 STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
 
@@ -93,9 +95,9 @@ def task_of(service: PlannerService, *segments: Segment) -> SavedTask:
     return SavedTask(MadeFor.of(service), "there and back", segments, CheckCounts(), 0.0)
 
 
-def stopped(result: Any, arm: FakeArm, robot: Robot, how: Streaming = QUICK) -> ExecutionReport:
+def stopped(result: Any, arm: FakeArm, robot: Robot, how: Streaming = QUICK, **options: bool) -> ExecutionReport:
     with pytest.raises(ExecutionStopped) as caught:
-        execute(result, arm, robot, how)
+        execute(result, arm, robot, how, **options)
     return caught.value.report
 
 
@@ -123,7 +125,7 @@ def test_a_trajectory_without_a_proof_is_executed_only_if_told(there: PlanResult
 
 
 @pytest.mark.parametrize("proof", ["none", "refused", "of a part"])
-def test_a_plan_that_is_not_proven_whole_is_not_executed(
+def test_what_counts_is_the_proof_made_now_and_not_the_one_a_plan_brings(
     proof: str, there: PlanResult, arm: FakeArm, robot: Robot
 ) -> None:
     assert there.certificate is not None
@@ -132,16 +134,15 @@ def test_a_plan_that_is_not_proven_whole_is_not_executed(
         "refused": replace(there.certificate, refusal=Refusal(0.0, 0.1, 0.0, "link_2", "link_5", "they touch")),
         "of a part": replace(there.certificate, part=(0.01, motion_of(there).end)),
     }[proof]
-    with pytest.raises(InvalidRequest, match="a proof of the whole motion"):
-        execute(replace(there, certificate=certificate), arm, robot, QUICK)
-    assert arm.told == []
+    assert execute(replace(there, certificate=certificate), arm, robot, QUICK).ok
 
 
 def test_a_plan_made_for_another_robot_is_not_executed(
     service: PlannerService, there: PlanResult, arm: FakeArm, robot: Robot
 ) -> None:
-    saved = SavedPlan(replace(MadeFor.of(service), robot_hash="f" * 64), None, there)
-    with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(wxai"):
+    other = replace(robot, settle_time=9.0)
+    saved = SavedPlan(replace(MadeFor.of(service), robot=other), None, there)
+    with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
         execute(saved, arm, robot, QUICK)
     assert arm.told == []
     assert execute(replace(saved, made_for=MadeFor.of(service)), arm, robot, QUICK).ok
@@ -189,9 +190,8 @@ def test_a_motion_outside_position_limits_is_refused(whose: str, there: PlanResu
         arm.reach = 1.16
     else:
         robot = replace(robot, limits=replace(robot.limits, upper=np.array([3.0, 3.0, 1.16, 1.5, 1.5, 3.0])))
-        there = replace(there, origin=None)
     with pytest.raises(InvalidRequest, match=f"joint_2 in motion: .*; expected {whose}'s .* to 1.1600"):
-        execute(there, arm, robot, QUICK)
+        execute(motion_of(there), arm, robot, QUICK, allow_unproven=True)
     assert arm.told == []
 
 
@@ -426,7 +426,7 @@ def test_the_gripper_moves_between_motions_and_presses_on_what_it_takes(
     lower, away = Segment("lower", there, 0.045), Segment("retreat", grip_of(back), 0.07)
     task = task_of(service, down, up, lower, away)
     arm.stone = 0.045
-    report = execute(task, arm, robot, replace(QUICK, squeeze=0.01))
+    report = execute(task, arm, robot, replace(QUICK, squeeze=0.01), allow_unproven=True)
     assert arm.widths == pytest.approx([0.07, 0.035, 0.07])
     assert [motion.name for motion in report.motions] == ["descend", "lift", "lower", "retreat"]
     assert taken(task, robot) == ("block",)
@@ -439,6 +439,8 @@ def test_motions_that_do_not_follow_each_other_are_refused(
 ) -> None:
     twice = task_of(service, Segment("there", there, 0.06), Segment("again", there, 0.06))
     with pytest.raises(InvalidRequest, match=r"begin of again: got joint_0 at 0\.0000; expected 0\.0400 within"):
+        execute(twice, arm, robot, QUICK, allow_unproven=True)
+    with pytest.raises(NotProven, match=r"again: got a begin with joint_0 at 0; expected 0\.04, where there ends"):
         execute(twice, arm, robot, QUICK)
     assert (arm.told, arm.widths) == ([], [])
 
@@ -577,13 +579,17 @@ def test_the_robot_comes_with_what_this_process_planned(
 ) -> None:
     assert execute(there, arm, streaming=QUICK).ok
     assert execute(task_of(service, Segment("back", back, 0.08)), arm, streaming=QUICK).ok
+    elsewhere, arm.q = replace(there, origin=None), np.array(service.robot.home)
+    with pytest.raises(InvalidRequest, match="service: got None; expected the robot and the scene it was planned for"):
+        execute(elsewhere, arm, streaming=QUICK)
     with pytest.raises(InvalidRequest, match="robot: got None; expected the robot the plan was made for"):
-        execute(replace(there, origin=None), arm, streaming=QUICK)
+        execute(elsewhere, arm, streaming=QUICK, allow_unproven=True)
+    assert execute(elsewhere, arm, streaming=QUICK, service=service).ok
 
 
 def test_what_was_planned_for_another_robot_is_not_executed(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
     slower = replace(robot, limits=replace(robot.limits, velocity=robot.limits.velocity * 0.5))
-    with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(wxai"):
+    with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
         execute(there, arm, slower, QUICK)
     assert arm.told == []
 
@@ -596,7 +602,7 @@ def test_the_gripper_is_as_far_open_as_the_plan_was_proven_with(
     assert execute(plan, arm, robot, QUICK).ok
     assert arm.widths == [0.03]
     arm.q, arm.width = np.array(robot.home), 0.027  # around something that gives way
-    assert execute(replace(plan, origin=None), arm, narrow.robot, QUICK).ok
+    assert execute(replace(plan, origin=None), arm, streaming=QUICK, service=narrow).ok
     assert arm.widths == [0.03]
 
 
@@ -605,7 +611,8 @@ def test_a_grip_on_nothing_or_on_something_else_stops(
     stone: float, stands: str, service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm, robot: Robot
 ) -> None:
     arm.stone = stone
-    report = stopped(task_of(service, Segment("down", grip_of(there), 0.07), Segment("up", back, 0.045)), arm, robot)
+    task = task_of(service, Segment("down", grip_of(there), 0.07), Segment("up", back, 0.045))
+    report = stopped(task, arm, robot, allow_unproven=True)
     assert [motion.name for motion in report.motions] == ["down"]
     assert report.stopped is not None
     assert f"gripper: got {stands}; expected 0.0450 within 0.005 (gripper_tolerance)" in report.stopped
@@ -615,7 +622,7 @@ def test_a_grip_on_nothing_or_on_something_else_stops(
 def test_a_task_that_has_no_plan_is_not_executed(service: PlannerService, arm: FakeArm, robot: Robot) -> None:
     failed = service.plan(PlanRequest(service.robot.home, np.full(6, 9.0)))
     task = replace(task_of(service, Segment("there", failed, 0.06)), failure=failed.failure)
-    with pytest.raises(InvalidRequest, match="a task all of whose motions have a plan"):
+    with pytest.raises(InvalidRequest, match="expected a plan, not a failure"):
         execute(task, arm, robot, QUICK)
 
 
@@ -695,7 +702,7 @@ def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(
 ) -> None:
     arm = FakeArm(np.array(robot.home), simulated=False)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
-    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes"])
+    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert (done.exit_code, done.stderr) == (0, "")
     assert "executed on the arm" in done.stdout
     assert "at 0.2 of the planned speed" in done.stdout
@@ -716,8 +723,8 @@ def test_what_a_file_says_is_proven_is_proven_anew(
     for saved in (plan, task):
         save_plan(saved, tmp_path / "plan.json")
         done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
-        assert done.exit_code == 2
-        assert "expected a proof of the whole motion" in done.stderr
+        assert done.exit_code == 1
+        assert "is not proven apart" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
@@ -735,7 +742,7 @@ def test_whatever_ends_the_command_has_the_arm_hold(
 
     arm = FakeArm(np.array(robot.home), simulated=False, trouble=end)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
-    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes"])
+    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert done.exit_code == 130
     assert (len(arm.told), len(arm.held), arm.closed) == (8, 1, True)
     assert signal.getsignal(number) == before
@@ -749,13 +756,13 @@ def test_an_arm_that_stopped_leaves_code_1_and_says_why(
 
     arm = FakeArm(np.array(robot.home), simulated=False, trouble=fail)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
-    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes"])
+    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert done.exit_code == 1
     assert "the cable was pulled; the arm was told to hold where it was" in done.stderr
     assert (len(arm.held), arm.closed) == (1, True)
 
 
-@pytest.mark.parametrize("option", ["--robot=panda", "--scene=shelf", "--object=red", "--onto=table", "--seed=0"])
+@pytest.mark.parametrize("option", ["--object=red", "--onto=table", "--seed=0"])
 def test_what_a_file_has_cannot_be_chosen(option: str, saved: str) -> None:
     for where in ("--sim", "--arm=192.168.1.2"):
         done = CliRunner().invoke(app, ["run", saved, where, option])

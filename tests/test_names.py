@@ -31,7 +31,7 @@ from planner_service.certify import Certifier
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.execute import meant_contacts, taken
-from planner_service.execute.admission import motions_of
+from planner_service.execute.admission import admitted
 from planner_service.task import TaskResult
 from planner_service.view.composition import TOUCHING
 from planner_service.view.figures import AMBER, colours_of
@@ -197,7 +197,8 @@ def test_a_block_called_like_a_finger_is_taken(carried: TaskResult) -> None:
 
 def test_the_executor_knows_fingers_from_what_they_take(carried: TaskResult) -> None:
     robot = load_robot("wxai")
-    assert [motion.grips for motion in motions_of(carried, robot, allow_unproven=False)] == [False, True, False]
+    _, motions = admitted(carried, robot, None, allowed=(), simulated=True, allow_unproven=False)
+    assert [motion.grips for motion in motions] == [False, True, False]
     assert taken(carried, robot) == ("finger_left",)
     assert frozenset(("finger_left (link)", "finger_left (object)")) in meant_contacts(carried)
 

@@ -17,6 +17,7 @@ from planner_service.optimize import Optimise, load_solver
 from planner_service.path import JointPath
 from planner_service.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.planners import PLANNERS, Planner, planner_by_name
+from planner_service.recertify import recertify
 from planner_service.request import PlanRequest
 from planner_service.roadmap.terms import Terms
 from planner_service.robot import Robot, load_robot
@@ -30,10 +31,12 @@ __all__ = [
     "goals",
     "load_libraries",
     "optimise",
+    "pairs_of_texts",
     "planner_or_optimise",
     "reopened",
     "require_obstacles",
     "require_places",
+    "require_proven",
     "service_for",
     "service_of_terms",
     "time_limit_of",
@@ -97,6 +100,19 @@ def _numbers(text: str) -> list[float] | None:
         return [float(part) for part in text.split(",")]
     except ValueError:
         return None
+
+
+def pairs_of_texts(option: str, texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Pairs of names, each written as A:B.
+
+    Raises:
+        InvalidRequest: a text is no such pair.
+    """
+    pairs = tuple(tuple(text.split(":")) for text in texts)
+    for text, names in zip(texts, pairs, strict=True):
+        if len(names) != 2 or not all(names) or names[0] == names[1]:
+            raise InvalidRequest(option, text, "two different names of links or objects with a colon between them")
+    return tuple((names[0], names[1]) for names in pairs)
 
 
 def optimise(clearance: float | None) -> Optimise:
@@ -200,6 +216,26 @@ def reopened(
     if made_for.edge_step is None:
         notes.append("made with an edge step of its maker's own, which no file holds; here it is MotionStep()")
     return saved.within(made_for) if isinstance(saved, SavedTask) else replace(saved, made_for=made_for), notes
+
+
+def require_proven(saved: SavedPlan | SavedTask, allow: Sequence[str] | None) -> None:
+    """Return if the motions of a file are proven again, as far as there are any, in the scene that it brings.
+
+    Args:
+        allow: Pairs that are named again, each written as A:B.
+
+    Raises:
+        NotProven: they are not.
+    """
+    allowed = pairs_of_texts("--allow", allow or ())
+    if isinstance(saved, SavedTask):
+        planned = tuple(segment for segment in saved.segments if segment.result.ok)
+        saved = replace(saved, segments=planned, failure=None)
+        if not planned:
+            return
+    elif not saved.result.ok:
+        return
+    recertify(saved, allowed=allowed).required()
 
 
 def service_of_terms(terms: Terms, robot: str | None, scene: str | None, made: str) -> tuple[PlannerService, list[str]]:

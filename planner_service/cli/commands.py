@@ -20,6 +20,7 @@ from planner_service.cli.arguments import (
     planner_or_optimise,
     require_obstacles,
     require_places,
+    require_proven,
     service_for,
     time_limit_of,
     timing_by_name,
@@ -32,6 +33,7 @@ from planner_service.cli.imported import import_record, import_table, locks, to_
 from planner_service.cli.options import (
     DEFAULT,
     SECONDS,
+    Allow,
     AsJson,
     Blend,
     Clearance,
@@ -247,6 +249,7 @@ def export(
     ] = EXPORTS[0],
     dt: Annotated[float, typer.Option(help="Seconds between points; the exact end is always one.")] = 0.01,
     out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to a file instead of printing.")] = None,
+    allow: Allow = None,
 ) -> None:
     """Write the trajectory of a plan as points in time: positions, velocities and accelerations of all joints."""
     with bad_input_exits():
@@ -257,6 +260,7 @@ def export(
         saved = load_plan(plan_file)
         if saved.result.trajectory is None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
+        require_proven(saved, allow)
         motion, names = saved.result.trajectory, saved.robot.joint_names
         text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:

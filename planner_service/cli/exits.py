@@ -11,7 +11,7 @@ from typing import Any
 import typer
 
 from planner_service.cli.tables import UNATTENDED_WIDTH, console, emit, render
-from planner_service.errors import InvalidRequest, MissingDependency
+from planner_service.errors import InvalidRequest, MissingDependency, NotProven
 from planner_service.outcome import Failure
 
 __all__ = ["BAD_INPUT", "NO_PLAN", "bad_input_exits", "finish", "json_text", "wrapped"]
@@ -27,7 +27,7 @@ MAX_LINES = 10
 
 @contextmanager
 def bad_input_exits() -> Iterator[None]:
-    """End the command with a message and code 2 if its caller made a mistake."""
+    """End the command with a message: code 2 for a mistake of its caller, 1 for a file that is not proven."""
     try:
         yield
     except (InvalidRequest, MissingDependency) as error:
@@ -35,7 +35,7 @@ def bad_input_exits() -> Iterator[None]:
         hidden = len(str(error).splitlines()) - 1 - len(more)
         more += [f"  ... and {hidden} more"] if hidden > 0 else []
         typer.echo("\n".join([f"planner-service: {first}", *more]), err=True)
-        raise typer.Exit(BAD_INPUT) from None
+        raise typer.Exit(NO_PLAN if isinstance(error, NotProven) else BAD_INPUT) from None
 
 
 def finish(

@@ -13,6 +13,7 @@ from planner_service.request import PlanRequest
 __all__ = [
     "DEFAULT",
     "SECONDS",
+    "Allow",
     "AsJson",
     "Blend",
     "Clearance",
@@ -61,6 +62,10 @@ Plot = Annotated[
 ]
 Picture = Annotated[str | None, typer.Option("--png", metavar="FILE", help="Draw a picture of it.")]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
+Allow = Annotated[
+    list[str] | None,
+    typer.Option(metavar="A:B", help="Name again a pair that FILE lets touch and no rule gives; may be repeated."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 
 DEFAULT = PlanRequest((), ())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -12,10 +12,10 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from planner_service.cli.arguments import load_libraries, require_obstacles
+from planner_service.cli.arguments import load_libraries, pairs_of_texts, require_obstacles, service_for
 from planner_service.cli.exits import BAD_INPUT, NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.listings import columns
-from planner_service.cli.options import DEFAULT, AsJson, RobotName, Seed
+from planner_service.cli.options import DEFAULT, Allow, AsJson, Seed
 from planner_service.cli.tables import emit, render
 from planner_service.errors import InvalidRequest
 from planner_service.execute import (
@@ -29,18 +29,15 @@ from planner_service.execute import (
     TrossenDriver,
     execute,
     rehearse,
-    taken,
 )
 from planner_service.execute.trossen import JOINT_NAMES
 from planner_service.interchange import load_world
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import SavedPlan, SavedTask, load_plan_or_task
-from planner_service.proving import proven_anew
+from planner_service.recertify import Recertified, recertify
 from planner_service.request import PlanRequest
 from planner_service.robot import Robot, load_robot
 from planner_service.service import PlannerService
-from planner_service.task import Segment
-from planner_service.trajectory import Trajectory
 
 __all__ = ["run"]
 
@@ -51,7 +48,7 @@ PATIENCE = 0.5
 """Seconds by which a command to the simulated arm may be late: there a stall does no harm."""
 
 
-FOR_PLANNING = {"robot": "--robot", "scene": "--scene", "target": "--object", "onto": "--onto", "seed": "--seed"}
+FOR_PLANNING = {"target": "--object", "onto": "--onto", "seed": "--seed"}
 """Options that say what is planned; a FILE has all that."""
 
 
@@ -68,8 +65,15 @@ def run(
     speed: Annotated[
         float | None, typer.Option(help="Part of the planned speed.  [default: 1 in simulation, 0.2 on an arm]")
     ] = None,
-    robot: RobotName = "wxai",
-    scene: Annotated[str, typer.Option("--scene", help="The scene of a pick-and-place that is planned.")] = "bin",
+    robot: Annotated[
+        str | None,
+        typer.Option(help="The robot that is planned for, or your own, which that of FILE must be.  [default: wxai]"),
+    ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(help="The scene that is planned in, or your own, which that of FILE must be.  [default: bin]"),
+    ] = None,
+    allow: Allow = None,
     target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
     onto: Annotated[str, typer.Option(help="The obstacle on whose middle to place it.")] = "tray",
     seed: Seed = DEFAULT.seed,
@@ -91,12 +95,14 @@ def run(
         if arm is not None:
             if plan_file is None:
                 raise InvalidRequest("FILE", None, "a saved plan or task: look at it before an arm follows it")
-            _on_an_arm(_opened(plan_file), arm, streaming, yes=yes, as_json=as_json)
+            _on_an_arm(_opened(plan_file, robot, scene, allow), arm, streaming, yes=yes, as_json=as_json)
             return
-        opened = None if plan_file is None else _opened(plan_file)
-        if opened is None:
-            plan, done = _planned(load_robot(robot), (scene, target, onto), seed, streaming)
+        if plan_file is None:
+            if allow:
+                raise InvalidRequest("--allow", " ".join(allow), "a FILE whose pairs are named again")
+            plan, done = _planned(load_robot(robot or "wxai"), (scene or "bin", target, onto), seed, streaming)
         else:
+            opened = _opened(plan_file, robot, scene, allow)
             plan, done = opened.plan, _rehearsed(opened, streaming)
     if done is None:
         finish(plan.document(), "", plan.failure if isinstance(plan, SavedTask) else None, (), as_json=as_json)
@@ -106,23 +112,36 @@ def run(
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """A saved plan with what it was made for."""
+    """A saved plan with what was found of it; ``service`` is the operator's own, if it was given."""
 
     plan: SavedPlan | SavedTask
-    service: PlannerService
+    service: PlannerService | None
+    allowed: tuple[tuple[str, str], ...]
+    found: Recertified
 
 
-def _opened(file: str) -> _Opened:
-    plan = load_plan_or_task(file)
-    service = plan.service()
-    return _Opened(proven_anew(plan, service), service)
+def _opened(file: str, robot: str | None, scene: str | None, allow: Sequence[str] | None) -> _Opened:
+    """A saved plan that is proven again, in the world that the operator knows if both parts of it are given.
+
+    Raises:
+        NotProven: it is not.
+    """
+    plan, service = load_plan_or_task(file), None
+    _require_plan(plan)
+    if robot is not None or scene is not None:
+        if robot is None or scene is None:
+            option = "--robot" if robot is None else "--scene"
+            raise InvalidRequest(option, None, "--robot and --scene together: the world of FILE, as you know it")
+        service = service_for(robot, scene)
+    allowed = pairs_of_texts("--allow", allow or ())
+    return _Opened(plan, service, allowed, recertify(plan, service, allowed=allowed).required())
 
 
 def _rehearsed(opened: _Opened, streaming: Streaming) -> Rehearsal:
-    service, plan = opened.service, opened.plan
-    start = _trajectories(plan)[0][1](0.0)
-    with SimulatedArm(service.robot, service.scene, start, loose=taken(plan, service.robot)) as arm:
-        return rehearse(arm, plan, service.robot, streaming)
+    world, plan = opened.found.world, opened.plan
+    start = opened.found.motions[0].leg.trajectory(0.0)
+    with SimulatedArm(world.robot, world.scene, start, loose=opened.found.taken) as arm:
+        return rehearse(arm, plan, world.robot, streaming, service=opened.service, allowed=opened.allowed)
 
 
 def _planned(
@@ -140,38 +159,40 @@ def _planned(
         return task, None if task.failure is not None else rehearse(arm, task, robot, streaming)
 
 
-def _trajectories(plan: SavedPlan | SavedTask) -> list[tuple[str, Trajectory]]:
-    """The motions with their names, in order.
-
-    Raises:
-        InvalidRequest: there is none, or one has no plan.
-    """
-    parts = plan.segments if isinstance(plan, SavedTask) else (Segment("motion", plan.result, 0.0),)
-    found = [(part.name, part.result.trajectory) for part in parts if part.result.trajectory is not None]
-    if not parts or len(found) < len(parts):
+def _require_plan(plan: SavedPlan | SavedTask) -> None:
+    failure = plan.failure if isinstance(plan, SavedTask) else plan.result.failure
+    if failure is not None or (isinstance(plan, SavedTask) and not plan.segments):
         raise InvalidRequest("FILE", "a failure", "a plan")
-    return found
 
 
 def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool, as_json: bool) -> None:
-    robot, plan = opened.service.robot, opened.plan
-    motions = _trajectories(plan)
+    robot, plan, found = opened.found.world.robot, opened.plan, opened.found
     if robot.joint_names != JOINT_NAMES:  # six joints of another arm would be driven, were they near enough
         expected = f"a plan for the WidowX AI, of {JOINT_NAMES[0]} to {JOINT_NAMES[-1]}"
         raise InvalidRequest("FILE", robot.name, expected, message=f"FILE: made for {robot.name}; expected {expected}")
     if not yes:
         speed = HARDWARE_SPEED if streaming.speed is None else streaming.speed
-        names, seconds = ", ".join(name for name, _ in motions), math.fsum(motion.duration for _, motion in motions)
+        names = ", ".join(motion.name for motion in found.motions)
+        seconds = math.fsum(motion.leg.trajectory.duration for motion in found.motions)
+        unjudged = ["", "Not judged:", *(f"  {line}" for line in found.lenience)] if found.lenience else []
+        missing = [] if opened.service else ["It needs --robot and --scene, too: the world that the arm stands in."]
         typer.echo(
-            f"would move the arm at {address}: {names}; {seconds / speed:.1f} s of motion at {speed:g} of the planned "
-            "speed.\nNothing was moved, nor connected to. Rehearse it with --sim, clear the arm's surroundings, have "
-            "its emergency stop at hand, and say --yes.",
+            "\n".join(
+                [
+                    f"would move the arm at {address}: {names}; {seconds / speed:.1f} s of motion at {speed:g} of the "
+                    "planned speed.",
+                    *wrapped(unjudged, "    "),
+                    "Nothing was moved, nor connected to. Rehearse it with --sim, clear the arm's surroundings, have "
+                    "its emergency stop at hand, and say --yes.",
+                    *missing,
+                ]
+            ),
             err=True,
         )
         raise typer.Exit(BAD_INPUT)
     with _ended_as_by_ctrl_c(), closing(TrossenDriver(address)) as driver:
         try:
-            report = execute(plan, driver, robot, streaming)
+            report = execute(plan, driver, None, streaming, service=opened.service, allowed=opened.allowed)
         except ExecutionStopped as stopped:
             report = stopped.report
     _tell(report, plan, as_json=as_json)

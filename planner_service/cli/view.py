@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import sys
 import webbrowser
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated
 
 import typer
 
-from planner_service.cli.arguments import reopened
+from planner_service.cli.arguments import reopened, require_proven
 from planner_service.cli.exits import bad_input_exits
+from planner_service.cli.options import Allow
 from planner_service.cli.tables import emit
 from planner_service.errors import InvalidRequest
 from planner_service.interchange import load_world
@@ -34,12 +36,13 @@ def view(
     host: Annotated[str, typer.Option(help="The address to serve it at: whoever can reach that can use the page.")] = (
         HOST
     ),
+    allow: Allow = None,
     keep: Annotated[bool, typer.Option("--keep", help="Go on when the last window was closed.")] = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
 ) -> None:
     """Show robot, scene and plan on a page in the browser, move joints there and plan; ends when the page is closed."""
     with bad_input_exits():
-        service, shown, notes = opened(file, robot, scene)
+        service, shown, notes = opened(file, robot, scene, allow)
         viewer = open_viewer(service, shown, host=host, port=port, keep=keep)
     with viewer:
         until = "Ctrl-C ends it" if keep else "it ends when the page is closed, or with Ctrl-C"
@@ -49,13 +52,20 @@ def view(
         viewer.wait()
 
 
-def opened(file: str | None, robot: str | None, scene: str | None) -> tuple[PlannerService, Shown | None, list[str]]:
-    """The service, what it is to show, and what is to be said of that."""
+def opened(
+    file: str | None, robot: str | None, scene: str | None, allow: Sequence[str] | None = None
+) -> tuple[PlannerService, Shown | None, list[str]]:
+    """The service, what it is to show, and what is to be said of that.
+
+    Raises:
+        NotProven: the file does not hold what it says in the scene that it brings.
+    """
     if file is None:
         if scene is None:
             raise InvalidRequest("--scene", None, "a scene", message="give a --scene, or the FILE of a plan or a task")
         return PlannerService(load_robot(robot or "wxai"), load_world(scene)), None, []
     made = load_plan_or_task(file)
+    require_proven(made, allow)
     saved, notes = reopened(made, robot, scene)
     service = saved.service()
     if isinstance(saved, SavedTask):

@@ -16,11 +16,21 @@ from planner_service.geometry import FloatArray
 from planner_service.outcome import PlanResult
 from planner_service.peaks import TOLERANCE, peaks
 from planner_service.plan_file import SavedPlan, SavedTask
+from planner_service.recertify import Plan, planned_elsewhere, recertify, require_same_robot, world_of
 from planner_service.robot import Robot
+from planner_service.service import PlannerService
+from planner_service.story import Leg
 from planner_service.task import Segment, TaskResult
 from planner_service.trajectory import Trajectory
 
-__all__ = ["Executable", "Motion", "motions_of", "refusal", "require_drivable", "require_near", "robot_of"]
+__all__ = [
+    "Executable",
+    "Motion",
+    "admitted",
+    "refusal",
+    "require_drivable",
+    "require_near",
+]
 
 Executable = PlanResult | SavedPlan | SavedTask | TaskResult | Trajectory
 
@@ -47,70 +57,79 @@ def require_drivable(motions: Sequence[Motion], robot: Robot, limits: ArmLimits,
         require_near(f"begin of {after.name}", begin, end, robot, near)
 
 
-def robot_of(plan: Executable, robot: Robot | None) -> Robot:
-    """The robot that a plan was made for, as far as that comes with it; else the one that is given."""
-    origins = [origin.service.robot for result in _results(plan) if (origin := result.origin) is not None]
-    if robot is None:
-        if not origins:
-            raise InvalidRequest("robot", None, "the robot the plan was made for: only plans of this process know it")
-        return origins[0]
-    for made in origins:
-        opened = robot if robot.gripper is None or made.gripper is None else robot.with_gripper(made.gripper_width)
-        if made.hash != opened.hash:
-            raise _other_robot(made.name, made.hash, robot)
-    if isinstance(plan, SavedPlan | SavedTask) and plan.robot.hash != robot.hash:
-        raise _other_robot(plan.robot.name, plan.robot.hash, robot)
-    return robot
+def admitted(
+    plan: Executable,
+    robot: Robot | None,
+    service: PlannerService | None,
+    *,
+    allowed: Sequence[tuple[str, str]],
+    simulated: bool,
+    allow_unproven: bool,
+) -> tuple[Robot, list[Motion]]:
+    """The robot that a plan is for, and its motions in order, each proven again unless it need not be.
 
-
-def _results(plan: Executable) -> list[PlanResult]:
-    if isinstance(plan, SavedPlan):
-        return [plan.result]
-    if isinstance(plan, SavedTask | TaskResult):
-        return [segment.result for segment in plan.segments]
-    return [plan] if isinstance(plan, PlanResult) else []
-
-
-def _other_robot(name: str, made_for: str, robot: Robot) -> InvalidRequest:
-    return refusal(
-        "plan", f"made for {name}, {made_for[:12]}", f"a plan made for this robot ({robot.name}, {robot.hash[:12]})"
-    )
-
-
-def motions_of(plan: Executable, robot: Robot, *, allow_unproven: bool) -> list[Motion]:
-    """The motions of a plan, in order, each proven or allowed not to be."""
+    Raises:
+        InvalidRequest: it is no plan, is of another robot or scene, or comes from a file and is to move a real arm
+            without a ``service``.
+        NotProven: it is not proven.
+    """
     if isinstance(plan, Trajectory):
         if not allow_unproven:
             expected = "a plan with its certificate; a bare trajectory only with allow_unproven=True"
             raise InvalidRequest("plan", plan, expected)
-        return [_rested("motion", plan, None)]
-    if isinstance(plan, SavedPlan):
-        plan = plan.result
-    if isinstance(plan, PlanResult):
-        width = robot.gripper_width if plan.origin is None else plan.origin.service.robot.gripper_width
-        return [_proven(Segment("motion", plan, width), robot, allow_unproven=allow_unproven)]
-    if not isinstance(plan, SavedTask | TaskResult):
+        robot = robot if service is None else service.robot
+        if robot is None:
+            raise InvalidRequest("robot", None, "the robot that the trajectory was made for")
+        return robot, [_rested("motion", plan, None)]
+    if not isinstance(plan, PlanResult | SavedPlan | SavedTask | TaskResult):
         raise InvalidRequest("plan", plan, "a plan, a saved plan, a task or a trajectory")
-    if plan.failure is not None or not plan.segments:
-        raise InvalidRequest("plan", str(plan.failure), "a task all of whose motions have a plan")
-    return [_proven(segment, robot, allow_unproven=allow_unproven) for segment in plan.segments]
+    for given in (robot, None if service is None else service.robot):
+        if given is not None:
+            require_same_robot(plan, given)
+    if service is None and not simulated and not allow_unproven and planned_elsewhere(plan):
+        raise _needs_a_service(plan)
+    if allow_unproven:
+        return _unproven(plan, robot if service is None else service.robot)
+    found = recertify(plan, service, allowed=allowed).required()
+    return found.world.robot, [_proven(motion.leg) for motion in found.motions]
 
 
-def _proven(segment: Segment, robot: Robot, *, allow_unproven: bool) -> Motion:
+def _needs_a_service(plan: Plan) -> InvalidRequest:
+    made = world_of(plan)
+    expected = (
+        "the robot and the scene that the arm stands in, as you know them: execute(..., service=PlannerService(robot, "
+        f"scene)), or --robot and --scene. This plan was not made here, but for {made.robot.name} "
+        f"({made.robot.hash[:12]}) in {made.scene.name or 'a scene'} ({made.scene.hash[:12]})"
+    )
+    return refusal("service", "none", expected)
+
+
+def _unproven(plan: Plan, robot: Robot | None) -> tuple[Robot, list[Motion]]:
+    """The motions as they are, their gripper widths apart."""
+    made = [] if isinstance(plan, PlanResult) and plan.origin is None else [world_of(plan).robot]
+    if robot is None and not made:
+        raise InvalidRequest("robot", None, "the robot the plan was made for: only plans of this process know it")
+    robot = made[0] if robot is None else robot
+    if isinstance(plan, SavedTask | TaskResult):
+        return robot, [_as_it_is(segment, robot) for segment in plan.segments]
+    result = plan.result if isinstance(plan, SavedPlan) else plan
+    width = robot.gripper_width if result.origin is None else result.origin.service.robot.gripper_width
+    return robot, [_as_it_is(Segment("motion", result, width), robot)]
+
+
+def _as_it_is(segment: Segment, robot: Robot) -> Motion:
     result = segment.result
     if result.trajectory is None:
         raise InvalidRequest(segment.name, str(result.failure), "a motion with a trajectory")
-    proof, motion = result.certificate, result.trajectory
-    begin, end = (-math.inf, math.inf) if proof is None or proof.part is None else proof.part
-    if not allow_unproven and (proof is None or not proof.certified or begin > motion.begin or end < motion.end):
-        why = "none" if proof is None else str(proof.refusal or f"a proof from s = {begin:g} to {end:g}")
-        raise InvalidRequest(
-            f"certificate of {segment.name}", why, "a proof of the whole motion, or allow_unproven=True"
-        )
+    width = None if robot.gripper is None else robot.with_gripper(segment.width).gripper_width
     fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
     touched = {owner_of(name, robot) for interval in result.exempt for pair in interval.pairs for name in pair}
-    width = None if math.isnan(segment.width) or robot.gripper is None else segment.width
-    return replace(_rested(segment.name, motion, width), grips=bool(fingers & touched))
+    return replace(_rested(segment.name, result.trajectory, width), grips=bool(fingers & touched))
+
+
+def _proven(leg: Leg) -> Motion:
+    width = None if leg.robot.gripper is None else leg.robot.gripper_width
+    return replace(_rested(leg.name, leg.trajectory, width), grips=leg.taken is not None)
 
 
 def _rested(name: str, trajectory: Trajectory, width: float | None) -> Motion:

@@ -25,11 +25,10 @@ import numpy as np
 from planner_service.execute.admission import (
     Executable,
     Motion,
-    motions_of,
+    admitted,
     refusal,
     require_drivable,
     require_near,
-    robot_of,
 )
 from planner_service.execute.arm import Arm, Call
 from planner_service.execute.driver import Driver
@@ -37,6 +36,7 @@ from planner_service.execute.report import ExecutedMotion, ExecutionReport, Exec
 from planner_service.execute.streaming import HARDWARE_SPEED, Streaming
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
+from planner_service.service import PlannerService
 from planner_service.trajectory import MAX_SAMPLES, Trajectory
 
 __all__ = ["execute"]
@@ -66,32 +66,37 @@ def execute(
     robot: Robot | None = None,
     streaming: Streaming | None = None,
     *,
+    service: PlannerService | None = None,
+    allowed: Sequence[tuple[str, str]] = (),
     allow_unproven: bool = False,
 ) -> ExecutionReport:
     """Drive a plan, or all motions of a task with the gripper between them, and say how it went.
 
-    Nothing is commanded before all of it has been checked: that every motion is proven, by a certificate that covers
-    it; that it was made for this very robot; that it stays inside the robot's position
-    limits and the arm's, and below the arm's velocity limits at this speed; that motions follow each other; and that
-    the arm stands where the first begins.
+    Nothing is commanded before all of it has been checked: that it is proven again, whatever its certificates say
+    (``recertify`` lists what that is; it takes a few milliseconds); that it was made for this very robot; that it stays
+    inside the robot's position limits and the arm's, and below the arm's velocity limits at this speed; that motions
+    follow each other; and that the arm stands where the first begins.
 
     Args:
         plan: A ``PlanResult`` or a task, saved ones, or with ``allow_unproven`` a bare ``Trajectory``.
-        robot: The robot it was made for. Not needed for what this process planned; of a result that another process
-            planned, and of a trajectory, the caller alone knows it.
+        robot: The robot it was made for; needed for a trajectory alone.
+        service: The robot and the scene that the arm stands in, to which those of the plan must be equal. A plan from a
+            file needs it to move a real arm, one that another process planned to move any.
+        allowed: Pairs that may touch: those that the plan was made with as ``allowed``, and those of stretches that no
+            rule of picking and placing gives. They are named again by whoever executes.
         allow_unproven: Drive what no certificate says is free of collisions.
 
     Raises:
-        InvalidRequest: a check failed; the arm has not moved.
+        InvalidRequest: a check failed (``NotProven``: the proof); the arm has not moved.
         ExecutionStopped: it began and did not end: the driver failed, the stream was too late, the arm did not follow
             or arrive, or the gripper did not. The arm was told to hold. Ctrl-C does the same, and stays a
             KeyboardInterrupt.
     """
     how = streaming or Streaming()
-    robot = robot_of(plan, robot)
-    motions = motions_of(plan, robot, allow_unproven=allow_unproven)
+    simulated = driver.simulated is True
+    robot, motions = admitted(plan, robot, service, allowed=allowed, simulated=simulated, allow_unproven=allow_unproven)
     arm = Arm(driver, robot)
-    speed = how.speed if how.speed is not None else (1.0 if arm.simulated else HARDWARE_SPEED)
+    speed = how.speed if how.speed is not None else (1.0 if simulated else HARDWARE_SPEED)
     require_drivable(motions, robot, arm.limits, speed, how.start_tolerance)
     run = _Run(arm, robot, how, speed)
     run.require_at("start", motions[0], 0.0)

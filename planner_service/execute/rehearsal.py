@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +18,7 @@ from planner_service.geometry import Pose, copied_in
 from planner_service.outcome import PlanResult
 from planner_service.plan_file import SavedPlan
 from planner_service.robot import Robot
+from planner_service.service import PlannerService
 from planner_service.trajectory import Trajectory
 
 __all__ = ["Rehearsal", "meant_contacts", "rehearse", "taken"]
@@ -66,6 +67,8 @@ def rehearse(
     robot: Robot,
     streaming: Streaming | None = None,
     *,
+    service: PlannerService | None = None,
+    allowed: Sequence[tuple[str, str]] = (),
     allow_unproven: bool = False,
 ) -> Rehearsal:
     """Execute a plan on a simulated arm, which stands where it begins; see ``execute``.
@@ -77,7 +80,9 @@ def rehearse(
     with closing(arm.connect()) as driver:
         ended: ExecutionStopped | None = None
         try:
-            report = execute(plan, driver, robot, streaming, allow_unproven=allow_unproven)
+            report = execute(
+                plan, driver, robot, streaming, service=service, allowed=allowed, allow_unproven=allow_unproven
+            )
         except ExecutionStopped as stopped:
             report, ended = stopped.report, stopped
         try:

@@ -1,0 +1,226 @@
+"""Curves: what a proof claims of random and near-contact curves, next to the least gap that a search of them finds."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.attack.domain import GAPS, LONGEST, SPEEDS
+from benchmarks.attack.harness import Case, Part, Wrong
+from benchmarks.attack.worlds import World, draw_world, random_states
+from planner_service import CollisionChecker, JointPath, SCurve, ToppRa, Trapezoidal
+from planner_service.certify import Certifier, EdgeVerdict
+from planner_service.errors import InvalidRequest, PlannerServiceError
+from planner_service.geometry import FloatArray
+
+if TYPE_CHECKING:
+    from tests.independent import IndependentChecker
+
+__all__ = ["Attack"]
+
+CURVES, PUSHES = 4, 4
+"""Curves of one world, and how often an obstacle is pushed towards each."""
+
+SAMPLES, LOWEST, HALVINGS = 48, 3, 14
+"""Places of a curve that are asked at first, how many of them are followed down, and how far."""
+
+COAL, NEAR = 5e-6, 4e-5
+"""Metres to which Coal's positive distance is right, and below which support functions are asked."""
+
+KINKS, SLACK = 400, 1e-6
+
+
+class Attack(Part):
+    name = "curves"
+    what = "the clearance that a proof claims, and the least gap that a search over the curve finds with Coal"
+    lists = ("obstacles", "waypoints", "shapes")
+
+    def draw(self, rng: np.random.Generator) -> Case:
+        return draw_world(rng, 5) | {"seed": int(rng.integers(2**31))}
+
+    def run(self, case: Case) -> int:
+        with tempfile.TemporaryDirectory() as folder:
+            world = World(case, Path(folder))
+            second = world.independent()
+        if "waypoints" in case:
+            points = np.array(case["waypoints"]).reshape(-1, world.robot.n)
+            self._judge(world, Certifier(world.robot, world.scene), second, _curve(points, case["round"]))
+            return 1
+        rng, count = np.random.default_rng(case["seed"]), 0
+        original = case["obstacles"]
+        for _ in range(CURVES):
+            case["obstacles"] = [dict(obstacle) for obstacle in original]
+            found = _points(world, rng)
+            if found is None:
+                continue
+            case["waypoints"], case["round"] = found.tolist(), float(rng.choice((0.0, 0.3, 0.9)))
+            curve = _curve(found, case["round"])
+            certifier = Certifier(world.robot, world.scene)
+            at = self._judge(world, certifier, second, curve)
+            count += 1
+            if rng.random() < 0.25:
+                self._timed(world, curve, rng)
+            moved = world
+            for _ in range(PUSHES if original else 0):
+                moved = _pushed(moved, case, second, curve(at), rng)
+                self._judge(moved, Certifier(moved.robot, moved.scene), second, curve)
+                count += 1
+            for body, plain in zip(world.scene.obstacles, original, strict=True):
+                _place(second, body.name, plain["xyz"])
+        for key in ("waypoints", "round"):
+            case.pop(key, None)
+        case["obstacles"] = original
+        return max(count, 1)
+
+    def _judge(self, world: World, certifier: Certifier, second: IndependentChecker, curve: JointPath) -> float:
+        """Compare, and say where on the curve the least gap was found."""
+        proof = certifier.certify(curve)
+        least, at = _least(second, curve)
+        self.counted["certified" if proof.certified else "refused by the proof"] += 1
+        if proof.certified:
+            if least - proof.clearance < COAL and least < NEAR:
+                least = min(second.exact_gap(curve(at)), NEAR)
+            slack = least - proof.clearance
+            self.extreme("least true less claimed clearance, m:", slack)
+            self.extreme("least clearance proven, m:", proof.clearance)
+            if least <= 0.0 or slack < (-SLACK if least < NEAR else -COAL):
+                raise Wrong(
+                    "a certified curve is as free as is claimed", f"{proof.clearance:.4g} m, {least:.4g} at {at}"
+                )
+        elif proof.refusal is not None and least > 1e-3 and not proof.refusal.spent:
+            raise Wrong("a curve is refused near contact only", f"{least:.4g} m from contact: {proof.refusal}")
+        self.counted["spent"] += proof.refusal is not None and proof.refusal.spent
+        points = curve.waypoints
+        for a, b in pairwise(points):
+            edge = certifier.certify_edge(a, b)
+            straight = JointPath(np.array([a, b]))
+            self.counted["edges"] += 1
+            if edge.verdict is EdgeVerdict.COLLIDING and _gap(second, straight(edge.s)) > COAL:
+                raise Wrong("an edge that is proven to collide does", f"at {edge.s}: {edge}")
+            if edge.verdict is EdgeVerdict.FREE:
+                places = straight(np.linspace(0.0, straight.length, 5))
+                if any(_gap(second, q) <= 0.0 and not second.exact_gap(q) > 0.0 for q in places):
+                    raise Wrong("an edge that is proven free is", f"{a.tolist()} to {b.tolist()}")
+        q = curve(at)
+        claimed = float(certifier.clearances(q[None])[0])
+        if claimed > _gap(second, q) + COAL and claimed > 0.0:
+            raise Wrong("a clearance is a lower bound", f"{claimed:.6g} m claimed at {q.tolist()}")
+        return at
+
+    def _timed(self, world: World, curve: JointPath, rng: np.random.Generator) -> None:
+        """The time law keeps the limits it was given."""
+        scale = float(rng.uniform(*SPEEDS))
+        limits = replace(world.robot.limits, velocity=scale * world.robot.limits.velocity)
+        law = (ToppRa(), Trapezoidal(), SCurve())[int(rng.integers(3))]
+        try:
+            motion = law.time_path(curve, limits)
+        except PlannerServiceError as error:
+            if isinstance(error, InvalidRequest):
+                return
+            raise Wrong("a curve can be timed", f"{type(law).__name__}: {error}") from None
+        t = np.linspace(0.0, motion.duration, KINKS)
+        for order, most in ((1, limits.velocity), (2, limits.acceleration)):
+            part = float((np.abs(motion(t, order)) / most).max())
+            self.extreme("most of a limit that a time law uses:", part)
+            if not part <= 1.0 + SLACK:
+                raise Wrong("a time law keeps the limits", f"{type(law).__name__}, order {order}: {part:.6g} of it")
+        self.counted["timed"] += 1
+
+
+def _points(world: World, rng: np.random.Generator) -> FloatArray | None:
+    """Waypoints of a polyline, each free, or None where nothing is."""
+    robot, checker = world.robot, CollisionChecker(world.robot, world.scene)
+    Q = random_states(robot, 100, rng)
+    Q = Q[checker.states_are_free(Q)]
+    if not len(Q):
+        return None
+    points = [Q[0]]
+    step = float(10.0 ** rng.uniform(-1.5, 0.0)) * (robot.limits.upper - robot.limits.lower)
+    for _ in range(int(rng.integers(1, LONGEST))):
+        ways = points[-1] + step * rng.uniform(-0.5, 0.5, (8, robot.n))
+        ways = np.clip(ways, robot.limits.lower, robot.limits.upper)
+        good = ways[checker.states_are_free(ways)]
+        if len(good):
+            points.append(good[0])
+    return np.array(points if len(points) > 1 else [Q[0], 0.99 * Q[0] + 0.01 * robot.home])
+
+
+def _curve(points: FloatArray, share: float) -> JointPath:
+    """A polyline, every corner rounded as far as the share says, but where it all but turns back."""
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if len(points) < 3 or not share or lengths.min() < 1e-6:
+        return JointPath(points)
+    widths = [0.0, *(share * 0.5 * np.minimum(lengths[:-1], lengths[1:])).tolist(), 0.0]
+    ways = np.diff(points, axis=0) / lengths[:, None]
+    for k in range(1, len(points) - 1):
+        if np.abs(ways[k - 1] + ways[k]).max() < 0.3:
+            widths[k] = 0.0
+    return JointPath(points).with_blends(widths)
+
+
+def _gap(second: IndependentChecker, q: FloatArray) -> float:
+    """The least of Coal's gaps at a configuration."""
+    return min(second.gaps(q).values(), default=math.inf)
+
+
+def _least(second: IndependentChecker, curve: JointPath) -> tuple[float, float]:
+    """The least gap that is found along a curve, and where: samples, then the lowest of them followed down."""
+    places = np.union1d(np.linspace(0.0, curve.length, SAMPLES), curve.length * np.arange(1, 8) / 8)
+    step = curve.length / SAMPLES
+
+    def gap(s: float) -> float:
+        return _gap(second, curve(s))
+
+    gaps = np.array([gap(float(s)) for s in places])
+    best, at = math.inf, 0.0
+    for k in np.argsort(gaps)[:LOWEST]:
+        s, value = _descended(gap, float(places[k]), float(gaps[k]), step, curve.length)
+        if value < best:
+            best, at = value, s
+        if best < 0.0:
+            break
+    return best, at
+
+
+def _descended(gap: Callable[[float], float], s: float, value: float, step: float, end: float) -> tuple[float, float]:
+    for _ in range(HALVINGS):
+        for other in (s - step, s + step):
+            if 0.0 <= other <= end and (found := gap(other)) < value:
+                s, value = other, found
+                break
+        else:
+            step *= 0.4
+    return s, value
+
+
+def _place(second: IndependentChecker, name: str, position: object) -> None:
+    shape = second.geometry.geometryObjects[second.owners.index(name)]
+    placement = shape.placement.copy()
+    placement.translation = np.array(position, dtype=np.float64)
+    shape.placement = placement
+
+
+def _pushed(world: World, case: Case, second: IndependentChecker, q: FloatArray, rng: np.random.Generator) -> World:
+    """The world with one obstacle pushed towards the robot at q until there is a drawn gap; the case says so, too."""
+    number = int(rng.integers(len(case["obstacles"])))
+    plain = case["obstacles"][number]
+    name, there = plain["name"], np.array(plain["xyz"])
+    positions = np.array(world.robot.body_poses(q))[:, 9:]
+    way = positions[int(rng.integers(len(positions)))] - there + rng.normal(size=3) * 0.02
+    way /= np.linalg.norm(way)
+    wanted = float(np.exp(rng.uniform(*np.log(GAPS))))
+    for _ in range(12):
+        gap = min((g for pair, g in second.gaps(q).items() if name in pair), default=math.inf)
+        if not math.isfinite(gap) or abs(gap - wanted) < 0.05 * wanted:
+            break
+        there = there + min(gap - wanted, 1.0) * way
+        _place(second, name, there)
+    plain["xyz"] = there.tolist()
+    return world.moved(name, there)

@@ -1,0 +1,255 @@
+"""``python -m benchmarks attack``: run the attacks, make what they find small, store it, and tell."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from benchmarks.arguments import whole
+from benchmarks.attack.harness import Finding, Part, further, read_finding
+from benchmarks.attack.jail import Jail
+from benchmarks.report import table
+from planner_service.errors import InvalidFile
+
+__all__ = ["PARTS", "Summary", "main", "maker", "markdown", "replayed", "run_part"]
+
+PARTS = {"api": 15, "files": 40, "curves": 15, "states": 15, "roadmaps": 10, "threads": 5, "kill": 8, "soak": 12}
+"""The attacks, and how a run of all of them shares its time."""
+
+KINDS = ("crash", "hang", "untyped", "invariant", "wrong", "memory", "leftover")
+
+LESS = 0.2
+"""Of the time of a part, at most, goes into making findings smaller."""
+
+USAGE = """\
+attack [PART...]            run all attacks, or some, sharing the time; the exit code is 1 if anything was found
+attack replay FILE...       run stored findings again; the exit code is 1 if any still does harm
+attack table FOLDER...      the table of finished runs, added up; --markdown FILE puts it into a text
+"""
+
+MARKS = ("<!-- attack: begin -->", "<!-- attack: end -->")
+
+
+@dataclass
+class Summary:
+    """What one part did."""
+
+    name: str
+    inputs: int = 0
+    passed: int = 0
+    refused: int = 0
+    seconds: float = 0.0
+    found: dict[str, int] = field(default_factory=dict)
+    counted: dict[str, int] = field(default_factory=dict)
+    extremes: dict[str, float] = field(default_factory=dict)
+
+    def add(self, other: Summary) -> None:
+        """Add what another run of the same part did."""
+        for key in ("inputs", "passed", "refused", "seconds"):
+            setattr(self, key, getattr(self, key) + getattr(other, key))
+        self.found = dict(Counter(self.found) + Counter(other.found))
+        self.counted = dict(Counter(self.counted) + Counter(other.counted))
+        for key, value in other.extremes.items():
+            self.extremes[key] = further(key, value, self.extremes.get(key))
+
+
+def maker(name: str) -> Callable[[], Part]:
+    """What makes a part of that name."""
+    made: Callable[[], Part] = importlib.import_module(f"benchmarks.attack.{name}").Attack
+    return made
+
+
+def run_part(name: str, seed: int, seconds: float, most: int) -> tuple[Summary, list[Finding]]:
+    """Attack for so many seconds or inputs; what was done, and one finding for each signature."""
+    summary, found = Summary(name), dict[str, Finding]()
+    began = time.perf_counter()
+
+    def note(kind: str, signature: str, detail: str, number: int, case: dict[str, Any]) -> None:
+        had = found.get(signature)
+        new = Finding(name, kind, signature, detail, seed, number, case)
+        found[signature] = new if had is None else replace(had, seen=had.seen + 1)
+        summary.found[kind] = summary.found.get(kind, 0) + 1
+
+    with Jail(maker(name), seconds=seconds * 1.5) as jail:
+        for answer in jail.campaign(seed, 0, began + seconds, most):
+            if answer[0] == "told":
+                kinds, counted, extremes = answer[1:]
+                told = Summary(name, *(kinds.get(key, 0) for key in ("inputs", "passed", "refused")))
+                told.counted, told.extremes = counted, extremes
+                summary.add(told)
+            elif answer[0] == "found":
+                _, number, outcome, case = answer
+                note(outcome.kind, outcome.signature, outcome.detail, number, case)
+            else:
+                _, kind, signature, detail, number = answer
+                note(kind, signature, detail, number, {})
+                summary.inputs += 1
+        summary.seconds = time.perf_counter() - began
+        for pid in jail.end():
+            note("leftover", "a process is left", f"process {pid}", -1, {})
+        for file in jail.leftovers():
+            note("leftover", "a half-written file is left", file, -1, {})
+    until = time.perf_counter() + max(5.0, LESS * seconds)
+    for signature, finding in list(found.items()):
+        left = until - time.perf_counter()
+        if finding.number >= 0 and left > 0.0:
+            found[signature] = minimised(finding, max(1.0, 2.0 * left / len(found)))
+    return summary, list(found.values())
+
+
+def minimised(finding: Finding, seconds: float) -> Finding:
+    """The finding with the smallest input found, in so many seconds, that does the same."""
+    until = time.perf_counter() + seconds
+    make = maker(finding.part)
+    with Jail(make, seconds=seconds) as jail:
+        case: dict[str, Any] = finding.case
+        outcome, drawn = jail.ask(case or (finding.seed, finding.number))
+        case = case or drawn
+        if outcome.signature != finding.signature:  # it needs what came before it
+            return replace(finding, case=case, detail=f"{finding.detail} (not when run alone)")
+        part, found = make(), True
+        while found:
+            found = False
+            for less in part.smaller(case):
+                if time.perf_counter() > until:
+                    break
+                outcome, _ = jail.ask(less)
+                if outcome.signature == finding.signature:
+                    case, found = less, True
+                    finding = replace(finding, detail=outcome.detail)
+                    break
+    return replace(finding, case=case, minimised=True)
+
+
+def replayed(finding: Finding) -> tuple[str, str]:
+    """How the input of a finding goes now: passed, refused or the kind of a finding, and more in words."""
+    with Jail(maker(finding.part)) as jail:
+        outcome, _ = jail.ask(finding.case or (finding.seed, finding.number))
+    return outcome.kind, outcome.detail
+
+
+def main(arguments: Sequence[str], console: Console) -> int:
+    """Exit code 1 if anything was found."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks attack", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", nargs="*", help=f"{', '.join(PARTS)}; replay FILE...; table FOLDER...")
+    parser.add_argument("--minutes", type=float, default=8.0, metavar="N", help="for all parts together")
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of what is drawn")
+    parser.add_argument("--inputs", type=whole(1), metavar="N", help="end each part after so many")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where findings and the summary go")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="put the table between the marks of a text")
+    asked = parser.parse_args(arguments)
+    if asked.what[:1] == ["replay"]:
+        return _replay([Path(name) for name in asked.what[1:]], console)
+    if asked.what[:1] == ["table"]:
+        return _tell([Path(name) for name in asked.what[1:]], asked.markdown, console)
+    if unknown := [name for name in asked.what if name not in PARTS]:
+        parser.error(f"unknown attack {unknown[0]!r}; there are {', '.join(PARTS)}")
+    if not (math.isfinite(asked.minutes) and asked.minutes > 0.0):
+        parser.error("argument --minutes: more than 0")
+    return _attack(asked, console)
+
+
+def _attack(asked: argparse.Namespace, console: Console) -> int:
+    names = asked.what or list(PARTS)
+    out = asked.out or Path("results") / f"attack-{asked.seed}"
+    out.mkdir(parents=True, exist_ok=True)
+    whole_share, bad = sum(PARTS[name] for name in names), 0
+    most = asked.inputs or 2**62
+    for old in [out / f"{name}.json" for name in names] + [
+        f for name in names for f in out.glob(f"finding-{name}-*.json")
+    ]:
+        old.unlink(missing_ok=True)
+    for name in names:
+        seconds = 60.0 * asked.minutes * PARTS[name] / whole_share
+        summary, findings = run_part(name, asked.seed, seconds, most)
+        _write(out / f"{name}.json", json.dumps(asdict(summary), indent=1) + "\n")
+        for k, finding in enumerate(findings):
+            file = out / f"finding-{name}-{k}.json"
+            _write(file, finding.text())
+            line = f"{name}: {finding.signature}, {finding.seen} times: {finding.detail[:300]}; {file}"
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+        bad += len(findings)
+    _tell([out], asked.markdown, console)
+    return 1 if bad else 0
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _replay(files: Sequence[Path], console: Console) -> int:
+    bad = 0
+    for file in files:
+        try:
+            finding = read_finding(file)
+        except (OSError, ValueError, TypeError) as error:
+            raise InvalidFile(file, [f"no stored finding: {error}"]) from None
+        kind, detail = replayed(finding)
+        bad += kind not in ("passed", "refused")
+        console.print(f"{file}: {kind} {detail}", markup=False, highlight=False, soft_wrap=True)
+    return 1 if bad else 0
+
+
+def _summaries(folders: Sequence[Path]) -> list[Summary]:
+    out = dict[str, Summary]()
+    for name in PARTS:
+        for folder in folders:
+            if (file := folder / f"{name}.json").is_file():
+                out.setdefault(name, Summary(name)).add(Summary(**json.loads(file.read_text("utf-8"))))
+    return list(out.values())
+
+
+COLUMNS = ("attack", "inputs", "answered", "refused", *KINDS, "minutes")
+
+
+def _cells(summaries: Sequence[Summary]) -> list[list[str]]:
+    rows = []
+    for one in summaries:
+        kinds = [f"{one.found.get(kind, 0):,}" for kind in KINDS]
+        rows.append([one.name, f"{one.inputs:,}", f"{one.passed:,}", f"{one.refused:,}", *kinds])
+        rows[-1].append(f"{one.seconds / 60.0:.1f}")
+    return rows
+
+
+def _tell(folders: Sequence[Path], text: Path | None, console: Console) -> int:
+    summaries = _summaries(folders)
+    console.print(table("Attacks", COLUMNS, _cells(summaries)))
+    for line in _measured(summaries):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if text is not None:
+        old = text.read_text("utf-8")
+        if any(old.count(mark) != 1 for mark in MARKS):
+            raise InvalidFile(text, [f"no marks to put the table between: {' and '.join(MARKS)}"])
+        before, rest = old.split(MARKS[0])
+        _write(text, f"{before}{MARKS[0]}\n\n{markdown(summaries)}\n{MARKS[1]}{rest.split(MARKS[1])[1]}")
+    return 0
+
+
+def _measured(summaries: Sequence[Summary]) -> list[str]:
+    """What was counted and measured, a line for each part that did."""
+    lines = []
+    for one in summaries:
+        told = [f"{value:,} {key}" for key, value in sorted(one.counted.items())]
+        told += [f"{key} {value:.3g}" for key, value in sorted(one.extremes.items())]
+        if told:
+            lines.append(f"{one.name}: {', '.join(told)}")
+    return lines
+
+
+def markdown(summaries: Sequence[Summary]) -> str:
+    """The table, and what was counted and measured, as Markdown."""
+    rows = [list(COLUMNS), ["---", *["---:"] * (len(COLUMNS) - 1)], *_cells(summaries)]
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(lines) + "\n\n" + "".join(f"- {line}.\n" for line in _measured(summaries))

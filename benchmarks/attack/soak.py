@@ -1,0 +1,109 @@
+"""Soak: mixed calls without end, memory flat, and a canary that is answered with the same bits all along."""
+
+from __future__ import annotations
+
+import gc
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.attack.harness import Case, Part, Wrong
+from benchmarks.attack.jail import rss
+from benchmarks.attack.threads import alone, digest, requests
+from planner_service import (
+    Box,
+    CollisionChecker,
+    LazyPRM,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    Pose,
+    Scene,
+    inverse_kinematics,
+    load_scene,
+    save_scene,
+)
+from planner_service.plan_file import load_plan
+
+__all__ = ["Attack"]
+
+WHAT = ("check", "edge", "contacts", "certify", "kinematics", "plan", "scene", "service", "file", "roadmap")
+SHARES = (0.3, 0.2, 0.1, 0.1, 0.1, 0.05, 0.05, 0.03, 0.05, 0.02)
+
+WARM, EVERY = 3_000, 500
+"""Calls before memory is measured for the first time, and between two measurements."""
+
+GROWTH = 60_000_000
+"""Bytes that memory may have grown since then."""
+
+
+class Attack(Part):
+    name = "soak"
+    what = "mixed calls with memory measured, and a plan asked again and again for the same bits"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._calls, self._base = 0, 0
+        self._made: tuple[PlannerService, list[PlanRequest], list[tuple[Any, ...]]] | None = None
+
+    def draw(self, rng: np.random.Generator) -> Case:
+        return {"what": str(rng.choice(WHAT, p=SHARES)), "seed": int(rng.integers(2**31))}
+
+    def run(self, case: Case) -> None:
+        if self._made is None:
+            service = PlannerService("wxai", "bin")
+            asked = requests(service)
+            self._made = service, asked, alone(service, asked)
+        service, asked, known = self._made
+        self._call(case["what"], service, asked, np.random.default_rng(case["seed"]))
+        self._calls += 1
+        if self._calls % EVERY:
+            return
+        number = self._calls // EVERY % len(asked)
+        if digest(service.plan(asked[number])) != known[number]:
+            raise Wrong("the canary plan is the same")
+        self.counted["canaries"] += 1
+        gc.collect()
+        now = rss()
+        if self._calls == WARM:
+            self._base = now
+        if self._base:
+            grown = now - self._base
+            self.extreme("most MB grown since warm:", grown / 1e6)
+            if grown > GROWTH:
+                self._base = now
+                raise Wrong("memory stays flat", f"{grown / 1e6:.0f} MB more after {self._calls} calls")
+
+    def _call(self, what: str, service: PlannerService, asked: list[PlanRequest], rng: np.random.Generator) -> None:
+        robot, checker = service.robot, service.checker
+        lower, upper = robot.limits.lower, robot.limits.upper
+        Q = lower + (upper - lower) * rng.random((4, robot.n))
+        request = asked[int(rng.integers(len(asked)))]
+        if what == "check":
+            checker.states_are_free(Q)
+        elif what == "edge":
+            checker.edge_is_free(Q[0], Q[1])
+        elif what == "contacts":
+            checker.contacts(Q[0])
+            checker.clearance(Q[1])
+        elif what == "certify":
+            service.certify(Q[:2])
+        elif what == "kinematics":
+            inverse_kinematics(robot, Pose.from_matrix(robot.tool_pose(Q[0])))
+        elif what == "plan":
+            service.plan(request)
+        elif what == "scene":
+            box = Obstacle("new", Box((0.1, 0.1, 0.1)), Pose(tuple(rng.uniform(0.5, 1.0, 3))))
+            CollisionChecker(robot, Scene((*service.scene.obstacles, box))).state_is_free(Q[0])
+        elif what == "service":
+            PlannerService(robot, service.scene).certify(Q[:2])
+        elif what == "file":
+            with tempfile.TemporaryDirectory() as name:
+                save_scene(service.scene, Path(name) / "s.toml")
+                load_scene(Path(name) / "s.toml")
+                service.plan(request).save(Path(name) / "p.json")
+                load_plan(Path(name) / "p.json")
+        else:
+            service.build_roadmap(LazyPRM(30, 4), seed=int(rng.integers(100)), progress=False)

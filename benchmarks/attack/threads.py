@@ -1,0 +1,101 @@
+"""Threads: plans, checks, limits and cancels of one service at once, with the counts and bits that each has alone."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from benchmarks.attack.harness import Case, Part, Wrong
+from planner_service import CancelToken, PlannerService, PlanRequest, PlanResult
+
+__all__ = ["Attack", "alone", "digest", "requests"]
+
+THREADS = 4
+SCENES = ("table", "post", "bin")
+WHAT = ("plan", "check", "certify", "limit", "cancel")
+
+
+def requests(service: PlannerService, count: int = 8) -> list[PlanRequest]:
+    """Requests whose answers the clock has no say in."""
+    rng, robot = np.random.default_rng(5), service.robot
+    Q = robot.limits.lower + (robot.limits.upper - robot.limits.lower) * rng.random((400, robot.n))
+    goals = Q[service.checker.states_are_free(Q)][:count]
+    return [PlanRequest(robot.home, goal, seed=k, time_limit=None, max_checks=6_000) for k, goal in enumerate(goals)]
+
+
+def digest(result: PlanResult) -> tuple[Any, ...]:
+    """What of a plan has to be the same whenever it is made."""
+    path = b"" if result.path is None else result.path.waypoints.tobytes() + result.path.blends.tobytes()
+    times = b"" if result.trajectory is None else result.trajectory.coefficients.tobytes()
+    return path, times, tuple((report.stage, report.counts) for report in result.stages)
+
+
+def alone(service: PlannerService, asked: list[PlanRequest]) -> list[tuple[Any, ...]]:
+    """The digests of plans made one after another."""
+    return [digest(service.plan(request)) for request in asked]
+
+
+class Attack(Part):
+    name = "threads"
+    what = "plans, checks, limits and cancels of one service in several threads, compared with each alone"
+    limit = 20.0
+    lists = ("work",)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._known: dict[str, tuple[PlannerService, list[PlanRequest], list[tuple[Any, ...]]]] = {}
+
+    def draw(self, rng: np.random.Generator) -> Case:
+        works = [[[str(w), int(rng.integers(8))] for w in rng.choice(WHAT, 5)] for _ in range(THREADS)]
+        return {"scene": str(rng.choice(SCENES)), "work": works}
+
+    def run(self, case: Case) -> int:
+        name = case["scene"]
+        if name not in self._known:
+            service = PlannerService("wxai", name)
+            asked = requests(service)
+            self._known[name] = service, asked, alone(service, asked)
+        service, asked, known = self._known[name]
+        wrong: list[BaseException] = []
+
+        def work(items: list[Any]) -> None:
+            try:
+                for what, number in items:
+                    self._one(what, service, asked[number % len(asked)], known[number % len(asked)])
+            except BaseException as error:
+                wrong.append(error)
+
+        threads = [threading.Thread(target=work, args=(items,), daemon=True) for items in case["work"]]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        if wrong:
+            raise wrong[0]
+        if digest(service.plan(asked[0])) != known[0]:
+            raise Wrong("after threads a plan is the same")
+        return max(1, sum(map(len, case["work"])))
+
+    def _one(self, what: str, service: PlannerService, request: PlanRequest, known: tuple[Any, ...]) -> None:
+        self.counted[what] += 1
+        if what == "plan":
+            if digest(service.plan(request)) != known:
+                raise Wrong("among threads a plan is the same")
+        elif what == "cancel":
+            token = CancelToken()
+            timer = threading.Timer(0.005, token.cancel)
+            timer.start()
+            found = service.plan(request, cancel=token)
+            timer.cancel()
+            if found.deterministic and digest(found) != known:
+                raise Wrong("a plan that was not cancelled is the same")
+        elif what == "certify":
+            service.certify(np.stack([request.start, request.start]))
+        elif what == "limit":
+            checker = service.checker.variant()
+            with checker.limited(states=10**6):
+                checker.states_are_free(np.stack([request.start]))
+        elif not service.checker.state_is_free(request.start):
+            raise Wrong("a state is judged the same among threads")

@@ -1,0 +1,416 @@
+"""Nothing that a plan says of itself is believed: motions, time laws and exemptions are proven or derived anew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service import (
+    Attached,
+    Box,
+    Certificate,
+    ExemptInterval,
+    InvalidRequest,
+    JointPath,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    Pose,
+    Scene,
+    SCurve,
+    Segment,
+    Trajectory,
+    Trapezoidal,
+)
+from planner_service.execute import Streaming, execute, execution
+from planner_service.follow import AllowedStretch
+from planner_service.pick_place import plan_pick_place
+from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
+from planner_service.recertify import recertify
+from planner_service.task import TaskResult
+from tests.arms import FakeArm, FakeTime
+
+QUICK = Streaming(settle=0.02, gripper_time=0.1)
+ABOVE_TRAY = Pose((0.20, 0.28, 0.15), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
+
+
+@pytest.fixture(scope="module")
+def bin_() -> PlannerService:
+    return PlannerService("wxai", "bin")
+
+
+@pytest.fixture(scope="module")
+def home(bin_: PlannerService) -> Any:
+    return bin_.robot.home
+
+
+@pytest.fixture(scope="module")
+def good(bin_: PlannerService, home: Any) -> PlanResult:
+    """Around the post, to above the tray."""
+    return bin_.plan(PlanRequest(home, ABOVE_TRAY, seed=7))
+
+
+@pytest.fixture(scope="module")
+def task(bin_: PlannerService, home: Any) -> SavedTask:
+    return plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, seed=0))
+
+
+@pytest.fixture(scope="module")
+def read(task: SavedTask, tmp_path_factory: pytest.TempPathFactory) -> SavedTask:
+    """The same from a file."""
+    path = tmp_path_factory.mktemp("tasks") / "task.json"
+    save_plan(task, path)
+    return load_task(path)
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
+    clock = FakeTime()
+    monkeypatch.setattr(execution, "time", clock)
+    return clock
+
+
+def saved(service: PlannerService, result: PlanResult, folder: Path, request: PlanRequest | None = None) -> SavedPlan:
+    """A plan as it comes back from a file."""
+    save_plan(SavedPlan(MadeFor.of(service), request, result), folder / "plan.json")
+    return load_plan(folder / "plan.json")
+
+
+def along(result: PlanResult, path: JointPath, service: PlannerService, *exempt: ExemptInterval) -> PlanResult:
+    """A plan whose path was replaced, with a certificate that says all is well."""
+    motion = Trapezoidal().time_path(path, service.robot.limits)
+    return replace(result, path=path, trajectory=motion, certificate=Certificate(0.05, 1000, 0.0, exempt))
+
+
+def through_the_post(good: PlanResult, service: PlannerService, *exempt: ExemptInterval) -> PlanResult:
+    assert good.path is not None
+    path = JointPath(good.path.waypoints[[0, -1]])
+    assert not service.certify(path).certified
+    return along(good, path, service, *exempt)
+
+
+def everything(service: PlannerService, length: float) -> ExemptInterval:
+    links = dict.fromkeys(shape.link for shape in service.robot.shapes)
+    pairs = tuple((link, obstacle.name) for link in links for obstacle in service.scene.obstacles)
+    return ExemptInterval(0.0, length, pairs, "grasp")
+
+
+def objections(plan: Any, **options: Any) -> str:
+    return "\n".join(recertify(plan, **options).objections)
+
+
+def refused(plan: Any, match: str, service: PlannerService, **options: Any) -> None:
+    """Neither proven nor driven."""
+    with pytest.raises(InvalidRequest, match=match):
+        recertify(plan, **options).required()
+    first = plan.segments[0].result if isinstance(plan, SavedTask | TaskResult) else getattr(plan, "result", plan)
+    arm = FakeArm(np.array(first.trajectory(0.0)))
+    with pytest.raises(InvalidRequest, match=match):
+        execute(plan, arm, service.robot, QUICK, **options)
+    assert (arm.told, arm.widths) == ([], [])
+
+
+def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(
+    bin_: PlannerService, good: PlanResult, tmp_path: Path
+) -> None:
+    for plan in (good, saved(bin_, good, tmp_path)):
+        found = recertify(plan)
+        assert (found.certified, found.objections, found.lenience) == (True, (), ())
+        assert good.certificate is not None
+        assert found.motions[0].certificate.clearance == good.certificate.clearance
+        arm = FakeArm(np.array(bin_.robot.home))
+        assert execute(plan, arm, bin_.robot, QUICK).ok
+
+
+def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: SavedTask, read: SavedTask) -> None:
+    in_memory = TaskResult(task.segments, task.service(), task.service().robot.home)
+    fingers = "finger_left x blue_block, finger_right x blue_block"
+    for plan in (task, in_memory, read):
+        found = recertify(plan).required()
+        assert [motion.name for motion in found.motions] == [segment.name for segment in task.segments]
+        told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.lenience]
+        assert told == [
+            ("descend", f"{fingers} (fingers may touch blue_block, which they take)"),
+            ("lift", "blue_block x bin_floor (blue_block stood there)"),
+            ("lower", "blue_block x tray (blue_block is to stand there)"),
+            ("retreat", f"{fingers} (fingers may touch blue_block, which they leave)"),
+        ]
+
+
+def test_a_saved_task_is_driven_on_a_simulated_arm(read: SavedTask, bin_: PlannerService) -> None:
+    arm = FakeArm(np.array(bin_.robot.home), stone=0.04)
+    assert execute(read, arm, bin_.robot, QUICK).ok
+    assert len(arm.widths) == 3
+
+
+def test_a_path_that_was_replaced_is_refused_though_the_certificate_was_kept(
+    bin_: PlannerService, good: PlanResult, tmp_path: Path
+) -> None:
+    refused(saved(bin_, through_the_post(good, bin_), tmp_path), "is not proven apart", bin_)
+
+
+def test_a_result_of_this_process_is_proven_again_too(bin_: PlannerService, good: PlanResult) -> None:
+    forged = through_the_post(good, bin_)
+    assert forged.origin is not None
+    refused(forged, "is not proven apart", bin_)
+    refused(replace(good, trajectory=forged.trajectory), "a trajectory along another path than the plan's", bin_)
+
+
+def test_an_exemption_over_everything_is_refused_pair_by_pair(
+    bin_: PlannerService, good: PlanResult, tmp_path: Path
+) -> None:
+    length = through_the_post(good, bin_).path.length  # type: ignore[union-attr]
+    forged = through_the_post(good, bin_, everything(bin_, length))
+    plan = saved(bin_, forged, tmp_path)
+    refused(plan, "no rule makes that contact meant there", bin_)
+    assert "allowed=[('link_4', 'demo_post')], or --allow link_4:demo_post" in objections(plan)
+
+
+def test_a_stretch_that_no_rule_gives_is_honoured_once_its_pairs_are_named_again(
+    bin_: PlannerService, good: PlanResult, tmp_path: Path
+) -> None:
+    path = good.path
+    assert path is not None
+    stretch = AllowedStretch(0, 1, (("link_6", "demo_post"),), "camera mount")
+    made = bin_.follow(path.waypoints, contacts=[stretch])
+    for plan in (made, saved(bin_, made, tmp_path)):
+        assert "link_6 x demo_post is not judged from s = 0 to" in objections(plan)
+        found = recertify(plan, allowed=[("demo_post", "link_6")]).required()
+        assert [pair for line in found.lenience for pair in [line.split(": ")[1]]] == [
+            "link_6 x demo_post (named as a pair that may touch)"
+        ]
+        arm = FakeArm(np.array(bin_.robot.home))
+        assert execute(plan, arm, bin_.robot, QUICK, allowed=[("link_6", "demo_post")]).ok
+
+
+def test_a_pair_that_a_plan_does_not_need_is_refused(good: PlanResult) -> None:
+    with pytest.raises(InvalidRequest, match=r"a pair that this plan lets touch \(none"):
+        recertify(good, allowed=[("link_6", "demo_post")])
+
+
+def test_pairs_that_a_plan_was_made_with_are_named_again_by_whoever_executes(home: Any, tmp_path: Path) -> None:
+    lenient = PlannerService("wxai", "bin", allowed=[("link_6", "demo_post")])
+    made = lenient.plan(PlanRequest(home, ABOVE_TRAY, seed=7))
+    for plan in (made, saved(lenient, made, tmp_path)):
+        refused(plan, "planned with demo_post x link_6 allowed to touch; .* --allow demo_post:link_6", lenient)
+        found = recertify(plan, allowed=[("link_6", "demo_post")])
+        assert (found.certified, found.allowed) == (True, (("demo_post", "link_6"),))
+        assert recertify(plan, service=lenient).certified  # who gives a service that allows it has named it
+        assert "allowed to touch all the time: demo_post x link_6" in found.lenience
+
+
+def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(
+    bin_: PlannerService, home: Any, tmp_path: Path
+) -> None:
+    asleep = bin_.robot.pose("sleep")
+    for start, goal in ((asleep, home), (home, asleep)):
+        made = bin_.plan(PlanRequest(start, goal))
+        assert made.exempt
+        assert made.certificate is not None
+        assert made.path is not None
+        assert recertify(saved(bin_, made, tmp_path)).certified
+        (own,) = made.exempt
+        for wider in (
+            replace(own, s_start=0.0, s_end=made.path.length),
+            replace(own, pairs=(*own.pairs, ("link_1", "link_3"))),
+        ):
+            forged = replace(made, certificate=replace(made.certificate, exempt=(wider,)))
+            refused(saved(bin_, forged, tmp_path), "is not judged from s", bin_)
+
+
+# Time laws.
+
+
+def test_a_time_law_beyond_the_limits_is_refused(bin_: PlannerService, home: Any, tmp_path: Path) -> None:
+    made = bin_.plan(PlanRequest(home, home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    assert made.path is not None
+    length, speed, h = made.path.length, 0.9 * float(bin_.robot.limits.velocity.min()), 1e-4
+    ramp = speed * h / 2.0
+    cruise = length - 2.0 * ramp
+    table = [
+        [0.0, 0.0, speed / (2.0 * h), 0.0],
+        [ramp, speed, 0.0, 0.0],
+        [ramp + cruise, speed, -speed / (2.0 * h), 0.0],
+    ]
+    jump = Trajectory(made.path, np.array([h, cruise / speed, h]), np.array(table))
+    refused(saved(bin_, replace(made, trajectory=jump), tmp_path), "joint_0 has .* times the acceleration", bin_)
+    assert made.trajectory is not None
+    refused(replace(made, trajectory=made.trajectory.dilated(0.5)), "times the acceleration it may have", bin_)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "match"),
+    [
+        ("max_tool_speed", 0.05, r"the tool moves at .* m/s; at most 0\.05 were asked for"),
+        ("velocity_scale", 0.2, "times the velocity"),
+        ("acceleration_scale", 0.1, "times the acceleration"),
+        ("timing", SCurve(), "times the jerk"),
+    ],
+)
+def test_a_motion_faster_than_was_asked_for_is_refused(
+    option: str, value: Any, match: str, bin_: PlannerService, good: PlanResult, home: Any, tmp_path: Path
+) -> None:
+    slow = PlanRequest(home, ABOVE_TRAY, seed=7, **{option: value})
+    assert recertify(saved(bin_, bin_.plan(slow), tmp_path, slow)).certified
+    refused(saved(bin_, good, tmp_path, slow), match, bin_)
+
+
+# What a task says the gripper does.
+
+Forge = Callable[[SavedTask], SavedTask]
+
+
+def with_segments(task: SavedTask, *segments: Segment) -> SavedTask:
+    return replace(task, segments=segments)
+
+
+def changed(task: SavedTask, name: str, **values: Any) -> SavedTask:
+    parts = [replace(part, **values) if part.name == name else part for part in task.segments]
+    assert any(part.name == name for part in task.segments)
+    return with_segments(task, *parts)
+
+
+def exempting(task: SavedTask, name: str, *exempt: ExemptInterval) -> SavedTask:
+    (part,) = [part for part in task.segments if part.name == name]
+    assert part.result.certificate is not None
+    certificate = replace(part.result.certificate, exempt=(*part.result.exempt, *exempt))
+    return changed(task, name, result=replace(part.result, certificate=certificate))
+
+
+def length_of(task: SavedTask, name: str) -> float:
+    (path,) = [part.result.path for part in task.segments if part.name == name]
+    assert path is not None
+    return path.length
+
+
+@pytest.mark.parametrize("width", [5.0, -1.0, math.nan])
+def test_a_gripper_is_not_told_a_width_beyond_its_range(width: float, read: SavedTask, bin_: PlannerService) -> None:
+    forged = with_segments(read, *(replace(part, width=width) for part in read.segments))
+    refused(forged, r"expected a gap between the finger pads in \[0", bin_)
+    with pytest.raises(InvalidRequest, match="a gap between the finger pads"):
+        execute(forged, FakeArm(np.array(bin_.robot.home)), bin_.robot, QUICK, allow_unproven=True)
+
+
+def test_an_object_is_taken_by_a_gripper_that_closes_on_it(read: SavedTask, bin_: PlannerService) -> None:
+    shut = with_segments(read, *(replace(part, width=0.0) for part in read.segments))
+    refused(shut, "lift: got a gripper 0.0000 m open around blue_block", bin_)
+    refused(changed(read, "lift", width=0.08), "lift: got blue_block taken by a gripper that opens", bin_)
+    refused(changed(read, "retreat", width=0.0), "retreat: got blue_block left by a gripper that closes", bin_)
+    refused(changed(read, "transfer", width=0.05), "around blue_block; expected a gripper that stays as it is", bin_)
+
+
+@pytest.mark.parametrize(
+    ("kept", "match"),
+    [
+        ((0, 3, 4, 5, 6), "transfer: got blue_block carried at another place than where it is taken"),
+        ((0, 1, 2, 4, 5, 6), "expected .*, where lift ends"),
+        ((0, 1, 3, 4, 5, 6), "expected .*, where descend ends"),
+        ((2, 3, 4, 5, 6), "lift: got blue_block carried; expected nothing"),
+        ((0, 1, 2, 3, 4, 6), "where lower ends"),
+        ((0, 1, 2, 2, 3, 4, 5, 6), "where lift ends"),
+        ((0, 2, 1, 3, 4, 5, 6), "where home -> pregrasp ends|blue_block"),
+        ((6, 0, 1, 2, 3, 4, 5), "retreat -> home"),
+    ],
+)
+def test_pieces_of_a_task_left_out_repeated_or_swapped_are_refused(
+    kept: tuple[int, ...], match: str, read: SavedTask, bin_: PlannerService
+) -> None:
+    refused(with_segments(read, *(read.segments[k] for k in kept)), match, bin_)
+
+
+def scene_of(task: SavedTask, name: str) -> Scene:
+    (scene,) = [part.scene for part in task.segments if part.name == name]
+    assert scene is not None
+    return scene
+
+
+def carrying(task: SavedTask, forge: Callable[[Attached], Attached]) -> SavedTask:
+    """The task with another thing in the gripper, all along the way."""
+    parts = []
+    for part in task.segments:
+        assert part.scene is not None
+        attached = tuple(forge(held) for held in part.scene.attached)
+        parts.append(replace(part, scene=replace(part.scene, attached=attached)))
+    return with_segments(task, *parts)
+
+
+def test_what_is_carried_is_what_was_taken_where_it_was_taken(read: SavedTask, bin_: PlannerService) -> None:
+    tiny = carrying(read, lambda held: replace(held, shape=Box((0.001, 0.001, 0.001))))
+    refused(tiny, "an obstacle of that name and shape in the scene before", bin_)
+    aside = carrying(read, lambda held: replace(held, pose=Pose((0.3, 0.0, 0.0)) @ held.pose))
+    refused(aside, "carried at another place than where it is taken", bin_)
+    post = bin_.scene.obstacle("demo_post")
+    parts = []
+    for part in read.segments:
+        scene = part.scene
+        if scene is not None and scene.attached:
+            other = replace(scene.attached[0], name=post.name, shape=post.shape)
+            scene = bin_.scene.without(post.name).with_attached(other)
+        parts.append(replace(part, scene=scene))
+    refused(with_segments(read, *parts), "demo_post carried at another place than where it is taken", bin_)
+    links = tuple(dict.fromkeys(shape.link for shape in bin_.robot.shapes))
+    anything = carrying(read, lambda held: replace(held, touch_links=links))
+    refused(anything, "expected what is taken to touch the fingers alone", bin_)
+
+
+def test_nothing_vanishes_appears_or_moves_between_motions(read: SavedTask, bin_: PlannerService) -> None:
+    without = changed(read, "transfer", scene=scene_of(read, "transfer").without("demo_post"))
+    refused(without, "transfer: got another scene than lift leaves", bin_)
+    moved = changed(read, "transfer", scene=scene_of(read, "transfer").moved("demo_post", Pose((0.0, -0.5, 0.1))))
+    refused(moved, "transfer: got another scene than lift leaves", bin_)
+    elsewhere = scene_of(read, "retreat").moved("blue_block", Pose((0.2, -0.3, 0.1)))
+    refused(changed(read, "retreat", scene=elsewhere), "retreat: got another scene than lower leaves", bin_)
+    ghost = replace(read, made_for=replace(read.made_for, scene=read.scene.without("demo_post")))
+    refused(ghost, "home -> pregrasp: got another scene than the begin of the plan has", bin_)
+
+
+def test_an_object_that_was_moved_is_not_grasped_any_more(read: SavedTask, bin_: PlannerService) -> None:
+    block = read.scene.obstacle("blue_block")
+    x, y, z = block.pose.position
+    for shift in (0.004, 0.03):
+        there = Pose((x + shift, y + shift, z), block.pose.quaternion)
+        parts = [
+            replace(part, scene=part.scene.moved("blue_block", there))
+            if part.scene is not None and not part.scene.attached and k < 2
+            else part
+            for k, part in enumerate(read.segments)
+        ]
+        moved = replace(read, made_for=replace(read.made_for, scene=read.scene.moved("blue_block", there)))
+        refused(with_segments(moved, *parts), "blue_block carried at another place than where it is taken", bin_)
+
+
+@pytest.mark.parametrize("name", ["home -> pregrasp", "transfer", "retreat -> home"])
+def test_fingers_touch_an_object_only_where_they_take_or_leave_it(
+    name: str, read: SavedTask, bin_: PlannerService
+) -> None:
+    touch = ExemptInterval(0.0, length_of(read, name), (("finger_left", "blue_block"),), "grasp")
+    refused(exempting(read, name, touch), "finger_left x blue_block is not judged", bin_)
+
+
+@pytest.mark.parametrize(
+    ("name", "pair", "match"),
+    [
+        ("lift", ("blue_block", "bin_floor"), "at most 50 mm are meant"),
+        ("lower", ("blue_block", "tray"), "at most 50 mm are meant"),
+        ("transfer", ("blue_block", "tray"), "no rule"),
+        ("descend", ("finger_left", "demo_post"), "no rule"),
+        ("lift", ("link_6", "blue_block"), "no rule"),
+    ],
+)
+def test_a_stretch_wider_than_its_rule_is_refused(
+    name: str, pair: tuple[str, str], match: str, read: SavedTask, bin_: PlannerService
+) -> None:
+    refused(exempting(read, name, ExemptInterval(0.0, length_of(read, name), (pair,), "grasp")), match, bin_)
+
+
+def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: SavedTask, bin_: PlannerService) -> None:
+    refused(
+        exempting(read, "lift", ExemptInterval(0.0, 9.0, (("blue_block", "bin_floor"),), "")), "beyond the end", bin_
+    )
+    refused(exempting(read, "lift", ExemptInterval(0.0, 0.01, (("ghost", "demo_post"),), "")), "that are there", bin_)
