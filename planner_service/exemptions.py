@@ -145,8 +145,9 @@ def _line(leg: Leg, stretch: ExemptInterval, longest: float, *, at_end: bool) ->
     looks = path(near + (far - near) * (np.arange(count + 1) / max(count, 1)))
     places, turns = _tools(leg.robot, looks)
     way = places - places[0]
-    travel = -(way * turns[0, :, 0]).sum(axis=1)  # the tool approaches along its own x axis
-    aside = np.sqrt(((way + travel[:, None] * turns[0, :, 0]) ** 2).sum(axis=1))
+    approach = np.zeros(3) if leg.robot.gripper is None else turns[0] @ np.array(leg.robot.gripper.approach)
+    travel = -(way * approach).sum(axis=1)
+    aside = np.sqrt(((way + travel[:, None] * approach) ** 2).sum(axis=1))
     turned = np.sqrt(((turns - turns[0]) ** 2).sum(axis=(1, 2)) / 2.0)
     backwards = float(np.diff(travel).min(initial=0.0))
     if aside.max() > SLACK * LINE_METRES or turned.max() > SLACK * LINE_RADIANS or backwards < -LINE_METRES / 10.0:

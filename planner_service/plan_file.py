@@ -468,7 +468,7 @@ def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan |
         return SavedPlan(MadeFor.of(plan.origin.service), plan.origin.request, plan)
     if not isinstance(plan, TaskResult):
         raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
-    first = plan.segments[0].service_after(plan.service) if plan.segments else plan.service
+    first = plan.segments[0].service_before(plan.service) if plan.segments else plan.service
     words = ", ".join(segment.name for segment in plan.segments) or "a task without a motion"
     seconds = math.fsum(segment.result.seconds for segment in plan.segments)
     return SavedTask(MadeFor.of(first), words, plan.segments, plan.choosing, seconds, plan.failure, plan.notes)

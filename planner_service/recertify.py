@@ -19,7 +19,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval
+from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, NotProven
@@ -31,7 +31,7 @@ from planner_service.plan_file import SavedPlan, SavedTask
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.story import Leg, Step, legs
+from planner_service.story import Leg, Step, fingers_of, legs
 from planner_service.task import Segment, TaskResult
 from planner_service.timing import SCurve
 
@@ -65,10 +65,12 @@ class ProvenMotion:
         leg: The motion, and the robot and the scene as they are during it.
         certificate: The proof of its path or its refusal, with the stretches on which pairs were not judged; the
             reasons are those of the rules.
+        gripper: How the gripper comes to its opening before it, proven too; None if it has it already.
     """
 
     leg: Leg
     certificate: Certificate
+    gripper: GripperMotion | None = None
 
     @property
     def name(self) -> str:
@@ -143,7 +145,8 @@ def world_of(plan: Plan) -> PlannerService:
     """
     origins = [result.origin for result in _results(plan)]
     if origins and None not in origins and not isinstance(plan, SavedTask) and origins[0] is not None:
-        return origins[0].service
+        service = origins[0].service
+        return plan.segments[0].service_before(service) if isinstance(plan, TaskResult) else service
     if isinstance(plan, SavedPlan | SavedTask):
         return plan.service()
     expected = "the robot and the scene it was planned for: only plans of this process, and saved ones, know them"
@@ -205,7 +208,9 @@ def recertify(
             continue
         if certificate.refusal is not None:
             objections.append(f"{leg.name}: {certificate.refusal}")
-        motions.append(ProvenMotion(leg, certificate))
+        grip = _gripper_motion(world.robot, found[k - 1] if k else None, leg, lenient)
+        objections += [f"{leg.name}: {grip.refused}"] if grip is not None and grip.refused else []
+        motions.append(ProvenMotion(leg, certificate, grip))
     return Recertified(world, tuple(motions), lenient, tuple(objections))
 
 
@@ -334,6 +339,23 @@ def _exempt(before: Leg | None, leg: Leg, named: set[frozenset[str]]) -> tuple[t
             refused.append(f"{a} x {b} is not judged {where}: {ruling.objection}; {_how_to_name(a, b)}")
         exempt += [replace(stretch, pairs=tuple(pairs), reason=reason) for reason, pairs in reasons.items()]
     return tuple(exempt), refused
+
+
+def _gripper_motion(
+    first: Robot, before: Leg | None, leg: Leg, allowed: Sequence[tuple[str, str]]
+) -> GripperMotion | None:
+    """How the gripper comes to its opening before a motion, the arm standing where that begins, and its proof."""
+    robot = first if before is None else before.robot
+    widths = robot.gripper_width, leg.robot.gripper_width
+    if robot.gripper is None or widths[0] == widths[1]:
+        return None
+    scene, q = (leg if before is None else before).scene, leg.trajectory(0.0)
+    names, touching, reason = Names(robot, scene), list[tuple[str, str]](), ""
+    held = None if before is None else before.taken or before.left
+    if held is not None:
+        touching = [(names.link(finger), names.object(held.name)) for finger in fingers_of(robot)]
+        reason = "fingers may touch what they take or leave"
+    return certify_gripper(robot, scene, q, widths, allowed=allowed, touching=touching, reason=reason)
 
 
 def _certificate(

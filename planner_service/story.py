@@ -196,6 +196,9 @@ def _changed(before: Leg, step: Step) -> Scene:
 def _require_grasp(leg: Leg, taken: Obstacle, after: Step) -> None:
     """Raise unless a gripper that closes where a motion ends has hold of an object as ``pick`` would."""
     held = next(held for held in after.attached if held.name == taken.name)
+    gripper = leg.robot.gripper
+    if gripper is None:
+        raise _unsound(after, f"{taken.name} taken without a gripper", "a robot with a gripper")
     tool = Pose.from_matrix(leg.robot.tool_pose(leg.end))
     if not _same_place(tool @ held.pose, taken.pose):
         raise _unsound(after, f"{taken.name} carried at another place than where it is taken", "the same place")
@@ -203,11 +206,11 @@ def _require_grasp(leg: Leg, taken: Obstacle, after: Step) -> None:
     if beyond_fingers:
         found = f"{taken.name} may touch {', '.join(sorted(beyond_fingers))}"
         raise _unsound(after, found, f"what is taken to touch the fingers alone: {', '.join(fingers_of(leg.robot))}")
-    width = width_across(taken, tool)
+    width = width_across(taken, tool, gripper)
     if abs(after.width - width) > MEANT_OVERLAP:
         found = f"a gripper {after.width:.4f} m open around {taken.name}"
         raise _unsound(after, found, f"{width:.4f} m, as wide as that is between the fingers")
-    aside, beyond = offset_from(taken, tool)
+    aside, beyond = offset_from(taken, tool, gripper)
     if beyond > LOOSE_GRASP or aside > PUSHED_ASIDE:
         found = f"fingertips {beyond * 1000:.0f} mm away from {taken.name}, and its middle {aside * 1000:.0f} mm aside"
         expected = f"at most {LOOSE_GRASP * 1000:.0f} mm and {PUSHED_ASIDE * 1000:.0f} mm"

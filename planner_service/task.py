@@ -82,6 +82,11 @@ class Segment:
             return self.result.counts
         return self.result.counts + CheckCounts(distances=self.gripper.certificate.distances)
 
+    def service_before(self, before: PlannerService) -> PlannerService:
+        """The same as ``service_after``, its gripper as it stands until the motion's own opening or closing begins."""
+        service = self.service_after(before)
+        return service if self.gripper is None else service.changed(gripper=self.gripper.start)
+
     def service_after(self, before: PlannerService) -> PlannerService:
         """What plans for the robot and the scene as they are during this motion.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,8 @@ from planner_service import (
 )
 from planner_service.certify import certify_gripper
 from planner_service.collision.ledger import Cancelled
+from planner_service.plan_file import load_task
+from planner_service.recertify import recertify
 
 CUBE = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, 0.0215)))
 ROBOTS = ("wxai", "wxai_dual", "wxai_mesh", "panda")
@@ -177,3 +180,28 @@ def test_bad_input_names_what_is_wrong(
     service = PlannerService(robot, "bin")
     with pytest.raises(error, match=message):
         service.certify_gripper(service.robot.home if q is None else q, *widths, touching=pairs)  # type: ignore[arg-type]
+
+
+def test_a_task_is_proven_again_with_the_gripper_as_it_stands() -> None:
+    service = PlannerService("wxai", load_scene("bin").with_obstacle(plate(0.027)))
+    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
+    task = pick(service, service.robot.home, "blue_block", grasps, Handling(support="bin_floor"))
+    proven = recertify(task, service)
+    assert proven.certified
+    told = [(motion.gripper.start, motion.gripper.end) for motion in proven.motions if motion.gripper is not None]
+    assert told == [(s.gripper.start, s.gripper.end) for s in task.segments if s.gripper is not None]
+    closed = recertify(task, service.changed(gripper=0.0))
+    assert not closed.certified
+    assert any("cannot open from 0.0 to 69.0 mm: finger_left x plate" in text for text in closed.objections)
+
+
+def test_the_motion_of_the_gripper_is_saved_and_read(tmp_path: Path) -> None:
+    service = PlannerService("wxai", load_scene("table").with_obstacle(CUBE))
+    task = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
+    task.save(tmp_path / "task.json")
+    read = load_task(tmp_path / "task.json")
+    assert [segment.gripper for segment in read.segments] == [segment.gripper for segment in task.segments]
+    assert read.counts == task.counts
+    assert read.robot.hash == service.robot.hash  # its gripper stands as it did before
+    assert [m.gripper for m in recertify(read).motions] == [m.gripper for m in recertify(task).motions]
+    assert recertify(read).motions[0].gripper is not None

@@ -49,11 +49,10 @@ from planner_service import (
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
-from planner_service.json_file import Node
 from planner_service.oracle import SearchOracle, TieredOracle
 from planner_service.peaks import peaks
 from planner_service.plan_file import MadeFor, SavedPlan, save_plan
-from planner_service.result_record import read_result, result_record
+from planner_service.result_record import ResultRecord, result_record
 from planner_service.scene import Scene
 from planner_service.splice import HOLD, Underway
 from planner_service.timing import TimingFailed
@@ -479,9 +478,7 @@ def test_what_came_of_replanning_is_saved_and_read_without_losing_a_bit(
     room: PlannerService, swing: PlanResult
 ) -> None:
     result = room.replan(swing, at_time=0.5, scene=disc(2.0)).result
-    problems: list[str] = []
-    again = read_result(Node("", json.loads(json.dumps(result_record(result))), problems), 2)
-    assert problems == []
+    again = ResultRecord.model_validate(json.loads(json.dumps(result_record(result)))).value
     assert again.trajectory is not None
     assert result.trajectory is not None
     assert again.trajectory.part == result.trajectory.part
@@ -495,9 +492,8 @@ def test_a_record_whose_proof_leaves_out_some_of_the_motion_is_refused(
 ) -> None:
     record = json.loads(json.dumps(result_record(room.replan(swing, at_time=0.5).result)))
     record["certificate"]["part"] = part
-    problems: list[str] = []
-    read_result(Node("", record, problems), 2)
-    assert problems == ["certificate: expected a proof of all that the trajectory runs along"]
+    with pytest.raises(InvalidRequest, match="a proof of all that the trajectory runs along"):
+        _ = ResultRecord.model_validate(record).value
 
 
 def test_a_saved_rest_of_a_motion_is_proven_again_from_where_the_robot_was(
@@ -507,8 +503,7 @@ def test_a_saved_rest_of_a_motion_is_proven_again_from_where_the_robot_was(
     service = room.with_scene(scene)
     found = service.replan(swing, at_time=1.5)
     assert found.outcome is Outcome.KEPT
-    names = service.robot.name, service.robot.hash, service.robot.joint_names
-    save_plan(SavedPlan(MadeFor(*names, "disc", scene.hash), None, found.result), tmp_path / "rest.json")
+    save_plan(SavedPlan(MadeFor.of(service), None, found.result), tmp_path / "rest.json")
     save_scene(scene, tmp_path / "disc.toml")
     done = CliRunner().invoke(app, ["certify", str(tmp_path / "rest.json"), "--scene", str(tmp_path / "disc.toml")])
     assert done.exit_code == 0, done.output
