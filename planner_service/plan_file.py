@@ -20,14 +20,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, JsonValue
+from pydantic import AfterValidator, JsonValue
 
 from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionStep
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.json_file import MAX_BYTES, read_json
 from planner_service.old_plan_file import command_of
 from planner_service.outcome import Failure, PlanResult
-from planner_service.record import Reading, Record, Text, as_text, read_record, recorded
+from planner_service.record import Reading, Record, Text, as_text, at_most, read_record, recorded
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
 from planner_service.request_record import TIMINGS, RequestRecord
@@ -285,7 +285,7 @@ class _Head(Record):
     """What plans and tasks have in common."""
 
     version: Literal[3]
-    made_with: Annotated[dict[Text, Text], Field(max_length=100)]
+    made_with: Annotated[dict[Text, Text], at_most(100)]
     robot: RobotRecord
     scene: SceneRecord
     allowed: PairList
@@ -355,8 +355,8 @@ class TaskRecord(_Head):
     counts: CountsRecord
     choosing: CountsRecord
     seconds: float
-    notes: Annotated[list[Text], Field(max_length=MAX_SEGMENTS)]
-    segments: Annotated[list[SegmentRecord], Field(max_length=MAX_SEGMENTS)]
+    notes: Annotated[list[Text], at_most(MAX_SEGMENTS)]
+    segments: Annotated[list[SegmentRecord], at_most(MAX_SEGMENTS)]
     sections: Sections
 
     @classmethod

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     FailFast,
     Field,
@@ -49,6 +50,7 @@ __all__ = [
     "Vector3",
     "Vector4",
     "as_text",
+    "at_most",
     "packed",
     "read_record",
     "recorded",
@@ -252,6 +254,17 @@ class FirstOnly(FailFast):
     """Of a list, the first problem only: of a million wrong numbers one is told."""
 
     __hash__ = object.__hash__  # so that a list of these may be optional
+
+
+def at_most(count: int) -> BeforeValidator:
+    """Of a list or an object: asked before anything in it is looked at."""
+
+    def checked(values: Any) -> Any:
+        if isinstance(values, list | dict) and len(values) > count:
+            raise ValueError(f"at most {count:,} entries; there are {len(values):,}")
+        return values
+
+    return BeforeValidator(checked)
 
 
 Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(_printable)]

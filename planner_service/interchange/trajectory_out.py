@@ -77,8 +77,8 @@ def task_csv_text(segments: Sequence[Segment], joint_names: Sequence[str], dt: f
     """The motions of a task in one table on one clock, each every ``dt`` seconds and at its exact end.
 
     The columns are ``t``, ``motion`` and ``gripper_width``, then those of ``csv_text``. The clock counts motion only:
-    where ``motion`` changes, the arm is at rest, two rows have the same time, and a gripper whose width changes is to be
-    waited for.
+    where ``motion`` changes, the arm is at rest, two rows have the same time, and a gripper whose width changes has to
+    be waited for.
 
     Raises:
         InvalidRequest: as of ``csv_text``, or there is no motion.
