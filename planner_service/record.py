@@ -65,6 +65,8 @@ MAX_PROBLEMS = 1_000
 
 SHOWN_PROBLEMS = 100
 
+MAX_WAYPOINTS = 100_000
+
 R = TypeVar("R", bound="Record")
 T = TypeVar("T")
 
@@ -113,7 +115,7 @@ class Record(BaseModel):
         except ValidationError as error:
             reading.problems += error.error_count()
             if reading.problems > MAX_PROBLEMS:
-                raise _TooManyProblemsError from None
+                raise _TooManyProblemsError(_problem(None, error.errors(include_url=False)[0])) from None
             raise
         return record
 
@@ -128,8 +130,8 @@ def read_record(model: type[R], document: Any, path: Path, reading: Reading) -> 
         return model.model_validate(document, context=reading)
     except ValidationError as error:
         found = [_problem(document, entry) for entry in error.errors(include_url=False)]
-    except _TooManyProblemsError:
-        found = [f"more than {MAX_PROBLEMS:,} problems"]
+    except _TooManyProblemsError as error:
+        found = [f"more than {MAX_PROBLEMS:,} problems, such as {error}"]
     more = [f"and {len(found) - SHOWN_PROBLEMS} more"] if len(found) > SHOWN_PROBLEMS else []
     raise InvalidFile(path, [*found[:SHOWN_PROBLEMS], *more])
 
@@ -278,7 +280,7 @@ Vector4 = Annotated[Numbers, AfterValidator(_of_size(4))]
 Joints = Annotated[Numbers, AfterValidator(_one_per_joint)]
 """One number for each joint of the robot in the file."""
 
-Rows = Annotated[list[Joints], FirstOnly()]
+Rows = Annotated[list[Joints], FirstOnly(), at_most(MAX_WAYPOINTS)]
 NamePair = Annotated[list[Text], AfterValidator(_two_names)]
 Packed = Annotated[str, Field(max_length=20_000_000)]
 """An array as base64 of its little-endian bytes."""

@@ -362,7 +362,7 @@ def test_many_empty_stretches_are_told_as_one_problem_more_than_there_may_be(tmp
     document["result"]["certificate"]["exempt"] = [{}] * 100_000
     assert "expected at most 1,000 entries; there are 100,000" in refused(document, tmp_path / "plan.json")
     document["result"]["certificate"]["exempt"] = [{}] * 900
-    assert refused(document, tmp_path / "plan.json") == "more than 1,000 problems"
+    assert refused(document, tmp_path / "plan.json") == "more than 1,000 problems, such as s_start: missing"
 
 
 def test_a_file_with_some_problems_in_a_hundred_places_names_a_hundred(tmp_path: Path) -> None:
