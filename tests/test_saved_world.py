@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -460,3 +461,17 @@ def test_whichever_is_in_a_file_it_is_read_once(
     monkeypatch.setattr("planner_service.plan_file.read_json", read)
     assert isinstance(load_plan_or_task(tmp_path / "task.json"), SavedTask)
     assert times == ["task.json"]
+
+
+def test_the_page_about_plan_files_says_what_happens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "plan-files.md").read_text("utf-8")
+    blocks = dict(re.findall(r"^```(\w+)\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE))
+    monkeypatch.chdir(tmp_path)
+    exec(compile(blocks["python"], "plan-files.md", "exec"), {})
+    document = json.loads(Path("plan.json").read_text())
+    document["robot"]["settel_time"] = 0.0
+    document["result"]["path"]["waypoints"][1][2] = "x"
+    Path("plan.json").write_text(json.dumps(document))
+    with pytest.raises(InvalidFile) as caught:
+        load_plan("plan.json")
+    assert str(caught.value) == blocks["text"].strip()
