@@ -95,9 +95,11 @@ def task_of(service: PlannerService, *segments: Segment) -> SavedTask:
     return SavedTask(MadeFor.of(service), "there and back", segments, CheckCounts(), 0.0)
 
 
-def stopped(result: Any, arm: FakeArm, robot: Robot, how: Streaming = QUICK, **options: bool) -> ExecutionReport:
+def stopped(
+    result: Any, arm: FakeArm, robot: Robot, how: Streaming = QUICK, *, allow_unproven: bool = False
+) -> ExecutionReport:
     with pytest.raises(ExecutionStopped) as caught:
-        execute(result, arm, robot, how, **options)
+        execute(result, arm, robot, how, allow_unproven=allow_unproven)
     return caught.value.report
 
 
