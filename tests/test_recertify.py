@@ -452,7 +452,8 @@ def test_a_forged_scene_does_not_reach_a_real_arm(bin_: PlannerService, good: Pl
     assert arm.told == []
 
 
-FILES = [["certify"], ["run", "--sim"], ["view", "--no-browser"], ["export"]]
+ARM = ["run", "--arm", "192.168.1.2", "--yes", "--robot", "wxai", "--scene", "bin"]
+FILES = [["certify"], ["run", "--sim"], ARM, ["view", "--no-browser"], ["export"]]
 
 
 @pytest.mark.parametrize("words", FILES, ids=lambda words: words[0])
