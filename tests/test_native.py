@@ -286,12 +286,6 @@ def test_angles_far_from_zero_are_turned_into_the_same_poses(turns: int) -> None
         assert apart == set()
 
 
-def test_what_is_not_a_number_stays_in_doubt() -> None:
-    checker = checkers(*case("wxai bin"))[0]
-    for kernel in built_kernels(checker):
-        assert kernel.first(np.full((1, 6), math.nan), 0, 1) is not None
-
-
 def native_data(checker: CollisionChecker) -> list[Any]:
     parts = checker._parts
     runs = np.array(parts.runs, dtype=np.int64).reshape(-1, 2) - parts.riding

@@ -18,6 +18,7 @@ from planner_service.collision.kernel import instruction_sets as kernel_instruct
 from planner_service.collision.prefilter import MARGIN, Prefilter
 from planner_service.collision.sweep import Sweep
 from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.geometry import FloatArray
 from planner_service.robot import load_robot
 from planner_service.scene import load_scene
 
@@ -28,7 +29,7 @@ BAD = [math.nan, math.inf, -math.inf]
 bad_values = pytest.mark.parametrize("value", BAD)
 
 
-def rows(value: float, count: int = 8) -> np.ndarray:
+def rows(value: float, count: int = 8) -> FloatArray:
     """Free configurations, in one of which one entry is that value: the others are swept together with it."""
     Q = np.tile(WXAI.home, (count, 1))
     Q[count // 2, 2] = value

@@ -68,7 +68,7 @@ class Sweep:
         return np.concatenate([np.zeros(0, dtype=bool), *(self._some(A[rows], B[rows]) for rows in blocks)])
 
     def _some(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
-        clear: NDArray[np.bool_] = np.isfinite(A).all(axis=1) & np.isfinite(B).all(axis=1)
+        clear = np.asarray(np.isfinite(A).all(axis=1) & np.isfinite(B).all(axis=1))
         owner: IntArray = np.flatnonzero(clear)
         A, B = A[owner], B[owner]
         while len(owner):

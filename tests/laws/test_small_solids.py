@@ -48,10 +48,11 @@ def shape_of(kind: str, decade: float, rng: np.random.Generator) -> Shape:
 
 def slider(shape: Shape, pose: Pose) -> Robot:
     """A robot that is one shape, sliding along x."""
-    still, limits = np.eye(4), JointLimits([-1.0], [1.0], [1.0], [1.0], [1.0])
+    still, one = np.eye(4), np.ones(1)
+    limits = JointLimits(-one, one, one, one, one)
     bodies = (Body("base", -1, still, np.zeros(3), False, -1), Body("slide", 0, still, np.array([1.0, 0, 0]), True, 0))
     shapes = (LinkShape("tip", 1, shape, pose),)
-    return Robot("slider", ("slide",), limits, (("home", [0.0]),), ("base",), "tip", 1, still, bodies, shapes)
+    return Robot("slider", ("slide",), limits, (("home", 0.0 * one),), ("base",), "tip", 1, still, bodies, shapes)
 
 
 def turned(rng: np.random.Generator) -> Pose:
