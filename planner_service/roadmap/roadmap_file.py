@@ -75,7 +75,8 @@ def load_roadmap(path: str | os.PathLike[str]) -> Roadmap:
     if root.at("format").text() != FORMAT or root.problems:
         raise InvalidFile(source, [f"no roadmap: expected the format {FORMAT!r}"])
     if root.at("version").whole() != VERSION:
-        raise InvalidFile(source, [f"version {root.value['version']!r}; this package reads version {VERSION}"])
+        found = repr(root.value["version"]) if "version" in root.value else "is missing"
+        raise InvalidFile(source, [f"version {found}; this package reads version {VERSION}"])
     try:
         roadmap = _roadmap(root, array)
     except InvalidFile:
