@@ -746,6 +746,7 @@ def test_whatever_ends_the_command_has_the_arm_hold(
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
     done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert done.exit_code == 130
+    assert "interrupted; the arm was told to hold where it was" in done.stderr
     assert (len(arm.told), len(arm.held), arm.closed) == (8, 1, True)
     assert signal.getsignal(number) == before
 

@@ -198,6 +198,9 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
             report = execute(plan, driver, None, streaming, service=opened.service, allowed=opened.allowed)
         except ExecutionStopped as stopped:
             report = stopped.report
+        except KeyboardInterrupt as interrupt:
+            typer.echo(f"interrupted; {interrupt}" if interrupt.args else "interrupted", err=True)
+            raise
     _tell(report, plan, as_json=as_json)
 
 
