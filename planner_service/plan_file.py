@@ -12,6 +12,7 @@ import json
 import math
 import os
 import platform
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -35,10 +36,10 @@ from planner_service.result_record import CountsRecord, FailureRecord, PairList,
 from planner_service.robot import Robot
 from planner_service.robot_record import RobotRecord
 from planner_service.scene import Scene
-from planner_service.scene_file import write_whole
 from planner_service.scene_record import SceneRecord, WorldRecord
 from planner_service.service import PlannerService
 from planner_service.task import Segment, TaskResult
+from planner_service.written_file import write_whole
 
 if TYPE_CHECKING:
     from planner_service.view import Viewer
@@ -56,6 +57,12 @@ __all__ = [
     "load_task",
     "save_plan",
 ]
+
+OURS = re.compile(
+    rb'\s*\{(?:.*"format":\s*"planner-service/|\s*"version":[\s\d]+,\s*"made_with":\s*\{[^}]*"planner_service")',
+    re.DOTALL,
+)
+"""How plan and task files begin, whichever version."""
 
 PLAN_FORMAT = "planner-service/plan"
 TASK_FORMAT = "planner-service/task"
@@ -444,7 +451,7 @@ def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str |
     text = json.dumps(_saved(plan).document(), indent=1, allow_nan=False) + "\n"
     if len(text) > MAX_BYTES:  # of ASCII
         raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
-    write_whole(target, text)
+    write_whole(target, text, OURS)
 
 
 def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan | SavedTask:

@@ -72,6 +72,7 @@ from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.health import examine
 from planner_service.interchange import csv_text, joint_trajectory, load_world, task_csv_text, task_trajectories
+from planner_service.interchange.trajectory_out import OURS
 from planner_service.outcome import PlanResult
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan_or_task, save_plan
@@ -79,9 +80,9 @@ from planner_service.request import PlanRequest
 from planner_service.robot import load_robot
 from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
-from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
 from planner_service.view.still import draw_check, draw_plan, draw_task
+from planner_service.written_file import write_whole
 
 __all__ = ["app"]
 
@@ -254,7 +255,7 @@ def export(
             motion = saved.result
             text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:
-            write_whole(Path(out), text)
+            write_whole(Path(out), text, OURS)
     if out is None:
         emit(text)
 

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import os
+import re
 from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any
@@ -16,11 +17,14 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.outcome import PlanResult
 from planner_service.regular_file import as_path
-from planner_service.scene_file import write_whole
 from planner_service.task import Segment
 from planner_service.trajectory import Trajectory
+from planner_service.written_file import write_whole
 
-__all__ = ["csv_text", "joint_trajectory", "task_csv_text", "task_trajectories", "write_csv"]
+__all__ = ["OURS", "csv_text", "joint_trajectory", "task_csv_text", "task_trajectories", "write_csv"]
+
+OURS = re.compile(rb"t,(?:q_|motion,)|\s*\{\s*\"(?:header|joint_names|motions)\"")
+"""How exported trajectories begin."""
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
@@ -151,7 +155,7 @@ def write_csv(
         InvalidFile: it cannot be written.
     """
     target = as_path("path", path)
-    write_whole(target, csv_text(motion, joint_names, dt))
+    write_whole(target, csv_text(motion, joint_names, dt), OURS)
 
 
 def _checked(motion: Trajectory | PlanResult, joint_names: Sequence[str]) -> tuple[Trajectory, list[str]]:
