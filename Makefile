@@ -23,6 +23,10 @@ $(BIN)/.dev: pyproject.toml constraints.txt $(NATIVE) | $(BIN)/python  # that an
 	$(INSTALL) -e ".[dev]"
 	@touch $@ $(BIN)/.ready
 
+$(BIN)/.docs: $(BIN)/.ready  # what the pages are built with, beside that
+	$(INSTALL) -e ".[docs]"
+	@touch $@
+
 demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it cost
 	@$(BIN)/planner-service pick-place
 
@@ -48,7 +52,7 @@ measures: $(BIN)/.dev  ## the tables of the README, printed
 micro: $(BIN)/.dev  ## what the parts of a plan take, by pytest-benchmark
 	$(BIN)/python -m pytest benchmarks/micro --benchmark-columns=min,median,iqr,rounds
 
-docs: $(BIN)/.ready  ## the pages and the reference as a site in site/, links checked
+docs: $(BIN)/.docs  ## the pages and the reference as a site in site/, links checked
 	NO_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
 
 clean:

@@ -12,7 +12,7 @@ from rich.console import Console
 from benchmarks.arguments import whole
 from benchmarks.report import Report, show, write_json
 from planner_service.errors import InvalidRequest, MissingDependency
-from planner_service.scene_file import require_writable
+from planner_service.written_file import require_writable
 
 MEASURES = (
     *("toy", "states", "solved", "planners", "speed", "tasks", "proven"),

@@ -65,12 +65,19 @@ def _cloud(scene: Scene) -> Scene:
 
 
 def checkers(
-    robot: Robot, scene: Scene, *, padding: float = 0.0, reference: Backend = "fcl"
+    robot: Robot,
+    scene: Scene,
+    *,
+    padding: float = 0.0,
+    allowed: Sequence[tuple[str, str]] = (),
+    reference: Backend = "fcl",
 ) -> tuple[CollisionChecker, CollisionChecker]:
     """One that uses the kernel if it was built, and a reference: FCL pair by pair, or "numpy", which takes a tenth."""
     step = JointStep(STEP)
     backends: tuple[Backend, Backend] = ("auto", reference)
-    first, second = (CollisionChecker(robot, scene, edge_step=step, padding=padding, backend=b) for b in backends)
+    first, second = (
+        CollisionChecker(robot, scene, edge_step=step, padding=padding, allowed=allowed, backend=b) for b in backends
+    )
     return first, second
 
 

@@ -28,7 +28,7 @@ from benchmarks.arguments import whole
 from benchmarks.environment import ROOT
 from benchmarks.report import p50, table
 from planner_service.errors import BrokenInvariant
-from planner_service.scene_file import require_writable, write_whole
+from planner_service.written_file import require_writable, write_whole
 
 __all__ = ["main"]
 

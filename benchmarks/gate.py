@@ -26,7 +26,7 @@ from benchmarks.statistics import ratio_of_totals
 from benchmarks.suite import Suite, load_suite
 from planner_service.errors import InvalidFile
 from planner_service.json_file import Node, read_json
-from planner_service.scene_file import require_writable, write_whole
+from planner_service.written_file import require_writable, write_whole
 
 __all__ = ["BASELINES", "REGENERATE", "Baseline", "Difference", "differences", "main", "stored_rows", "verdicts"]
 

@@ -20,7 +20,7 @@ from rich.console import Console
 
 from benchmarks import rows
 from benchmarks.rows import Results, Row, states_of
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
 __all__ = ["STATUS", "main", "text_of"]
 

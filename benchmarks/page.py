@@ -17,7 +17,7 @@ from benchmarks.page_numbers import Sheet, sheets_of
 from benchmarks.pictures import pictures_of
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.regular_file import read_bytes
-from planner_service.scene_file import require_writable, write_whole
+from planner_service.written_file import require_writable, write_whole
 
 __all__ = ["filled", "main", "page_of"]
 

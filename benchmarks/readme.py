@@ -13,7 +13,7 @@ from typing import Any
 
 from rich.console import Console
 
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
 __all__ = ["main", "refreshed"]
 

@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
 __all__ = ["Promise", "Report", "least_seconds", "p50", "p95", "show", "spread", "table", "write_json"]
 

@@ -18,7 +18,7 @@ from typing import IO, Any
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.json_file import Node
 from planner_service.regular_file import read_bytes
-from planner_service.scene_file import require_writable, write_whole
+from planner_service.written_file import require_writable, write_whole
 
 __all__ = [
     *("KEYS", "OPTIONAL", "VERSION", "Key", "Results", "Row"),

@@ -35,7 +35,7 @@ from benchmarks.suite import (
 from planner_service import Reason
 from planner_service.errors import InvalidRequest
 from planner_service.many import Engine, Lost, Sequential, engine_named
-from planner_service.scene_file import require_writable
+from planner_service.written_file import require_writable
 
 __all__ = ["Job", "jobs_of", "made", "main", "run"]
 

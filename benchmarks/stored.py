@@ -16,7 +16,7 @@ from benchmarks.queries import Query
 from benchmarks.report import p50, p95
 from benchmarks.states import SHOWN, STEPS, plan
 from planner_service import PlannerService, PlanResult, Trapezoidal
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
 __all__ = [
     "GOLDEN",

@@ -140,7 +140,7 @@ def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settin
     if settings.most == 1 or _hull_ratio(hull, vertices, faces) <= TIGHT:
         return (hull,)
     cut = []
-    for points in _cut(vertices, faces, settings):
+    for points in _cut(hull, vertices, faces, settings):
         try:
             cut.append(Mesh(points))
         except InvalidRequest:  # a flat piece; others take over what it held
@@ -191,7 +191,7 @@ def _volume(vertices: FloatArray, faces: IntArray) -> float:
     return math.fsum((a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)).tolist()) / 6.0
 
 
-def _cut(vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[FloatArray]:
+def _cut(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[FloatArray]:
     """Points of each piece, from disk or else from coacd: neither is trusted any further than that they are points."""
     from importlib.metadata import PackageNotFoundError, version  # slower than all of this module
 
@@ -205,7 +205,7 @@ def _cut(vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[Flo
     content.update(faces.astype("<i4").tobytes())
     cache, key = DiskCache(cache_folder()), content.hexdigest()
     kept = _points(cache.get(key), settings.most)
-    if kept is not None:
+    if kept is not None and all(_within(hull, points, slack(vertices)) for points in kept):
         return kept
     data = _run_coacd(vertices, faces, settings)
     pieces = _points(data, settings.most)
@@ -213,6 +213,12 @@ def _cut(vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[Flo
         raise _failed(f"its answer is not 1 to {settings.most} pieces of finite points")
     cache.put(key, data)
     return pieces
+
+
+def _within(hull: Mesh, points: FloatArray, by: float) -> bool:
+    """Whether no point is farther than that outside a hull, as no piece of a mesh is."""
+    some = range(0, len(points), 1_000)
+    return all(float((points[k : k + 1_000] @ hull.normals.T - hull.offsets).max(initial=-1.0)) <= by for k in some)
 
 
 def _points(data: bytes | None, most: int) -> list[FloatArray] | None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import uuid
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from pathlib import Path
 
 from planner_service.errors import BrokenInvariant, InvalidFile
 from planner_service.regular_file import read_bytes
+from planner_service.written_file import remove_leftovers, swap_in
 
 __all__ = ["CACHE_VARIABLE", "DiskCache", "cache_folder"]
 
@@ -30,7 +30,7 @@ MAX_FOLDER = 500_000_000
 """Bytes of all entries of a folder; the decompositions of a robot's meshes take about a megabyte."""
 
 KEY = re.compile(r"[0-9a-f]{64}")
-OURS = re.compile(r"[0-9a-f]{64}\.bin|\.[0-9a-f]{32}\.tmp")
+OURS = re.compile(r"[0-9a-f]{64}\.bin|\.(?:planner-service-)?[0-9a-f]{32}\.tmp")
 """Names of our files: nothing else in the folder is ever counted or deleted."""
 
 DIGEST = hashlib.sha256().digest_size
@@ -85,17 +85,11 @@ class DiskCache:
         path = self._path(key)
         if path is None or len(data) > MAX_ENTRY:
             return
-        temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
-        try:
+        with suppress(OSError, ValueError):  # a full disk, a folder that is a file or not ours, a NUL in its name
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with open(temporary, "xb") as file:
-                file.write(_digest(key, data))
-                file.write(data)
-            os.replace(temporary, path)
+            remove_leftovers(path.parent)
+            swap_in(path, _digest(key, data) + data)
             self._prune(path.parent)
-        except (OSError, ValueError):  # a full disk, a folder that is a file or not ours, a NUL in its name
-            with suppress(OSError, ValueError):
-                temporary.unlink(missing_ok=True)
 
     def _path(self, key: str) -> Path | None:
         if not KEY.fullmatch(key):

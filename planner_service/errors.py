@@ -35,6 +35,9 @@ __all__ = [
 ]
 
 
+MOST_PROBLEMS = 10
+"""Of a plan that does not hold, in one message; a file can have thousands."""
+
 SHOWN = 300
 """Characters of a value that an error message shows; callers can hand in a list of a million."""
 
@@ -129,7 +132,9 @@ class NotProven(InvalidRequest):
 
     def __init__(self, *problems: str) -> None:
         self.problems = problems
-        lines = problems[0] if len(problems) == 1 else "".join(f"\n  - {problem}" for problem in problems)
+        told = [f"\n  - {problem}" for problem in problems[:MOST_PROBLEMS]]
+        told += [f"\n  ... and {len(problems) - len(told)} more"] if len(problems) > len(told) else []
+        lines = problems[0] if len(problems) == 1 else "".join(told)
         super().__init__("plan", lines, "a plan that is proven again", message=f"not proven: {lines}")
 
 

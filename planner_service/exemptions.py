@@ -111,7 +111,7 @@ def _touching(leg: Leg, stretch: ExemptInterval, pair: Pair, reason: str, *, at_
     """Of a finger and what it takes or leaves."""
     looks, objection = _line(leg, stretch, USUAL_APPROACHES[0], at_end=at_end)
     if not objection:
-        depth = _depth(leg, looks[0], pair)
+        (depth,) = _depths(leg, looks[:1], pair)
         if depth > MEANT_OVERLAP:
             objection = f"{pair[0]} stands {depth * 1000:.1f} mm inside {pair[1]} where the gripper closes or opens"
     return Ruling(objection=objection) if objection else Ruling(reason)
@@ -121,15 +121,16 @@ def _standing(leg: Leg, stretch: ExemptInterval, pair: Pair, reason: str, *, at_
     """Of what is carried and what it stood or is to stand on."""
     looks, objection = _line(leg, stretch, MAX_SUPPORT_GAP, at_end=at_end)
     if not objection:
-        depths = [_depth(leg, q, pair) for q in looks]
+        depths = _depths(leg, looks, pair)
         if max(depths) > max(MEANT_OVERLAP, depths[0]) + ROUNDING:
             objection = f"{pair[0]} comes {max(depths) * 1000:.1f} mm into {pair[1]}"
     return Ruling(objection=objection) if objection else Ruling(reason)
 
 
-def _depth(leg: Leg, q: FloatArray, pair: Pair) -> float:
-    contacts = CollisionChecker(leg.robot, leg.scene).contacts(q)
-    return max((c.depth for c in contacts if {c.a, c.b} == set(pair)), default=0.0)
+def _depths(leg: Leg, looks: FloatArray, pair: Pair) -> list[float]:
+    """How deep two things overlap at each of some configurations (m, n), in metres."""
+    checker = CollisionChecker(leg.robot, leg.scene)
+    return [max((c.depth for c in checker.contacts(q) if {c.a, c.b} == set(pair)), default=0.0) for q in looks]
 
 
 def _line(leg: Leg, stretch: ExemptInterval, longest: float, *, at_end: bool) -> tuple[FloatArray, str]:

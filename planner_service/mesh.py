@@ -61,20 +61,18 @@ class Mesh:
     offsets: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        self._become(_checked(self.vertices))
-        count = len(self.vertices)
-        if count > MAX_HULL:
-            expected = f"a hull of at most {MAX_HULL:,} corners"
-            message = f"vertices: got a hull of {count:,} corners; expected {expected}; simplify the mesh"
-            raise InvalidRequest("vertices", count, expected, message=message)
+        self._become(_checked(self.vertices), MAX_HULL)
 
-    def _become(self, points: FloatArray) -> None:
+    def _become(self, points: FloatArray, most: int) -> None:
         """Be the hull of points (n, 3), each once, sorted."""
-        corners, faces, normals = _hull(points)
-        heights = [_along(corners, some) for some in _blocks(normals, len(corners))]
-        offsets = np.concatenate([height.max(axis=-1) for height in heights])
-        thickness = offsets - np.concatenate([height.min(axis=-1) for height in heights])
-        if float(thickness.min()) < THINNEST:
+        corners, faces, normals = _hull(points, most)
+        highest, lowest = [], []
+        for some in _blocks(normals, len(corners)):
+            heights = _along(corners, some)
+            highest.append(heights.max(axis=-1))
+            lowest.append(heights.min(axis=-1))
+        offsets = np.concatenate(highest)
+        if float((offsets - np.concatenate(lowest)).min()) < THINNEST:
             raise _flat(points)
         _require_inside(points, normals, offsets)
         object.__setattr__(self, "vertices", read_only(corners))
@@ -175,7 +173,8 @@ def _grown(mesh: Mesh, margin: float) -> Mesh:
     moved = mesh.vertices[blunt] + mean[blunt] * (reach / least[blunt])[:, None]
     cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * reach
     out = object.__new__(Mesh)  # of a hull with many sharp corners the grown one may have more than may be given
-    out._become(np.unique(np.concatenate([moved, (mesh.vertices[~blunt, None] + cube).reshape(-1, 3)]), axis=0))
+    points = np.unique(np.concatenate([moved, (mesh.vertices[~blunt, None] + cube).reshape(-1, 3)]), axis=0)
+    out._become(points, len(points))
     return out
 
 
@@ -206,8 +205,12 @@ def _checked(vertices: ArrayLike) -> FloatArray:
     return np.unique(points + 0.0, axis=0)  # + 0.0 drops the sign of -0.0
 
 
-def _hull(points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Corners, triangles and their outward normals; the hull of the corners alone has the same corners."""
+def _hull(points: FloatArray, most: int) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Corners, triangles and their outward normals; the hull of the corners alone has the same corners.
+
+    Raises:
+        InvalidRequest: no solid, or one of more than ``most`` corners.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     while True:
@@ -216,6 +219,10 @@ def _hull(points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
         except (QhullError, ValueError):
             raise _flat(points) from None
         kept = np.sort(hull.vertices)
+        if len(kept) > most:
+            expected = f"a hull of at most {most:,} corners"
+            message = f"vertices: got a hull of {len(kept):,} corners; expected {expected}; simplify the mesh"
+            raise InvalidRequest("vertices", len(kept), expected, message=message)
         if len(kept) == len(points):
             break
         points = points[kept]  # which corners count as one by rounding depends on what else is there

@@ -107,7 +107,8 @@ class MeshShelf:
         if not inside:
             raise _refused(filename, f"lies outside the folders that may be read ({allowed})")
         if found is None:
-            raise _refused(filename, f"does not exist in the folders that may be read ({allowed})")
+            hint = "; name more with package_dirs (--package-dir)" if filename.startswith("package://") else ""
+            raise _refused(filename, f"does not exist in the folders that may be read ({allowed}){hint}")
         return found
 
     def _candidates(self, filename: str) -> list[Path]:

@@ -29,8 +29,9 @@ STANDING = 1e-12
 EXACT = 1e-12
 """A peak on a blend is found to this relative error, a thousandth of the tolerance."""
 
-MAX_ROUNDS = 300
-"""Of splitting intervals of time; every fifth time they are halved, and after 60 halvings their ends are one number."""
+MAX_ROUNDS, MANY = 300, 1_200
+"""Of splitting intervals of time, as often again for every so many intervals there are to begin with. Every fifth time
+they are halved, and after 60 halvings their ends are one number. What is then still open counts with its bound."""
 
 AT_ONCE = 24
 """Intervals split at once: those with the highest bounds first, since a peak found there rules out most of the rest."""
@@ -93,7 +94,8 @@ def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
 
     Exact: on a straight piece the extrema of a cubic s(t) are at its ends and at the roots of its derivatives; on a
     blend the joint's motion is a polynomial of time too, between the least and the largest of its Bernstein
-    coefficients, which halving its interval brings as close together as wanted. The jerk's ratio is infinite where
+    coefficients, which halving its interval brings as close together as wanted; never too low, should it take too
+    many halvings. The jerk's ratio is infinite where
     acceleration jumps, as it does under a trapezoidal law. All are 0 when nothing moves.
 
     Raises:
@@ -247,7 +249,8 @@ def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: Flo
     """The floor, or the largest abs of polynomials if that is above it.
 
     Bernstein coefficients over each piece of time, of each joint, shape (degree + 1, pieces, joints). What cannot
-    exceed the best value found is dropped, the rest split (de Casteljau), until nothing is left.
+    exceed the best value found is dropped, the rest split (de Casteljau), until nothing is left. Of what is left after
+    ``MAX_ROUNDS``, or is too large for a float, the bound is taken for the peak.
     """
     joints = ratios.shape[2]
     b: FloatArray = ratios.reshape(len(ratios), -1)
@@ -265,9 +268,13 @@ def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: Flo
     for values, end in ((size[0], np.zeros(len(row))), (size[-1], np.ones(len(row)))):
         best = better(values, row, end)
     bound, low, high = size.max(axis=0), np.zeros(len(row)), np.ones(len(row))
-    for turn in range(MAX_ROUNDS):
+    rounds = MAX_ROUNDS * (1 + len(row) // MANY)
+    for turn in range(rounds + 1):
         (open_,) = (bound > best.ratio * (1.0 + EXACT)).nonzero()
         if not len(open_):
+            break
+        if turn == rounds or bound[open_].max() == math.inf:
+            best = better(bound[open_], row[open_], low[open_])
             break
         if len(open_) > AT_ONCE:
             open_ = open_[np.argsort(-bound[open_], kind="stable")]

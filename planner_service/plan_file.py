@@ -12,6 +12,7 @@ import json
 import math
 import os
 import platform
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -20,14 +21,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, JsonValue
+from pydantic import AfterValidator, JsonValue
 
 from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionStep
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.json_file import MAX_BYTES, read_json
 from planner_service.old_plan_file import command_of
 from planner_service.outcome import Failure, PlanResult
-from planner_service.record import Reading, Record, Text, as_text, read_record, recorded
+from planner_service.record import Reading, Record, Text, as_text, at_most, read_record, recorded
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
 from planner_service.request_record import TIMINGS, RequestRecord
@@ -42,10 +43,10 @@ from planner_service.result_record import (
 from planner_service.robot import Robot
 from planner_service.robot_record import RobotRecord
 from planner_service.scene import Scene
-from planner_service.scene_file import write_whole
 from planner_service.scene_record import SceneRecord, WorldRecord
 from planner_service.service import PlannerService
 from planner_service.task import Segment, TaskResult
+from planner_service.written_file import write_whole
 
 if TYPE_CHECKING:
     from planner_service.view import Viewer
@@ -63,6 +64,12 @@ __all__ = [
     "load_task",
     "save_plan",
 ]
+
+OURS = re.compile(
+    rb'\s*\{(?:.*"format":\s*"planner-service/|\s*"version":[\s\d]+,\s*"made_with":\s*\{[^}]*"planner_service")',
+    re.DOTALL,
+)
+"""How plan and task files begin, whichever version."""
 
 PLAN_FORMAT = "planner-service/plan"
 TASK_FORMAT = "planner-service/task"
@@ -292,7 +299,7 @@ class _Head(Record):
     """What plans and tasks have in common."""
 
     version: Literal[3]
-    made_with: Annotated[dict[Text, Text], Field(max_length=100)]
+    made_with: Annotated[dict[Text, Text], at_most(100)]
     robot: RobotRecord
     scene: SceneRecord
     allowed: PairList
@@ -363,8 +370,8 @@ class TaskRecord(_Head):
     counts: CountsRecord
     choosing: CountsRecord
     seconds: float
-    notes: Annotated[list[Text], Field(max_length=MAX_SEGMENTS)]
-    segments: Annotated[list[SegmentRecord], Field(max_length=MAX_SEGMENTS)]
+    notes: Annotated[list[Text], at_most(MAX_SEGMENTS)]
+    segments: Annotated[list[SegmentRecord], at_most(MAX_SEGMENTS)]
     sections: Sections
 
     @classmethod
@@ -455,7 +462,7 @@ def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str |
     text = json.dumps(_saved(plan).document(), indent=1, allow_nan=False) + "\n"
     if len(text) > MAX_BYTES:  # of ASCII
         raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
-    write_whole(target, text)
+    write_whole(target, text, OURS)
 
 
 def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan | SavedTask:

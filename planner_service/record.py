@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     FailFast,
     Field,
@@ -49,6 +50,7 @@ __all__ = [
     "Vector3",
     "Vector4",
     "as_text",
+    "at_most",
     "packed",
     "read_record",
     "recorded",
@@ -62,6 +64,8 @@ MAX_PROBLEMS = 1_000
 """After so many, reading stops: the file is something else."""
 
 SHOWN_PROBLEMS = 100
+
+MAX_WAYPOINTS = 100_000
 
 R = TypeVar("R", bound="Record")
 T = TypeVar("T")
@@ -111,7 +115,7 @@ class Record(BaseModel):
         except ValidationError as error:
             reading.problems += error.error_count()
             if reading.problems > MAX_PROBLEMS:
-                raise _TooManyProblemsError from None
+                raise _TooManyProblemsError(_problem(None, error.errors(include_url=False)[0])) from None
             raise
         return record
 
@@ -126,8 +130,8 @@ def read_record(model: type[R], document: Any, path: Path, reading: Reading) -> 
         return model.model_validate(document, context=reading)
     except ValidationError as error:
         found = [_problem(document, entry) for entry in error.errors(include_url=False)]
-    except _TooManyProblemsError:
-        found = [f"more than {MAX_PROBLEMS:,} problems"]
+    except _TooManyProblemsError as error:
+        found = [f"more than {MAX_PROBLEMS:,} problems, such as {error}"]
     more = [f"and {len(found) - SHOWN_PROBLEMS} more"] if len(found) > SHOWN_PROBLEMS else []
     raise InvalidFile(path, [*found[:SHOWN_PROBLEMS], *more])
 
@@ -254,6 +258,17 @@ class FirstOnly(FailFast):
     __hash__ = object.__hash__  # so that a list of these may be optional
 
 
+def at_most(count: int) -> BeforeValidator:
+    """Of a list or an object: asked before anything in it is looked at."""
+
+    def checked(values: Any) -> Any:
+        if isinstance(values, list | dict) and len(values) > count:
+            raise ValueError(f"at most {count:,} entries; there are {len(values):,}")
+        return values
+
+    return BeforeValidator(checked)
+
+
 Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(_printable)]
 """Without control characters, escapes and half surrogates: a terminal may print it."""
 
@@ -265,7 +280,7 @@ Vector4 = Annotated[Numbers, AfterValidator(_of_size(4))]
 Joints = Annotated[Numbers, AfterValidator(_one_per_joint)]
 """One number for each joint of the robot in the file."""
 
-Rows = Annotated[list[Joints], FirstOnly()]
+Rows = Annotated[list[Joints], FirstOnly(), at_most(MAX_WAYPOINTS)]
 NamePair = Annotated[list[Text], AfterValidator(_two_names)]
 Packed = Annotated[str, Field(max_length=20_000_000)]
 """An array as base64 of its little-endian bytes."""

@@ -16,7 +16,7 @@ from planner_service.geometry import Pose
 from planner_service.optimize import METHODS, Optimise
 from planner_service.planners import PLANNERS
 from planner_service.pose_goal import PoseGoal
-from planner_service.record import Count, Joints, Record, Text, Vector3
+from planner_service.record import Count, Joints, Record, Text, Vector3, at_most
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.scene_record import PoseRecord
@@ -150,7 +150,7 @@ class RequestRecord(Record):
     """A ``PlanRequest``."""
 
     start: Joints
-    goals: Annotated[list[GoalRecord], Field(min_length=1, max_length=MAX_GOALS)]
+    goals: Annotated[list[GoalRecord], Field(min_length=1), at_most(MAX_GOALS)]
     planner: PlannerRecord
     timing: TimingRecord
     polish: PlannerRecord | None

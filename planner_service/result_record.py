@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator
 
 from planner_service.certify import Certificate, ExemptInterval, GripperMotion, Refusal
 from planner_service.collision import CheckCounts, Contact
@@ -37,6 +37,7 @@ from planner_service.record import (
     Vector2,
     Vector4,
     as_text,
+    at_most,
     recorded,
 )
 from planner_service.trajectory import Trajectory
@@ -62,8 +63,8 @@ MAX_PAIRS = 100_000
 ROUNDING = 1e-9
 """By which sums may differ from one machine to another."""
 
-PairList = Annotated[list[NamePair], FirstOnly(), Field(max_length=MAX_PAIRS)]
-Notes = Annotated[list[Text], FirstOnly(), Field(max_length=10 * MAX_ENTRIES)]
+PairList = Annotated[list[NamePair], FirstOnly(), at_most(MAX_PAIRS)]
+Notes = Annotated[list[Text], FirstOnly(), at_most(10 * MAX_ENTRIES)]
 
 
 def counts_record(counts: CheckCounts) -> dict[str, int]:
@@ -171,9 +172,9 @@ class FailureRecord(Record):
     stage: StageName
     reason: ReasonName
     detail: Text
-    contacts: Annotated[list[ContactRecord], Field(max_length=MAX_PAIRS)]
+    contacts: Annotated[list[ContactRecord], at_most(MAX_PAIRS)]
     nearest_free: Joints | None
-    blocked_by: Annotated[list[BlockedRecord], Field(max_length=MAX_PAIRS)]
+    blocked_by: Annotated[list[BlockedRecord], at_most(MAX_PAIRS)]
 
     @classmethod
     def of(cls, failure: Failure) -> FailureRecord:
@@ -243,7 +244,7 @@ class CertificateRecord(Record):
     clearance: float | None
     distances: Count
     padding: float
-    exempt: Annotated[list[ExemptRecord], Field(max_length=MAX_ENTRIES)]
+    exempt: Annotated[list[ExemptRecord], at_most(MAX_ENTRIES)]
     refusal: RefusalRecord | None
     part: Vector2 | None
     allowed: PairList
@@ -446,7 +447,7 @@ class ResultRecord(Record):
     deterministic: bool
     notes: Notes
     counts: CountsRecord
-    stages: Annotated[list[StageRecord], Field(max_length=MAX_ENTRIES)]
+    stages: Annotated[list[StageRecord], at_most(MAX_ENTRIES)]
     certificate: CertificateRecord | None
     motion: MotionRecord | None
     polish: PolishRecord | None

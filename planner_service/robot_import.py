@@ -22,9 +22,9 @@ from planner_service.regular_file import as_path, read_bytes
 from planner_service.robot import Robot, load_robot
 from planner_service.robot_source import ACCELERATION, JERK, Selection, robot_of, standing_joints
 from planner_service.scene import Scene
-from planner_service.scene_file import require_writable, write_whole
 from planner_service.urdf import CONTINUOUS_RANGE, DEFAULT_VELOCITY, read_urdf
 from planner_service.urdf_model import Urdf
+from planner_service.written_file import require_writable, write_whole
 from planner_service.xml_file import MAX_XML_BYTES, read_xml
 
 __all__ = ["ImportedRobot", "Source", "import_robot"]

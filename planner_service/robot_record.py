@@ -13,7 +13,7 @@ from pydantic import Field
 from planner_service.bodies import Body, LinkShape
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import MAX_LENGTH, FloatArray, Pose
-from planner_service.record import Count, FirstOnly, Joints, NamePair, Numbers, Record, Text, Vector3, as_text
+from planner_service.record import Count, FirstOnly, Joints, NamePair, Numbers, Record, Text, Vector3, as_text, at_most
 from planner_service.robot import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 from planner_service.scene_record import PoseRecord, ShapeRecord, shape_record
 
@@ -26,9 +26,9 @@ MAX_PAIRS = 100_000
 UNIT = 1e-6
 """By which an axis or a direction may be off its length of 1."""
 
-Texts = Annotated[list[Text], FirstOnly(), Field(max_length=MAX_SHAPES)]
-Pairs = Annotated[list[NamePair], FirstOnly(), Field(max_length=MAX_PAIRS)]
-Matrix = Annotated[list[Numbers], FirstOnly(), Field(max_length=4)]
+Texts = Annotated[list[Text], FirstOnly(), at_most(MAX_SHAPES)]
+Pairs = Annotated[list[NamePair], FirstOnly(), at_most(MAX_PAIRS)]
+Matrix = Annotated[list[Numbers], FirstOnly(), at_most(4)]
 
 
 def _placement(field: str, rows: list[list[float]]) -> FloatArray:
@@ -147,7 +147,7 @@ class GripperRecord(Record):
     links: Texts
     lower: float
     upper: float
-    closed: Annotated[list[LinkShapeRecord], Field(max_length=MAX_SHAPES)]
+    closed: Annotated[list[LinkShapeRecord], at_most(MAX_SHAPES)]
     directions: Annotated[list[Vector3], FirstOnly()]
     approach: Vector3
     closing: Vector3
@@ -206,19 +206,19 @@ class RobotRecord(Record):
 
     name: Text
     hash: Text
-    joint_names: Annotated[list[Text], Field(min_length=1, max_length=MAX_JOINTS)]
+    joint_names: Annotated[list[Text], Field(min_length=1), at_most(MAX_JOINTS)]
     limits: LimitsRecord
-    named_poses: Annotated[list[NamedPoseRecord], Field(max_length=MAX_JOINTS)]
+    named_poses: Annotated[list[NamedPoseRecord], at_most(MAX_JOINTS)]
     base_links: Texts
     tool_frame: Text
     tool_body: Count
     tool_placement: Matrix
-    bodies: Annotated[list[BodyRecord], Field(min_length=2, max_length=MAX_JOINTS + 1)]
-    shapes: Annotated[list[LinkShapeRecord], Field(max_length=MAX_SHAPES)]
-    allowed_contacts: Annotated[list[ContactRecord], Field(max_length=MAX_PAIRS)]
+    bodies: Annotated[list[BodyRecord], Field(min_length=2), at_most(MAX_JOINTS + 1)]
+    shapes: Annotated[list[LinkShapeRecord], at_most(MAX_SHAPES)]
+    allowed_contacts: Annotated[list[ContactRecord], at_most(MAX_PAIRS)]
     gripper: GripperRecord | None
     gripper_width: float
-    retreats: Annotated[list[RetreatRecord], Field(max_length=MAX_JOINTS)]
+    retreats: Annotated[list[RetreatRecord], at_most(MAX_JOINTS)]
     inverse: Literal["numeric", "wxai"]
     settle_time: Annotated[float, Field(ge=0.0, le=3600.0)]
 

@@ -34,6 +34,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -49,18 +50,13 @@ from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, S
 from planner_service.mesh import Mesh
 from planner_service.mesh_path import MeshShelf
 from planner_service.regular_file import as_path
-from planner_service.scene_file import (
-    MAX_BYTES,
-    SHAPE_KEYS,
-    Table,
-    pose_texts,
-    read_tables,
-    shape_key,
-    shape_text,
-    write_whole,
-)
+from planner_service.scene_file import MAX_BYTES, SHAPE_KEYS, Table, pose_texts, read_tables, shape_key, shape_text
+from planner_service.written_file import write_whole
 
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
+
+OURS = re.compile(rb"(?:\s|#[^\n]*\n|(?:name|description)[ \t]*=[^\n]*\n)*(?:\[\[(?:obstacle|attached)\]\]|\Z)")
+"""How scene files begin."""
 
 MAX_NAME = 64
 KIND_SUFFIXES = (" (link)", " (object)")
@@ -166,8 +162,8 @@ class Scene:
     description: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "obstacles", items("obstacles", self.obstacles, Obstacle, "Obstacles"))
-        object.__setattr__(self, "attached", items("attached", self.attached, Attached, "Attached objects"))
+        object.__setattr__(self, "obstacles", items("obstacles", self.obstacles, Obstacle, "a sequence of Obstacle"))
+        object.__setattr__(self, "attached", items("attached", self.attached, Attached, "a sequence of Attached"))
         if len(self.names) > MAX_OBJECTS:
             raise InvalidRequest("scene", len(self.names), f"at most {MAX_OBJECTS:,} obstacles and attached objects")
         seen: set[str] = set()
@@ -315,6 +311,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
         UnknownName: no scene of that name comes with the package.
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
+    instance("scene", name_or_path, (str, os.PathLike), "the name of a scene or the path of a file")
     path = as_path("scene", name_or_path)
     if isinstance(name_or_path, str) and path.name == name_or_path and path.suffix != ".toml":
         if name_or_path not in scene_names():
@@ -346,7 +343,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     content = "\n\n".join(parts) + "\n"
     if len(content.encode()) > MAX_BYTES:
         raise InvalidRequest("scene", f"{len(content.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
-    write_whole(target, content)
+    write_whole(target, content, OURS)
 
 
 def _quoted(text: str) -> str:

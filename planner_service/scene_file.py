@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
+import re
 import reprlib
 import sys
-import uuid
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -30,10 +29,8 @@ __all__ = [
     "Table",
     "pose_texts",
     "read_tables",
-    "require_writable",
     "shape_key",
     "shape_text",
-    "write_whole",
 ]
 
 T = TypeVar("T")
@@ -46,6 +43,12 @@ CONVEX_KEYS = ("box", "sphere", "cylinder", "capsule", "mesh")
 
 SHAPE_KEYS = (*CONVEX_KEYS, "cloud", "heights", "compound")
 """What ``Table.solid`` reads, one of them per table."""
+
+MAX_KEY_PARTS = 4
+"""Of a dotted key or header; ours have two."""
+
+_QUOTED = re.compile(r"""(["'])(?:(?<=")[^"\\\n]*(?:\\.[^"\\\n]*)*|(?<=')[^'\n]*)(?:\1|(?=\n)|$|\\)""")
+_DOTTED = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{MAX_KEY_PARTS}}}[\w-]")
 
 POSE_KEYS = ("position", "quaternion_wxyz")
 
@@ -61,7 +64,9 @@ def read_tables(path: Path) -> dict[str, Any]:
     """
     data = read_bytes(path, MAX_BYTES)
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        text = data.decode("utf-8")
+        _require_few_dots(path, text)
+        return tomllib.loads(text)
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InvalidFile(path, [f"not UTF-8: byte {data[error.start]:#04x} on line {line}"]) from None
@@ -71,50 +76,11 @@ def read_tables(path: Path) -> dict[str, Any]:
         raise InvalidFile(path, [f"malformed TOML: {error}"]) from None
 
 
-def require_writable(path: str | os.PathLike[str]) -> None:
-    """Return if a file can be put at ``path``: to be asked before the work whose result would be lost.
-
-    Raises:
-        InvalidFile: it cannot, and why.
-    """
-    try:
-        target = Path(os.path.realpath(path))
-        regular = target.is_file() or not target.exists()
-        if regular:
-            probe = target.parent / f".{uuid.uuid4().hex}.tmp"
-            probe.touch(exist_ok=False)
-            probe.unlink()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        missing = isinstance(error, FileNotFoundError)
-        where = f"; the folder {target.parent} has to be there" if missing else ""
-        raise InvalidFile(os.fspath(path), [f"cannot be written: {reason}{where}"]) from None
-    if not regular:  # to put a file in the place of a device or a folder is never meant
-        raise InvalidFile(os.fspath(path), ["cannot be written: it is there, and no regular file"])
-
-
-def write_whole(path: Path, content: str | bytes) -> None:
-    """Put ``content`` into the file at ``path``, or leave everything as it was.
-
-    Raises:
-        InvalidFile: the folder does not exist, may not be written, is full, or ``path`` is a folder or device.
-    """
-    require_writable(path)
-    try:
-        target = Path(os.path.realpath(path))  # a link stays a link
-    except (OSError, ValueError) as error:
-        raise InvalidFile(path, [f"cannot be written: {error}"]) from None
-    temporary = target.parent / f".{uuid.uuid4().hex}.tmp"  # in another folder the exchange would not be atomic
-    try:
-        with open(temporary, "xb") as file:
-            file.write(content.encode("utf-8") if isinstance(content, str) else content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    except OSError as error:
-        raise InvalidFile(path, [f"cannot be written: {error.strerror or error}"]) from error
-    finally:
-        temporary.unlink(missing_ok=True)
+def _require_few_dots(path: Path, text: str) -> None:
+    """Refuse long dotted keys before they are read, which takes the square of their parts in time and memory."""
+    found = _DOTTED.search(_QUOTED.sub("q", text))  # a quoted part is as good as a bare one
+    if found is not None:
+        raise InvalidFile(path, [f"malformed TOML: a key of more than {MAX_KEY_PARTS} parts: {found.group()[:40]!r}"])
 
 
 class Table:

@@ -12,7 +12,7 @@ from planner_service.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.mesh import MAX_HULL, Mesh
-from planner_service.record import Count, Packed, Reading, Record, Text, Vector3, Vector4, packed, unpacked
+from planner_service.record import Count, Packed, Reading, Record, Text, Vector3, Vector4, at_most, packed, unpacked
 from planner_service.scene import MAX_OBJECTS, Attached, Obstacle, Scene
 
 __all__ = ["ObstacleRecord", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord", "shape_record"]
@@ -134,7 +134,7 @@ class CompoundRecord(Record):
     """A ``Compound``."""
 
     kind: Literal["compound"]
-    parts: Annotated[list[PartRecord], Field(max_length=1_000)]
+    parts: Annotated[list[PartRecord], at_most(1_000)]
 
     @cached_property
     def value(self) -> Compound:
@@ -234,7 +234,7 @@ class AttachedRecord(Record):
     name: Text
     shape: SolidRecord
     pose: PoseRecord
-    touch_links: Annotated[list[Text], Field(max_length=1_000)]
+    touch_links: Annotated[list[Text], at_most(1_000)]
 
     @classmethod
     def of(cls, held: Attached) -> AttachedRecord:
@@ -252,8 +252,8 @@ class SceneRecord(Record):
     name: Text
     description: str
     hash: Text
-    obstacles: Annotated[list[ObstacleRecord], Field(max_length=MAX_OBJECTS)]
-    attached: Annotated[list[AttachedRecord], Field(max_length=MAX_OBJECTS)]
+    obstacles: Annotated[list[ObstacleRecord], at_most(MAX_OBJECTS)]
+    attached: Annotated[list[AttachedRecord], at_most(MAX_OBJECTS)]
 
     @classmethod
     def of(cls, scene: Scene) -> SceneRecord:
@@ -286,8 +286,8 @@ NameOrObstacle = Annotated[
 class WorldRecord(Record):
     """What a task's scene has become by a motion: obstacles that are as they were by name, others whole, in order."""
 
-    obstacles: Annotated[list[NameOrObstacle], Field(max_length=MAX_OBJECTS)]
-    attached: Annotated[list[AttachedRecord], Field(max_length=MAX_OBJECTS)]
+    obstacles: Annotated[list[NameOrObstacle], at_most(MAX_OBJECTS)]
+    attached: Annotated[list[AttachedRecord], at_most(MAX_OBJECTS)]
 
     @classmethod
     def of(cls, scene: Scene, first: Scene) -> WorldRecord:

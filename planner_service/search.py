@@ -254,7 +254,7 @@ def distances(points: FloatArray, q: FloatArray) -> FloatArray:
 
 def require_seed(seed: int) -> None:
     """Refuse what is not a whole number of at least 0."""
-    whole("seed", seed, 0, 2**63 - 1)
+    whole("seed", seed, 0, 2**128 - 1)
 
 
 def _bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:

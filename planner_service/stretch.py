@@ -161,7 +161,7 @@ def stretches(
     path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None, since: float | None = None
 ) -> Iterator[Stretch]:
     """The parts of a path between its stops, none for a single point; of what is left from ``since`` on, if given."""
-    if speed_limit is not None and not callable(speed_limit):
+    if speed_limit is not None and (isinstance(speed_limit, type) or not callable(speed_limit)):
         raise InvalidRequest("speed_limit", speed_limit, "a function of s, or None")
     if path.length > (since or 0.0):
         stops = np.searchsorted(path.breaks, [0.0, *path.knots[list(path.corners)], path.length]).tolist()

@@ -20,9 +20,11 @@ from typer.testing import CliRunner, Result
 
 from planner_service.cli import OUR_BUG, main
 from planner_service.cli.commands import app
+from planner_service.cli.view import opened
 from planner_service.data import data_folder
 from planner_service.errors import BrokenInvariant, MissingDependency
 from planner_service.geometry import Box, Pose
+from planner_service.outcome import PlanResult
 from planner_service.pick_place import places_on, standing_on
 from planner_service.plan_file import load_plan, load_task
 from planner_service.planners import PRMstar
@@ -505,15 +507,41 @@ def test_every_motion_of_a_saved_task_is_proven_again_with_what_it_carries(tmp_p
     assert "lift: refused: blue_block x bin_floor is not proven apart" in " ".join(refused.stdout.split())
 
 
-def test_a_plan_for_another_world_is_not_proven_by_its_name(tmp_path: Path) -> None:
+def test_a_plan_is_proven_against_the_scene_in_its_file_or_one_that_is_given(tmp_path: Path) -> None:
+    there = saved_plan(tmp_path / "plan.json")
+    alone = run("certify", str(there))
+    assert alone.exit_code == 0
+    assert "note: against the scene in this file: discs" in alone.stdout
+    asked = run("certify", str(there), "--scene", "empty")
+    assert asked.exit_code == 0
+    told = " ".join(asked.stdout.split())
+    assert "against --scene empty, not the scene in this file" in told
+    assert "made for another scene: discs" in told
+
+
+def test_a_file_whose_hash_is_not_that_of_its_scene_is_refused(tmp_path: Path) -> None:
     there = saved_plan(tmp_path / "plan.json")
     document = json.loads(there.read_text())
     document["scene"]["hash"] = "0" * 64
     there.write_text(json.dumps(document))
-    assert run("certify", str(there)).exit_code == 2
-    asked = run("certify", str(there), "--scene", "discs")
-    assert asked.exit_code == 0
-    assert "the plan was made for another scene" in " ".join(asked.stdout.split())
+    done = run("certify", str(there))
+    assert done.exit_code == 2
+    assert "scene.hash: got '0000" in done.stderr
+
+
+def test_a_plan_for_a_scene_of_ones_own_needs_nothing_but_its_file(tmp_path: Path) -> None:
+    cell = tmp_path / "my_cell.toml"
+    cell.write_text('[[obstacle]]\nname = "post"\nsphere = 0.05\nposition = [0.4, 0.2, 0.2]\n')
+    file = tmp_path / "p.json"
+    goal = "0.3,1.2,1.0,-0.5,0,0"
+    assert run("plan", "--scene", str(cell), "--start", "home", "--goal", goal, "--out", str(file)).exit_code == 0
+    cell.unlink()
+    assert run("certify", str(file)).exit_code == 0
+    assert run("export", str(file)).exit_code == 0
+    _, shown, notes = opened(str(file), None, None)
+    assert isinstance(shown, PlanResult)
+    assert shown.ok
+    assert notes == ["against the scene in this file: unnamed"]
 
 
 def test_a_robot_whose_package_is_not_installed_is_listed_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:

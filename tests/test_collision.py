@@ -357,6 +357,15 @@ def test_an_answer_does_not_depend_on_what_was_asked_before() -> None:
     assert forward == backward
 
 
+def test_how_finely_a_variant_samples_does_not_depend_on_which_were_made_before() -> None:
+    q = np.array(WXAI.home)
+    first, second = (CollisionChecker(WXAI, Scene()) for _ in range(2))
+    fine = first.variant(motion_step=0.004)
+    assert fine.variant(motion_step=0.02).segments(q, q + 0.2) == fine.segments(q, q + 0.2)  # as fine as before
+    assert first.variant(motion_step=0.02).segments(q, q + 0.2) == second.segments(q, q + 0.2)
+    assert fine.variant(padding=0.01).segments(q, q + 0.2) == fine.segments(q, q + 0.2)
+
+
 def test_a_variant_counts_in_the_same_ledger_and_is_made_once() -> None:
     checker = planar()
     padded = checker.variant(padding=0.01)

@@ -95,9 +95,11 @@ def task_of(service: PlannerService, *segments: Segment) -> SavedTask:
     return SavedTask(MadeFor.of(service), "there and back", segments, CheckCounts(), 0.0)
 
 
-def stopped(result: Any, arm: FakeArm, robot: Robot, how: Streaming = QUICK, **options: bool) -> ExecutionReport:
+def stopped(
+    result: Any, arm: FakeArm, robot: Robot, how: Streaming = QUICK, *, allow_unproven: bool = False
+) -> ExecutionReport:
     with pytest.raises(ExecutionStopped) as caught:
-        execute(result, arm, robot, how, **options)
+        execute(result, arm, robot, how, allow_unproven=allow_unproven)
     return caught.value.report
 
 
@@ -744,6 +746,7 @@ def test_whatever_ends_the_command_has_the_arm_hold(
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
     done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert done.exit_code == 130
+    assert "interrupted; the arm was told to hold where it was" in done.stderr
     assert (len(arm.told), len(arm.held), arm.closed) == (8, 1, True)
     assert signal.getsignal(number) == before
 

@@ -75,7 +75,7 @@ def test_every_arm_with_a_gripper_takes_a_cube_from_above_between_its_fingers(na
     across = (tips[1] - tips[0]) / np.linalg.norm(tips[1] - tips[0])
     sides = [float((tip - middle) @ across) for tip in tips]
     down = middle - palm
-    assert -down[2] >= np.cos(np.radians(30.5)) * np.linalg.norm(down)  # the palm is above the cube, the largest tilt aside
+    assert -down[2] >= np.cos(np.radians(30.5)) * np.linalg.norm(down)  # the palm is above the cube, but for the tilt
     assert max(sides) > 0.0 > min(sides)
     assert sides[0] == pytest.approx(-sides[1], abs=0.004)
     assert abs(across[2]) < 0.1

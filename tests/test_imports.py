@@ -38,6 +38,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "data",
             "json_file",
             "regular_file",
+            "written_file",
             "xml_file",
             "dae_file",
         },

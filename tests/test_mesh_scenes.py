@@ -100,7 +100,7 @@ def test_a_plan_among_meshes_is_proven_again_from_its_file(folder: Path, tmp_pat
     plan = load_plan(tmp_path / "plan.json")
     again = Scene(load_scene(tmp_path / "scene.toml").obstacles, (HELD,))
     other = HullSetup("again", folder).robot()
-    assert (plan.made_for.robot_hash, plan.made_for.scene_hash) == (other.hash, again.hash)
+    assert (plan.robot.hash, plan.scene.hash) == (other.hash, again.hash)
     path = plan.result.path
     assert path is not None
     found = certify(other, again, path)

@@ -44,12 +44,9 @@ def carrying() -> tuple[CollisionChecker, CollisionChecker]:
     """Checkers of an arm that carries a block with a rod through it, every pair padded by 5 mm."""
     robot, scene = case("wxai bin")
     for name, shape in (("held", Box((0.04, 0.05, 0.06))), ("knob", Sphere(0.03))):
-        touching = ("finger_left", "finger_right", "held", "knob", "link_6", "gripper")
-        links = {item.link for item in robot.shapes} | {"held", "knob"}
-        scene = scene.with_attached(
-            Attached(name, shape, Pose((0.03, 0.0, 0.0)), tuple(set(touching) & links - {name}))
-        )
-    return checkers(robot, scene, padding=0.005)
+        touching = ("finger_left", "finger_right", "link_6")
+        scene = scene.with_attached(Attached(name, shape, Pose((0.03, 0.0, 0.0)), touching))
+    return checkers(robot, scene, padding=0.005, allowed=[("held", "knob")])
 
 
 @pytest.mark.parametrize("reference", ["fcl", "numpy"])
@@ -287,12 +284,6 @@ def test_angles_far_from_zero_are_turned_into_the_same_poses(turns: int) -> None
     for kernel in built_kernels(checker):
         apart = set(zip(*kernel.candidates(near), strict=True)) ^ set(zip(*kernel.candidates(far), strict=True))
         assert apart == set()
-
-
-def test_what_is_not_a_number_stays_in_doubt() -> None:
-    checker = checkers(*case("wxai bin"))[0]
-    for kernel in built_kernels(checker):
-        assert kernel.first(np.full((1, 6), math.nan), 0, 1) is not None
 
 
 def native_data(checker: CollisionChecker) -> list[Any]:

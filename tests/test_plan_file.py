@@ -27,11 +27,11 @@ from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot import load_robot
 from planner_service.scene import load_scene
-from planner_service.scene_file import require_writable
 from planner_service.search import SearchProblem, SearchResult
 from planner_service.service import PlannerService
 from planner_service.task import Segment
 from planner_service.timing import SCurve, ToppRa, Trapezoidal
+from planner_service.written_file import require_writable
 
 Document = dict[str, Any]
 

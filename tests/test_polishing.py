@@ -492,17 +492,6 @@ def test_a_request_comes_back_from_a_file(discs: PlannerService, tmp_path: Path,
     assert bits(read.result) == bits(result)
 
 
-def test_files_of_before_are_read(discs: PlannerService, tmp_path: Path) -> None:
-    file = tmp_path / "plan.json"
-    save_plan(SavedPlan(MadeFor.of(discs), asked(), discs.plan(asked())), file)
-    document = json.loads(file.read_text())
-    del document["request"]["polish"], document["result"]["polish"]
-    file.write_text(json.dumps(document))
-    read = load_plan(file)
-    assert read.request is not None
-    assert (read.request.polish, read.result.polish) == (None, None)
-
-
 @pytest.mark.parametrize(
     ("where", "value", "told"),
     [

@@ -297,7 +297,8 @@ def test_every_motion_of_a_pick_and_place_obeys_the_request() -> None:
         assert motion.peaks.jerk.ratio <= 1.0 + 1e-9
         assert motion.peaks.velocity.ratio <= 1.0 + 1e-9
         assert motion.tool_speed <= 0.08 * (1.0 + 1e-6)
-        assert segment.result.padding == 0.003 or any("less than the padding of 3 mm" in n for n in segment.result.notes)
+        told = any("less than the padding of 3 mm" in note for note in segment.result.notes)
+        assert segment.result.padding == 0.003 or told
 
 
 def test_a_line_that_cannot_keep_the_padding_says_what_it_keeps_and_near_what(cell: PlannerService) -> None:
@@ -310,7 +311,8 @@ def test_a_line_that_cannot_keep_the_padding_says_what_it_keeps_and_near_what(ce
 
 
 def test_a_given_line_keeps_the_padding_asked_or_says_what_it_keeps(cell: PlannerService) -> None:
-    line, home = [cell.robot.home, cell.robot.home + [0.3, 0.0, 0.0, 0.0, 0.0, 0.0]], cell.robot.home
+    home = cell.robot.home
+    line = [home, home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])]
     roomy, tight = cell.follow(line, padding=0.01), cell.follow(line, padding=0.09)
     assert (roomy.padding, roomy.notes) == (0.01, ())
     assert tight.ok

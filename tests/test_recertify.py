@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from planner_service import (
     Attached,
@@ -28,6 +29,8 @@ from planner_service import (
     Trajectory,
     Trapezoidal,
 )
+from planner_service.cli import run
+from planner_service.cli.commands import app
 from planner_service.execute import Streaming, execute, execution
 from planner_service.follow import AllowedStretch
 from planner_service.pick_place import plan_pick_place
@@ -109,7 +112,7 @@ def refused(plan: Any, match: str, service: PlannerService, **options: Any) -> N
     """Neither proven nor driven."""
     with pytest.raises(InvalidRequest, match=match):
         recertify(plan, **options).required()
-    first = plan.segments[0].result if isinstance(plan, SavedTask | TaskResult) else getattr(plan, "result", plan)
+    first: Any = plan.segments[0].result if isinstance(plan, SavedTask | TaskResult) else getattr(plan, "result", plan)
     arm = FakeArm(np.array(first.trajectory(0.0)))
     with pytest.raises(InvalidRequest, match=match):
         execute(plan, arm, service.robot, QUICK, **options)
@@ -414,3 +417,94 @@ def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: Saved
         exempting(read, "lift", ExemptInterval(0.0, 9.0, (("blue_block", "bin_floor"),), "")), "beyond the end", bin_
     )
     refused(exempting(read, "lift", ExemptInterval(0.0, 0.01, (("ghost", "demo_post"),), "")), "that are there", bin_)
+
+
+# Real arms, and the command line.
+
+
+@pytest.mark.parametrize("simulated", [False, np.bool_(False)])
+def test_a_real_arm_is_moved_by_a_file_only_in_the_world_that_the_operator_knows(
+    simulated: Any, bin_: PlannerService, good: PlanResult, tmp_path: Path
+) -> None:
+    plan, arm = saved(bin_, good, tmp_path), FakeArm(np.array(bin_.robot.home), simulated=simulated)
+    made = rf"wxai \({bin_.robot.hash[:12]}\) in bin \({bin_.scene.hash[:12]}\)"
+    with pytest.raises(InvalidRequest, match=rf"service=PlannerService\(robot, scene\)\), or --robot .*{made}"):
+        execute(plan, arm, bin_.robot, QUICK)
+    moved = bin_.with_scene(bin_.scene.moved("demo_post", Pose((0.0, -0.6, 0.2))))
+    with pytest.raises(InvalidRequest, match=rf"made in bin, {bin_.scene.hash[:12]}; .* {moved.scene.hash[:12]}"):
+        execute(plan, arm, None, QUICK, service=moved)
+    other = replace(bin_.robot, settle_time=9.0)
+    with pytest.raises(InvalidRequest, match=rf"made for wxai, {bin_.robot.hash[:12]}; .* {other.hash[:12]}"):
+        execute(plan, arm, None, QUICK, service=PlannerService(other, bin_.scene))
+    assert arm.told == []
+    assert execute(plan, arm, None, QUICK, service=bin_.changed(gripper=0.03)).ok
+    arm.q = np.array(bin_.robot.home)
+    assert execute(good, arm, None, QUICK).ok  # this process planned it, for a scene that its caller gave
+
+
+def test_a_forged_scene_does_not_reach_a_real_arm(bin_: PlannerService, good: PlanResult, tmp_path: Path) -> None:
+    empty = PlannerService(bin_.robot, bin_.scene.without("demo_post"))
+    plan = saved(empty, through_the_post(good, bin_), tmp_path)
+    assert recertify(plan).certified  # in the scene of the file
+    arm = FakeArm(np.array(bin_.robot.home), simulated=False)
+    with pytest.raises(InvalidRequest, match="plan: made in bin"):
+        execute(plan, arm, None, QUICK, service=bin_)
+    assert arm.told == []
+
+
+ARM = ["run", "--arm", "192.168.1.2", "--yes", "--robot", "wxai", "--scene", "bin"]
+FILES = [["certify"], ["run", "--sim"], ARM, ["view", "--no-browser"], ["export"]]
+
+
+@pytest.mark.parametrize("words", FILES, ids=lambda words: words[0])
+def test_a_forged_file_is_refused_by_each_command(
+    words: list[str], bin_: PlannerService, good: PlanResult, tmp_path: Path
+) -> None:
+    length = through_the_post(good, bin_).path.length  # type: ignore[union-attr]
+    for exempt in ((), (everything(bin_, length),)):
+        saved(bin_, through_the_post(good, bin_, *exempt), tmp_path)
+        done = CliRunner().invoke(app, [words[0], str(tmp_path / "plan.json"), *words[1:]])
+        assert done.exit_code == 1
+        assert ("--allow" if exempt else "is not proven apart") in done.output
+
+
+def test_certify_says_against_what_and_lists_what_is_not_judged(read: SavedTask, tmp_path: Path) -> None:
+    save_plan(read, tmp_path / "task.json")
+    done = CliRunner().invoke(app, ["certify", str(tmp_path / "task.json")])
+    assert done.exit_code == 0
+    told = " ".join(done.output.split())
+    assert "note: against the scene in this file: bin" in told
+    assert "note: lower: not judged from s" in told
+    assert "blue_block x tray (blue_block is to stand there)" in told
+
+
+def test_a_dry_run_lists_what_is_not_judged_and_moves_nothing(
+    read: SavedTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
+    save_plan(read, tmp_path / "task.json")
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "task.json"), "--arm", "192.168.1.2"])
+    assert done.exit_code == 2
+    told = " ".join(done.stderr.split())
+    assert "Not judged: descend: not judged from s = 0.000 to" in told
+    assert "finger_left x blue_block, finger_right x blue_block (fingers may touch blue_block, which they take)" in told
+    assert "lift: not judged from s = 0.000 to" in told
+    assert "It needs --robot and --scene" in told
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "task.json"), "--arm", "192.168.1.2", "--yes"])
+    assert done.exit_code == 2
+    assert "service=PlannerService(robot, scene)), or --robot and --scene" in " ".join(done.stderr.split())
+
+
+def test_pairs_are_named_again_in_the_shell(home: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = FakeArm(np.array(home), simulated=False)
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
+    lenient = PlannerService("wxai", "bin", allowed=[("link_6", "demo_post")])
+    saved(lenient, lenient.plan(PlanRequest(home, ABOVE_TRAY, seed=7)), tmp_path)
+    words = ["run", str(tmp_path / "plan.json"), "--arm", "::1", "--yes", "--robot", "wxai", "--scene", "bin"]
+    assert CliRunner().invoke(app, words).exit_code == 1
+    assert arm.told == []
+    assert CliRunner().invoke(app, [*words, "--allow", "link_6:demo_post"]).exit_code == 0
+    assert arm.told
+    wrong = CliRunner().invoke(app, ["certify", str(tmp_path / "plan.json"), "--allow", "link_6"])
+    assert wrong.exit_code == 2
+    assert "two different names of links or objects with a colon" in " ".join(wrong.stderr.split())

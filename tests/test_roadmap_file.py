@@ -349,3 +349,15 @@ def test_a_file_that_is_replaced_meanwhile_is_read_as_of_one_moment(
     monkeypatch.setattr("planner_service.grid_file.read_bytes", then_replaced)
     assert Roadmap.load(path).hash == sample().hash
     assert Roadmap.load(path).hash == NOTHING_KNOWN.hash
+
+
+def test_a_file_without_a_version_is_no_roadmap(tmp_path: Path) -> None:
+    path, other = tmp_path / "roadmap.npz", tmp_path / "other.npz"
+    PlannerService("planar2", "discs").path_memory().save(path)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    head = json.loads(arrays["head"].tobytes())
+    del head["version"]
+    np.savez(other, **{**arrays, "head": np.frombuffer(json.dumps(head).encode(), np.uint8)})
+    with pytest.raises(InvalidFile, match="version is missing; this package reads version 1"):
+        Roadmap.load(other)

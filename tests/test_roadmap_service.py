@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +19,7 @@ from planner_service import (
     CollisionChecker,
     JointStep,
     LazyPRM,
+    MotionStep,
     Obstacle,
     PlannerService,
     PlanRequest,
@@ -30,6 +31,7 @@ from planner_service import (
     Scene,
     Stage,
     Verdict,
+    load_scene,
     save_scene,
 )
 from planner_service.errors import InvalidRequest
@@ -329,3 +331,30 @@ def test_a_remembered_path_is_made_of_edges_that_were_judged_free() -> None:
         for a, b in pairwise(result.unwrap()[0].waypoints[1:-1]):
             assert checker.edge_is_free(a, b)
     assert lies(memory, service) == []
+
+
+@dataclass(frozen=True)
+class OwnStep:
+    """A rule of a user, whose ``repr`` does not tell how fine it is."""
+
+    distance: float = field(default=0.01, repr=False)
+
+    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        return MotionStep(self.distance).segments(dq, reach)
+
+
+def test_no_verdict_is_taken_over_under_an_edge_step_of_the_user() -> None:
+    scene = load_scene("shelf")
+    coarse, fine = (PlannerService("wxai", scene, edge_step=OwnStep(distance)) for distance in (2.0, 0.01))
+    roadmap = coarse.build_roadmap(PRM(milestones=40, max_checks=20_000), seed=0)
+    updated = fine.update_roadmap(roadmap).roadmap
+    checker = CollisionChecker(fine.robot, scene, edge_step=OwnStep(0.01), padding=0.001)
+    free = np.flatnonzero(updated.verdicts == Verdict.FREE)
+    assert all(checker.edge_is_free(*roadmap.milestones[roadmap.edges[edge]]) for edge in free)
+
+
+@pytest.mark.parametrize("name", ["net", "milestone_knowledge", "edge_knowledge", "terms", "built"])
+def test_a_roadmap_of_something_else_is_refused(name: str) -> None:
+    roadmap = PlannerService("planar2", "discs").path_memory()
+    with pytest.raises(InvalidRequest, match=f"{name}: got 5"):
+        replace(roadmap, **{name: 5})  # type: ignore[arg-type]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from planner_service.errors import InvalidFile, InvalidRequest, PlanningFailed
 from planner_service.interchange import csv_text, joint_trajectory, write_csv
 from planner_service.outcome import PlanResult
 from planner_service.path import JointPath
+from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, save_plan
 from planner_service.request import PlanRequest
 from planner_service.service import PlannerService
@@ -159,6 +160,28 @@ def test_export_refuses_what_it_cannot_do_and_leaves_the_plan(
     assert (done.exit_code, done.stdout) == (2, "")
     assert message in done.stderr
     assert plan_file.read_bytes() == before
+
+
+def test_export_of_a_task_has_all_motions_on_one_clock(tmp_path: Path) -> None:
+    service = PlannerService("wxai", "bin")
+    home = service.robot.home
+    task = plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, time_limit=None))
+    task.save(tmp_path / "task.json")
+    printed = run("export", tmp_path / "task.json", "--format", "csv", "--dt", "0.05")
+    assert printed.exit_code == 0
+    head, *rows = csv.reader(printed.stdout.splitlines())
+    assert head[:4] == ["t", "motion", "gripper_width", "q_joint_0"]
+    assert [name for name, _ in groupby(row[1] for row in rows)] == [segment.name for segment in task.segments]
+    times = [float(row[0]) for row in rows]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(sum(segment.result.unwrap()[1].duration for segment in task.segments))
+    widths = {segment.name: segment.width for segment in task.segments}
+    assert all(float(row[2]) == widths[row[1]] for row in rows)
+    motions = json.loads(run("export", tmp_path / "task.json").stdout)["motions"]
+    for motion, segment in zip(motions, task.segments, strict=True):
+        assert (motion["name"], motion["gripper_width"]) == (segment.name, segment.width)
+        assert motion["trajectory"] == joint_trajectory(segment.result, service.robot.joint_names, 0.01)
+    assert motions[1]["begin"] == task.segments[0].result.unwrap()[1].duration
 
 
 def test_export_of_a_failure_is_refused(tmp_path: Path) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from planner_service.errors import InvalidFile
 from planner_service.geometry import Box, Cylinder, Sphere
+from planner_service.robot import Robot
 from planner_service.urdf import read_urdf
 from planner_service.urdf_model import Mimic, Urdf
 from planner_service.xml_file import read_xml
@@ -235,3 +237,28 @@ def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
         file.truncate(10_000_001)
     with pytest.raises(InvalidFile, match="too large: more than 10,000,000 bytes"):
         read_xml(path, "robot")
+
+
+@pytest.mark.parametrize(
+    ("joint", "link"), [("b", "b"), ("a", "b"), ("c", "b"), ("universe", "b"), ("j", "universe"), ("root_joint", "b")]
+)
+def test_a_joint_may_be_called_like_a_link_and_either_like_a_frame_of_the_kinematics_library(
+    tmp_path: Path, joint: str, link: str
+) -> None:
+    def robot(joint: str, link: str) -> Robot:
+        box = '<collision><origin xyz="0 0 .5"/><geometry><box size=".1 .1 .1"/></geometry></collision>'
+        ends = f'<parent link="a"/><child link="{link}"/>'
+        more = f'<origin xyz="0 0 .3"/><parent link="{link}"/><child link="c"/>'
+        rest = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1"/></joint>'
+        path = tmp_path / "robot.urdf"
+        path.write_text(
+            f'<robot name="r"><link name="a"/><link name="{link}">{box}</link><link name="c">{box}</link>'
+            f'<joint name="{joint}" type="revolute">{ends}{rest}<joint name="k" type="revolute">{more}{rest}</robot>'
+        )
+        return Robot.from_urdf(path)
+
+    plain, named = robot("j", "b"), robot(joint, link)
+    assert named.joint_names == (joint, "k")
+    assert {shape.link for shape in named.shapes} == {link, "c"}
+    assert np.array_equal(named.tool_pose([0.3, 0.5]), plain.tool_pose([0.3, 0.5]))
+    assert named.locked({joint: 0.3}).joint_names == ("k",)

@@ -393,18 +393,22 @@ def test_a_plan_file_is_shown_with_its_search(discs: PlannerService, tmp_path: P
     request = asked(discs)
     save_plan(SavedPlan(MadeFor.of(discs), request, discs.plan(request)), tmp_path / "plan.json")
     service, shown, notes = opened(str(tmp_path / "plan.json"), None, None)
-    assert notes == []
+    assert notes == ["against the scene in this file: discs"]
     (segment,) = ViewState.of(service, shown).results
     assert segment.result.trace is not None
     assert segment.result.trace.graph is not None
     other, shown, notes = opened(str(tmp_path / "plan.json"), None, "table")
     assert other.scene.name == "table"
-    assert "another scene" in notes[0]
+    assert notes[0].startswith("against --scene table, not the scene in this file")
     assert ViewState.of(other, shown).results[0].result.trace is None
 
 
-def test_a_task_from_a_file_says_how_it_is_shown(task: SavedTask, tmp_path: Path) -> None:
+def test_a_task_from_a_file_is_shown_by_itself(
+    task: SavedTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[tuple[str, object]] = []
+    monkeypatch.setattr(PlannerService, "view", lambda self, what, **_: shown.append((self.scene.name, what)))
     save_plan(task, tmp_path / "task.json")
     read = load_task(tmp_path / "task.json")
-    with pytest.raises(InvalidRequest, match=r"service\.view\(task\)"):
-        read.show()
+    read.show()
+    assert shown == [("bin", read)]

@@ -14,7 +14,7 @@ from pathlib import Path
 from benchmarks.peers.catalogue import Peer
 from planner_service.disk_cache import cache_folder
 from planner_service.errors import InvalidRequest
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
 __all__ = ["FOLDER_VARIABLE", "Environment", "environments_folder", "interpreter"]
 

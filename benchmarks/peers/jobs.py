@@ -23,7 +23,7 @@ from planner_service.data import data_folder
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import Box, Capsule, Cylinder, Sphere
 from planner_service.robot import Robot
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
 __all__ = ["Task", "job_of", "placed_robot", "write_job"]
 

@@ -25,7 +25,15 @@ AT_ONCE = 20_000
 
 
 def smallest_gaps(motion: Motion, Q: FloatArray, roots: IntArray) -> FloatArray:
-    """Lower bounds (metres) of the smallest gap at configurations Q (m, n), (m,); infinite if there are no pairs."""
+    """Lower bounds (metres) of the smallest gap at configurations Q (m, n), (m,); infinite if there are no pairs.
+
+    Of a row that is not finite, and wherever a gap is no number, it is -infinity.
+    """
+    sound = np.isfinite(Q).all(axis=1)
+    if not sound.all():
+        told = np.full(len(Q), -np.inf)
+        told[sound] = smallest_gaps(motion, Q[sound], roots)
+        return told
     out = np.full(len(Q), np.inf)
     step = max(1, AT_ONCE // max(len(roots), 1))
     for start in range(0, len(Q) if len(roots) else 0, step):
@@ -47,16 +55,16 @@ class _Batch:
         self._look(pair[nearest], node[nearest], known[nearest])
         while len(pair):
             pair, node, known = self._look(pair, node, known)
-        return self._best
+        return np.where(np.isnan(self._best), -np.inf, self._best)
 
     def _look(self, pair: IntArray, node: IntArray, known: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
         """Lower the smallest gaps by what pairs say at nodes; the children of bundles that may lower them further."""
-        may = known < self._best[node]
+        may = ~(known >= self._best[node])  # NaN stays
         pair, node, known = pair[may], node[may], known[may]
         facing = self._motion.facing(self._poses, pair, node)
         gaps, n = rough_gaps(facing, np.zeros((0, 3, len(pair))))
         known = np.maximum(known, gaps)
-        leaves = np.flatnonzero((self._motion.children[pair, 1] == 0) & (known < self._best[node]))
+        leaves = np.flatnonzero((self._motion.children[pair, 1] == 0) & ~(known >= self._best[node]))
         if len(leaves):
             tight, _ = refined_gaps(facing.take(leaves), gaps[leaves], n[:, leaves], CLEARANCE_ROUNDS)
             np.minimum.at(self._best, node[leaves], np.maximum(known[leaves], tight))

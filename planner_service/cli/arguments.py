@@ -22,9 +22,9 @@ from planner_service.request import PlanRequest
 from planner_service.roadmap.terms import Terms
 from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene
-from planner_service.scene_file import require_writable
 from planner_service.service import PlannerService
 from planner_service.timing import Timing
+from planner_service.written_file import require_writable
 
 __all__ = [
     "configuration",

@@ -42,8 +42,9 @@ def certify(
         what = f"{plan_file} with {found.world.robot.name} in {found.world.scene.name}"
         lines = [f"{'certified' if found.certified else 'refused'}: {what}"]
         lines += [f"  {motion.name}: {_words(motion.certificate)}" for motion in found.motions]
-        lines += [f"  refused: {objection}" for objection in found.objections]
-        notes += [f"not judged: {line}" for line in found.lenience]
+        said = {f"{motion.name}: {motion.certificate.refusal}" for motion in found.motions}
+        lines += [f"  refused: {objection}" for objection in found.objections if objection not in said]
+        notes += found.lenience
         notes += [
             f"{motion.name}: only s = {motion.certificate.part[0]:.4g} to {motion.certificate.part[1]:.4g} of the path "
             "is left to go"
@@ -68,6 +69,6 @@ def _document(found: Recertified, notes: Sequence[str]) -> dict[str, Any]:
 
 def _words(found: Certificate) -> str:
     if found.refusal is not None:
-        return "refused"
+        return f"refused: {found.refusal}"
     part = "" if found.part is None else f" (from s = {found.part[0]:.6g} to {found.part[1]:.6g} of its path)"
     return f"certified: {in_words(found.clearance)}{part}"

@@ -71,17 +71,18 @@ from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.health import examine
-from planner_service.interchange import csv_text, joint_trajectory, load_world
+from planner_service.interchange import csv_text, joint_trajectory, load_world, task_csv_text, task_trajectories
+from planner_service.interchange.trajectory_out import OURS
 from planner_service.outcome import PlanResult
 from planner_service.pick_place import plan_pick_place
-from planner_service.plan_file import MadeFor, SavedPlan, load_plan, save_plan
+from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan_or_task, save_plan
 from planner_service.request import PlanRequest
 from planner_service.robot import load_robot
 from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
-from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
 from planner_service.view.still import draw_check, draw_plan, draw_task
+from planner_service.written_file import write_whole
 
 __all__ = ["app"]
 
@@ -243,7 +244,7 @@ def check(
 
 @app.command(short_help="Write a saved plan for others to read.")
 def export(
-    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan written with --out.")],
+    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan or a task written with --out.")],
     form: Annotated[
         str, typer.Option("--format", help="joint-trajectory (JSON in the shape of the ROS message) or csv.")
     ] = EXPORTS[0],
@@ -251,20 +252,29 @@ def export(
     out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to a file instead of printing.")] = None,
     allow: Allow = None,
 ) -> None:
-    """Write the trajectory of a plan as points in time: positions, velocities and accelerations of all joints."""
+    """Write the trajectory of a plan as points in time: positions, velocities and accelerations of all joints.
+
+    Of a task, all motions on one clock that stands still while the gripper moves; each motion is told with its name and
+    the gripper's width.
+    """
     with bad_input_exits():
         if form not in EXPORTS:
             raise UnknownName("format", form, EXPORTS)
         if out is not None and os.path.realpath(out) == os.path.realpath(plan_file):
             raise InvalidRequest("--out", out, "another file than the plan itself")
-        saved = load_plan(plan_file)
-        if saved.result.trajectory is None:
+        saved = load_plan_or_task(plan_file)
+        names = saved.robot.joint_names
+        if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
             raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
         require_proven(saved, allow)
-        motion, names = saved.result.trajectory, saved.robot.joint_names
-        text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
+        if isinstance(saved, SavedTask):
+            parts = saved.segments
+            text = task_csv_text(parts, names, dt) if form == "csv" else json_text(task_trajectories(parts, names, dt))
+        else:
+            motion = saved.result
+            text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:
-            write_whole(Path(out), text)
+            write_whole(Path(out), text, OURS)
     if out is None:
         emit(text)
 

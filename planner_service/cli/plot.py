@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 from planner_service.certify import Certifier
 from planner_service.geometry import FloatArray
 from planner_service.path import JointPath
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
 __all__ = ["clearance_svg", "clearances_along", "write_clearance_plot"]
 
@@ -36,7 +37,7 @@ def write_clearance_plot(file: str, certifier: Certifier, paths: Mapping[str, Jo
         InvalidFile: it cannot be written.
     """
     curves = {name: clearances_along(certifier, path) for name, path in paths.items()}
-    write_whole(Path(file), clearance_svg(curves))
+    write_whole(Path(file), clearance_svg(curves), re.compile(rb"<svg|<\?xml"))
 
 
 def clearance_svg(curves: Mapping[str, FloatArray]) -> str:

@@ -63,8 +63,8 @@ from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.roadmap_work import GROWERS, Grower, require_robot
 from planner_service.robot import load_robot
-from planner_service.scene_file import require_writable
 from planner_service.service import PlannerService
+from planner_service.written_file import require_writable
 
 __all__ = ["roadmaps"]
 

@@ -30,6 +30,7 @@ from planner_service.execute import (
     execute,
     rehearse,
 )
+from planner_service.execute.admission import needs_a_service
 from planner_service.execute.trossen import JOINT_NAMES
 from planner_service.interchange import load_world
 from planner_service.pick_place import plan_pick_place
@@ -190,11 +191,16 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
             err=True,
         )
         raise typer.Exit(BAD_INPUT)
+    if opened.service is None:
+        raise needs_a_service(plan)
     with _ended_as_by_ctrl_c(), closing(TrossenDriver(address)) as driver:
         try:
             report = execute(plan, driver, None, streaming, service=opened.service, allowed=opened.allowed)
         except ExecutionStopped as stopped:
             report = stopped.report
+        except KeyboardInterrupt as interrupt:
+            typer.echo(f"interrupted; {interrupt}" if interrupt.args else "interrupted", err=True)
+            raise
     _tell(report, plan, as_json=as_json)
 
 

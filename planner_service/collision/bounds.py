@@ -29,6 +29,7 @@ __all__ = [
     "beyond_faces",
     "box_of",
     "centres_of",
+    "doubt_of",
     "gaps_along",
     "parted",
     "refined_gaps",
@@ -43,6 +44,10 @@ _PARTING_STEPS = 6
 
 _LEFT_TO_FCL = 5
 """Pairs about which FCL is asked in less time than a step takes."""
+
+SMALL, DOUBT = 1e-3, 5e-4
+"""Metres. Where a solid fits in a box of twice SMALL each way, FCL may call it touching what is apart: by 72 um in the
+worst of 560,000 pairs of which one was so small, and in none of 360,000 others. Up to DOUBT it is asked."""
 
 IntArray = NDArray[np.intp]
 
@@ -143,6 +148,11 @@ def centres_of(shapes: Sequence[Shape]) -> FloatArray:
         if isinstance(shape, Mesh):
             out[k] = 0.5 * (shape.vertices.min(axis=0) + shape.vertices.max(axis=0))
     return out
+
+
+def doubt_of(solids: Solids) -> float:
+    """Metres beyond the micrometre of all solids within which FCL may say that some of these touch."""
+    return DOUBT if bool((solids.box.max(axis=1, initial=0.0) < SMALL).any()) else 0.0
 
 
 def box_of(solids: Solids, R: FloatArray) -> FloatArray:

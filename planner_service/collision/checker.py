@@ -93,6 +93,7 @@ class CollisionChecker:
         self._at_once = self._judge.at_once
         self._quick = self._agreed()
         self._variants: dict[tuple[float, tuple[tuple[str, str], ...], float | None], CollisionChecker] = {}
+        self._asked_step = self.edge_step
         self._motion_step: float | None = None
 
     def variant(
@@ -112,17 +113,17 @@ class CollisionChecker:
         if motion_step is not None:
             motion_step = MotionStep(motion_step).distance
         pairs = self.allowed if allowed is None else sorted_pairs(allowed)
-        key = (padding, pairs, self._motion_step if motion_step is None else motion_step)
+        finest = min((step for step in (motion_step, self._motion_step) if step is not None), default=None)
+        key = (padding, pairs, finest)
         if key == (self.padding, self.allowed, self._motion_step):
             return self
         if key not in self._variants:
-            step = self.edge_step
-            if motion_step is not None:
-                step = FinestStep((step, MotionStep(motion_step)))
+            step = self._asked_step if finest is None else FinestStep((self._asked_step, MotionStep(finest)))
             other = CollisionChecker(
                 self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs, backend=self.backend
             )
-            other.ledger, other._variants, other._motion_step = self.ledger, self._variants, key[2]
+            other.ledger, other._variants = self.ledger, self._variants
+            other._asked_step, other._motion_step = self._asked_step, finest
             while len(self._variants) >= MAX_VARIANTS:
                 del self._variants[next(iter(self._variants))]
             self._variants[key] = other

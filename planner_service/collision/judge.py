@@ -6,6 +6,7 @@ apart, by sieves in numpy and in the compiled kernel; the latter also those prov
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal, Protocol, get_args
 
@@ -17,7 +18,7 @@ from planner_service.collision.fcl import FclJudge
 from planner_service.collision.kernel import Doubt, Found, Kernel, build_kernel
 from planner_service.collision.parts import Parts
 from planner_service.collision.prefilter import Prefilter
-from planner_service.errors import InvalidRequest
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
 
@@ -70,7 +71,13 @@ class FclQuestions:
         self._local = [(part.body, _numbers(part.T)) for part in parts.parts[: parts.riding]]
 
     def touching(self, q: Sequence[float], pairs: Iterable[tuple[int, tuple[int, int]]]) -> Iterator[int]:
-        """The numbers of those pairs, told with their two parts, that touch at q, as FCL is asked."""
+        """The numbers of those pairs, told with their two parts, that touch at q, as FCL is asked.
+
+        Raises:
+            BrokenInvariant: q is not finite: to FCL nothing would touch there.
+        """
+        if not all(map(math.isfinite, q)):
+            raise BrokenInvariant(prefilter.NOT_FINITE)
         riding, poses = self.parts.riding, self._robot.body_poses(q)
         placed: set[int] = set()
         for number, (i, j) in pairs:

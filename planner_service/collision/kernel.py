@@ -16,7 +16,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner_service.collision.bounds import Solids, centres_of
+from planner_service.collision.bounds import Solids, centres_of, doubt_of
 from planner_service.collision.edges import EdgeStep, FinestStep, JointStep, MotionStep
 from planner_service.collision.parts import Parts
 from planner_service.geometry import FloatArray
@@ -114,7 +114,7 @@ def build_kernel(robot: Robot, parts: Parts, margin: float, variant: str = "") -
     """The kernel for a robot and the numbered list of its parts and the scene's; None where it was not built.
 
     Args:
-        margin: Metres by which a pair must be proven apart.
+        margin: Metres by which a pair must be proven apart, ``doubt_of`` small solids apart.
         variant: One of ``instruction_sets()``; the fastest if empty.
     """
     module = _extension()
@@ -125,7 +125,9 @@ def build_kernel(robot: Robot, parts: Parts, margin: float, variant: str = "") -
     rows = np.column_stack([solids.half, solids.ball, solids.disc, solids.hulls])
     hulls = [np.ascontiguousarray(corners.T) for corners in solids.corners]
     pairs = np.ascontiguousarray(parts.pairs, dtype=np.int64)
-    kernel: Kernel = module.Kernel(_joints(robot), _places(parts), rows, runs, pairs, hulls, margin, variant)
+    kernel: Kernel = module.Kernel(
+        _joints(robot), _places(parts), rows, runs, pairs, hulls, margin + doubt_of(solids), variant
+    )
     return kernel
 
 

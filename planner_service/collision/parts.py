@@ -166,7 +166,7 @@ def require_padding(padding: object) -> None:
 def sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
     """Pairs of names as given by a user, each once and in order."""
     pairs = set()
-    if isinstance(allowed, (str, bytes)) or not isinstance(allowed, Iterable):
+    if isinstance(allowed, (str, bytes, np.ndarray)) or not isinstance(allowed, Iterable):
         raise InvalidRequest("allowed", allowed, "pairs of link or object names")
     for pair in allowed:
         if not isinstance(pair, tuple | list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):

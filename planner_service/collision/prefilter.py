@@ -11,16 +11,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.collision.bounds import Placed, Solids, box_of, centres_of, parted, refined_gaps, rough_gaps
+from planner_service.collision.bounds import (
+    Placed,
+    Solids,
+    box_of,
+    centres_of,
+    doubt_of,
+    parted,
+    refined_gaps,
+    rough_gaps,
+)
 from planner_service.collision.crowds import Crowds
 from planner_service.collision.parts import Parts
+from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray
 from planner_service.robot import Robot
 
-__all__ = ["MARGIN", "Prefilter"]
+__all__ = ["MARGIN", "NOT_FINITE", "Prefilter"]
 
 MARGIN = 2e-6
-"""Metres by which a pair must be proven apart for FCL not to be asked."""
+"""Metres by which a pair must be proven apart for FCL not to be asked; ``doubt_of`` small solids comes on top."""
+
+NOT_FINITE = "a configuration that is not finite reached the judge"
 
 _FEW = 10
 """Up to this many configurations scalar kinematics are faster than arrays."""
@@ -45,6 +57,7 @@ class Prefilter:
         self._robot = robot
         self._parts = parts
         self._solids = Solids.of(parts.shapes)
+        self._margin = MARGIN + doubt_of(self._solids)
         n = parts.riding
         T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
         T[:, :3, 3] += (T[:, :3, :3] @ centres_of(parts.shapes)[..., None])[..., 0]
@@ -64,13 +77,13 @@ class Prefilter:
     def candidates(self, Q: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
         R, t = self._place(Q)
-        reach = box_of(self._riding, R) + MARGIN
+        reach = box_of(self._riding, R) + self._margin
         row, pair = self._overlapping(t, reach)
         rough = len(row) > _ASKED_AT_ONCE and len(Q) > 1
         if rough:
             row, pair = self._doubtful(R, t, row, pair)
         if self._crowds is not None:
-            rows, pairs = self._crowds.candidates(R, t, reach, MARGIN)
+            rows, pairs = self._crowds.candidates(R, t, reach, self._margin)
             if len(rows):
                 row, pair = np.concatenate([row, rows]), np.concatenate([pair, pairs])
                 order = np.lexsort((pair, row))
@@ -83,14 +96,14 @@ class Prefilter:
     def _doubtful(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
         """What separating axes leave of rows and pairs."""
         a, b = self._placed(R, t, row, pair)
-        left = rough_gaps(a, b) <= MARGIN
+        left = rough_gaps(a, b) <= self._margin
         return row[left], pair[left]
 
     def _parted(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
         """What is left of rows and pairs once hulls are looked at as they are, not as the boxes around them."""
         hulls = np.flatnonzero(self._with_hull[pair])
         left = np.ones(len(pair), dtype=bool)
-        left[hulls] = ~parted(*self._placed(R, t, row[hulls], pair[hulls]), MARGIN)
+        left[hulls] = ~parted(*self._placed(R, t, row[hulls], pair[hulls]), self._margin)
         return row[left], pair[left]
 
     def smallest_gap(self, q: FloatArray) -> float:
@@ -126,7 +139,12 @@ class Prefilter:
         """Poses of the riding parts: R (m, parts, 3, 3) and t (m, parts, 3).
 
         Rounding is free to differ from CPU to CPU here, unlike in the poses FCL gets: ``MARGIN`` covers it.
+
+        Raises:
+            BrokenInvariant: Q is not finite: no sieve would find anything near.
         """
+        if not np.isfinite(Q).all():
+            raise BrokenInvariant(NOT_FINITE)
         if len(Q) <= _FEW:
             numbers = np.array([self._robot.body_poses(q) for q in Q.tolist()])
             R_body, t_body = numbers[..., :9].reshape(*numbers.shape[:2], 3, 3), numbers[..., 9:]

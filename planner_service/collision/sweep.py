@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.collision.bounds import Solids, centres_of
+from planner_service.collision.bounds import Solids, centres_of, doubt_of
 from planner_service.collision.checker import CollisionChecker
 from planner_service.collision.parts import MANY, Part
 from planner_service.geometry import FloatArray
@@ -48,11 +49,12 @@ class Sweep:
 
     def __init__(self, checker: CollisionChecker, names: Collection[str]) -> None:
         self._robot, self._ledger = checker.robot, checker.ledger
-        self._kept = GROWN * checker.padding + MARGIN
         parts = checker.parts
         riding = [part for part in parts.parts[: parts.riding] if part.moves]
         self._clusters = [_Cluster.of(body, riding) for body in sorted({part.body for part in riding})]
         standing = [parts.parts[first:end] for first, end in parts.runs if parts.parts[first].owner.name in names]
+        solids = Solids.of([part.shape for part in (*riding, *chain(*standing))])
+        self._kept = GROWN * checker.padding + MARGIN + doubt_of(solids)
         self._boxes = [box for pieces in standing for box in _boxes(pieces)]
         self._pairs = len(riding) * len(self._boxes)
         self._reach: list[float] = checker.robot.reach(parts.carried).tolist()
@@ -60,22 +62,23 @@ class Sweep:
     def still_free(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
         """Of edges from A (m, n) to B (m, n), which keep more than the padding from the obstacles all along, (m,).
 
-        True is certain; False means that it could not be told.
+        True is certain; False means that it could not be told, as of an edge that is not finite.
         """
         blocks = [slice(start, start + BLOCK) for start in range(0, len(A), BLOCK)]
         return np.concatenate([np.zeros(0, dtype=bool), *(self._some(A[rows], B[rows]) for rows in blocks)])
 
     def _some(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
-        clear = np.ones(len(A), dtype=bool)
-        owner: IntArray = np.arange(len(A))
+        clear = np.asarray(np.isfinite(A).all(axis=1) & np.isfinite(B).all(axis=1))
+        owner: IntArray = np.flatnonzero(clear)
+        A, B = A[owner], B[owner]
         while len(owner):
             middle = A + (B - A) * 0.5
             half: FloatArray = np.zeros(len(owner))
             for joint, reach in enumerate(self._reach):
                 half = half + 0.5 * reach * np.abs(B[:, joint] - A[:, joint])
             room = self._gaps(middle, half + self._kept) - self._kept
-            left = room <= half
-            clear[owner[left & ((room <= 0.0) | (half <= 0.5 * FINEST))]] = False
+            left = ~(room > half)  # also where either is no number
+            clear[owner[left & ~((room > 0.0) & (half > 0.5 * FINEST) & (half < np.inf))]] = False
             left &= clear[owner]
             A, B = np.concatenate([A[left], middle[left]]), np.concatenate([middle[left], B[left]])
             owner = np.concatenate([owner[left], owner[left]])

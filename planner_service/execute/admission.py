@@ -27,6 +27,7 @@ __all__ = [
     "Executable",
     "Motion",
     "admitted",
+    "needs_a_service",
     "refusal",
     "require_drivable",
     "require_near",
@@ -87,14 +88,15 @@ def admitted(
         if given is not None:
             require_same_robot(plan, given)
     if service is None and not simulated and not allow_unproven and planned_elsewhere(plan):
-        raise _needs_a_service(plan)
+        raise needs_a_service(plan)
     if allow_unproven:
         return _unproven(plan, robot if service is None else service.robot)
     found = recertify(plan, service, allowed=allowed).required()
     return found.world.robot, [_proven(motion.leg) for motion in found.motions]
 
 
-def _needs_a_service(plan: Plan) -> InvalidRequest:
+def needs_a_service(plan: Plan) -> InvalidRequest:
+    """What is said to whoever would move a real arm by what a file says of the world."""
     made = world_of(plan)
     expected = (
         "the robot and the scene that the arm stands in, as you know them: execute(..., service=PlannerService(robot, "

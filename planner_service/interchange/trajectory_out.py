@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
+import re
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -14,10 +17,14 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray
 from planner_service.outcome import PlanResult
 from planner_service.regular_file import as_path
-from planner_service.scene_file import write_whole
+from planner_service.task import Segment
 from planner_service.trajectory import Trajectory
+from planner_service.written_file import write_whole
 
-__all__ = ["csv_text", "joint_trajectory", "write_csv"]
+__all__ = ["OURS", "csv_text", "joint_trajectory", "task_csv_text", "task_trajectories", "write_csv"]
+
+OURS = re.compile(rb"t,(?:q_|motion,)|\s*\{\s*\"(?:header|joint_names|motions)\"")
+"""How exported trajectories begin."""
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
@@ -67,11 +74,73 @@ def csv_text(motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: fl
         PlanningFailed: a result without a plan.
     """
     trajectory, names = _checked(motion, joint_names)
-    samples = trajectory.sample(dt)
+    return _table(["t", *_columns(names)], _plain(np.column_stack(trajectory.sample(dt))))
+
+
+def task_csv_text(segments: Sequence[Segment], joint_names: Sequence[str], dt: float) -> str:
+    """The motions of a task in one table on one clock, each every ``dt`` seconds and at its exact end.
+
+    The columns are ``t``, ``motion`` and ``gripper_width``, then those of ``csv_text``. The clock counts motion only:
+    where ``motion`` changes, the arm is at rest, two rows have the same time, and a gripper whose width changes has to
+    be waited for.
+
+    Raises:
+        InvalidRequest: as of ``csv_text``, or there is no motion.
+        PlanningFailed: a motion without a plan.
+    """
+    rows: list[list[Any]] = []
+    for segment, begin in _on_one_clock(segments):
+        trajectory, names = _checked(segment.result, joint_names)
+        values = _plain(np.column_stack(trajectory.sample(dt)))
+        rows += [[begin + t, segment.name, _width(segment), *rest] for t, *rest in values]
+    return _table(["t", "motion", "gripper_width", *_columns(names)], rows)
+
+
+def task_trajectories(segments: Sequence[Segment], joint_names: Sequence[str], dt: float) -> dict[str, Any]:
+    """The motions of a task, of plain JSON values: ``motions``, each a ``joint_trajectory`` with its own time 0.
+
+    Beside its ``trajectory`` each has ``name``, ``gripper_width`` in metres during it (null without a gripper) and
+    ``begin``, seconds of motion before it. After a motion the arm is at rest; a gripper whose width changes is to be
+    waited for before the next.
+
+    Raises:
+        InvalidRequest: as of ``joint_trajectory``, or there is no motion.
+        PlanningFailed: a motion without a plan.
+    """
+    return {
+        "motions": [
+            {
+                "name": segment.name,
+                "begin": begin,
+                "gripper_width": _width(segment),
+                "trajectory": joint_trajectory(segment.result, joint_names, dt),
+            }
+            for segment, begin in _on_one_clock(segments)
+        ]
+    }
+
+
+def _on_one_clock(segments: Sequence[Segment]) -> list[tuple[Segment, float]]:
+    """The motions with the seconds of motion before each."""
+    if not segments:
+        raise InvalidRequest("segments", segments, "at least one motion")
+    durations = [segment.result.unwrap()[1].duration for segment in segments]
+    return list(zip(segments, accumulate(durations, initial=0.0), strict=False))
+
+
+def _width(segment: Segment) -> float | None:
+    return None if math.isnan(segment.width) else segment.width
+
+
+def _columns(names: Sequence[str]) -> list[str]:
+    return [f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in names]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     text = io.StringIO(newline="")
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(["t", *(f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in names)])
-    table.writerows(_plain(np.column_stack(samples)))  # floats by repr
+    table.writerow(head)
+    table.writerows(rows)  # floats by repr
     return text.getvalue()
 
 
@@ -86,7 +155,7 @@ def write_csv(
         InvalidFile: it cannot be written.
     """
     target = as_path("path", path)
-    write_whole(target, csv_text(motion, joint_names, dt))
+    write_whole(target, csv_text(motion, joint_names, dt), OURS)
 
 
 def _checked(motion: Trajectory | PlanResult, joint_names: Sequence[str]) -> tuple[Trajectory, list[str]]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import socket
 import traceback
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -154,13 +155,31 @@ def _in_short(error: Exception) -> str:
 def _connect(ray: Any, engine: Ray) -> None:
     quiet: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False}
     if engine.address is None:
-        ray.init(address="local", num_cpus=engine.workers or available_cores(), include_dashboard=False, **quiet)
+        with _on_this_machine_alone():
+            ray.init(address="local", num_cpus=engine.workers or available_cores(), include_dashboard=False, **quiet)
         return
     try:
         _require_listener(engine.address)
         ray.init(address=engine.address, **quiet)
     except (OSError, ValueError) as error:
         raise InvalidRequest("address", engine.address, f"that of a running Ray cluster ({error})") from error
+
+
+@contextmanager
+def _on_this_machine_alone() -> Iterator[None]:
+    """Within the block a cluster that is begun listens on the loopback address only: others could run code in it.
+
+    Ray does so on systems where it supports no clusters, which nothing but this says; an address that is given to it
+    as 127.0.0.1 it replaces by one that others reach.
+    """
+    from ray._private import ray_constants
+
+    before = ray_constants.ENABLE_RAY_CLUSTER
+    ray_constants.ENABLE_RAY_CLUSTER = False
+    try:
+        yield
+    finally:
+        ray_constants.ENABLE_RAY_CLUSTER = before
 
 
 def _require_listener(address: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,13 +22,16 @@ from planner_service.roadmap.knowledge import NOBODY, Knowledge, Verdict
 from planner_service.roadmap.net import Net
 from planner_service.roadmap.roadmap import Built, Roadmap
 from planner_service.roadmap.terms import Terms
-from planner_service.scene_file import write_whole
+from planner_service.written_file import write_whole
 
-__all__ = ["SUFFIX", "load_roadmap", "save_roadmap"]
+__all__ = ["OURS", "SUFFIX", "load_roadmap", "save_roadmap"]
 
 FORMAT, VERSION = "planner-service/roadmap", 1
 
 SUFFIX = ".npz"
+
+OURS = re.compile(rb"PK\x03\x04.{26}head\.npy", re.DOTALL)
+"""How roadmap files begin: an archive whose first member is the head."""
 
 MAX_BYTES = 200_000_000
 """A hundred thousand milestones of fourteen joints with seventy edges each."""
@@ -53,7 +57,7 @@ def save_roadmap(roadmap: Roadmap, path: str | os.PathLike[str]) -> None:
     np.savez(packed, **{HEAD: np.frombuffer(text, dtype=np.uint8)}, **arrays)  # type: ignore[arg-type]
     if packed.tell() > MAX_BYTES:
         raise InvalidRequest("roadmap", f"{packed.tell():,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
-    write_whole(target, packed.getvalue())
+    write_whole(target, packed.getvalue(), OURS)
 
 
 def _narrow(array: NDArray[Any]) -> NDArray[Any]:
@@ -75,7 +79,8 @@ def load_roadmap(path: str | os.PathLike[str]) -> Roadmap:
     if root.at("format").text() != FORMAT or root.problems:
         raise InvalidFile(source, [f"no roadmap: expected the format {FORMAT!r}"])
     if root.at("version").whole() != VERSION:
-        raise InvalidFile(source, [f"version {root.value['version']!r}; this package reads version {VERSION}"])
+        found = repr(root.value["version"]) if "version" in root.value else "is missing"
+        raise InvalidFile(source, [f"version {found}; this package reads version {VERSION}"])
     try:
         roadmap = _roadmap(root, array)
     except InvalidFile:

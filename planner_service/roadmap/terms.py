@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, replace
 
 from planner_service.collision import CollisionChecker
-from planner_service.collision.edges import EdgeStep, FinestStep
+from planner_service.collision.edges import EdgeStep, FinestStep, JointStep, MotionStep
 
 __all__ = ["Terms"]
 
@@ -22,7 +22,7 @@ class Terms:
         attached: Hash of what is attached to the tool.
         allowed: Pairs that may touch, beside those that the robot allows.
         padding: Metres that are kept.
-        step: How finely edges are sampled, in words; empty of a rule that words do not tell from others.
+        step: How finely edges are sampled, in words; empty of a rule of the user, which words do not tell from others.
     """
 
     robot: str
@@ -70,8 +70,8 @@ class Terms:
 
 
 def _in_words(step: EdgeStep) -> str:
-    """A rule that is nothing but its fields, by these; "" of another, which may do other things tomorrow."""
+    """One of our own rules by its fields, which are all there is to it; "" of a user's, whatever its ``repr`` says."""
     if isinstance(step, FinestStep):
         rules = [_in_words(rule) for rule in step.rules]
         return f"finest of {', '.join(rules)}" if all(rules) else ""
-    return repr(step) if is_dataclass(step) and " at 0x" not in repr(step) else ""
+    return repr(step) if type(step) in (MotionStep, JointStep) else ""

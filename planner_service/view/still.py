@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 import math
 import os
+import re
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -26,7 +27,6 @@ from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
 from planner_service.robot import Robot
 from planner_service.scene import Scene
-from planner_service.scene_file import write_whole
 from planner_service.service import PlannerService
 from planner_service.stagebook import in_words
 from planner_service.view.composition import (
@@ -43,8 +43,12 @@ from planner_service.view.composition import (
 )
 from planner_service.view.lettering import Caption
 from planner_service.view.solids import Colour
+from planner_service.written_file import write_whole
 
 __all__ = ["draw_check", "draw_plan", "draw_task", "write_png"]
+
+OURS = re.compile(rb"\x89PNG")
+"""How pictures begin."""
 
 Image = NDArray[np.uint8]
 Key = tuple[Colour, str]
@@ -122,7 +126,7 @@ def write_png(file: str | os.PathLike[str], image: Image) -> None:
 
     content = io.BytesIO()
     Pictures.fromarray(image).save(content, "PNG", optimize=True)
-    write_whole(as_path("file", file), content.getvalue())
+    write_whole(as_path("file", file), content.getvalue(), OURS)
 
 
 def _planned(service: PlannerService, result: PlanResult) -> tuple[View, Caption]:

@@ -1,6 +1,7 @@
 #include "clearance.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace proof {
@@ -12,6 +13,8 @@ double Clearance::at(const double* q, const std::vector<int>& roots) {
     places_.clear();
     places_.add(0.0, q, still_.data());
     best_ = std::numeric_limits<double>::infinity();
+    for (int k = 0; k < model_.dof; ++k)
+        if (!std::isfinite(q[k])) return -best_;
     asks_.clear();
     std::size_t nearest = 0;
     for (const int number : roots) {
@@ -37,7 +40,8 @@ void Clearance::look(const Ask& asked) {
     if (known >= best_) return;
     if (pair.leaf()) {
         variant_.refined(model_.terms, facing, static_cast<int>(model_.terms.clearance_rounds), bound);
-        best_ = std::min(best_, std::max(known, bound.gap));
+        const double gap = std::max(known, bound.gap);
+        best_ = std::isnan(gap) ? -std::numeric_limits<double>::infinity() : std::min(best_, gap);
         return;
     }
     for (int child = 0; child < pair.children; ++child) {

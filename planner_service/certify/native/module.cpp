@@ -32,6 +32,13 @@ void require(bool condition, const char* what) {
     if (!condition) throw std::invalid_argument(what);
 }
 
+// What is no number is neither above nor below another: every proof relies on these.
+void require_finite(const double* values, std::size_t count) {
+    for (std::size_t k = 0; k < count; ++k) require(std::isfinite(values[k]), "finite numbers");
+}
+
+void require_finite(const Rows& rows) { require_finite(rows.data(), rows.shape(0) * rows.shape(1)); }
+
 int whole(std::int64_t value, std::int64_t low, std::int64_t high, const char* what) {
     require(low <= value && value <= high, what);
     return static_cast<int>(value);
@@ -119,6 +126,8 @@ class Prover {
                     const Rows& spans, const WholeRows& roots, double enough, nb::handle charge) const {
         const Curve curve = curve_of(waypoints, knots, tangents, breaks, lines, blends, travelled, corners);
         require(spans.shape(1) == 2 && roots.shape(1) == 2, "two numbers for each span and root");
+        require_finite(spans);
+        require_finite(&enough, 1);
         std::vector<Span> stretches;
         for (std::size_t k = 0; k < spans.shape(0); ++k)
             stretches.push_back({spans.data()[2 * k], spans.data()[2 * k + 1]});
@@ -207,6 +216,7 @@ class Prover {
     // Rows: parent, entry of q, whether it slides, axis (3), still, with_cos, with_sin, with_q (12 each).
     void add_bodies(const Rows& rows) {
         require(rows.shape(1) == 54 && rows.shape(0) > 0, "54 numbers for each body");
+        require_finite(rows);
         const auto count = static_cast<std::int64_t>(rows.shape(0));
         for (std::int64_t k = 0; k < count; ++k) {
             const double* row = rows.data() + 54 * k;
@@ -226,6 +236,7 @@ class Prover {
     void add_hulls(const std::vector<Rows>& hulls) {
         for (const auto& corners : hulls) {
             require(corners.shape(1) == 3 && corners.shape(0) > 0, "corners of shape (v, 3)");
+            require_finite(corners);
             std::vector<std::size_t> all(corners.shape(0));
             for (std::size_t k = 0; k < all.size(); ++k) all[k] = k;
             model_.corners.push_back(padded(corners, all));
@@ -314,6 +325,8 @@ class Prover {
         require(breaks.shape(0) == pieces + 1 && blends.shape(0) == pieces, "pieces of another path");
         require(travelled.shape(0) == pieces + 1 && travelled.shape(1) == n, "pieces of another path");
         require(corners.shape(1) == 2 + 4 * n, "blends of another path");
+        for (const auto* rows : {&waypoints, &tangents, &travelled, &corners}) require_finite(*rows);
+        for (const auto* numbers : {&knots, &breaks}) require_finite(numbers->data(), numbers->shape(0));
         for (std::size_t k = 0; k < pieces; ++k) {
             whole(lines.data()[k], 0, static_cast<std::int64_t>(count) - 2, "no such line");
             whole(blends.data()[k], -1, static_cast<std::int64_t>(corners.shape(0)) - 1, "no such blend");

@@ -70,9 +70,8 @@ void Tree::drop_far(const std::vector<Span>& spans, std::vector<Root>& roots) {
         const double apart = places_.spheres_apart(pair, middle);
         const double one = places_.pair_motion(pair, k, k, middle);
         const double two = places_.pair_motion(pair, count + k, middle, 2 * count + k);
-        const double gap = apart - std::max(one, two);
-        if (gap >= wanted)
-            out_.proven = std::min(out_.proven, gap);
+        if (apart - one >= wanted && apart - two >= wanted)  // both: what is no number proves nothing
+            out_.proven = std::min(out_.proven, apart - std::max(one, two));
         else
             roots[left++] = root;
     }

@@ -51,6 +51,13 @@ bool is_identity(const double* R) {
     return true;
 }
 
+// What is no number is neither above nor below another: every proof that solids are apart relies on these.
+void require_finite(const double* values, std::size_t count) {
+    for (std::size_t k = 0; k < count; ++k) require(std::isfinite(values[k]), "finite numbers");
+}
+
+void require_finite(const Rows& rows) { require_finite(rows.data(), rows.shape(0) * rows.shape(1)); }
+
 // Half lengths of the box around a solid along the world's axes.
 void reach_of(const Solid& s, const double* R, double* out) {
     for (int i = 0; i < 3; ++i) {
@@ -78,6 +85,7 @@ class Kernel {
   public:
     Kernel(const Rows& joints, const Rows& bodies_and_poses, const Rows& solids, const NumberRows& runs,
            const NumberRows& pairs, const std::vector<Rows>& hulls, double margin, const std::string& variant) {
+        require_finite(&margin, 1);
         model_.margin = margin;
         for (const auto* found : variants())
             if (variant.empty() || variant == found->name) variant_ = found;
@@ -211,19 +219,24 @@ class Kernel {
 
     int rows_of(const Rows& Q) const {
         require(Q.shape(1) == static_cast<std::size_t>(model_.dof), "a configuration of another robot");
-        return whole(static_cast<std::int64_t>(Q.shape(0)), 0, 100'000'000, "too many configurations");
+        const int m = whole(static_cast<std::int64_t>(Q.shape(0)), 0, 100'000'000, "too many configurations");
+        require_finite(Q);
+        return m;
     }
 
     Edge edge_of(std::vector<double> a, std::vector<double> b, int ends, int segments) const {
         const auto n = static_cast<std::size_t>(model_.dof);
         require(a.size() == n && b.size() == n, "a configuration of another robot");
         require(1 <= segments && segments <= MAX_SEGMENTS, "1 to 1,000,000 segments");
+        require_finite(a.data(), n);
+        require_finite(b.data(), n);
         return Edge(std::move(a), std::move(b), (ends & 1) != 0, (ends & 2) != 0, segments);
     }
 
     // Rows: parent, q_index, 1 for a slide; axis (3); placement, rotation (9) then position (3).
     void add_joints(const Rows& rows) {
         require(rows.shape(1) == 18, "18 numbers for each joint");
+        require_finite(rows);
         const auto count = static_cast<std::int64_t>(rows.shape(0));
         model_.dof = static_cast<int>(count);
         for (std::int64_t k = 0; k < count; ++k) {
@@ -245,6 +258,7 @@ class Kernel {
     void add_hulls(const std::vector<Rows>& hulls) {
         for (const auto& corners : hulls) {
             require(corners.shape(1) == 3 && corners.shape(0) > 0, "corners of shape (v, 3)");
+            require_finite(corners);
             const std::size_t count = corners.shape(0), padded = (count + LANES - 1) / LANES * LANES;
             model_.hulls.push_back(Hull{model_.corners.size(), padded});
             for (std::size_t k = 0; k < 3; ++k)
@@ -257,6 +271,8 @@ class Kernel {
     void add_parts(const Rows& places, const Rows& solids) {
         require(places.shape(1) == 13 && solids.shape(1) == 6, "13 and 6 numbers for each part");
         require(places.shape(0) == solids.shape(0), "a solid for each part");
+        require_finite(places);
+        require_finite(solids);
         for (std::size_t k = 0; k < places.shape(0); ++k) {
             const double *place = places.data() + 13 * k, *row = solids.data() + 6 * k;
             Solid solid{};
