@@ -43,18 +43,10 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
     leans = items("tilts", tilts, (int, float), "angles in radians", MAX_TILTS)
     if not leans:
         raise InvalidRequest("tilts", tilts, "at least one angle in radians")
-<<<<<<< HEAD
-    leans = tuple(
-        number(f"tilts[{k}]", lean, "an angle in [-pi, pi]", -math.pi, math.pi) for k, lean in enumerate(leans)
-    )
-    gripper = instance("robot", robot, Robot, "a Robot").gripper
-    if gripper is None:
-=======
     for k, lean in enumerate(leans):
         number(f"tilts[{k}]", lean, "an angle in [-pi, pi]", -math.pi, math.pi)
-    instance("robot", robot, Robot, "a Robot")
-    if robot.gripper is None:
->>>>>>> origin/main
+    gripper = instance("robot", robot, Robot, "a Robot").gripper
+    if gripper is None:
         raise InvalidRequest("robot", robot.name, "a robot with a gripper")
     R = target.pose.rotation
     heading = math.atan2(R[1, 0], R[0, 0])

@@ -278,9 +278,9 @@ class CertificateRecord(Record):
 class GripperMotionRecord(Record):
     """A ``GripperMotion``."""
 
-    start_width: Annotated[float, Field(ge=0.0)]
-    end_width: Annotated[float, Field(ge=0.0)]
-    seconds: Annotated[float, Field(ge=0.0)]
+    start_width: float
+    end_width: float
+    seconds: float
     certificate: CertificateRecord
 
     @classmethod
