@@ -92,8 +92,8 @@ def _still_meant(old: Old, certifier: Certifier) -> Iterator[ExemptInterval]:
     before, now = old.made_in, certifier.scene
     if before is None:
         return
-    objects = [{item.name: item for item in (*scene.obstacles, *scene.attached)} for scene in (before, now)]
-    changed = {name for name in {*objects[0], *objects[1]} if objects[0].get(name) != objects[1].get(name)}
+    held = {*before.attached} ^ {*now.attached}
+    changed = {item.name for item in {*before.obstacles} ^ {*now.obstacles}} | {item.name for item in held}
     of_objects = KIND_SUFFIXES[1]
     as_it_was = {owner for owner in certifier.listed.owners if owner.removesuffix(of_objects) not in changed}
     for stretch in old.exempt:
