@@ -153,10 +153,10 @@ class Node:
         return 0
 
     def text(self) -> str:
-        """A text."""
-        if isinstance(self.value, str):
+        """A text that a terminal may print: of printable characters and line ends."""
+        if isinstance(self.value, str) and self.value.replace("\n", "").isprintable():
             return self.value
-        self.wrong("a text")
+        self.wrong("a text of printable characters")
         return ""
 
     def flag(self) -> bool:

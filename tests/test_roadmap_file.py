@@ -26,7 +26,7 @@ TERMS = Terms(
     ("j1", "j2"),
     "bench “é”",
     "aa",
-    (("köln", "1"), ("\ud800", "2")),
+    (("köln", "1"), ("塔", "2")),
     "bb",
     (("a", "b"),),
     0.001,
@@ -211,6 +211,15 @@ def headed(path: Path, **changes: Any) -> bytes:
 def test_a_head_that_says_something_else_is_refused(changes: dict[str, Any], tmp_path: Path) -> None:
     path = saved(tmp_path)
     assert refused(path, headed(path, **changes))
+
+
+@pytest.mark.parametrize("name", ["\x1b[2J", "\ud800", "\u202e"])
+def test_a_name_that_a_terminal_would_obey_is_refused(name: str, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    path.write_bytes(headed(path, terms__scene=name))
+    with pytest.raises(InvalidFile, match=r"terms.scene: got .* expected a text of printable characters") as caught:
+        Roadmap.load(path)
+    assert caught.value.problems[0].isprintable()
 
 
 @pytest.mark.parametrize(
