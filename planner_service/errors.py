@@ -99,12 +99,13 @@ class UnknownName(InvalidRequest, LookupError):
 
 
 def _nearest(name: str, available: Sequence[str]) -> list[str]:
-    """The name that was probably meant: spelt alike, or else the shortest that has it as a part."""
+    """The name that was probably meant: the shortest that has it as a part, or else one that is spelt alike."""
     if len(name) > SHOWN:  # comparing spellings takes as long as the product of their lengths
         return []
-    near = get_close_matches(name, available, n=1)
-    parts = [other for other in available if name and name.casefold() in other.casefold()]
-    return near or sorted(parts, key=lambda other: (not other.casefold().startswith(name.casefold()), len(other)))[:1]
+    part = name.casefold()
+    having = [other for other in available if len(part) > 2 and part in other.casefold()]
+    having.sort(key=lambda other: (not other.casefold().startswith(part), len(other)))
+    return having[:1] or get_close_matches(name, available, n=1)
 
 
 class InvalidFile(InvalidRequest):

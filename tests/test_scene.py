@@ -582,3 +582,9 @@ def test_more_objects_than_a_scene_may_have_are_refused(tmp_path: Path) -> None:
 def test_almost_unit_quaternions_are_normalised_as_everywhere(tmp_path: Path) -> None:
     path = write(tmp_path, f"[[obstacle]]\n{NEEDED}quaternion_wxyz = [0.7071, 0.7071, 0, 0]\n")
     assert load_scene(path).obstacle("post").pose == Pose(quaternion=(0.7071, 0.7071, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("given", "meant"), [("blue", "blue_block"), ("BLOCK", "blue_block"), ("tary", "tray")])
+def test_a_part_of_a_name_is_enough_to_say_what_was_meant(given: str, meant: str) -> None:
+    with pytest.raises(UnknownName, match=f"did you mean '{meant}'"):
+        load_scene("bin").obstacle(given)

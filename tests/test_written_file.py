@@ -12,7 +12,15 @@ from pathlib import Path
 
 import pytest
 
-from planner_service import InvalidFile, PlannerService, PlanRequest, Roadmap, Scene, load_scene, save_scene
+from planner_service import (
+    InvalidFile,
+    PlannerService,
+    PlanRequest,
+    Roadmap,
+    Scene,
+    load_scene,
+    save_scene,
+)
 from planner_service.written_file import write_whole
 
 HALF = """

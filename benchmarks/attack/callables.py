@@ -93,7 +93,7 @@ from planner_service.interchange import (
 )
 from planner_service.many import engine_named
 from planner_service.pick_place import places_on, plan_pick_place, standing_on
-from planner_service.plan_file import load_plan, load_plan_or_task, load_task
+from planner_service.plan_file import load_plan, load_plan_or_task, load_task, save_plan
 from planner_service.robot_import import Source, import_robot
 from planner_service.view.still import draw_check
 
@@ -187,7 +187,15 @@ SKIPPED: Mapping[str, str] = {
     ),
     **dict.fromkeys(
         (
-            *("BrokenInvariant", "Interrupted", "InvalidFile", "InvalidRequest", "MissingDependency"),
+            *(
+                "BrokenInvariant",
+                "Cancelled",
+                "Interrupted",
+                "InvalidFile",
+                "InvalidRequest",
+                "MissingDependency",
+                "NotProven",
+            ),
             *("PlannerServiceError", "PlanningFailed", "UnknownName"),
         ),
         "an error",
@@ -466,6 +474,7 @@ def _planning(folder: Path) -> dict[str, Call]:
             {"motion": result, "path": folder / "out.csv", "joint_names": arm.joint_names, "dt": 0.05},
             into=("path",),
         ),
+        "save_plan": Call(save_plan, {"plan": result, "path": folder / "out.json"}, into=("path",)),
         "draw_check": Call(draw_check, {"checker": checker, "q": q, "file": folder / "out.png"}, into=("file",)),
     }
 
