@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planner_service.view.handover import service_after
 
 from planner_service import (
     AllowedStretch,
