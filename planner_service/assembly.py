@@ -17,6 +17,7 @@ import numpy as np
 from planner_service.bodies import Body, LinkShape
 from planner_service.errors import BrokenInvariant, InvalidFile
 from planner_service.geometry import Box, Cylinder, FloatArray, Pose, Shape, Sphere, rpy_matrix
+from planner_service.libraries import loaded
 from planner_service.mesh import Mesh
 from planner_service.urdf_model import JOINT, LINK, Urdf, UrdfLink, mesh_name
 
@@ -68,14 +69,19 @@ def locked_positions(urdf: Urdf, joints: Sequence[str], given: Mapping[str, floa
     return positions
 
 
+def _pinocchio() -> Any:
+    import pinocchio  # 0.2 s
+
+    return pinocchio
+
+
 def assemble(path: Path, urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> Assembly:
     """Bodies moved by ``joints``, the other movable joints standing at ``locked``.
 
     Raises:
         InvalidFile: Pinocchio refuses the robot; ``path`` is the file it comes from.
     """
-    import pinocchio as pin  # 0.2 s
-
+    pin = loaded(_pinocchio)
     try:
         full = pin.buildModelFromXML(urdf.xml())
     except (ValueError, RuntimeError, IndexError, ArithmeticError) as error:

@@ -108,6 +108,7 @@ class Endpoints:
         arrived_at: int | None = None
         for index, given in enumerate(self._goals):
             name = self._name(index)
+            self._checker.ledger.poll()
             try:
                 candidates = self._configurations(name, given, begin)
             except NoPlan as no_plan:
@@ -190,7 +191,10 @@ class Endpoints:
 
     def _within(self, name: str, goal: PoseGoal, begin: FloatArray) -> list[FloatArray]:
         poses = goal.poses()
-        solutions = [read_only(q) for pose in poses for q in inverse_kinematics(self._robot, pose, still=begin)]
+        solutions = list[FloatArray]()
+        for pose in poses:
+            self._checker.ledger.poll()
+            solutions += [read_only(q) for q in inverse_kinematics(self._robot, pose, still=begin)]
         if not solutions:
             x, y, z = goal.pose.position
             tried = f"any of {len(poses)} poses around ({x:.4f}, {y:.4f}, {z:.4f})"

@@ -17,6 +17,7 @@ from planner_service.geometry import FloatArray, instance, items, number, number
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
 from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
+from planner_service.polling import Prepared
 from planner_service.search import joint_distance
 from planner_service.smoothing import blended
 from planner_service.stagebook import Limits, NoPlan, StageBook, not_certified
@@ -70,7 +71,7 @@ class FollowRequest:
 
 
 def follow(
-    checker: CollisionChecker, certifier: Certifier, request: FollowRequest, caller: tuple[Turns, CancelToken | None]
+    checker: CollisionChecker, certifier: Prepared[Certifier], request: FollowRequest, caller: tuple[Turns, CancelToken | None]
 ) -> PlanResult:
     """Check a polyline, blend its corners, prove it and time it; its first waypoint is judged in ENDPOINTS.
 
@@ -96,7 +97,7 @@ def follow(
             _judge_pieces(checker, points, request.contacts)
             entry.note, entry.length = f"{len(points)} points", path.length
         smooth = _blended(checker, path, sizes, request.contacts, book)
-        smooth, certificate = book.certified(certifier, smooth, _intervals(smooth, points, request.contacts))
+        smooth, certificate = book.certified(certifier.get(), smooth, _intervals(smooth, points, request.contacts))
         if not certificate.certified:
             raise NoPlan(not_certified(certificate), certificate)
         if certificate.clearance < request.padding:

@@ -6,7 +6,9 @@ The tool's speed is no polynomial in time, so its peak is found by sampling, eve
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from planner_service.geometry import FloatArray, instance
 from planner_service.kinematics import tool_speeds
 from planner_service.outcome import Failure, MotionReport, Reason, Stage
 from planner_service.path import JointPath
+from planner_service.polling import waited
 from planner_service.request import PlanRequest, require_scale, require_timing, require_tool_speed
 from planner_service.robot import JointLimits, Robot
 from planner_service.stagebook import NoPlan, StageBook
@@ -21,7 +24,12 @@ from planner_service.stretch import SpeedLimit
 from planner_service.timing import Timing, TimingFailed, held_limits, measured, stop_duration
 from planner_service.trajectory import Trajectory
 
+T = TypeVar("T")
+
 __all__ = ["Pace", "peak_tool_speed", "timed", "tool_speed_limit"]
+
+LONG = 200
+"""Waypoints beyond which a path may take long to time: then the clock is looked at meanwhile."""
 
 _SPACING = 0.04
 """Radians of path between first samples, on average: joints that turn so little bend the tool's way by as little."""
@@ -87,14 +95,19 @@ def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[T
         NoPlan: the timing law found no solution.
     """
     limits = pace.limits(robot)
+
+    def away(work: Callable[[], T]) -> T:
+        return waited(work) if len(path.knots) > LONG else work()
+
     with book.during(Stage.TIMING) as entry:
         try:
-            trajectory, found = measured(pace.timing, path, limits, tool_speed_limit(path, pace, robot))
-            tool_speed = peak_tool_speed(robot, trajectory)
+            limit = tool_speed_limit(path, pace, robot)
+            trajectory, found = away(lambda: measured(pace.timing, path, limits, limit))
+            tool_speed = away(lambda: peak_tool_speed(robot, trajectory))
             if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
                 factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
                 trajectory, found = trajectory.dilated(factor), found.dilated(factor)
-            stops = _stop_duration(trajectory, pace, robot, limits)
+            stops = away(lambda: _stop_duration(trajectory, pace, robot, limits))
         except TimingFailed as failed:
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
         entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length

@@ -25,6 +25,7 @@ from planner_service.pace import Pace, timed
 from planner_service.path import JointPath
 from planner_service.planners import RRTConnect
 from planner_service.polishing import Touch, judged, lines, not_free, optimum_path
+from planner_service.polling import Prepared, waited
 from planner_service.remedies import near
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap, Terms
@@ -65,7 +66,11 @@ class Run:
     """One call of ``plan``; with a ``tracer``, that takes down how its search goes."""
 
     def __init__(
-        self, checker: CollisionChecker, certifier: Certifier, request: PlanRequest, cancel: CancelToken | None
+        self,
+        checker: CollisionChecker,
+        certifier: Prepared[Certifier],
+        request: PlanRequest,
+        cancel: CancelToken | None,
     ) -> None:
         self.tracer: Tracer | None = None
         self._checker = checker
@@ -87,8 +92,6 @@ class Run:
 
     def result(self, turns: Turns) -> PlanResult:
         """Run the stages when the turn has come."""
-        if self._book.roadmap is not None:
-            self._book.roadmap.prepare()  # before the clock starts
         try:
             return self._book.within_limits(turns, self._stages)
         except NoPlan as no_plan:
@@ -96,6 +99,8 @@ class Run:
 
     def _stages(self) -> PlanResult:
         book = self._book
+        if book.roadmap is not None:
+            waited(book.roadmap.prepare)
         with book.during(Stage.ENDPOINTS):
             ends = self._endpoints.find()
         book.padding = ends.padding
@@ -117,7 +122,7 @@ class Run:
                 if turn and refused is not None:
                     book.notes.append(f"corners put back where they were: {refused.refusal}")
                 route = self._route(points, ends)
-                path, certificate = book.certified(self._certifier, self._polished(route), route.exempt)
+                path, certificate = book.certified(self._certifier.get(), self._polished(route), route.exempt)
                 if certificate.refusal is None:
                     self._remember(turn)
                     return self._closed(path, certificate, route.goal_index)
@@ -211,7 +216,7 @@ class Run:
         first = 1 if ends.departure is not None else 0
         blends[first : first + len(course.blends)] = course.blends
         path = route.path.with_blends(blends)
-        certificate = self._book.certificate(self._certifier, path, route.exempt)
+        certificate = self._book.certificate(self._certifier.get(), path, route.exempt)
         if not certificate.certified:
             raise NoPlan(not_certified(certificate), certificate)
         moving = self._timed(path)
@@ -226,7 +231,7 @@ class Run:
         moving = self._timed(path)
         if moving[1].duration > moving[1].stop_duration:
             with suppress(NoPlan), self._optional(Entry(), "compared with stops"):  # what is in hand is a plan, too
-                sharp, proof = self._book.certified(self._certifier, path.with_blends(None), certificate.exempt)
+                sharp, proof = self._book.certified(self._certifier.get(), path.with_blends(None), certificate.exempt)
                 stopping = self._timed(sharp)
                 if proof.certified and stopping[1].duration < moving[1].duration:
                     path, certificate, moving = sharp, proof, stopping
@@ -237,7 +242,7 @@ class Run:
         self._book.notes.append("start and goal are the same configuration: nothing to do")
         path = JointPath(np.array([ends.begin]))
         exempt = [] if ends.departure is None else [self._exempt(0.0, 0.0, ends.departure)]
-        certificate = self._book.certificate(self._certifier, path, exempt)
+        certificate = self._book.certificate(self._certifier.get(), path, exempt)
         if not certificate.certified:
             raise NoPlan(not_certified(certificate), certificate)
         return self._book.result(path, self._timed(path), goal_index=goal_index, certificate=certificate)

@@ -13,10 +13,12 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner_service import ompl_bridge
 from planner_service.errors import UnknownName
 from planner_service.geometry import number, whole
+from planner_service.polling import waited
 from planner_service.roadmap import Roadmap
 from planner_service.search import (
     Oracle,
@@ -56,6 +58,9 @@ __all__ = [
 ]
 
 Progress = Callable[[int, int], None]
+
+_AT_ONCE = 1000
+"""Milestones whose neighbours are looked up between two looks at the clock."""
 
 _DEFAULT_CHECKS = 20_000
 """States after which an anytime planner stops improving: about ten times what a first path costs."""
@@ -376,9 +381,14 @@ class LazyPRM(_Settings):
         lower, span = space.lower, space.upper - space.lower
         points = lower + span * np.random.default_rng(seed).random((self.milestones, lower.size))
         scaled = points if space.reach is None else points * space.reach
-        near = cKDTree(scaled).query(scaled, k=min(self.neighbours + 1, self.milestones), p=1)[1]
-        pairs = np.stack([np.repeat(np.arange(self.milestones), near.shape[1]), near.ravel()], axis=1)
-        return Roadmap.of(points, pairs[pairs[:, 0] != pairs[:, 1]], reach=space.reach)
+        tree, blocks = cKDTree(scaled), list[NDArray[np.intp]]()
+        for start in range(0, self.milestones, _AT_ONCE):
+            space.poll()
+            rows = scaled[start : start + _AT_ONCE]
+            near = tree.query(rows, k=min(self.neighbours + 1, self.milestones), p=1)[1]
+            ends = np.repeat(np.arange(start, start + len(rows)), near.shape[1])
+            blocks.append(np.stack([ends, near.ravel()], axis=1)[ends != near.ravel()])
+        return waited(lambda: Roadmap.of(points, np.concatenate(blocks), reach=space.reach))
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """Grow a roadmap for this one query, and query it; see ``Planner``."""

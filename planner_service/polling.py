@@ -7,8 +7,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
-__all__ = ["ask_from_now_on", "poll"]
+__all__ = ["Prepared", "ask_from_now_on", "poll", "waited"]
+
+T = TypeVar("T")
+
+_LOOK_AROUND = 0.01
+"""Seconds between looks around while waiting."""
 
 
 class _Asked(threading.local):
@@ -30,3 +36,41 @@ def poll() -> None:
     ask = _asked.ask
     if ask is not None:
         ask()
+
+
+class Prepared(Generic[T]):
+    """A value that may take long to make: made once, when first asked for, in a thread of its own.
+
+    Who waits polls, and may be called away; the value is made all the same, for those who ask again.
+    """
+
+    def __init__(self, make: Callable[[], T]) -> None:
+        self._make = make
+        self._made: list[T] = []
+        self._failed: list[BaseException] = []
+        self._thread: threading.Thread | None = None
+
+    def get(self) -> T:
+        """The value, or what making it raises."""
+        if not self._made:
+            if self._thread is None:
+                thread = threading.Thread(target=self._work, name="planner-service: prepared", daemon=True)
+                thread.start()
+                self._thread = thread
+            while self._thread.is_alive():
+                self._thread.join(_LOOK_AROUND)
+                poll()
+        if self._failed:
+            raise self._failed[0]
+        return self._made[0]
+
+    def _work(self) -> None:
+        try:
+            self._made.append(self._make())
+        except BaseException as error:
+            self._failed.append(error)
+
+
+def waited(work: Callable[[], T]) -> T:
+    """What ``work`` returns, which does not poll: left to itself in a thread if the call is over."""
+    return work() if _asked.ask is None else Prepared(work).get()

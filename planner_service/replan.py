@@ -27,6 +27,7 @@ from planner_service.pace import Pace, peak_tool_speed, tool_speed_limit
 from planner_service.path import JointPath
 from planner_service.peaks import TOLERANCE, LimitPeaks, peaks
 from planner_service.pipeline import Run
+from planner_service.polling import Prepared
 from planner_service.pose_goal import PoseGoal
 from planner_service.replanned import Old, Outcome, Replanned, request_for, underway
 from planner_service.request import Goal, PlanRequest
@@ -161,7 +162,7 @@ class _Run:
         Raises:
             NoPlan: there is none.
         """
-        plan = Run(self._checker, self._certifier, self._request, self._cancel).result(turns)
+        plan = Run(self._checker, Prepared(lambda: self._certifier), self._request, self._cancel).result(turns)
         result = self._book.with_plan(plan)
         if plan.failure is not None:
             raise NoPlan(plan.failure)

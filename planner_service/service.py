@@ -28,6 +28,7 @@ from planner_service.outcome import Origin, PlanResult
 from planner_service.pace import Pace
 from planner_service.path import JointPath
 from planner_service.pipeline import Run
+from planner_service.polling import Prepared
 from planner_service.progress import bar
 from planner_service.remedies import WayOut, way_out
 from planner_service.replan import replan
@@ -76,6 +77,7 @@ class PlannerService:
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self._edge_step, self._allowed = edge_step, pairs_of_names("allowed", allowed)
         self._planning = self._new_checker()
+        self._certifier = Prepared(self._new_certifier)
         self._turns = Turns()
         self._process = os.getpid()
 
@@ -214,11 +216,10 @@ class PlannerService:
             other = self.with_scene(scene)
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
         motion, asked = (previous, at_time, latency), (request, goal)
-        found = replan(self._planning, self._certifier, motion, asked, (self._turns, cancel))
+        found = replan(self._planning, self._certifier.get(), motion, asked, (self._turns, cancel))
         return replace(found, result=replace(found.result, origin=Origin(self, found.request)))
 
-    @cached_property
-    def _certifier(self) -> Certifier:
+    def _new_certifier(self) -> Certifier:
         return Certifier(self.robot, self.scene, allowed=self._allowed)
 
     def certify(
@@ -244,7 +245,7 @@ class PlannerService:
             InvalidRequest: the path is not one of this robot within its limits, or another value is out of range.
         """
         self._require_own_process()
-        return self._certifier.certify(path, padding=padding, exempt=exempt, part=part)
+        return self._certifier.get().certify(path, padding=padding, exempt=exempt, part=part)
 
     def certify_gripper(
         self,

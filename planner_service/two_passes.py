@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.geometry import FloatArray
+from planner_service.libraries import loaded
 from planner_service.stretch import Stretch
 
 __all__ = ["two_passes"]
@@ -50,7 +51,7 @@ def _bounds(stretch: Stretch, points: FloatArray, unit: float, rate: float) -> A
     Its tolerances are absolute: in units of the stretch and of about its time they suit every move. Accelerations
     are bounded at both ends of each interval (what toppra calls interpolation).
     """
-    toppra = _toppra()
+    toppra = loaded(_toppra)
     joints, length = stretch.moving, stretch.length
     velocity, acceleration = stretch.limits.velocity[joints] * unit, stretch.limits.acceleration[joints] * (unit * unit)
     s = stretch.start + points * length
@@ -80,7 +81,7 @@ def _algorithm() -> Any:
 
     They are symmetric: standing still is always possible, so the least controllable speed is 0 everywhere.
     """
-    toppra = _toppra()
+    toppra = loaded(_toppra)
     algorithm: Any = toppra.algorithm
     seidel = toppra.solverwrapper.seidelWrapper
 
@@ -108,7 +109,6 @@ def _algorithm() -> Any:
     return TwoPasses
 
 
-@lru_cache(maxsize=1)
 def _toppra() -> Any:
     """The toppra library, quiet: what it says of a failure would only repeat what comes back."""
     with _no_plotting_yet():
@@ -129,7 +129,8 @@ def _no_plotting_yet() -> Iterator[None]:
     It is more than half of what toppra's import takes, and comes when toppra plots. While other threads run, who might
     want it meanwhile, it is imported, quietly: complaints about its cache do not concern the caller.
     """
-    if "matplotlib" not in sys.modules and threading.active_count() == 1:
+    others = [thread for thread in threading.enumerate() if not thread.name.startswith("planner-service:")]
+    if "matplotlib" not in sys.modules and len(others) == 1:
         names = ("matplotlib", "matplotlib.pyplot")
         sys.modules.update({name: _Later(name) for name in names})
         try:

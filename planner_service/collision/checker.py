@@ -31,6 +31,7 @@ from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, instance, number, numbers, read_only, whole
 from planner_service.path import JointPath
+from planner_service.polling import waited
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
@@ -119,14 +120,19 @@ class CollisionChecker:
             return self
         if key not in self._variants:
             step = self._asked_step if finest is None else FinestStep((self._asked_step, MotionStep(finest)))
-            other = CollisionChecker(
-                self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs, backend=self.backend
-            )
-            other.ledger, other._variants = self.ledger, self._variants
-            other._asked_step, other._motion_step = self._asked_step, finest
-            while len(self._variants) >= MAX_VARIANTS:
-                del self._variants[next(iter(self._variants))]
-            self._variants[key] = other
+
+            def keep() -> CollisionChecker:
+                other = CollisionChecker(
+                    self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs, backend=self.backend
+                )
+                other.ledger, other._variants = self.ledger, self._variants
+                other._asked_step, other._motion_step = self._asked_step, finest
+                for old in list(self._variants)[: len(self._variants) + 1 - MAX_VARIANTS]:
+                    self._variants.pop(old, None)
+                self._variants[key] = other
+                return other
+
+            return waited(keep)
         return self._variants[key]
 
     def _agreed(self) -> Kernel | None:

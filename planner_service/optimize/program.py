@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.geometry import FloatArray
+from planner_service.libraries import loaded
 
 __all__ = ["Step", "load_solver", "solved"]
 
@@ -40,10 +41,15 @@ class Step:
     price: float
 
 
-def solved(step: Step) -> FloatArray:
-    """The x (v,) that minimises it, within the bounds; if rounding gets the better of the solver, what it had then."""
+def _piqp() -> Any:
     import piqp.piqp_python as piqp
 
+    return piqp
+
+
+def solved(step: Step) -> FloatArray:
+    """The x (v,) that minimises it, within the bounds; if rounding gets the better of the solver, what it had then."""
+    piqp = loaded(_piqp)
     v, k = len(step.gradient), len(step.short)
     solver = piqp.SparseSolver()
     settings = solver.settings

@@ -45,6 +45,9 @@ GREED, UNKNOWN_AS = 3.0, 2.0
 """A path may be so many times as long as the shortest, and an edge not known to be free counts as so many times its
 length: paths are shortened anyway, these are found ten times as fast, and cost fewer checks (Phillips et al., 2012)."""
 
+POLLED = 256
+"""Nodes left between two looks at the clock."""
+
 EFFORT = 50_000
 """Nodes left by all searches together before a query gives up, half a second: a net of which little is known, and most
 of that blocked, is searched again and again."""
@@ -162,6 +165,7 @@ class Query:
     def _join(self, end: _End) -> None:
         """Join an end to as many places as it may be at a time, those in the shadow of a collision last."""
         while len(end.open) < self._at_once and end.tried < MOST_JOINED:
+            self._problem.poll()
             place = next(end.waiting, None)
             if place is None:
                 if not end.shadowed:
@@ -229,6 +233,8 @@ class Query:
             self._effort -= 1
             if self._effort <= 0:
                 return None
+            if self._effort % POLLED == 0:
+                self._problem.poll()
             near = around(node) if node < count else NOTHING
             for other, length, piece in near + joins[node] if node in joins else near:
                 total = spent + (length if pieces[piece] == FREE else UNKNOWN_AS * length)

@@ -1,0 +1,38 @@
+"""Loading a library when it is first needed, so that Ctrl-C cannot cut the import in half.
+
+Some libraries cannot be imported again after that: Pinocchio, PIQP and what TOPP-RA draws with then stay broken until
+the process ends. Ctrl-C comes to the main thread, so another thread imports, and goes on if the main one is interrupted.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["loaded"]
+
+_libraries: dict[Callable[[], Any], Any] = {}
+
+
+def loaded(load: Callable[[], Any]) -> Any:
+    """The library that ``load`` imports and returns; it is called once, in a thread of its own.
+
+    Raises:
+        ImportError: whatever the import raises.
+    """
+    if load not in _libraries:
+        errors = list[BaseException]()
+
+        def work() -> None:
+            try:
+                _libraries[load] = load()
+            except BaseException as error:
+                errors.append(error)
+
+        thread = threading.Thread(target=work, name=f"planner-service: {load.__name__}")
+        thread.start()
+        thread.join()
+        if errors:
+            raise errors[0]
+    return _libraries[load]
