@@ -71,7 +71,10 @@ class FollowRequest:
 
 
 def follow(
-    checker: CollisionChecker, certifier: Prepared[Certifier], request: FollowRequest, caller: tuple[Turns, CancelToken | None]
+    checker: CollisionChecker,
+    certifier: Prepared[Certifier],
+    request: FollowRequest,
+    caller: tuple[Turns, CancelToken | None],
 ) -> PlanResult:
     """Check a polyline, blend its corners, prove it and time it; its first waypoint is judged in ENDPOINTS.
 

@@ -65,6 +65,8 @@ _turns = Turns()
 
 _SEEDS = 2**32 - 1
 
+_never_set_up: list[Any] = []
+
 
 def _renew_turns() -> None:
     """In the child of a fork nobody will give back the turn that another thread of the parent held."""
@@ -243,9 +245,7 @@ class _Run:
         self._si.setup()
         self._problem = ob.ProblemDefinition(self._si)
         self._problem.setOptimizationObjective(ob.PathLengthOptimizationObjective(self._si))
-        self.planner = getattr(og, planner)(self._si)
-        for setter, value in settings.items():
-            getattr(self.planner, setter)(value)
+        self._name, self._settings = planner, settings
 
     def _state(self, q: Iterable[float]) -> Any:
         state = self._si.allocState()
@@ -263,8 +263,18 @@ class _Run:
         self.ready()
 
     def ready(self) -> None:
-        self.planner.setProblemDefinition(self._problem)
-        self.planner.setup()
+        """Make the planner. One that Ctrl-C kept from its setup is never freed: AORRTC's would end the process."""
+        planner: Any = None
+        try:
+            planner = getattr(og, self._name)(self._si)
+            for setter, value in self._settings.items():
+                getattr(planner, setter)(value)
+            planner.setProblemDefinition(self._problem)
+            planner.setup()
+        except BaseException:
+            _never_set_up.append(planner)
+            raise
+        self.planner = planner
 
     def until(self, act: Callable[[Any], Any], enough: Callable[[Any], bool]) -> Any:
         """``act`` with a condition that ends it when a limit is reached or ``enough(planner)``."""

@@ -59,8 +59,8 @@ __all__ = [
 
 Progress = Callable[[int, int], None]
 
-_AT_ONCE = 1000
-"""Milestones whose neighbours are looked up between two looks at the clock."""
+_AT_ONCE = 20_000
+"""Neighbours that are looked up between two looks at the clock."""
 
 _DEFAULT_CHECKS = 20_000
 """States after which an anytime planner stops improving: about ten times what a first path costs."""
@@ -381,11 +381,12 @@ class LazyPRM(_Settings):
         lower, span = space.lower, space.upper - space.lower
         points = lower + span * np.random.default_rng(seed).random((self.milestones, lower.size))
         scaled = points if space.reach is None else points * space.reach
-        tree, blocks = cKDTree(scaled), list[NDArray[np.intp]]()
-        for start in range(0, self.milestones, _AT_ONCE):
+        tree, blocks, most = cKDTree(scaled), list[NDArray[np.intp]](), min(self.neighbours + 1, self.milestones)
+        many = max(1, _AT_ONCE // most)
+        for start in range(0, self.milestones, many):
             space.poll()
-            rows = scaled[start : start + _AT_ONCE]
-            near = tree.query(rows, k=min(self.neighbours + 1, self.milestones), p=1)[1]
+            rows = scaled[start : start + many]
+            near = tree.query(rows, k=most, p=1)[1]
             ends = np.repeat(np.arange(start, start + len(rows)), near.shape[1])
             blocks.append(np.stack([ends, near.ravel()], axis=1)[ends != near.ravel()])
         return waited(lambda: Roadmap.of(points, np.concatenate(blocks), reach=space.reach))

@@ -22,6 +22,7 @@ from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.collision.ledger import Cancelled
 from planner_service.errors import InvalidRequest
 from planner_service.follow import AllowedStretch, FollowRequest, follow
+from planner_service.forks import renew_locks
 from planner_service.geometry import flag, instance
 from planner_service.many import Engine
 from planner_service.outcome import Origin, PlanResult
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
 __all__ = ["PlannerService"]
 
 T = TypeVar("T")
+
+os.register_at_fork(after_in_child=renew_locks)
 
 
 class PlannerService:

@@ -21,7 +21,7 @@ FRONT = "__init__"
 
 LAYERS: dict[str, tuple[set[str], set[str]]] = {
     # layer: (its modules and packages, the layers it may import from besides its own)
-    "errors": ({"errors", "libraries", "polling", "turns"}, set()),
+    "errors": ({"errors", "forks", "libraries", "polling", "turns"}, set()),
     "many": ({"many"}, {"errors", "shapes"}),
     "shapes": (
         {
