@@ -16,7 +16,6 @@ import pytest
 
 from planner_service import (
     AORRTC,
-    FMT,
     PRM,
     CancelToken,
     CollisionChecker,
@@ -63,7 +62,7 @@ def traced(act: Callable[[], object], at_line: Callable[[FrameType], None]) -> N
 
 
 def lines_of(act: Callable[[], object]) -> list[int]:
-    """The events at which lines are reached for the first two and the last two times."""
+    """The events at which lines are reached for the first and the last time."""
     reached, count = defaultdict[tuple[str, int], list[int]](list), 0
 
     def note(frame: FrameType) -> None:
@@ -72,7 +71,7 @@ def lines_of(act: Callable[[], object]) -> list[int]:
         count += 1
 
     traced(act, note)
-    return sorted({k for times in reached.values() for k in (*times[:2], *times[-2:])})
+    return sorted({k for times in reached.values() for k in (times[0], times[-1])})
 
 
 def interrupted(act: Callable[[], object], event: int) -> str:
@@ -108,7 +107,7 @@ def request(planner: Planner | None = None) -> PlanRequest:
     return PlanRequest(START, GOAL, planner=planner or RRTConnect(), time_limit=60.0)
 
 
-@pytest.mark.parametrize("planner", [RRTConnect(), FMT(), AORRTC(checks=500), PRM(milestones=30)], ids=lambda p: p.name)
+@pytest.mark.parametrize("planner", [RRTConnect(range=1.5), AORRTC(checks=20), PRM(milestones=5)], ids=lambda p: p.name)
 def test_after_ctrl_c_at_any_line_of_a_plan_the_next_is_the_same(planner: Planner) -> None:
     here = PlannerService("planar2", "discs")
     asked = request(planner)
