@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
 
@@ -113,25 +114,25 @@ class Ledger:
     def poll(self) -> None:
         """Raise if the time box is over or the call was cancelled; costs no check."""
         own = self._threads.own
-        if own.tokens or own.deadline is not None:
+        if own.limits.tokens or own.limits.deadline is not None:
             own.check(own.poll)
 
     def require_room(self) -> None:
         """Poll, and raise if not one more state may be judged."""
         own = self._threads.own
-        if own.blocks:
+        if own.limits.blocks:
             self.poll()
-            if own.most is not None and own.states >= own.most:
+            if own.limits.most is not None and own.states >= own.limits.most:
                 own.check(own.require_room)
 
     def room(self) -> int | None:
         """How many more states may be judged; None without a limit."""
         own = self._threads.own
-        return None if own.most is None else max(0, own.most - own.states)
+        return None if own.limits.most is None else max(0, own.limits.most - own.states)
 
     def time_left(self) -> float | None:
         """Seconds until the deadline, none below 0; None without one."""
-        deadline = self._threads.own.deadline
+        deadline = self._threads.own.limits.deadline
         return None if deadline is None else max(0.0, deadline - time.monotonic())
 
     def record_states(self, judged: int) -> None:
@@ -154,6 +155,15 @@ class Ledger:
         self.hits[pair] += 1
 
 
+class _Limits(NamedTuple):
+    """The blocks a thread is in, and the least of their limits; replaced as a whole, for Ctrl-C may come in between."""
+
+    blocks: tuple[weakref.ref[_Block], ...] = ()
+    most: int | None = None
+    deadline: float | None = None
+    tokens: tuple[CancelToken, ...] = ()
+
+
 class _Thread:
     """What one thread has judged, and the limits of the blocks it is in, the outermost first.
 
@@ -162,48 +172,42 @@ class _Thread:
 
     def __init__(self) -> None:
         self.states = 0
-        self.unlimited()
+        self.limits = _Limits()
 
     def unlimited(self) -> None:
         """Forget all blocks."""
-        self.blocks: tuple[weakref.ref[_Block], ...] = ()
-        self.most: int | None = None
-        self.deadline: float | None = None
-        self.tokens: tuple[CancelToken, ...] = ()
+        self.limits = _Limits()
 
     def hold(self, *blocks: _Block) -> None:
         """Take the limits of these blocks for all there are."""
         deadlines = [block.deadline for block in blocks if block.deadline is not None]
         inner = max((k for k, block in enumerate(blocks) if block.apart), default=0)
         counts = [block.most for block in blocks[inner:] if block.most is not None]
-        self.tokens = tuple(block.token for block in blocks if block.token is not None)
-        self.deadline = min(deadlines, default=None)
-        self.most = min(counts, default=None)
-        self.blocks = tuple(map(weakref.ref, blocks))
+        tokens = tuple(block.token for block in blocks if block.token is not None)
+        refs = tuple(map(weakref.ref, blocks))
+        self.limits = _Limits(refs, min(counts, default=None), min(deadlines, default=None), tokens)
 
     def living(self) -> list[_Block]:
         """The blocks there are."""
-        return [block for ref in self.blocks if (block := ref()) is not None]
+        return [block for ref in self.limits.blocks if (block := ref()) is not None]
 
     def check(self, limit: Callable[[], None]) -> None:
-        """Raise what a limit raises, unless its block is gone."""
+        """Raise what a limit raises, unless the block that it is of has ended or is gone."""
         try:
             limit()
         except SearchStopped:
-            living = self.living()
-            if len(living) == len(self.blocks):
-                raise
-            self.hold(*living)
+            self.hold(*self.living())
             limit()
 
     def poll(self) -> None:
-        if any(token.cancelled for token in self.tokens):
+        _, _, deadline, tokens = self.limits
+        if any(token.cancelled for token in tokens):
             raise Cancelled("cancelled by the caller")
-        if self.deadline is not None and time.monotonic() > self.deadline:
+        if deadline is not None and time.monotonic() > deadline:
             raise TimeBoxSpent("the time limit passed")
 
     def require_room(self) -> None:
-        if self.most is not None and self.states >= self.most:
+        if self.limits.most is not None and self.states >= self.limits.most:
             raise CheckBudgetSpent("the check budget is spent")
 
 
