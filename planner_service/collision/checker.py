@@ -118,7 +118,8 @@ class CollisionChecker:
         key = (padding, pairs, finest)
         if key == (self.padding, self.allowed, self._motion_step):
             return self
-        if key not in self._variants:
+        known = self._variants.get(key)
+        if known is None:
             step = self._asked_step if finest is None else FinestStep((self._asked_step, MotionStep(finest)))
 
             def keep() -> CollisionChecker:
@@ -133,7 +134,7 @@ class CollisionChecker:
                 return other
 
             return waited(keep)
-        return self._variants[key]
+        return known
 
     def _agreed(self) -> Kernel | None:
         """The kernel, told the limits and the edge step; None if there is none, or the step is a user's own."""
