@@ -10,7 +10,7 @@ Nothing that a plan says of itself is believed but its motions, the gripper's wi
    asks, as are all pairs that the plan was made with as ``allowed``;
 5. that every motion is free then, between samples too, and so is the gripper's own.
 
-A proof costs about a millisecond, so all of that is done for every plan, from wherever it comes.
+That takes some 2 ms for a plan and 80 ms for a task of seven motions, so it is done wherever a plan comes from.
 """
 
 from __future__ import annotations
