@@ -113,7 +113,24 @@ class Recertified:
             for motion in self.motions
             for stretch in motion.certificate.exempt
         ]
+        stretches += [
+            f"{motion.name}: the {motion.gripper.name} before it: {stretch}"
+            for motion in self.motions
+            if motion.gripper is not None
+            for stretch in motion.gripper.certificate.exempt
+        ]
         return (*stretches, *(f"allowed to touch all the time: {a} x {b}" for a, b in self.allowed))
+
+    def opening_from(self, width: float) -> GripperMotion | None:
+        """The gripper going from a width, in metres, to the one that the first motion begins with, and its proof.
+
+        None if it stays as it is.
+        """
+        first = self.motions[0].leg
+        if first.robot.gripper is None:
+            return None
+        inside = min(max(width, first.robot.gripper.lower), first.robot.gripper.upper)
+        return _gripper_motion(first.robot.with_gripper(inside), None, first, self.allowed)
 
     def required(self) -> Recertified:
         """This, if it is proven.

@@ -106,8 +106,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
     ),
     "primitives": (
         {"primitives", "grasps", "task"},
-        {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"}
-        | {"certify"},
+        {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"} | {"certify"},
     ),
 }
 ABOVE = {

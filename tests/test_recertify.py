@@ -19,6 +19,8 @@ from planner_service import (
     ExemptInterval,
     InvalidRequest,
     JointPath,
+    NotProven,
+    Obstacle,
     PlannerService,
     PlanRequest,
     PlanResult,
@@ -137,13 +139,39 @@ def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: SavedTa
     for plan in (task, in_memory, read):
         found = recertify(plan).required()
         assert [motion.name for motion in found.motions] == [segment.name for segment in task.segments]
-        told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.lenience]
+        told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.lenience if "gripper" not in line]
         assert told == [
             ("descend", f"{fingers} (fingers may touch blue_block, which they take)"),
             ("lift", "blue_block x bin_floor (blue_block stood there)"),
             ("lower", "blue_block x tray (blue_block is to stand there)"),
             ("retreat", f"{fingers} (fingers may touch blue_block, which they leave)"),
         ]
+
+
+def test_the_grippers_own_motion_is_proven_too_from_the_width_it_has(
+    read: SavedTask, bin_: PlannerService, good: PlanResult
+) -> None:
+    found = recertify(read).required()
+    moved = {motion.name: motion.gripper.name for motion in found.motions if motion.gripper is not None}
+    assert moved == {
+        "home -> pregrasp": "gripper closes",
+        "lift": "gripper closes",
+        "retreat": "gripper opens",
+    }
+    assert sum("gripper" in line for line in found.lenience) == 2
+    tool = Pose.from_matrix(bin_.robot.tool_pose(bin_.robot.home))
+    plate = Obstacle("plate", Box((0.02, 0.004, 0.02)), tool @ Pose((0.0, 0.0, 0.0)))
+    beside = PlannerService(bin_.robot, Scene((plate,)))
+    assert beside.checker.state_is_free(bin_.robot.home)
+    assert not beside.changed(gripper=0.0).checker.state_is_free(bin_.robot.home)
+    stay = beside.changed(gripper=0.03).plan(PlanRequest(bin_.robot.home, bin_.robot.home))
+    stand = FakeArm(np.array(bin_.robot.home), width=0.06)
+    assert execute(stay, stand, None, QUICK).ok
+    stay = beside.plan(PlanRequest(bin_.robot.home, bin_.robot.home))
+    stand = FakeArm(np.array(bin_.robot.home), width=0.0)
+    with pytest.raises(NotProven, match=r"gripper cannot open from 0\.0 to 80\.0 mm: .* plate"):
+        execute(stay, stand, None, QUICK)
+    assert (stand.told, stand.widths) == ([], [])
 
 
 def test_a_saved_task_is_driven_on_a_simulated_arm(read: SavedTask, bin_: PlannerService) -> None:

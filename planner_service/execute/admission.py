@@ -10,13 +10,13 @@ from itertools import pairwise
 import numpy as np
 
 from planner_service.collision.names import Kind, Owner, owner_of
-from planner_service.errors import InvalidRequest
+from planner_service.errors import InvalidRequest, NotProven
 from planner_service.execute.driver import ArmLimits
 from planner_service.geometry import FloatArray
 from planner_service.outcome import PlanResult
 from planner_service.peaks import TOLERANCE, peaks
 from planner_service.plan_file import SavedPlan, SavedTask
-from planner_service.recertify import Plan, planned_elsewhere, recertify, require_same_robot, world_of
+from planner_service.recertify import Plan, Recertified, planned_elsewhere, recertify, require_same_robot, world_of
 from planner_service.robot import Robot
 from planner_service.service import PlannerService
 from planner_service.story import Leg
@@ -30,6 +30,7 @@ __all__ = [
     "needs_a_service",
     "refusal",
     "require_drivable",
+    "require_free_opening",
     "require_near",
 ]
 
@@ -66,8 +67,8 @@ def admitted(
     allowed: Sequence[tuple[str, str]],
     simulated: bool,
     allow_unproven: bool,
-) -> tuple[Robot, list[Motion]]:
-    """The robot that a plan is for, and its motions in order, each proven again unless it need not be.
+) -> tuple[Robot, list[Motion], Recertified | None]:
+    """The robot that a plan is for, its motions in order, and their proof made again, None if none need be.
 
     Raises:
         InvalidRequest: it is no plan, is of another robot or scene, or comes from a file and is to move a real arm
@@ -81,7 +82,7 @@ def admitted(
         robot = robot if service is None else service.robot
         if robot is None:
             raise InvalidRequest("robot", None, "the robot that the trajectory was made for")
-        return robot, [_rested("motion", plan, None)]
+        return robot, [_rested("motion", plan, None)], None
     if not isinstance(plan, PlanResult | SavedPlan | SavedTask | TaskResult):
         raise InvalidRequest("plan", plan, "a plan, a saved plan, a task or a trajectory")
     for given in (robot, None if service is None else service.robot):
@@ -90,9 +91,25 @@ def admitted(
     if service is None and not simulated and not allow_unproven and planned_elsewhere(plan):
         raise needs_a_service(plan)
     if allow_unproven:
-        return _unproven(plan, robot if service is None else service.robot)
+        return *_unproven(plan, robot if service is None else service.robot), None
     found = recertify(plan, service, allowed=allowed).required()
-    return found.world.robot, [_proven(motion.leg) for motion in found.motions]
+    return found.world.robot, [_proven(motion.leg) for motion in found.motions], found
+
+
+def require_free_opening(found: Recertified, width: float, near: float) -> None:
+    """Raise unless the gripper, standing ``width`` metres open, is free to go to where the first motion has it.
+
+    Args:
+        near: Metres within which it is let be.
+
+    Raises:
+        NotProven: something is in its way.
+    """
+    first = found.motions[0].leg.robot
+    if first.gripper is not None and abs(first.gripper_width - width) > near:
+        opening = found.opening_from(width)
+        if opening is not None and opening.refused:
+            raise NotProven(f"{found.motions[0].name}: {opening.refused}")
 
 
 def needs_a_service(plan: Plan) -> InvalidRequest:

@@ -28,6 +28,7 @@ from planner_service.execute.admission import (
     admitted,
     refusal,
     require_drivable,
+    require_free_opening,
     require_near,
 )
 from planner_service.execute.arm import Arm, Call
@@ -73,9 +74,10 @@ def execute(
     """Drive a plan, or all motions of a task with the gripper between them, and say how it went.
 
     Nothing is commanded before all of it has been checked: that it is proven again, whatever its certificates say
-    (``recertify`` lists what that is; it takes some 2 ms, for a whole task 80 ms); that it was made for this very robot; that it stays
-    inside the robot's position limits and the arm's, and below the arm's velocity limits at this speed; that motions
-    follow each other; and that the arm stands where the first begins.
+    (``recertify`` lists what that is; it takes some 2 ms, for a whole task 80 ms); that it was made for this very
+    robot; that it stays inside the robot's position limits and the arm's, and below the arm's velocity limits at this
+    speed; that motions follow each other; that the arm stands where the first begins; and that its gripper is free to
+    go from the width it has to the first one.
 
     Args:
         plan: A ``PlanResult`` or a task, saved ones, or with ``allow_unproven`` a bare ``Trajectory``.
@@ -94,12 +96,16 @@ def execute(
     """
     how = streaming or Streaming()
     simulated = driver.simulated is True
-    robot, motions = admitted(plan, robot, service, allowed=allowed, simulated=simulated, allow_unproven=allow_unproven)
+    robot, motions, found = admitted(
+        plan, robot, service, allowed=allowed, simulated=simulated, allow_unproven=allow_unproven
+    )
     arm = Arm(driver, robot)
     speed = how.speed if how.speed is not None else (1.0 if simulated else HARDWARE_SPEED)
     require_drivable(motions, robot, arm.limits, speed, how.start_tolerance)
     run = _Run(arm, robot, how, speed)
     run.require_at("start", motions[0], 0.0)
+    if found is not None and robot.gripper is not None:
+        require_free_opening(found, arm.gripper_width(), how.gripper_tolerance)
     run.drive(motions)
     return run.report()
 
