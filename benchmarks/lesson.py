@@ -233,7 +233,7 @@ class VertexShortcut:
         key = (tuple(a.tolist()), tuple(b.tolist()))
         if key in self._answers:
             free, states = self._answers[key]
-            self._checker.ledger.charge_states(states)
+            self._checker.ledger.record_states(states)
             return free
         before = self._checker.counts.states
         free = all(self._checker.state_is_free(q) for q in samples(a, b))

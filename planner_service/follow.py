@@ -104,7 +104,7 @@ def follow(
         if not certificate.certified:
             raise NoPlan(not_certified(certificate), certificate)
         if certificate.clearance < request.padding:
-            certificate = _padded(book, certifier, smooth, certificate, request.padding)
+            certificate = _padded(book, certifier.get(), smooth, certificate, request.padding)
         book.padding = min(request.padding, certificate.clearance)
         return book.result(smooth, timed(smooth, request.pace, checker.robot, book), certificate=certificate)
 

@@ -141,8 +141,16 @@ class StageRecord(Record):
 
     @classmethod
     def of(cls, report: StageReport) -> StageRecord:
-        told = {"seconds": report.seconds, "length": report.length, "note": as_text(report.note)}
-        return cls(stage=report.stage.value, **counts_record(report.counts), **told)
+        counts = report.counts
+        return cls(
+            stage=report.stage.value,
+            states=counts.states,
+            edges=counts.edges,
+            distances=counts.distances,
+            seconds=report.seconds,
+            length=report.length,
+            note=as_text(report.note),
+        )
 
     @cached_property
     def value(self) -> StageReport:

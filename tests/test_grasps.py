@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker
-from planner_service.geometry import Box, Cylinder, Pose
+from planner_service.geometry import Box, Cylinder, FloatArray, Pose
 from planner_service.grasps import middle_of, offset_from, top_grasps
 from planner_service.mesh import Mesh
 from planner_service.pick_place import places_on, plan_pick_place
@@ -85,7 +85,7 @@ def test_every_arm_with_a_gripper_takes_a_cube_from_above_between_its_fingers(na
     assert touching <= set(gripper.links)  # and nothing else of the arm is in the cube
 
 
-def _matrix(pose: tuple[float, ...]) -> np.ndarray:
+def _matrix(pose: tuple[float, ...]) -> FloatArray:
     out = np.eye(4)
     out[:3, :3], out[:3, 3] = np.array(pose[:9]).reshape(3, 3), pose[9:]
     return out

@@ -30,6 +30,7 @@ from planner_service import (
 )
 from planner_service.certify import certify_gripper
 from planner_service.collision.ledger import Cancelled
+from planner_service.geometry import FloatArray
 from planner_service.plan_file import load_task
 from planner_service.recertify import recertify
 
@@ -37,7 +38,7 @@ CUBE = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, 0.0215)))
 ROBOTS = ("wxai", "wxai_dual", "wxai_mesh", "panda")
 
 
-def in_tool(name: str, q: np.ndarray, at: tuple[float, float, float]) -> Pose:
+def in_tool(name: str, q: FloatArray, at: tuple[float, float, float]) -> Pose:
     return Pose.from_matrix(load_robot(name).tool_pose(q)) @ Pose(at)
 
 
@@ -120,8 +121,9 @@ def test_a_task_tells_what_its_gripper_does_and_counts_the_proof() -> None:
     assert first is not None
     assert grip is not None
     assert none is None
-    assert (first.name, first.start, first.end) == ("gripper closes", 0.08, pytest.approx(0.069))
-    assert (grip.start, grip.end) == (first.end, pytest.approx(0.045))
+    assert (first.name, first.start, grip.start) == ("gripper closes", 0.08, first.end)
+    assert first.end == pytest.approx(0.069)
+    assert grip.end == pytest.approx(0.045)
     proofs = first.certificate.distances + grip.certificate.distances
     motions = sum(segment.result.counts.distances for segment in task.segments)
     assert task.counts.distances == motions + proofs + task.choosing.distances
