@@ -133,7 +133,7 @@ def test_after_ctrl_c_at_any_line_of_a_limit_the_checker_has_none() -> None:
     def limited() -> None:
         with checker.limited(states=3, deadline=1e9):
             checker.state_is_free(START)
-            checker.edge_is_free(START, GOAL)
+            checker.edge_is_free(START, START)
 
     for event in lines_of(limited):
         place = interrupted(limited, event)
