@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -423,6 +424,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
     """
     from planner_service.robot_source import robot_from_file
 
+    if not isinstance(name_or_path, (str, os.PathLike)):
+        raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
     path = as_path("robot", name_or_path)
     name = str(name_or_path)
     if not isinstance(name_or_path, str) or "/" in name or name.endswith(".toml"):

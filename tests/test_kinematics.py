@@ -436,7 +436,7 @@ def test_a_line_refuses_what_is_no_configuration_pose_or_count(wxai: Robot) -> N
         straight_tool_line(wxai, [0.0, 0.5, 3.0, 0.0, 0.0, 0.0], (0.0, 0.0, 0.1))
     with pytest.raises(InvalidRequest, match=r"to: .* a shift of 3 finite numbers"):
         straight_tool_line(wxai, q, (0.0, 0.0, math.nan))
-    with pytest.raises(InvalidRequest, match="points: got 1; expected an integer from 2"):
+    with pytest.raises(InvalidRequest, match="points: got 1; expected a whole number from 2"):
         straight_tool_line(wxai, q, (0.0, 0.0, 0.1), points=1)
 
 

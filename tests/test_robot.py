@@ -185,7 +185,7 @@ def test_an_empty_batch_is_no_special_case(wxai: Robot) -> None:
 
 
 def test_a_configuration_of_the_wrong_length_is_refused(wxai: Robot) -> None:
-    with pytest.raises(InvalidRequest, match=r"q: got .* expected 6 numbers"):
+    with pytest.raises(InvalidRequest, match=r"q: got .* expected 6 finite numbers"):
         wxai.body_poses([0.0] * 5)
     with pytest.raises(InvalidRequest, match=r"Q: got \(3, 5\); expected configurations of shape \(m, 6\)"):
         wxai.body_poses_batch(np.zeros((3, 5)))

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from planner_service.data import data_folder
-from planner_service.errors import InvalidFile, UnknownName
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.robot import Robot, load_robot
 
 
@@ -243,9 +243,14 @@ def test_a_device_is_no_robot(tmp_path: Path) -> None:
         load_robot(tmp_path / "robot.toml")
 
 
-@pytest.mark.parametrize("name", [None, 3, "wxia"])
-def test_a_name_of_no_robot_is_unknown(name: Any) -> None:
-    with pytest.raises(UnknownName, match="unknown robot"):
+def test_a_name_of_no_robot_is_unknown() -> None:
+    with pytest.raises(UnknownName, match="unknown robot 'wxia'; did you mean 'wxai'"):
+        load_robot("wxia")
+
+
+@pytest.mark.parametrize("name", [None, 3])
+def test_what_is_no_name_is_refused(name: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"robot: got .*; expected the name of a robot or the path of a file"):
         load_robot(name)
 
 

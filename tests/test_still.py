@@ -251,7 +251,7 @@ def test_an_old_picture_stays_when_the_new_one_cannot_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "a.png"
-    file.write_bytes(b"old")
+    file.write_bytes(b"\x89PNG old")
 
     def no_room(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -259,7 +259,7 @@ def test_an_old_picture_stays_when_the_new_one_cannot_be_written(
     monkeypatch.setattr(os, "replace", no_room)
     with pytest.raises(InvalidFile, match="No space left"):
         write_png(file, np.zeros((4, 4, 3), dtype=np.uint8))
-    assert file.read_bytes() == b"old"
+    assert file.read_bytes() == b"\x89PNG old"
     assert os.listdir(tmp_path) == ["a.png"]
 
 

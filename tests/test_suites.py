@@ -141,14 +141,14 @@ tasks = [1, { scene = "post", pick = 4, onto = "trai", without = "x", block = 3,
     with pytest.raises(InvalidFile) as caught:
         suite_of(tmp_path, text)
     assert sorted(caught.value.problems) == [
-        "about: got 3; expected a text",
+        "about: got 3; expected a text of printable characters",
         "ceilings: got 7; expected a table of planners of this suite",
         "max_checks: got 'many'; expected a whole number of at least 0",
         "planners: got 'rrtconnect'; expected a list",
         "seeds: missing",
         "tasks[0]: got 1; expected an object",
         "tasks[1].block: got 3; expected 2 finite numbers",
-        "tasks[1].pick: got 4; expected a text",
+        "tasks[1].pick: got 4; expected a text of printable characters",
         "tasks[1].tray: got ['a', 1]; expected 2 finite numbers",
         "tasks[1].without: got 'x'; expected a list",
     ]

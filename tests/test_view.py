@@ -342,7 +342,7 @@ def test_of_a_huge_tree_some_edges_are_drawn(discs: PlannerService) -> None:
 @pytest.mark.parametrize(
     ("given", "match"),
     [
-        ({"port": 70_000}, "port: got 70000; expected a whole number from 0 to 65535"),
+        ({"port": 70_000}, "port: got 70000; expected a whole number from 0 to 65,535"),
         ({"port": True}, "port: got True"),
         ({"host": "", "port": 0}, "host: got ''; expected an address of this machine"),
         ({"host": "203.0.113.7", "port": 0}, r"host: got '203\.0\.113\.7'; expected an address of this machine"),

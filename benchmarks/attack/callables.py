@@ -180,7 +180,16 @@ class Call:
 SKIPPED: Mapping[str, str] = {
     **dict.fromkeys(
         (
-            *("Certificate", "CheckCounts", "Contact", "EdgeProof", "Failure", "MotionReport", "PlanResult"),
+            *(
+                "Certificate",
+                "CheckCounts",
+                "Contact",
+                "EdgeProof",
+                "Failure",
+                "GripperMotion",
+                "MotionReport",
+                "PlanResult",
+            ),
             *("PolishReport", "Refusal", "Replanned", "RoadmapUpdate", "Segment", "StageReport", "TaskResult", "Trace"),
         ),
         "an answer; nobody makes one",
