@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import subprocess
 import sys
 import threading
@@ -12,6 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
 import ompl.util as ou
 import pytest
 
@@ -41,6 +43,9 @@ START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 FILES = {str(module.__file__) for module in (ledger, turns, stagebook, ompl_bridge, service, pipeline, judging)}
 """Where Ctrl-C strikes: whatever holds a limit, a lock or a turn."""
 
+SAMPLE = None if "EVERY_LINE" in os.environ else 100
+"""Lines at which Ctrl-C strikes in each test: some, or with ``EVERY_LINE=1`` in the environment all of them."""
+
 Trace = Callable[[FrameType, str, Any], Any]
 
 
@@ -63,7 +68,7 @@ def traced(act: Callable[[], object], at_line: Callable[[FrameType], None]) -> N
 
 
 def lines_of(act: Callable[[], object]) -> list[int]:
-    """The events at which lines are reached for the first and the last time."""
+    """The events at which lines are reached for the first and the last time, or a sample of these."""
     reached, count = defaultdict[tuple[str, int], list[int]](list), 0
 
     def note(frame: FrameType) -> None:
@@ -72,7 +77,11 @@ def lines_of(act: Callable[[], object]) -> list[int]:
         count += 1
 
     traced(act, note)
-    return sorted({k for times in reached.values() for k in (times[0], times[-1])})
+    assert len(reached) > 30, "or this tests nothing"
+    events = sorted({k for times in reached.values() for k in (times[0], times[-1])})
+    if SAMPLE is not None:
+        events = sorted(np.random.default_rng(1).choice(events, min(SAMPLE, len(events)), replace=False).tolist())
+    return events
 
 
 def interrupted(act: Callable[[], object], event: int) -> str:
@@ -117,13 +126,11 @@ def test_after_ctrl_c_at_any_line_of_a_plan_the_next_is_the_same(planner: Planne
     def cancellable() -> None:
         here.plan(asked, cancel=CancelToken())
 
-    struck = set()
     for event in lines_of(cancellable):
-        struck.add(place := interrupted(cancellable, event))
+        place = interrupted(cancellable, event)
         assert in_another_thread(lambda: told(here.plan(asked))) == before, place
         assert told(here.plan(asked)) == before, place
         assert ou.getLogLevel() == level, place
-    assert len(struck) > 100
     assert told(PlannerService("planar2", "discs").plan(asked)) == before
 
 
@@ -149,8 +156,8 @@ import planner_service as ps
 signal.signal(signal.SIGALRM, signal.default_int_handler)
 def plan():
     service = ps.PlannerService("planar2", "discs")
-    found = service.plan(ps.PlanRequest((0.0, 0.0), (0.3, 0.2), polish=ps.Optimise()))
-    assert found.polish is not None and found.polish.iterations, found
+    found = service.plan(ps.PlanRequest((-2.5, 2.0), (2.2, -2.2), polish=ps.Optimise()))
+    assert found.polish is not None and found.polish.iterations > 0, found
     return found.counts
 signal.setitimer(signal.ITIMER_REAL, float(sys.argv[1]))
 try:
@@ -160,6 +167,6 @@ except KeyboardInterrupt:
 signal.setitimer(signal.ITIMER_REAL, 0)
 print(plan() == plan())
 """
-    for moment in (0.001, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5):
+    for moment in (0.01, 0.05, 0.1, 0.2, 0.4):
         done = subprocess.run([sys.executable, "-c", program, str(moment)], capture_output=True, text=True, timeout=60)
         assert done.stdout == "True\n", (moment, done.stderr[-2000:])
