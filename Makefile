@@ -31,7 +31,8 @@ demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it
 	@$(BIN)/planner-service pick-place
 
 test: $(BIN)/.dev lint types  ## lint, types and the test suite
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m "not sim" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m sim
 
 lint: $(BIN)/.dev
 	$(BIN)/ruff check .
