@@ -66,9 +66,8 @@ def plan_pick_place(
             home = there.plan(replace(request, start=placed.q, goal=request.start), cancel=cancel)
             segments.append(Segment("retreat -> home", home, there.robot.gripper_width, there.scene))
             failure = home.failure
-    return SavedTask(
-        origin, task, tuple(segments), choosing, time.perf_counter() - began, failure=failure, notes=tuple(notes)
-    )
+    asked, seconds = replace(request, goal=request.start), time.perf_counter() - began
+    return SavedTask(origin, task, tuple(segments), choosing, seconds, failure, tuple(notes), asked)
 
 
 def standing_on(scene: Scene, name: str) -> str | None:

@@ -31,7 +31,7 @@ from planner_service.outcome import Failure, PlanResult
 from planner_service.record import Reading, Record, Text, as_text, at_most, read_record, recorded
 from planner_service.regular_file import as_path
 from planner_service.request import PlanRequest
-from planner_service.request_record import TIMINGS, RequestRecord
+from planner_service.request_record import TIMINGS, RequestRecord, TimingRecord
 from planner_service.result_record import (
     CountsRecord,
     FailureRecord,
@@ -181,6 +181,8 @@ class SavedTask:
         choosing: What looking for grasps and placements cost, beyond the segments.
         seconds: Wall time of all of it.
         failure: None if every motion has a plan.
+        request: What all motions were asked to keep: planner, timing, scales, limits; its goal means nothing. None if
+            that is not known, or its planner or timing law has no name to be made from.
         made_with: As of ``SavedPlan``.
         sections: As of ``SavedPlan``.
     """
@@ -192,6 +194,7 @@ class SavedTask:
     seconds: float
     failure: Failure | None = None
     notes: tuple[str, ...] = ()
+    request: PlanRequest | None = None
     made_with: Mapping[str, str] = field(default_factory=_versions)
     sections: Mapping[str, Any] = field(default_factory=dict)
 
@@ -356,6 +359,7 @@ class SegmentRecord(Record):
     name: Text
     gripper_width: float | None
     gripper: GripperMotionRecord | None
+    timing: TimingRecord | None
     scene: WorldRecord | None
     result: ResultRecord
 
@@ -365,6 +369,7 @@ class TaskRecord(_Head):
 
     format: Literal["planner-service/task"]
     task: Text
+    request: RequestRecord | None
     ok: bool
     failure: FailureRecord | None
     counts: CountsRecord
@@ -380,6 +385,7 @@ class TaskRecord(_Head):
             format="planner-service/task",
             **_head(task.made_for, task.made_with),
             task=as_text(task.task),
+            request=None if task.request is None else RequestRecord.of(task.request),
             ok=task.failure is None,
             failure=None if task.failure is None else FailureRecord.of(task.failure),
             counts=CountsRecord.of(task.counts),
@@ -400,6 +406,7 @@ class TaskRecord(_Head):
             self.seconds,
             None if self.failure is None else self.failure.value,
             tuple(self.notes),
+            None if self.request is None else self.request.value,
             MappingProxyType(self.made_with),
             self.sections,
         )
@@ -424,8 +431,9 @@ class TaskRecord(_Head):
                 where = f"segments[{k}].scene"
                 raise InvalidRequest(where, None, error.expected, message=f"{where}: {error}") from None
             grip = None if record.gripper is None else record.gripper.value
+            law = None if record.timing is None else record.timing.value
             width = math.nan if width is None else width
-            found.append(Segment(record.name, record.result.value, width, scene, grip))
+            found.append(Segment(record.name, record.result.value, width, scene, grip, law))
         return tuple(found)
 
 
@@ -440,6 +448,7 @@ def _segment_records(task: SavedTask) -> list[SegmentRecord]:
                 name=segment.name,
                 gripper_width=None if math.isnan(segment.width) else segment.width,
                 gripper=None if segment.gripper is None else GripperMotionRecord.of(segment.gripper),
+                timing=None if segment.timing is None else TimingRecord.of(segment.timing),
                 scene=None if scene == before else WorldRecord.of(scene, first),
                 result=ResultRecord.of(segment.result),
             )
@@ -478,7 +487,8 @@ def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan |
     first = plan.segments[0].service_before(plan.service) if plan.segments else plan.service
     words = ", ".join(segment.name for segment in plan.segments) or "a task without a motion"
     seconds = math.fsum(segment.result.seconds for segment in plan.segments)
-    return SavedTask(MadeFor.of(first), words, plan.segments, plan.choosing, seconds, plan.failure, plan.notes)
+    made_for, asked = MadeFor.of(first), plan.request
+    return SavedTask(made_for, words, plan.segments, plan.choosing, seconds, plan.failure, plan.notes, asked)
 
 
 def load_plan(path: str | os.PathLike[str]) -> SavedPlan:

@@ -290,7 +290,9 @@ class _Task:
         limits = service.robot.limits
         self._standing = np.clip(self._start, limits.lower, limits.upper)
         self._handling = handling
-        self._template = handling.request or PlanRequest(self._start, self._start)
+        self._template = replace(
+            handling.request or PlanRequest(self._start, self._start), start=self._start, goal=self._start
+        )
         limit = self._template.time_limit
         self._deadline = None if limit is None else time.monotonic() + limit
         self._spent = CheckCounts()
@@ -312,19 +314,18 @@ class _Task:
                 length = _travel(self._service.robot, outward)[-1]
                 notes = (f"way {number} of {len(contacts)}, {length * 100:.0f} cm of straight line", *self._tried)
                 choosing = self._spent - sum((segment.counts for segment in segments), CheckCounts())
-                return TaskResult(segments, contact.made[1], outward[-1], choosing=choosing, notes=notes)
+                return TaskResult(segments, contact.made[1], outward[-1], None, choosing, notes, self._template)
             if self._ended is not None:
                 return self._failed(self._ended)
         detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
         return self._failed(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
 
     def _failed(self, failure: Failure) -> TaskResult:
-        return TaskResult((), self._service, self._start, failure, self._spent, tuple(self._tried))
+        return TaskResult((), self._service, self._start, failure, self._spent, tuple(self._tried), self._template)
 
     def _start_trouble(self) -> Failure | None:
         """Why no motion can begin here: found out before any grasp is looked at."""
-        stay = replace(self._template, start=self._start, goal=self._start)
-        result = self._service.plan(stay, cancel=self._handling.cancel)
+        result = self._service.plan(self._template, cancel=self._handling.cancel)
         self._spent += result.counts
         return result.failure
 
@@ -380,13 +381,13 @@ class _Task:
         grip = self._gripper_motion(before, outward[0], after.robot.gripper_width, contact.grip)
         line_in = self._followed(into, before, inward, _stretches(contact.touches_in, away, inward=True))
         line_out = self._followed(out, after, outward, _stretches(contact.touches_out, away, inward=False))
-        request = replace(self._template, start=self._start, goal=inward[0], time_limit=self._share_of_time())
+        request = replace(self._template, goal=inward[0], time_limit=self._share_of_time())
         to = self._having_plan(going, before.plan(request, cancel=self._handling.cancel))
-        open_width = before.robot.gripper_width
+        open_width, law = before.robot.gripper_width, self._handling.line_timing
         return (
             Segment(going, to, open_width, before.scene, opening),
-            Segment(into, line_in, open_width, before.scene),
-            Segment(out, line_out, after.robot.gripper_width, after.scene, grip),
+            Segment(into, line_in, open_width, before.scene, timing=law),
+            Segment(out, line_out, after.robot.gripper_width, after.scene, grip, law),
         )
 
     def _gripper_motion(

@@ -28,6 +28,7 @@ from planner_service.outcome import PlanResult
 from planner_service.pace import Pace, peak_tool_speed
 from planner_service.peaks import peaks
 from planner_service.plan_file import SavedPlan, SavedTask
+from planner_service.request import PlanRequest
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 from planner_service.service import PlannerService
@@ -208,7 +209,7 @@ def recertify(
         for a, b in recorded
         if frozenset((a, b)) not in named
     ]
-    steps, paces = _steps(plan, world), _paces(plan, results)
+    steps, paces = _steps(plan, world), _paces(plan, _segments(plan, world))
     found: list[Leg] = []
     try:
         found.extend(legs(world.robot, world.scene, steps))
@@ -300,11 +301,17 @@ def _segments(plan: Plan, world: PlannerService) -> Sequence[Segment]:
     return [Segment("motion", result, (plan.robot if isinstance(plan, SavedPlan) else robot).gripper_width)]
 
 
-def _paces(plan: Plan, results: Sequence[PlanResult]) -> list[Pace | None]:
+def _paces(plan: Plan, segments: Sequence[Segment]) -> list[Pace | None]:
     """How fast each motion was to be at most; None where that is not known: then the robot's own limits hold."""
-    told = plan.request if isinstance(plan, SavedPlan) else None
-    requests = [told if result.origin is None else result.origin.request or told for result in results]
-    return [None if request is None else Pace.of(request) for request in requests]
+    told = None if isinstance(plan, PlanResult) else plan.request
+    return [_pace(segment, told) for segment in segments]
+
+
+def _pace(segment: Segment, told: PlanRequest | None) -> Pace | None:
+    origin = segment.result.origin
+    if origin is not None and (origin.pace is not None or origin.request is not None):
+        return origin.pace if origin.request is None else Pace.of(origin.request)
+    return None if told is None else Pace.of(told, segment.timing)
 
 
 def _law_troubles(leg: Leg, asked: Pace | None) -> list[str]:

@@ -67,6 +67,7 @@ class Segment:
         scene: What stands around the robot, and what it carries, during it. If None, those of the service that planned
             it, or, where that is unknown, of the motion before.
         gripper: How it comes to that opening, the arm standing at the motion's start; None if it has it already.
+        timing: Its timing law, where that is another one than the task's request names.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Segment:
     width: float
     scene: Scene | None = None
     gripper: GripperMotion | None = None
+    timing: Timing | None = None
 
     @property
     def counts(self) -> CheckCounts:
@@ -117,6 +119,7 @@ class TaskResult:
         failure: None if every segment has a plan.
         choosing: What looking for a workable grasp or placement cost, beyond the segments.
         notes: What was chosen, and what was tried and left.
+        request: What all motions were asked to keep: planner, timing, scales, limits; its goal means nothing.
     """
 
     segments: tuple[Segment, ...]
@@ -125,6 +128,7 @@ class TaskResult:
     failure: Failure | None = None
     choosing: CheckCounts = field(default_factory=CheckCounts)
     notes: tuple[str, ...] = ()
+    request: PlanRequest | None = None
 
     def __post_init__(self) -> None:
         copied_in(self, "segments", "q", "notes")

@@ -17,6 +17,7 @@ from planner_service import (
     Box,
     Certificate,
     ExemptInterval,
+    Handling,
     InvalidRequest,
     JointPath,
     NotProven,
@@ -30,11 +31,14 @@ from planner_service import (
     Segment,
     Trajectory,
     Trapezoidal,
+    pick,
+    top_grasps,
 )
 from planner_service.cli import run
 from planner_service.cli.commands import app
 from planner_service.execute import Streaming, execute, execution
 from planner_service.follow import AllowedStretch
+from planner_service.pace import Pace
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.recertify import recertify
@@ -275,7 +279,7 @@ def test_a_time_law_beyond_the_limits_is_refused(bin_: PlannerService, home: Any
     refused(replace(made, trajectory=made.trajectory.dilated(0.5)), "times the acceleration it may have", bin_)
 
 
-@pytest.mark.parametrize(
+SLOWER = pytest.mark.parametrize(
     ("option", "value", "match"),
     [
         ("max_tool_speed", 0.05, r"the tool moves at .* m/s; at most 0\.05 were asked for"),
@@ -284,12 +288,48 @@ def test_a_time_law_beyond_the_limits_is_refused(bin_: PlannerService, home: Any
         ("timing", SCurve(), "times the jerk"),
     ],
 )
+
+
+@SLOWER
 def test_a_motion_faster_than_was_asked_for_is_refused(
     option: str, value: Any, match: str, bin_: PlannerService, good: PlanResult, home: Any, tmp_path: Path
 ) -> None:
     slow = PlanRequest(home, ABOVE_TRAY, seed=7, **{option: value})
     assert recertify(saved(bin_, bin_.plan(slow), tmp_path, slow)).certified
     refused(saved(bin_, good, tmp_path, slow), match, bin_)
+
+
+@SLOWER
+def test_motions_of_a_task_faster_than_was_asked_for_are_refused(
+    option: str, value: Any, match: str, bin_: PlannerService, home: Any, tmp_path: Path
+) -> None:
+    slow = plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, seed=0, **{option: value}))
+    save_plan(slow, tmp_path / "slow.json")
+    kept = load_task(tmp_path / "slow.json")
+    assert recertify(kept).certified
+    for plan in (kept, slow):
+        for segment in plan.segments:
+            _, trajectory = segment.result.unwrap()
+            hasty = replace(segment.result, trajectory=trajectory.dilated(0.4))
+            refused(changed(plan, segment.name, result=hasty), f"{segment.name}: .*{match}", bin_)
+
+
+def test_a_saved_pick_keeps_what_it_was_asked_and_the_law_of_its_lines(
+    bin_: PlannerService, home: Any, tmp_path: Path
+) -> None:
+    block = bin_.scene.obstacle("blue_block")
+    asked = PlanRequest((), (), seed=3, acceleration_scale=0.5)
+    handling = Handling(support="bin_floor", request=asked, line_timing=SCurve())
+    pick(bin_, home, "blue_block", top_grasps(bin_.robot, block), handling).save(tmp_path / "pick.json")
+    read = load_task(tmp_path / "pick.json")
+    assert read.request is not None
+    assert (read.request.seed, read.request.acceleration_scale, read.request.timing) == (3, 0.5, asked.timing)
+    assert [segment.timing for segment in read.segments] == [None, SCurve(), SCurve()]
+    assert recertify(read).certified
+    descent = read.segments[1].result
+    line = bin_.follow(descent.unwrap()[0].waypoints, pace=Pace(asked.timing, acceleration_scale=0.5))
+    jerky = replace(descent, path=line.path, trajectory=line.trajectory)
+    refused(changed(read, "descend", result=jerky), "descend: .* the jerk", bin_)
 
 
 # What a task says the gripper does.
