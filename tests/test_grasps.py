@@ -104,11 +104,28 @@ def test_a_grasp_points_down_within_its_tilt_and_the_fingers_close_level(name: s
         assert np.linalg.det(grasp.rotation) == pytest.approx(1.0)
 
 
-def test_the_panda_picks_and_places_a_cube_pointing_down() -> None:
-    service = PlannerService("panda", "bin")
-    home = service.robot.home
-    task = plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home))
+@pytest.mark.parametrize("scene", ["bin", "table"])
+def test_the_panda_picks_and_places_a_cube_pointing_down_in_the_time_it_has(scene: str) -> None:
+    world, target, onto = load_scene(scene), "blue_block", "tray"
+    if scene == "table":
+        cube = Obstacle("cube", Box((0.05, 0.05, 0.05)), Pose((0.5, 0.2, 0.025)))
+        mat = Obstacle("mat", Box((0.12, 0.12, 0.004)), Pose((0.5, -0.25, 0.002)))
+        world, target, onto = world.with_obstacle(cube).with_obstacle(mat), "cube", "mat"
+    service = PlannerService("panda", world)
+    robot, request = service.robot, PlanRequest(service.robot.home, service.robot.home)
+    assert robot.gripper is not None
+    assert request.time_limit is not None
+    task = plan_pick_place(service, target, onto, request)
     assert task.failure is None, task.failure
-    for k in (1, 4):  # where it closes, and where it opens
-        end = task.segments[k].result.unwrap()[0].waypoints[-1]
-        assert service.robot.tool_pose(end)[2, 2] < -np.cos(np.radians(30.5))
+    assert len(task.segments) == 7
+    assert task.seconds <= request.time_limit
+    for name in ("descend", "lower"):  # where it closes, and where it opens
+        segment = next(segment for segment in task.segments if segment.name == name)
+        end = segment.result.unwrap()[0].waypoints[-1]
+        approach = robot.tool_pose(end)[:3, :3] @ np.array(robot.gripper.approach)
+        assert -approach[2] >= np.cos(np.radians(30.5))
+        hand = robot.with_gripper(segment.width)
+        poses = [Pose.from_matrix(_matrix(pose)) for pose in hand.body_poses(end.tolist())]
+        heights = {item.link: (poses[item.body] @ item.pose).position[2] for item in hand.shapes}
+        fingers = [heights[link] for link in robot.gripper.links]
+        assert max(fingers) < heights["panda_hand"] < heights["panda_link7"]
