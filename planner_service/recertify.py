@@ -43,6 +43,7 @@ __all__ = [
     "planned_elsewhere",
     "recertify",
     "require_same_robot",
+    "squeezed",
     "world_of",
 ]
 
@@ -177,6 +178,7 @@ def recertify(
     *,
     allowed: Sequence[tuple[str, str]] = (),
     padding: float = 0.0,
+    squeeze: float = 0.0,
 ) -> Recertified:
     """A plan or a task proven again, motion by motion; see the list above for what is checked.
 
@@ -186,6 +188,8 @@ def recertify(
         allowed: Pairs that may touch although no rule says so: those that the plan was made with as ``allowed``, and
             those of a stretch of its own. What ``service`` allows is named, too.
         padding: Metres that every judged pair is to keep.
+        squeeze: Metres that a gripper is to be told to close beyond what it takes: proven free that far, should what it
+            takes give way or not be there.
 
     Raises:
         InvalidRequest: the plan is a failure, comes without a world, or was made in another than ``service``; a pair
@@ -226,7 +230,7 @@ def recertify(
             continue
         if certificate.refusal is not None:
             objections.append(f"{leg.name}: {certificate.refusal}")
-        grip = _gripper_motion(world.robot, found[k - 1] if k else None, leg, lenient)
+        grip = _gripper_motion(world.robot, found[k - 1] if k else None, leg, lenient, squeeze)
         objections += [f"{leg.name}: {grip.refused}"] if grip is not None and grip.refused else []
         motions.append(ProvenMotion(leg, certificate, grip))
     return Recertified(world, tuple(motions), lenient, tuple(objections))
@@ -365,8 +369,13 @@ def _exempt(before: Leg | None, leg: Leg, named: set[frozenset[str]]) -> tuple[t
     return tuple(exempt), refused
 
 
+def squeezed(robot: Robot, width: float, squeeze: float) -> float:
+    """The width, in metres, that a gripper closing on something is told, so that it presses."""
+    return width if robot.gripper is None else max(robot.gripper.lower, width - squeeze)
+
+
 def _gripper_motion(
-    first: Robot, before: Leg | None, leg: Leg, allowed: Sequence[tuple[str, str]]
+    first: Robot, before: Leg | None, leg: Leg, allowed: Sequence[tuple[str, str]], squeeze: float = 0.0
 ) -> GripperMotion | None:
     """How the gripper comes to its opening before a motion, the arm standing where that begins, and its proof."""
     robot = first if before is None else before.robot
@@ -379,6 +388,8 @@ def _gripper_motion(
     if held is not None:
         touching = [(names.link(finger), names.object(held.name)) for finger in fingers_of(robot)]
         reason = "fingers may touch what they take or leave"
+    if before is not None and before.taken is not None:
+        widths = widths[0], squeezed(leg.robot, widths[1], squeeze)
     return certify_gripper(robot, scene, q, widths, allowed=allowed, touching=touching, reason=reason)
 
 

@@ -178,6 +178,26 @@ def test_the_grippers_own_motion_is_proven_too_from_the_width_it_has(
     assert (stand.told, stand.widths) == ([], [])
 
 
+def test_a_gripper_that_is_told_to_press_is_free_to_close_that_far() -> None:
+    plate = Obstacle("plate", Box((0.008, 0.045, 0.045)), Pose((0.28, 0.0, 0.03)))
+    beside = Obstacle("beside", Box((0.004, 0.039, 0.045)), Pose((0.2875, 0.0, 0.03)))
+    service = PlannerService("wxai", Scene((plate, beside)))
+    robot = service.robot
+    grasps = [Pose.from_rpy((0.28, 0.0, 0.03), (0.0, math.pi / 2, 0.0))]
+    task = pick(service, robot.home, "plate", grasps)
+    assert task.failure is None, task.failure
+    assert recertify(task).certified
+    arm = FakeArm(robot.home, stone=0.045)
+    with pytest.raises(NotProven, match=r"lift: the gripper cannot close from 69\.0 to 35\.0 mm: finger_.* x beside"):
+        execute(task, arm, None, QUICK)
+    assert (arm.told, arm.widths) == ([], [])
+    assert execute(task, arm, None, replace(QUICK, squeeze=0.001)).ok
+    told = recertify(task, squeeze=0.001).motions[2].gripper
+    assert told is not None
+    assert (told.end, arm.widths[-1]) == (pytest.approx(0.044), pytest.approx(0.044))
+    assert told.certificate.distances > 0
+
+
 def test_a_saved_task_is_driven_on_a_simulated_arm(read: SavedTask, bin_: PlannerService) -> None:
     arm = FakeArm(np.array(bin_.robot.home), stone=0.04)
     assert execute(read, arm, bin_.robot, QUICK).ok

@@ -96,14 +96,14 @@ def run(
         if arm is not None:
             if plan_file is None:
                 raise InvalidRequest("FILE", None, "a saved plan or task: look at it before an arm follows it")
-            _on_an_arm(_opened(plan_file, robot, scene, allow), arm, streaming, yes=yes, as_json=as_json)
+            _on_an_arm(_opened(plan_file, robot, scene, allow, streaming), arm, streaming, yes=yes, as_json=as_json)
             return
         if plan_file is None:
             if allow:
                 raise InvalidRequest("--allow", " ".join(allow), "a FILE whose pairs are named again")
             plan, done = _planned(load_robot(robot or "wxai"), (scene or "bin", target, onto), seed, streaming)
         else:
-            opened = _opened(plan_file, robot, scene, allow)
+            opened = _opened(plan_file, robot, scene, allow, streaming)
             plan, done = opened.plan, _rehearsed(opened, streaming)
     if done is None:
         finish(plan.document(), "", plan.failure if isinstance(plan, SavedTask) else None, (), as_json=as_json)
@@ -121,7 +121,9 @@ class _Opened:
     found: Recertified
 
 
-def _opened(file: str, robot: str | None, scene: str | None, allow: Sequence[str] | None) -> _Opened:
+def _opened(
+    file: str, robot: str | None, scene: str | None, allow: Sequence[str] | None, streaming: Streaming
+) -> _Opened:
     """A saved plan that is proven again, in the world that the operator knows if both parts of it are given.
 
     Raises:
@@ -135,7 +137,8 @@ def _opened(file: str, robot: str | None, scene: str | None, allow: Sequence[str
             raise InvalidRequest(option, None, "--robot and --scene together: the world of FILE, as you know it")
         service = service_for(robot, scene)
     allowed = pairs_of_texts("--allow", allow or ())
-    return _Opened(plan, service, allowed, recertify(plan, service, allowed=allowed).required())
+    found = recertify(plan, service, allowed=allowed, squeeze=streaming.squeeze)
+    return _Opened(plan, service, allowed, found.required())
 
 
 def _rehearsed(opened: _Opened, streaming: Streaming) -> Rehearsal:

@@ -67,6 +67,7 @@ def admitted(
     allowed: Sequence[tuple[str, str]],
     simulated: bool,
     allow_unproven: bool,
+    squeeze: float,
 ) -> tuple[Robot, list[Motion], Recertified | None]:
     """The robot that a plan is for, its motions in order, and their proof made again, None if none need be.
 
@@ -92,7 +93,7 @@ def admitted(
         raise needs_a_service(plan)
     if allow_unproven:
         return *_unproven(plan, robot if service is None else service.robot), None
-    found = recertify(plan, service, allowed=allowed).required()
+    found = recertify(plan, service, allowed=allowed, squeeze=squeeze).required()
     return found.world.robot, [_proven(motion.leg) for motion in found.motions], found
 
 

@@ -36,6 +36,7 @@ from planner_service.execute.driver import Driver
 from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
 from planner_service.execute.streaming import HARDWARE_SPEED, Streaming
 from planner_service.geometry import FloatArray
+from planner_service.recertify import squeezed
 from planner_service.robot import Robot
 from planner_service.service import PlannerService
 from planner_service.trajectory import MAX_SAMPLES, Trajectory
@@ -97,7 +98,13 @@ def execute(
     how = streaming or Streaming()
     simulated = driver.simulated is True
     robot, motions, found = admitted(
-        plan, robot, service, allowed=allowed, simulated=simulated, allow_unproven=allow_unproven
+        plan,
+        robot,
+        service,
+        allowed=allowed,
+        simulated=simulated,
+        allow_unproven=allow_unproven,
+        squeeze=how.squeeze,
     )
     arm = Arm(driver, robot)
     speed = how.speed if how.speed is not None else (1.0 if simulated else HARDWARE_SPEED)
@@ -262,7 +269,7 @@ class _Run:
             self.width = width
             return
         closing = grips and not width > self.width
-        told = max(0.0, width - self.how.squeeze) if closing else width
+        told = squeezed(self.robot, width, self.how.squeeze) if closing else width
         self.arm.move_gripper(told, self.how.gripper_time)
         self.width = width
         self._stand(self.how.gripper_time)
