@@ -19,7 +19,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner_service.decomposition import pieces_of_file
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.geometry import MAX_LENGTH, Box, FloatArray, Pose, Shape, items, number, numbers, read_only
+from planner_service.geometry import (
+    MAX_LENGTH,
+    Box,
+    FloatArray,
+    Pose,
+    Shape,
+    items,
+    number,
+    numbers,
+    points_of,
+    read_only,
+    vectors,
+)
 from planner_service.grid_file import MAX_POINTS, read_array
 from planner_service.regular_file import as_path
 
@@ -113,7 +125,7 @@ class Compound:
         return Pieces(tuple(shape for shape, _ in self.parts), read_only([pose.matrix for _, pose in self.parts]))
 
     def support(self, direction: FloatArray) -> FloatArray:
-        d = np.asarray(direction, dtype=np.float64)
+        d = vectors("direction", direction)
         found = []
         for shape, pose in self.parts:
             R = pose.rotation
@@ -122,7 +134,7 @@ class Compound:
         return _farthest(d, found)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        p = np.asarray(points, dtype=np.float64)
+        p = points_of(points)
         each = [shape.distance(_row_sums(p - np.array(pose.position), pose.rotation.T)) for shape, pose in self.parts]
         return np.asarray(np.min(each, axis=0))
 
@@ -143,7 +155,7 @@ class _Boxes:
         return Pieces(tuple(kinds[x, y, z] for x, y, z in size.tolist()), read_only(frames))
 
     def support(self, direction: FloatArray) -> FloatArray:
-        d = np.asarray(direction, dtype=np.float64)
+        d = vectors("direction", direction)
         flat = d.reshape(-1, TRIPLE)
         out = np.empty(flat.shape)
         for rows in _blocks(len(flat), TRIPLE * len(self.low)):
@@ -154,7 +166,7 @@ class _Boxes:
         return out.reshape(d.shape)
 
     def distance(self, points: FloatArray) -> FloatArray:
-        p = np.asarray(points, dtype=np.float64)
+        p = points_of(points)
         flat = p.reshape(-1, TRIPLE)
         out = np.empty(len(flat))
         for rows in _blocks(len(flat), TRIPLE * len(self.low)):

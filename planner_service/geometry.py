@@ -3,7 +3,8 @@
 Lengths in metres, quaternions as (w, x, y, z). Every shape is centred on its own origin and
 convex; cylinders and capsules lie along local z. All shapes answer the same few questions
 (``support``, ``distance``, ``grown``), on which the collision checker and its bounds are built.
-What callers give is read here too, strictly (``number``, ``whole``, ``numbers``, ``text``, ``items``, ``instance``).
+What callers give is read here too, strictly (``number``, ``whole``, ``numbers``, ``vectors``, ``text``, ``items``,
+``instance``).
 """
 
 from __future__ import annotations
@@ -34,11 +35,14 @@ __all__ = [
     "flag",
     "instance",
     "items",
+    "margin_of",
     "number",
     "numbers",
+    "points_of",
     "read_only",
     "rpy_matrix",
     "text",
+    "vectors",
     "whole",
 ]
 
@@ -54,6 +58,9 @@ MAX_LENGTH = 1e3
 
 MAX_ITEMS = 1_000_000
 """Elements of a list a caller gives; an iterator without an end would fill the memory."""
+
+MAX_COORDINATE, MAX_DIRECTION = 1e100, 1e300
+"""Of points, whose squares then stay in the range of floats, and of directions, whose products with lengths do."""
 
 MAX_NUMBERS = 20_000_000
 """Numbers of an array a caller gives, 160 MB."""
@@ -146,6 +153,19 @@ def finite_numbers(field: str, values: object, n: int) -> FloatArray:
     expected = f"{n} finite numbers, shape ({n},)"
     array = numbers(field, values, expected)
     if array.shape != (n,) or not np.isfinite(array).all():
+        raise InvalidRequest(field, values, expected)
+    return array
+
+
+def vectors(field: str, values: object, largest: float = MAX_DIRECTION) -> FloatArray:
+    """Finite vectors that a caller gave, shape (..., 3); float64 arrays are not copied.
+
+    Raises:
+        InvalidRequest: as ``numbers``, or another shape, or a number that is not finite or beyond ``largest``.
+    """
+    expected = "finite vectors, shape (..., 3)"
+    array = values if type(values) is np.ndarray and values.dtype == np.float64 else numbers(field, values, expected)
+    if array.shape[-1:] != (3,) or not (np.isfinite(array) & (np.abs(array) <= largest)).all():
         raise InvalidRequest(field, values, expected)
     return array
 
@@ -405,14 +425,15 @@ class Box:
         return (x / 2, y / 2, z / 2)
 
     def support(self, direction: FloatArray) -> FloatArray:
-        return np.asarray(np.where(direction < 0, -1.0, 1.0) * np.array(self.half))
+        return np.asarray(np.where(vectors("direction", direction) < 0, -1.0, 1.0) * np.array(self.half))
 
     def distance(self, points: FloatArray) -> FloatArray:
-        outside = np.maximum(np.abs(points) - np.array(self.half), 0.0)
+        outside = np.maximum(np.abs(points_of(points)) - np.array(self.half), 0.0)
         return np.asarray(np.sqrt((outside * outside).sum(axis=-1)))
 
     def grown(self, margin: float) -> Box:
         x, y, z = self.size
+        margin = margin_of(margin)
         return Box((x + 2 * margin, y + 2 * margin, z + 2 * margin))
 
 
@@ -426,13 +447,14 @@ class Sphere:
         object.__setattr__(self, "radius", _length("radius", self.radius))
 
     def support(self, direction: FloatArray) -> FloatArray:
-        return self.radius * _unit(direction)
+        return self.radius * _unit(vectors("direction", direction))
 
     def distance(self, points: FloatArray) -> FloatArray:
+        points = points_of(points)
         return np.asarray(np.maximum(np.sqrt((points * points).sum(axis=-1)) - self.radius, 0.0))
 
     def grown(self, margin: float) -> Sphere:
-        return Sphere(self.radius + margin)
+        return Sphere(self.radius + margin_of(margin))
 
 
 @dataclass(frozen=True)
@@ -447,17 +469,20 @@ class Cylinder:
         object.__setattr__(self, "length", _length("length", self.length))
 
     def support(self, direction: FloatArray) -> FloatArray:
-        point = np.zeros(np.shape(direction))
-        point[..., :2] = self.radius * _unit(np.asarray(direction)[..., :2])
-        point[..., 2] = np.where(np.asarray(direction)[..., 2] < 0, -0.5, 0.5) * self.length
+        d = vectors("direction", direction)
+        point = np.zeros(d.shape)
+        point[..., :2] = self.radius * _unit(d[..., :2])
+        point[..., 2] = np.where(d[..., 2] < 0, -0.5, 0.5) * self.length
         return point
 
     def distance(self, points: FloatArray) -> FloatArray:
+        points = points_of(points)
         radial = np.maximum(np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2) - self.radius, 0.0)
         axial = np.maximum(np.abs(points[..., 2]) - self.length / 2, 0.0)
         return np.asarray(np.sqrt(radial * radial + axial * axial))
 
     def grown(self, margin: float) -> Cylinder:
+        margin = margin_of(margin)
         return Cylinder(self.radius + margin, self.length + 2 * margin)
 
 
@@ -473,17 +498,29 @@ class Capsule:
         object.__setattr__(self, "length", _length("length", self.length))
 
     def support(self, direction: FloatArray) -> FloatArray:
-        point = self.radius * _unit(direction)
-        point[..., 2] += np.where(np.asarray(direction)[..., 2] < 0, -0.5, 0.5) * self.length
+        d = vectors("direction", direction)
+        point = self.radius * _unit(d)
+        point[..., 2] += np.where(d[..., 2] < 0, -0.5, 0.5) * self.length
         return point
 
     def distance(self, points: FloatArray) -> FloatArray:
+        points = points_of(points)
         axial = np.maximum(np.abs(points[..., 2]) - self.length / 2, 0.0)
         span = np.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2 + axial * axial)
         return np.asarray(np.maximum(span - self.radius, 0.0))
 
     def grown(self, margin: float) -> Capsule:
-        return Capsule(self.radius + margin, self.length)
+        return Capsule(self.radius + margin_of(margin), self.length)
+
+
+def margin_of(margin: object) -> float:
+    """Metres by which a caller wants a shape grown."""
+    return number("margin", margin, f"metres in [0, {MAX_LENGTH:g}]", 0.0, MAX_LENGTH)
+
+
+def points_of(points: object) -> FloatArray:
+    """Points that a caller gave."""
+    return vectors("points", points, MAX_COORDINATE)
 
 
 def _unit(direction: FloatArray) -> FloatArray:

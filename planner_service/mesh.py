@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.geometry import MAX_LENGTH, FloatArray, numbers, read_only
+from planner_service.geometry import MAX_LENGTH, FloatArray, margin_of, numbers, points_of, read_only, vectors
 from planner_service.mesh_file import MAX_VERTICES, read_vertices
 from planner_service.regular_file import as_path
 
@@ -115,7 +115,7 @@ class Mesh:
 
     def support(self, direction: FloatArray) -> FloatArray:
         """A point of the solid farthest along each direction; (..., 3) in, (..., 3) out, any length of direction."""
-        d = np.asarray(direction, dtype=np.float64)
+        d = vectors("direction", direction)
         largest = np.abs(d).max(axis=-1, keepdims=True)
         flat = (d / np.where(largest > 0.0, largest, 1.0)).reshape(-1, 3)
         best = [_along(self.vertices, rows).argmax(axis=-1) for rows in _blocks(flat, len(self.vertices))]
@@ -123,7 +123,7 @@ class Mesh:
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Distance from each point to the solid, 0 inside; (..., 3) in, (...) out; exact up to rounding."""
-        p = np.asarray(points, dtype=np.float64)
+        p = points_of(points)
         found = [self._distances(rows) for rows in _blocks(p.reshape(-1, 3), 6 * len(self.faces))]
         return np.concatenate(found).reshape(p.shape[:-1])
 
@@ -150,6 +150,7 @@ class Mesh:
 
         The links of a robot are grown again for every scene: the last 1,024 that were made are remembered.
         """
+        margin = margin_of(margin)
         return self if margin == 0.0 else _grown(self, margin)
 
 

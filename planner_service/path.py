@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planner_service.blend import Blends
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, as_sent, numbers, read_only
+from planner_service.geometry import FloatArray, as_sent, numbers, read_only, whole
 
 __all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]
 
@@ -289,8 +289,12 @@ class JointPath:
         return tuple(k for k in self._polyline.turns if not blends[k] > 0.0)
 
     def turns_back(self, k: int) -> bool:
-        """Whether the corner at inner waypoint k all but turns back, so that it cannot be blended."""
-        return self._polyline.turns_back(k)
+        """Whether the corner at inner waypoint k all but turns back, so that it cannot be blended.
+
+        Raises:
+            InvalidRequest: k is not the index of an inner waypoint.
+        """
+        return self._polyline.turns_back(whole("k", k, 1, len(self.waypoints) - 2))
 
     def with_blends(self, blends: ArrayLike | None) -> JointPath:
         """The same polyline with other blends, shape (N,); with a stop at every corner if None."""

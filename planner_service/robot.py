@@ -30,6 +30,7 @@ from planner_service.geometry import (
     numbers,
     read_only,
     text,
+    whole,
 )
 from planner_service.reach import reach_bounds
 from planner_service.regular_file import as_path
@@ -307,8 +308,19 @@ class Robot:
 
         Args:
             extra: More shapes that ride along: body index, shape, T_body_shape.
+
+        Raises:
+            InvalidRequest: what is no such shape, or a body that is not there.
         """
-        return read_only(np.maximum(self._own_reach, self._reach_of(extra))) if extra else self._own_reach
+        riding = items("extra", extra, tuple, "a list of (body index, shape, T_body_shape)")
+        for k, item in enumerate(riding):
+            if len(item) != 3:
+                raise InvalidRequest(f"extra[{k}]", item, "(body index, shape, T_body_shape)")
+            body, shape, pose = item
+            whole(f"extra[{k}][0]", body, 0, len(self.bodies) - 1)
+            instance(f"extra[{k}][1]", shape, Shape, "a convex shape")
+            instance(f"extra[{k}][2]", pose, Pose, "a Pose")
+        return read_only(np.maximum(self._own_reach, self._reach_of(riding))) if riding else self._own_reach
 
     @cached_property
     def _own_reach(self) -> FloatArray:

@@ -114,7 +114,7 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
     root = read_xml(source.urdf, "robot")
     urdf = read_urdf(source.urdf, source.package_dirs)
     robot = robot_of(source.urdf, urdf, source.selection)
-    in_place = copy.exists() and copy.samefile(source.urdf)
+    in_place = _is_there(copy) and copy.samefile(source.urdf)
     meshes = _meshes_in_place(source, root, folder) if in_place else _meshes_to_copy(source, root)
     if meshes and not in_place:
         text = f"<!-- {ROBOT_FILE}'s URDF: its collision meshes are copies -->\n{_serialised(root)}\n"
@@ -170,13 +170,20 @@ def _require_place(folder: Path, files: Sequence[Path], *, force: bool) -> None:
     """Return if the files can be put into the folder: asked before the work whose result would be lost."""
     if len({path.name for path in files if path.parent == folder}) != sum(path.parent == folder for path in files):
         raise InvalidRequest("urdf", ROBOT_FILE, f"another name than {ROBOT_FILE}, which will lie beside it")
-    if not folder.exists():
+    if not _is_there(folder):
         require_writable(folder)
         return
     for path in files:
-        if not force and path.exists():
+        if not force and _is_there(path):
             raise InvalidRequest("out", str(path), "a folder without it; --force replaces it")
-        require_writable(path if path.parent.exists() else path.parent)
+        require_writable(path if _is_there(path.parent) else path.parent)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError as error:  # a name that is too long, a folder that nobody may look into
+        raise InvalidFile(path, [f"cannot be written: {error.strerror or error}"]) from None
 
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.attack import callables
 from benchmarks.attack.callables import Call
 from benchmarks.attack.harness import Case, Part, Wrong
-from planner_service import Box, CancelToken, PlannerService, PlanRequest, PlanResult, Pose, Scene
+from planner_service import Box, PlannerService, PlanRequest, PlanResult, Pose, Scene
 from planner_service.certify import certify
 from planner_service.plan_file import save_plan
 
@@ -96,11 +96,9 @@ def _calls(folder: Path) -> dict[str, Call]:
     """Every public callable, with arguments that are right."""
     service = PlannerService("planar2", "discs")
     result = service.plan(PlanRequest([0.0, 0.5], [0.5, 0.5], time_limit=None))
-    limited = {"states": 10, "deadline": None, "token": CancelToken()}
     proof = {"robot": service.robot, "scene": service.scene, "path": result.path, "padding": 0.0}
     return {
         **callables.calls(folder),
-        "CollisionChecker.limited": Call(lambda **given: service.checker.limited(**given).__enter__(), limited),
         "save_plan": Call(save_plan, {"plan": result, "path": folder / "plan.json"}),
         "certify": Call(certify, proof),
     }

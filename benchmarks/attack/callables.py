@@ -82,6 +82,7 @@ from planner_service import (
 from planner_service.contact_table import contact_table
 from planner_service.episodes import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
+from planner_service.geometry import Shape
 from planner_service.interchange import (
     csv_text,
     joint_trajectory,
@@ -220,7 +221,7 @@ CUBE = [[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)]
 
 def calls(folder: Path) -> dict[str, Call]:
     """Every public callable by its name; files are read from and written to ``folder``."""
-    return {**_values(folder), **_methods(), **_planning(folder), **_tasks(folder), **_files(folder)}
+    return {**_values(folder), **_shapes(), **_methods(), **_planning(folder), **_tasks(folder), **_files(folder)}
 
 
 def _values(folder: Path) -> dict[str, Call]:
@@ -369,6 +370,7 @@ def _methods() -> dict[str, Call]:
         "Scene.without_attached": Call(scene.without_attached, {"name": "b"}),
         "JointPath.__call__": Call(path.__call__, {"s": [0.1, 0.2], "order": 0}),
         "JointPath.with_blends": Call(path.with_blends, {"blends": [0.0, 0.1, 0.0]}),
+        "JointPath.turns_back": Call(path.turns_back, {"k": 1}),
         "JointPath.travel": Call(path.travel, {"s": [0.1, 0.2]}),
         "Trajectory.__call__": Call(law.__call__, {"t": [0.1, 0.2], "order": 0}),
         "Trajectory.s": Call(law.s, {"t": [0.1, 0.2], "order": 0}),
@@ -387,6 +389,7 @@ def _methods() -> dict[str, Call]:
         "Robot.body_poses_batch": Call(arm.body_poses_batch, {"Q": [q]}),
         "Robot.tool_pose": Call(arm.tool_pose, {"q": q}),
         "Robot.tool_jacobian": Call(arm.tool_jacobian, {"q": q}),
+        "Robot.reach": Call(arm.reach, {"extra": ((1, Sphere(0.1), Pose()),)}),
         "Robot.with_gripper": Call(wxai.with_gripper, {"width": 0.04}),
         "Robot.locked": Call(wxai.locked, {"joints": {wxai.joint_names[0]: 0.0}}),
         "inverse_kinematics": Call(
@@ -400,6 +403,27 @@ def _methods() -> dict[str, Call]:
     }
 
 
+def _shapes() -> dict[str, Call]:
+    solids = {
+        "Box": Box((0.1, 0.2, 0.3)),
+        "Sphere": Sphere(0.1),
+        "Cylinder": Cylinder(0.1, 0.2),
+        "Capsule": Capsule(0.1, 0.2),
+        "Mesh": Mesh(CUBE),
+        "Compound": Compound(((Box((0.1, 0.2, 0.3)), Pose()),)),
+        "PointCloud": PointCloud([[0.0, 0.0, 0.0]], 0.1),
+        "HeightField": HeightField([[0.1, 0.2]], 0.1, 0.0),
+    }
+    points = [[0.1, 0.2, 0.3], [1.0, 0.0, 0.0]]
+    found: dict[str, Call] = {}
+    for name, solid in solids.items():
+        found[f"{name}.support"] = Call(solid.support, {"direction": points})
+        found[f"{name}.distance"] = Call(solid.distance, {"points": points})
+        if isinstance(solid, Shape):
+            found[f"{name}.grown"] = Call(solid.grown, {"margin": 0.01})
+    return found
+
+
 def _planning(folder: Path) -> dict[str, Call]:
     arm, scene = load_robot("planar2"), load_scene("discs")
     service = PlannerService(arm, scene)
@@ -407,6 +431,7 @@ def _planning(folder: Path) -> dict[str, Call]:
     request = PlanRequest(arm.home, arm.home + 0.01)
     result = service.plan(request)
     path, _ = result.unwrap()
+    bent = JointPath(arm.home + 0.01 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), [0.0, 0.004, 0.0])
     q, near = arm.home, arm.home + 0.01
     few = PRM(milestones=10, neighbours=3, max_checks=500)
     roadmap = service.build_roadmap(few)
@@ -440,10 +465,11 @@ def _planning(folder: Path) -> dict[str, Call]:
             | {"cancel": token},
         ),
         "PlannerService.build_roadmap": Call(
-            service.build_roadmap, {"planner": few, "seed": 0, "padding": 0.001, "progress": False}
+            service.build_roadmap,
+            {"planner": few, "seed": 0, "padding": 0.001, "progress": False, "cancel": token},
         ),
         "PlannerService.path_memory": Call(service.path_memory, {"padding": 0.001}),
-        "PlannerService.update_roadmap": Call(service.update_roadmap, {"roadmap": roadmap}),
+        "PlannerService.update_roadmap": Call(service.update_roadmap, {"roadmap": roadmap, "cancel": token}),
         "PlannerService.way_out": Call(service.way_out, {"q": q, "seed": 0}),
         "best_of_seeds": Call(
             best_of_seeds, {"service": service, "request": request, "seeds": [0], "engine": Sequential()}
@@ -464,6 +490,10 @@ def _planning(folder: Path) -> dict[str, Call]:
         "CollisionChecker.edge_rest": Call(checker.edge_rest, {"q1": q, "q2": near}),
         "CollisionChecker.segments": Call(checker.segments, {"q1": q, "q2": near}),
         "CollisionChecker.path_is_free": Call(checker.path_is_free, {"path": path, "known": Known.NEITHER}),
+        "CollisionChecker.blend_is_free": Call(checker.blend_is_free, {"path": bent, "k": 1}),
+        "CollisionChecker.limited": Call(
+            lambda **given: checker.limited(**given).__enter__(), {"states": 10, "deadline": 1e9, "token": token}
+        ),
         "CollisionChecker.clearance": Call(checker.clearance, {"q": q}),
         "CollisionChecker.near": Call(checker.near, {"Q": [q], "within": 0.05}),
         "CollisionChecker.pair_names": Call(checker.pair_names, {"pair": 0}),
@@ -473,6 +503,7 @@ def _planning(folder: Path) -> dict[str, Call]:
             certifier.certify, {"path": path, "padding": 0.001, "exempt": (), "part": (0.0, path.length)}
         ),
         "Certifier.certify_edge": Call(certifier.certify_edge, {"q1": q, "q2": near, "padding": 0.001}),
+        "Certifier.roots": Call(certifier.roots, {"length": 1.0, "exempt": ()}),
         "Certifier.clearances": Call(certifier.clearances, {"Q": [q, near]}),
         "csv_text": Call(csv_text, {"motion": result, "joint_names": arm.joint_names, "dt": 0.05}),
         "joint_trajectory": Call(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -231,8 +232,16 @@ class Certifier:
         return self.prover.clearances(rows)
 
     def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
-        """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span."""
-        return self._roots((0.0, length), exempt)
+        """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span.
+
+        Raises:
+            InvalidRequest: a length that is negative or not finite, or an exempt stretch that is longer.
+            UnknownName: an exempt pair names nothing that is there.
+        """
+        length = number("length", length, "a finite length >= 0", 0.0, sys.float_info.max)
+        stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
+        self._check_exempt(length, stretches)
+        return self._roots((0.0, length), stretches)
 
     def _roots(self, judged: Span, exempt: Sequence[ExemptInterval]) -> tuple[list[Span], NDArray[np.intp]]:
         """The same of a part of a path."""

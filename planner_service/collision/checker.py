@@ -176,7 +176,16 @@ class CollisionChecker:
     def limited(
         self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
     ) -> AbstractContextManager[None]:
-        """Within the block, a check of this thread that would pass one of these limits raises a ``SearchStopped``."""
+        """Within the block, a check of this thread that would pass one of these limits raises a ``SearchStopped``.
+
+        Args:
+            states: How many more may be judged.
+            deadline: When ``time.monotonic()`` is later than this.
+            token: When it is cancelled.
+
+        Raises:
+            InvalidRequest: no whole number, no time or no token.
+        """
         return self.ledger.limited(states=states, deadline=deadline, token=token)
 
     def state_is_free(self, q: ArrayLike) -> bool:
@@ -345,8 +354,9 @@ class CollisionChecker:
         Raises:
             InvalidRequest: there is no blend at waypoint k, or its end lies outside the joint limits.
         """
-        inside = 0 < k < len(path.waypoints) - 1
-        if not inside or not path.blends[k] > 0.0:
+        instance("path", path, JointPath, "a JointPath")
+        k = whole("k", k, 0, len(path.waypoints) - 1)
+        if not path.blends[k] > 0.0:
             raise InvalidRequest("k", k, "the index of a waypoint with a blend")
         start, length = float(path.knots[k] - path.blends[k]), float(2.0 * path.blends[k])
         ends = np.array([start, start + length])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 import weakref
@@ -12,8 +13,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
+from planner_service.geometry import number, whole
 
 __all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
+
+MAX_STATES = 2**63 - 1
+"""More states than anyone judges."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +101,10 @@ class Ledger:
 
         Limits around the block hold on within it.
         """
+        if states is not None:
+            states = whole("states", states, 0, MAX_STATES)
+        if deadline is not None:
+            deadline = number("deadline", deadline, "a time of time.monotonic()", -math.inf, math.inf)
         if token is not None and not isinstance(token, CancelToken):
             raise InvalidRequest("cancel", token, "a CancelToken, or None")
         return _Block(self._threads.own, states, deadline, token)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from planner_service.errors import PlannerServiceError
-from planner_service.geometry import FloatArray, copied_in, numbers, read_only
+from planner_service.geometry import FloatArray, copied_in, numbers, read_only, whole
 from planner_service.robot import Robot
 from planner_service.trajectory import Trajectory
 
@@ -42,6 +43,7 @@ class Recording:
     def __post_init__(self) -> None:
         for name in ("t", "commanded", "measured", "lateness"):
             object.__setattr__(self, name, numbers(name, getattr(self, name), "numbers"))
+        object.__setattr__(self, "skipped", whole("skipped", self.skipped, 0, sys.maxsize))
 
 
 @dataclass(frozen=True, eq=False)
