@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from planner_service.view import Viewer
 
 __all__ = [
+    "OURS",
     "PLAN_FORMAT",
     "TASK_FORMAT",
     "TIMINGS",

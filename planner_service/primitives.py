@@ -76,7 +76,9 @@ def move_linear(
         goal: The tool's pose at the end, or its displacement (x, y, z) in metres in the base frame
             (the orientation is kept).
         points: Configurations along the line, 50 to 100.
-        pace, padding, cancel: As ``PlannerService.follow`` takes them.
+        pace: The law s(t) along the line; ``Pace(Trapezoidal())`` if not given.
+        padding: Metres that pairs are to keep, as in ``PlannerService.follow``.
+        cancel: As in ``PlannerService.plan``.
 
     Raises:
         InvalidRequest: as ``PlannerService.follow`` and ``straight_tool_line`` say.

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from planner_service import (
     InvalidFile,
@@ -21,6 +22,7 @@ from planner_service import (
     load_scene,
     save_scene,
 )
+from planner_service.cli.commands import app
 from planner_service.written_file import write_whole
 
 HALF = """
@@ -95,6 +97,33 @@ def test_what_a_killed_process_left_is_removed_by_the_next_and_what_a_living_one
     for writer in writers:
         assert writer.stdout is not None
         writer.stdout.close()
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ("plan --start home --goal home --scene nowhere --out", "mine.py"),
+        ("plan --start home --goal home --scene nowhere --plot", "mine.svg"),
+        ("plan --start home --goal home --scene nowhere --png", "mine.png"),
+        ("pick-place --object a --onto b --scene nowhere --out", "mine.py"),
+        ("pick-place --object a --onto b --scene nowhere --png", "mine.png"),
+        ("check --q home --scene nowhere --png", "mine.png"),
+        ("export nowhere.json --out", "mine.py"),
+        ("roadmap build --scene nowhere --out", "mine.npz"),
+        ("roadmap query nowhere.npz --start home --goal home --plan", "mine.py"),
+        ("roadmap query nowhere.npz --start home --goal home --learn --out", "mine.npz"),
+        ("roadmap update nowhere.npz --out", "mine.npz"),
+    ],
+)
+def test_a_command_refuses_to_replace_a_file_of_another_kind_before_it_begins(
+    command: str, name: str, tmp_path: Path
+) -> None:
+    there = tmp_path / name
+    there.write_text("print('the work of a week')\n")
+    result = CliRunner().invoke(app, [*command.split(), str(there)], env={"COLUMNS": "500"})
+    assert result.exit_code == 2
+    assert "a file of another kind is there" in result.output
+    assert there.read_text() == "print('the work of a week')\n"
 
 
 @pytest.mark.parametrize("place", ["folder", "pipe", "/dev/zero", "/dev/full", "missing/file", "loop", "a\0b"])

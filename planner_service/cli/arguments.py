@@ -10,6 +10,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from planner_service import plan_file
+from planner_service.cli import plot
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry import FloatArray, Pose
 from planner_service.interchange import load_world
@@ -24,6 +26,7 @@ from planner_service.robot import Robot, load_robot
 from planner_service.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.timing import Timing
+from planner_service.view import still
 from planner_service.written_file import require_writable
 
 __all__ = [
@@ -47,6 +50,9 @@ __all__ = [
 T = TypeVar("T")
 
 _POSE = "pose:"
+
+_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": plot.OURS, "--png": still.OURS}
+"""How files begin that a command may replace, by its option."""
 
 
 def configuration(option: str, text: str, robot: Robot) -> FloatArray:
@@ -179,14 +185,15 @@ def require_places(files: Mapping[str, str | None]) -> None:
     """Return if a file can be put at each place that was given, by its option, and no two of them are one.
 
     Raises:
-        InvalidRequest: an option names a place where no file can be, or that of another.
+        InvalidFile: an option names a place where no file can be, or one of another kind is.
+        InvalidRequest: a picture's name is none, or two options name one place.
     """
     taken: dict[str, str] = {}
     for option, file in files.items():
         if file is not None:
             if option == "--png" and not file.lower().endswith(".png"):
                 raise InvalidRequest(option, file, "a name that ends in .png")
-            require_writable(file)
+            require_writable(file, _KINDS[option])
             other = taken.setdefault(os.path.realpath(file), option)
             if other != option:
                 raise InvalidRequest(option, file, f"another file than {other}")

@@ -82,7 +82,7 @@ from planner_service.robot_import import Source, import_robot
 from planner_service.scene import scene_names
 from planner_service.service import PlannerService
 from planner_service.view.still import draw_check, draw_plan, draw_task
-from planner_service.written_file import write_whole
+from planner_service.written_file import require_writable, write_whole
 
 __all__ = ["app"]
 
@@ -262,6 +262,8 @@ def export(
             raise UnknownName("format", form, EXPORTS)
         if out is not None and os.path.realpath(out) == os.path.realpath(plan_file):
             raise InvalidRequest("--out", out, "another file than the plan itself")
+        if out is not None:
+            require_writable(out, OURS)
         saved = load_plan_or_task(plan_file)
         names = saved.robot.joint_names
         if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:

@@ -14,7 +14,10 @@ from planner_service.geometry import FloatArray
 from planner_service.path import JointPath
 from planner_service.written_file import write_whole
 
-__all__ = ["clearance_svg", "clearances_along", "write_clearance_plot"]
+__all__ = ["OURS", "clearance_svg", "clearances_along", "write_clearance_plot"]
+
+OURS = re.compile(rb"<svg|<\?xml")
+"""How plots begin."""
 
 PLACES = 400
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 280, 56, 12, 28, 40
@@ -37,7 +40,7 @@ def write_clearance_plot(file: str, certifier: Certifier, paths: Mapping[str, Jo
         InvalidFile: it cannot be written.
     """
     curves = {name: clearances_along(certifier, path) for name, path in paths.items()}
-    write_whole(Path(file), clearance_svg(curves), re.compile(rb"<svg|<\?xml"))
+    write_whole(Path(file), clearance_svg(curves), OURS)
 
 
 def clearance_svg(curves: Mapping[str, FloatArray]) -> str:

@@ -17,6 +17,7 @@ from planner_service.cli.arguments import (
     goals,
     load_libraries,
     optimise,
+    require_places,
     service_of_terms,
     time_limit_of,
     timing_by_name,
@@ -61,6 +62,7 @@ from planner_service.interchange import load_world
 from planner_service.plan_file import MadeFor, SavedPlan, save_plan
 from planner_service.request import PlanRequest
 from planner_service.roadmap import Roadmap, Terms
+from planner_service.roadmap.roadmap_file import OURS, SUFFIX
 from planner_service.roadmap_work import GROWERS, Grower, require_robot
 from planner_service.robot import load_robot
 from planner_service.service import PlannerService
@@ -68,7 +70,6 @@ from planner_service.written_file import require_writable
 
 __all__ = ["roadmaps"]
 
-SUFFIX = ".npz"
 MADE = "the roadmap was judged for"
 _GROWERS = MappingProxyType({grower.name: grower for grower in GROWERS})
 
@@ -267,7 +268,7 @@ def _require_place(option: str, path: str) -> None:
     """Refuse what cannot be written before the work whose result would be lost."""
     if Path(path).suffix.lower() != SUFFIX:
         raise InvalidRequest(option, path, f"a file whose name ends in {SUFFIX}")
-    require_writable(path)
+    require_writable(path, OURS)
 
 
 def _learning(source: str, out: str | None, *, learn: bool, remember: bool) -> str | None:
@@ -286,7 +287,7 @@ def _require_plan_place(path: str | None, taken: tuple[str | None, ...]) -> None
         return
     if any(_same_file(other, path) for other in taken):
         raise InvalidRequest("--plan", path, "another file than the roadmap itself")
-    require_writable(path)
+    require_places({"--plan": path})
 
 
 def _same_file(one: str | None, other: str) -> bool:

@@ -45,7 +45,7 @@ from planner_service.view.lettering import Caption
 from planner_service.view.solids import Colour
 from planner_service.written_file import write_whole
 
-__all__ = ["draw_check", "draw_plan", "draw_task", "write_png"]
+__all__ = ["OURS", "draw_check", "draw_plan", "draw_task", "write_png"]
 
 OURS = re.compile(rb"\x89PNG")
 """How pictures begin."""
