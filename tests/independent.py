@@ -147,11 +147,14 @@ class IndependentChecker:
             found[pair] = min(found.get(pair, math.inf), distance)
         return found
 
-    def exact_gap(self, q: ArrayLike) -> float:
+    def exact_gap(self, q: ArrayLike, *, climbs: int = FEWER) -> float:
         """The smallest signed gap at q (n,) where something is nearer than 50 um, infinite where nothing is.
 
         By support functions, along the direction that separates two shapes most: where these are apart the gap, else at
         most how deep they overlap. Coal only suggests where to begin; its own distances err by a micrometre or more.
+
+        Args:
+            climbs: To that direction; with few a gap may be told too small by some micrometres, never too large.
         """
         x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
         least = math.inf
@@ -162,7 +165,7 @@ class IndependentChecker:
                     (self.geometry.geometryObjects[i].geometry, self._geometry_data.oMg[i])
                     for i in (pair.first, pair.second)
                 ]
-                least = min(least, _separation(solids, np.asarray(result.normal)))
+                least = min(least, _separation(solids, np.asarray(result.normal), climbs))
         return least
 
     def path_touch(self, waypoints: ArrayLike, motion_step: float = 0.001) -> Touch | None:
@@ -409,7 +412,7 @@ def _grown(shape: Any, margin: float) -> Any:
     return shape
 
 
-def _separation(solids: Sequence[tuple[Any, Any]], direction: FloatArray) -> float:
+def _separation(solids: Sequence[tuple[Any, Any]], direction: FloatArray, climbs: int = FEWER) -> float:
     """The largest separation of two shapes with poses along any direction; negative: they overlap.
 
     A climb may end on a kink, and Coal's normal is now and then a wrong one to begin with. So where it ended far from
@@ -420,7 +423,7 @@ def _separation(solids: Sequence[tuple[Any, Any]], direction: FloatArray) -> flo
     best, way = _climbed(solids, first)
     rng = np.random.default_rng(0)
     for k in range(CLIMBS):
-        if abs(best) < KINK or (best > 0.0 and k >= FEWER):
+        if abs(best) < KINK or (best > 0.0 and k >= climbs):
             break
         other = _climbed(solids, way + 0.1 ** (k % 6) * rng.normal(size=3))
         best, way = max((best, way), other, key=lambda found: found[0])
