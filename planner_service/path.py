@@ -37,6 +37,9 @@ NARROWEST = 1e-9
 ROUNDING = 1e-15
 """Of a coordinate, relative. Over the length of a short piece it turns the tangent, and makes no corner."""
 
+NOISY = 1e-9
+"""Of a tangent. Where rounding turns one by more, a corner may be spread over many short pieces."""
+
 FORWARD = 0.2
 """Least abs(u + v) of the tangents at a blended corner: in the middle of a blend that all but turns back, within 12
 degrees, the path parameter would run on while the robot stands still."""
@@ -154,13 +157,33 @@ class _Polyline:
             change = np.abs(tangents[1:] - tangents[:-1]).max(axis=1)
             inverse = 1.0 / lengths
             noise = ROUNDING * np.abs(points).max() * (inverse[1:] + inverse[:-1])
-            turns = tuple(k + 1 for k in np.flatnonzero(change > COLLINEAR + noise).tolist())
+            turning = change > COLLINEAR + noise
+            if noise.max() > NOISY:
+                turning |= _turned(tangents, lengths, ROUNDING * np.abs(points).max(), turning)
+            turns = tuple((np.flatnonzero(turning) + 1).tolist())
         return cls(read_only(points), knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
 
     def turns_back(self, k: int) -> bool:
         """Whether the corner at inner point k all but turns back."""
         forward = self.tangents[k - 1] + self.tangents[k]
         return math.fsum((forward * forward).tolist()) < FORWARD * FORWARD
+
+
+def _turned(
+    tangents: FloatArray, lengths: FloatArray, rounding: float, turning: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which inner points are corners because many pieces, each too short to know its direction, turn together.
+
+    Each piece is held against the longest one since the last corner, whose direction is known best.
+    """
+    turned = np.zeros_like(turning)
+    best = 0
+    for k in range(1, len(tangents)):
+        noise = rounding / lengths[k] + rounding / lengths[best]
+        turned[k - 1] = np.abs(tangents[k] - tangents[best]).max() > COLLINEAR + noise
+        if turned[k - 1] or turning[k - 1] or lengths[k] >= lengths[best]:
+            best = k
+    return turned
 
 
 def _allowed_blends(polyline: _Polyline, widths: Sequence[float]) -> list[float]:

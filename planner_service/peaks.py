@@ -141,7 +141,7 @@ def _peak(rates: FloatArray, share: FloatArray, limit: FloatArray, times: FloatA
         ratios = rates.max(axis=1)[:, None] * per_joint
     highest = ratios.max()
     if not highest < math.inf:
-        ratios = np.nan_to_num(ratios, nan=0.0, posinf=math.inf)  # nan is 0 x inf
+        ratios = np.where(per_joint > 0.0, np.nan_to_num(ratios, nan=math.inf, posinf=math.inf), 0.0)
     piece, joint = divmod(int(ratios.argmax()), ratios.shape[1])
     return Peak(float(ratios[piece, joint]), joint, float(times[piece, int(rates[piece].argmax())]))
 
@@ -184,7 +184,7 @@ def _blend_peaks(
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = (before * plain + turn * turning) / limit
         if not np.isfinite(ratios).all():
-            ratios = np.nan_to_num(ratios, nan=0.0, posinf=math.inf, neginf=-math.inf)
+            ratios = np.nan_to_num(ratios, nan=math.inf, posinf=math.inf, neginf=-math.inf)
         found[order] = _highest(ratios, found[order], trajectory.knots[rows], h)
         rates = _slope(rates) / h
     return found

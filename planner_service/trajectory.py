@@ -23,6 +23,9 @@ __all__ = ["Samples", "Trajectory"]
 MAX_SAMPLES = 1_000_000
 """About 17 minutes at 1 kHz; a longer list is a wrong unit of ``dt``."""
 
+ROUNDING = 1e-14
+"""Of arc length, relative, at each piece of s(t): some tens of the last digit."""
+
 MAX_DILATION = 1e9
 """Up to there the cube of a factor leaves any sensible trajectory its digits; beyond, a unit is wrong."""
 
@@ -228,7 +231,7 @@ def _geometry(path: JointPath, c: FloatArray, ends: FloatArray) -> NDArray[np.in
     middle = np.minimum(c[:, 0] + (ends - c[:, 0]) / 2.0, np.nextafter(ends, 0.0))
     piece = path.pieces_at(middle)
     if np.any(path.blended):
-        gap = OVERSHOOT * max(1.0, path.length)
+        gap = OVERSHOOT + ROUNDING * path.length
         after = path.pieces_at(np.minimum(c[:, 0] + gap, middle))
         before = path.pieces_at(np.maximum(ends - gap, middle))
         torn = (after != before) & (path.blended[after] | path.blended[before] | path.blended[piece])
@@ -252,10 +255,15 @@ def _check_law(trajectory: Trajectory, h: FloatArray, c: FloatArray, ends: Float
         if len(h) or end > begin:
             raise InvalidRequest("durations", len(h), "pieces for a path with a length, none for a single point")
         return
-    gap = OVERSHOOT * max(1.0, path.length)
-    if c[0, 0] != begin or np.any(np.abs(_derivative(c, h, 0) - ends) > gap):
+    reached, arrivals, bends = (_derivative(c, h, order) for order in range(3))
+    if not all(np.isfinite(values).all() for values in (reached, arrivals, 2.0 * c[:, 2], bends)):
+        raise InvalidRequest(
+            "coefficients", float(np.abs(c).max()), "numbers whose speeds and accelerations are finite"
+        )
+    jumps = np.abs(reached - ends)
+    if c[0, 0] != begin or not jumps.sum() <= OVERSHOOT + ROUNDING * path.length * len(h):  # many add up
         raise InvalidRequest("coefficients", float(c[0, 0]), f"s(t) from {begin:.9g} to {end:.9g} without a jump")
-    speeds, arrivals = c[:, 1], _derivative(c, h, 1)
+    speeds = c[:, 1]
     slack = OVERSHOOT * max(speeds.max(), arrivals.max())
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         turning = np.where(c[:, 3] != 0.0, -c[:, 2] / (3.0 * c[:, 3]), 0.0)
