@@ -9,7 +9,6 @@ There are three rules, and what none of them makes is not exempt:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -19,10 +18,8 @@ from planner_service.certify import ExemptInterval
 from planner_service.collision import CollisionChecker
 from planner_service.collision.names import Names
 from planner_service.geometry import FloatArray
-from planner_service.kinematics import LINE_METRES, LINE_RADIANS
+from planner_service.grasp_guards import LONGEST_APPROACH, MEANT_OVERLAP, tool_line
 from planner_service.path import JointPath
-from planner_service.primitives import MEANT_OVERLAP, USUAL_APPROACHES
-from planner_service.robot import Robot
 from planner_service.story import Leg, fingers_of
 from planner_service.task import MAX_SUPPORT_GAP
 
@@ -32,15 +29,6 @@ Pair = tuple[str, str]
 
 ROUNDING = 1e-9
 """Of path length, by which a stretch may reach beyond what the rule gives."""
-
-SLACK = 1.1
-"""Of the tolerance that straight tool lines are planned with."""
-
-SPACING = 0.005
-"""Radians of path between looks at the tool: it moves a few millimetres."""
-
-MOST_LOOKS = 4000
-"""A line of 10 cm needs a hundred; an arm that turns about its tool all the while is refused."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +97,7 @@ def _same(a: FloatArray, b: FloatArray) -> bool:
 
 def _touching(leg: Leg, stretch: ExemptInterval, pair: Pair, reason: str, *, at_end: bool) -> Ruling:
     """Of a finger and what it takes or leaves."""
-    looks, objection = _line(leg, stretch, USUAL_APPROACHES[0], at_end=at_end)
+    looks, objection = _line(leg, stretch, LONGEST_APPROACH, at_end=at_end)
     if not objection:
         (depth,) = _depths(leg, looks[:1], pair)
         if depth > MEANT_OVERLAP:
@@ -134,32 +122,7 @@ def _depths(leg: Leg, looks: FloatArray, pair: Pair) -> list[float]:
 
 
 def _line(leg: Leg, stretch: ExemptInterval, longest: float, *, at_end: bool) -> tuple[FloatArray, str]:
-    """Configurations (m, n) from where the gripper closes or opens to the end of a stretch, and what is wrong there.
-
-    The tool is to keep to the straight line along its approach, to go no farther than ``longest`` metres, and not back.
-    """
+    """As ``tool_line`` says, from where the gripper closes or opens to the other end of a stretch."""
     path = leg.trajectory.path
     near, far = (path.length, stretch.s_start) if at_end else (0.0, min(stretch.s_end, path.length))
-    count = math.ceil(abs(far - near) / SPACING)
-    if count > MOST_LOOKS:
-        return np.zeros((0, path.n)), f"the stretch is {abs(far - near):.3g} rad long, which no straight tool line is"
-    looks = path(near + (far - near) * (np.arange(count + 1) / max(count, 1)))
-    places, turns = _tools(leg.robot, looks)
-    way = places - places[0]
-    approach = np.zeros(3) if leg.robot.gripper is None else turns[0] @ np.array(leg.robot.gripper.approach)
-    travel = -(way * approach).sum(axis=1)
-    aside = np.sqrt(((way + travel[:, None] * approach) ** 2).sum(axis=1))
-    turned = np.sqrt(((turns - turns[0]) ** 2).sum(axis=(1, 2)) / 2.0)
-    backwards = float(np.diff(travel).min(initial=0.0))
-    if aside.max() > SLACK * LINE_METRES or turned.max() > SLACK * LINE_RADIANS or backwards < -LINE_METRES / 10.0:
-        return looks, "the tool leaves the straight line along its approach there"
-    if travel.max() > longest + SLACK * LINE_METRES:
-        return looks, f"the tool is {travel.max() * 1000:.0f} mm away there; at most {longest * 1000:.0f} mm are meant"
-    return looks, ""
-
-
-def _tools(robot: Robot, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Positions (m, 3) and rotations (m, 3, 3) of the tool frame at Q (m, n)."""
-    turns, places = robot.body_poses_batch(Q)
-    at, T = robot.tool_body, robot.tool_placement
-    return np.asarray(turns[:, at] @ T[:3, 3] + places[:, at]), np.asarray(turns[:, at] @ T[:3, :3])
+    return tool_line(leg.robot, path, near, far, longest)

@@ -24,7 +24,8 @@ from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.follow import AllowedStretch
 from planner_service.geometry import FloatArray, Pose, instance, text
-from planner_service.grasps import offset_from, width_across
+from planner_service.grasp_guards import LONGEST_APPROACH, grasp_objection, unwanted
+from planner_service.grasps import width_across
 from planner_service.kinematics import ToolLine, inverse_kinematics, straight_tool_line
 from planner_service.outcome import Failure, PlanResult, Reason, Stage
 from planner_service.pace import Pace
@@ -37,21 +38,12 @@ from planner_service.thinning import line_blends, thinned
 
 __all__ = ["move_linear", "pick", "place"]
 
-USUAL_APPROACHES = (0.10, 0.09, 0.08)
+USUAL_APPROACHES = (LONGEST_APPROACH, 0.09, 0.08)
 SHORT_APPROACHES = (0.06, 0.04, 0.02)
 """Metres of straight motion before and after a contact, in the order tried; a short one is said in the notes."""
 
 FINGER_ROOM = 0.012
 """Metres that each finger stands off the object when the gripper opens for it."""
-
-LOOSE_GRASP = 0.01
-"""Metres by which the point between the fingertips may miss the object: the pads reach that far around it."""
-
-PUSHED_ASIDE = 0.003
-"""Metres by which closing fingers may push the object aside: what a grasp from a camera is off by."""
-
-MEANT_OVERLAP = 0.001
-"""Metres by which things that are meant to touch may overlap, as models do."""
 
 LINE_POINTS = 60
 """Configurations found along a straight tool line, of which those are travelled that keep the tool on it."""
@@ -200,12 +192,7 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
         return service.changed(gripper=opening), service.changed(gripper=width, scene=scene)
 
     def objection(checker: CollisionChecker, q: FloatArray) -> str:
-        aside, beyond = offset_from(target, grasp, gripper)
-        if beyond > LOOSE_GRASP:
-            return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
-        if aside > PUSHED_ASIDE:
-            return f"closing would push {target.name} {aside * 1000:.0f} mm aside"
-        return _unwanted(checker, q, pairs)
+        return grasp_objection(target, grasp, gripper) or unwanted(checker, q, pairs)
 
     touch = _Touch(pairs, None, "the fingers may touch what they take")
     lifting = _standing(service, target.name, handling)
@@ -227,23 +214,13 @@ def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Hand
         roomy = checker.variant(padding=handling.support_gap)
         if all(pair != (contact.a, contact.b) for contact in roomy.contacts(q)):
             return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
-        return _unwanted(checker, q, (pair,))
+        return unwanted(checker, q, (pair,))
 
     touch = _Touch(_touching(service, _fingers(service), held.name), None, "the fingers may touch what they leave")
     lowering = _standing(service, held.name, handling)
     return _Contact(
         pose @ held.pose.inverse(), services, objection, lowering, (touch,), touch, ("transfer", "lower", "retreat")
     )
-
-
-def _unwanted(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) -> str:
-    """Which of ``pairs`` overlaps too much for touching at q, or what else touches, in words; empty if nothing."""
-    for c in checker.contacts(q):
-        if (c.a, c.b) not in pairs:
-            return f"{c.a} x {c.b} touch"
-        if c.depth > MEANT_OVERLAP:
-            return f"{c.a} would stand {c.depth * 1000:.1f} mm inside {c.b}"
-    return ""
 
 
 def _fingers(service: PlannerService) -> tuple[str, ...]:

@@ -18,10 +18,12 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.ledger import CheckBudgetSpent, SearchStopped, TimeBoxSpent
+from planner_service.collision.names import Names
 from planner_service.detour import Detours, Way
 from planner_service.endpoints import Endpoints, GoalState
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry import FloatArray, Pose
+from planner_service.grasp_guards import reach_objection
 from planner_service.outcome import Failure, MotionReport, PlanResult, Reason, Stage
 from planner_service.pace import Pace, peak_tool_speed, tool_speed_limit
 from planner_service.path import JointPath
@@ -70,11 +72,8 @@ def replan(
         InvalidRequest: as ``underway`` and ``request_for`` say, or a goal is neither a pose nor n finite joint values.
     """
     old = underway(motion[0], checker.robot, *motion[1:])
-    meant = tuple(_still_meant(old, certifier))
-    lapsed = {pair for e in old.exempt for pair in e.pairs} - {pair for e in meant for pair in e.pairs}
     request = request_for(motion[0], old, *asked)
-    run = _Run((checker, certifier), replace(old, exempt=meant), request, caller[1])
-    run.note(f"{a} x {b} may no longer touch: one of them is not as it was" for a, b in sorted(lapsed))
+    run = _Run((checker, certifier), old, request, caller[1])
     law = _law_of(motion[0])
     if asked[0] is None and law != request.timing.name:
         run.note([f"a new motion is timed by {request.timing.name}, which can begin at speed, not by {law}"])
@@ -88,19 +87,15 @@ def _law_of(previous: PlanResult | Replanned) -> str:
     return ToppRa.name if asked is None else asked.timing.name
 
 
-def _still_meant(old: Old, certifier: Certifier) -> Iterator[ExemptInterval]:
-    """Stretches with the pairs that are as they were: contact was meant with an object where it stood, nowhere else."""
+def _as_it_was(old: Old, certifier: Certifier) -> set[str]:
+    """The owners that are as they were: contact was meant with an object where it stood, nowhere else."""
     before, now = old.made_in, certifier.scene
     if before is None:
-        return
+        return set()
     held = {*before.attached} ^ {*now.attached}
     changed = {item.name for item in {*before.obstacles} ^ {*now.obstacles}} | {item.name for item in held}
     of_objects = KIND_SUFFIXES[1]
-    as_it_was = {owner for owner in certifier.listed.owners if owner.removesuffix(of_objects) not in changed}
-    for stretch in old.exempt:
-        pairs = tuple(pair for pair in stretch.pairs if as_it_was.issuperset(pair))
-        if pairs:
-            yield replace(stretch, pairs=pairs)
+    return {owner for owner in certifier.listed.owners if owner.removesuffix(of_objects) not in changed}
 
 
 class _Run:
@@ -110,7 +105,11 @@ class _Run:
         self, judges: tuple[CollisionChecker, Certifier], old: Old, request: PlanRequest, cancel: CancelToken | None
     ) -> None:
         self._checker, self._certifier = judges
-        self._old, self._motion, self._request, self._cancel = old, old.underway, request, cancel
+        same = _as_it_was(old, self._certifier)
+        self._meant = [(e, tuple(pair for pair in e.pairs if not same.issuperset(pair))) for e in old.exempt]
+        sure = [replace(e, pairs=tuple(p for p in e.pairs if p not in unsure)) for e, unsure in self._meant]
+        self._old = replace(old, exempt=tuple(e for e in sure if e.pairs))
+        self._motion, self._request, self._cancel = old.underway, request, cancel
         self._pace = Pace.of(request)
         self._limits = self._pace.limits(self._checker.robot)
         self._book = StageBook(
@@ -139,10 +138,39 @@ class _Run:
         Raises:
             NoPlan: there is nothing to do, or what is left cannot be proven.
         """
+        self._ask_again()
         if not self._motion.rests:
             return self._going_on()
         self._prove_last_stretch()
         return None
+
+    def _ask_again(self) -> None:
+        """Have contact with what is not as it was stay meant where ``pick`` would still mean it; else it lapses."""
+        for stretch, unsure in self._meant:
+            if not unsure:
+                continue
+            with self._book.during(Stage.ENDPOINTS):
+                objection = self._objection(stretch, unsure)
+            if objection:
+                self.note(f"{a} x {b} may no longer touch: {objection}" for a, b in sorted(unsure))
+            else:
+                self.note(f"{a} x {b} may still touch: the grasp is sound where it stands now" for a, b in unsure)
+                self._old = replace(self._old, exempt=(*self._old.exempt, replace(stretch, pairs=unsure)))
+
+    def _objection(self, stretch: ExemptInterval, pairs: tuple[tuple[str, str], ...]) -> str:
+        """Why pairs may not touch any more; empty if they are fingers and what they still take at the path's end."""
+        robot, now, before, path = self._checker.robot, self._certifier.scene, self._old.made_in, self._motion.path
+        names = Names(robot, now)
+        fingers = {names.link(link) for link in (() if robot.gripper is None else robot.gripper.links)}
+        stood = {} if before is None else {item.name: item for item in before.obstacles}
+        others = {name for pair in pairs for name in pair} - fingers
+        targets = [item for item in now.obstacles if names.object(item.name) in others]
+        was = stood.get(targets[0].name) if len(others) == len(targets) == 1 else None
+        taken = self._old.arrives and stretch.s_end >= path.length
+        if was is None or was.shape != targets[0].shape or not taken:
+            return "one of them is not as it was"
+        begin = max(stretch.s_start, self._motion.s(self._motion.now))
+        return reach_objection(self._checker, path, begin, (was, targets[0]), pairs)
 
     def _prove_last_stretch(self) -> None:
         """What is left until the old motion rests.

@@ -195,9 +195,10 @@ class PlannerService:
 
         The old motion is to be kept to for ``latency`` seconds more, in which the new one is found; it begins there,
         at its own time 0, with the position, velocity and acceleration that the robot then has. What is left of the
-        old motion is kept where it is free and nothing better is found. Contacts that were meant on it stay meant only
-        with objects that stand where they stood, as they were. If there is no way to the goal, a stop
-        along the old curve, proven in the new scene, is returned, and if that is not free, that nothing is safe.
+        old motion is kept where it is free and nothing better is found. Contacts that were meant on it stay meant
+        with objects that stand where they stood; with one that moved before it is taken, if ``pick`` would still take
+        it so. If there is no way to the goal, a stop along the old curve, proven in the new scene, is returned, and if
+        that is not free, that nothing is safe.
 
         Args:
             previous: The plan being executed, or what this method returned before.

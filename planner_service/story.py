@@ -13,10 +13,10 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.geometry import FloatArray, Pose
+from planner_service.grasp_guards import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASIDE
 from planner_service.grasps import offset_from, width_across
 from planner_service.kinematics import rotation_distance
 from planner_service.outcome import PlanResult
-from planner_service.primitives import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASIDE
 from planner_service.robot import Robot
 from planner_service.scene import Attached, Obstacle, Scene
 from planner_service.trajectory import Trajectory

@@ -94,6 +94,8 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "endpoints",
             "remedies",
             "follow",
+            "grasps",
+            "grasp_guards",
             "pace",
             "oracle",
             "polishing",
@@ -105,7 +107,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
         | {"kinematics", "timing", "certify", "search"},
     ),
     "primitives": (
-        {"primitives", "grasps", "task"},
+        {"primitives", "task"},
         {"errors", "shapes", "robot", "scene", "path", "collision", "kinematics", "timing", "service"} | {"certify"},
     ),
 }
