@@ -79,6 +79,7 @@ from planner_service import (
     straight_tool_line,
     top_grasps,
 )
+from planner_service.composite import Solid
 from planner_service.contact_table import contact_table
 from planner_service.episodes import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
@@ -404,15 +405,15 @@ def _methods() -> dict[str, Call]:
 
 
 def _shapes() -> dict[str, Call]:
-    solids = {
+    solids: dict[str, Solid] = {
         "Box": Box((0.1, 0.2, 0.3)),
         "Sphere": Sphere(0.1),
         "Cylinder": Cylinder(0.1, 0.2),
         "Capsule": Capsule(0.1, 0.2),
-        "Mesh": Mesh(CUBE),
+        "Mesh": Mesh(np.array(CUBE)),
         "Compound": Compound(((Box((0.1, 0.2, 0.3)), Pose()),)),
-        "PointCloud": PointCloud([[0.0, 0.0, 0.0]], 0.1),
-        "HeightField": HeightField([[0.1, 0.2]], 0.1, 0.0),
+        "PointCloud": PointCloud(np.zeros((1, 3)), 0.1),
+        "HeightField": HeightField(np.array([[0.1, 0.2]]), 0.1, 0.0),
     }
     points = [[0.1, 0.2, 0.3], [1.0, 0.0, 0.0]]
     found: dict[str, Call] = {}
@@ -431,7 +432,7 @@ def _planning(folder: Path) -> dict[str, Call]:
     request = PlanRequest(arm.home, arm.home + 0.01)
     result = service.plan(request)
     path, _ = result.unwrap()
-    bent = JointPath(arm.home + 0.01 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), [0.0, 0.004, 0.0])
+    bent = JointPath(arm.home + 0.01 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([0.0, 0.004, 0.0]))
     q, near = arm.home, arm.home + 0.01
     few = PRM(milestones=10, neighbours=3, max_checks=500)
     roadmap = service.build_roadmap(few)
