@@ -214,6 +214,8 @@ def _task(problem: Task, ask: Ask) -> Row:
     told: Row = {"robot": service.robot.name, **made.told, **clock.told}
     told |= _told([segment.result for part in parts for segment in part.segments], failure)
     told["checks"]["choosing"] = vars(sum((part.choosing for part in parts), CheckCounts()))
+    proofs = [segment.gripper.certificate for part in parts for segment in part.segments if segment.gripper is not None]
+    told["checks"]["gripper"] = vars(CheckCounts(distances=sum(proof.distances for proof in proofs)))
     audits = [_audit(problem.robot, scene, *judged) for scene, judged in _judged(service, parts)]
     return told | {"audit": worst(audits) if failure is None else dict(NOT_ASKED)}
 

@@ -357,6 +357,7 @@ def test_a_whole_pick_and_place_is_one_row_each_motion_of_which_is_audited(monke
     row = attempt(task, Ask("rrtconnect", 0, 50_000))
     assert (row["ok"], row["audit"]["verdict"]) == (True, "free")
     assert row["checks"]["choosing"]["states"] > 0
+    assert row["checks"]["gripper"]["distances"] > 0
     assert len(asked) >= 7
     assert row["duration"] > 4.0
 
