@@ -110,7 +110,8 @@ def _standing(leg: Leg, stretch: ExemptInterval, pair: Pair, reason: str, *, at_
     looks, objection = _line(leg, stretch, MAX_SUPPORT_GAP, at_end=at_end)
     if not objection:
         depths = _depths(leg, looks, pair)
-        if max(depths) > max(MEANT_OVERLAP, depths[0]) + ROUNDING:
+        deepest = MEANT_OVERLAP if at_end else max(MEANT_OVERLAP, depths[0])  # as deep as it stood it may be lifted
+        if max(depths) > deepest + ROUNDING:
             objection = f"{pair[0]} comes {max(depths) * 1000:.1f} mm into {pair[1]}"
     return Ruling(objection=objection) if objection else Ruling(reason)
 

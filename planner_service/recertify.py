@@ -32,7 +32,7 @@ from planner_service.request import PlanRequest
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.story import Leg, Step, fingers_of, legs
+from planner_service.story import SAME_WIDTH, Leg, Step, fingers_of, gripped_by, legs
 from planner_service.task import Segment, TaskResult
 from planner_service.timing import SCurve
 
@@ -122,6 +122,10 @@ class Recertified:
             for stretch in motion.gripper.certificate.exempt
         ]
         return (*stretches, *(f"allowed to touch all the time: {a} x {b}" for a, b in self.allowed))
+
+    def dropped_from(self, width: float) -> str:
+        """What a gripper that stands ``width`` metres open would drop by opening for the first motion, in words."""
+        return _dropped(self.motions[0].leg, width)
 
     def opening_from(self, width: float) -> GripperMotion | None:
         """The gripper going from a width, in metres, to the one that the first motion begins with, and its proof.
@@ -219,6 +223,8 @@ def recertify(
         found.extend(legs(world.robot, world.scene, steps))
     except NotProven as unsound:
         objections += unsound.problems
+    if found and isinstance(plan, SavedTask) and (dropped := _dropped(found[0], plan.robot.gripper_width)):
+        objections.append(f"{found[0].name}: {dropped}")
     motions = []
     for k, (leg, pace) in enumerate(zip(found, paces, strict=False)):
         exempt, refused = _exempt(found[k - 1] if k else None, leg, named)
@@ -372,6 +378,14 @@ def _exempt(before: Leg | None, leg: Leg, named: set[frozenset[str]]) -> tuple[t
 def squeezed(robot: Robot, width: float, squeeze: float) -> float:
     """The width, in metres, that a gripper closing on something is told, so that it presses."""
     return width if robot.gripper is None else max(robot.gripper.lower, width - squeeze)
+
+
+def _dropped(first: Leg, width: float) -> str:
+    """What a gripper that stands ``width`` metres open would drop by opening for the first motion, in words."""
+    held, wider = gripped_by(first.robot, first.scene.attached), first.robot.gripper_width
+    if not held or wider <= width + SAME_WIDTH:
+        return ""
+    return f"the gripper holds {', '.join(held)} at {width:.4f} m and would drop it, opening to {wider:.4f} m"
 
 
 def _gripper_motion(

@@ -17,11 +17,12 @@ from planner_service.grasp_guards import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASID
 from planner_service.grasps import offset_from, width_across
 from planner_service.kinematics import rotation_distance
 from planner_service.outcome import PlanResult
+from planner_service.path import JointPath
 from planner_service.robot import Robot
 from planner_service.scene import Attached, Obstacle, Scene
 from planner_service.trajectory import Trajectory
 
-__all__ = ["Leg", "Step", "fingers_of", "legs"]
+__all__ = ["SAME_WIDTH", "Leg", "Step", "fingers_of", "gripped_by", "legs"]
 
 JOIN = 1e-6
 """Radians (or metres) between the end of a motion and the begin of the next: it moves nothing by as much as the margin
@@ -92,17 +93,17 @@ def legs(robot: Robot, scene: Scene, steps: Sequence[Step]) -> Iterator[Leg]:
     """
     before: Leg | None = None
     for step, after in zip(steps, (*steps[1:], None), strict=True):
-        opened = _opened(robot, step)
+        opened, trajectory = _opened(robot, step), _trajectory(step, robot)
         if before is None:
             _require_same_attached(step, scene.attached)
         else:
             scene = _changed(before, step)
-            _require_joined(before, step)
+            _require_joined(before, step, trajectory)
         if step.scene is not None and not _alike(step.scene, scene):
             found = f"another scene than {'the begin of the plan has' if before is None else before.name + ' leaves'}"
             raise _unsound(step, found, "a scene that changes only by what the gripper takes and leaves")
-        taken, left = (None, None) if after is None else _exchanged(step, after, scene)
-        before = Leg(step.name, step.result, _trajectory(step, robot), opened, scene, taken, left)
+        taken, left = (None, None) if after is None else _exchanged(step, after, scene, robot)
+        before = Leg(step.name, step.result, trajectory, opened, scene, taken, left)
         if taken is not None and after is not None:
             _require_grasp(before, taken, after)
         yield before
@@ -113,6 +114,7 @@ def _unsound(step: Step, found: str, expected: str) -> NotProven:
 
 
 def _trajectory(step: Step, robot: Robot) -> Trajectory:
+    """The motion, made again of its numbers: what is proven and what is driven are one, whatever was handed over."""
     path, trajectory = step.result.path, step.result.trajectory
     if path is None or trajectory is None:
         raise _unsound(step, str(step.result.failure), "a motion with a path and a trajectory")
@@ -121,7 +123,11 @@ def _trajectory(step: Step, robot: Robot) -> Trajectory:
         raise _unsound(step, f"a motion of {on.n} joints", f"one of the {robot.n} joints of {robot.name}")
     if not (np.array_equal(on.waypoints, path.waypoints) and np.array_equal(on.blends, path.blends)):
         raise _unsound(step, "a trajectory along another path than the plan's", "one path")
-    return trajectory
+    try:
+        curve = JointPath(on.waypoints, on.blends)
+        return Trajectory(curve, trajectory.durations, trajectory.coefficients, trajectory.dilation, trajectory.part)
+    except InvalidRequest as error:
+        raise NotProven(f"{step.name}: {error}") from None
 
 
 def _opened(robot: Robot, step: Step) -> Robot:
@@ -144,8 +150,8 @@ def _names(attached: tuple[Attached, ...]) -> str:
     return ", ".join(held.name for held in attached) or "nothing"
 
 
-def _require_joined(before: Leg, step: Step) -> None:
-    begin = _trajectory(step, before.robot)(0.0)
+def _require_joined(before: Leg, step: Step, trajectory: Trajectory) -> None:
+    begin = trajectory(0.0)
     off = np.abs(begin - before.end)
     k = int(np.argmax(off))
     if not off[k] <= JOIN:
@@ -153,30 +159,38 @@ def _require_joined(before: Leg, step: Step) -> None:
         raise _unsound(step, found, f"{before.end[k]:.6g}, where {before.name} ends")
 
 
-def _exchanged(step: Step, after: Step, scene: Scene) -> tuple[Obstacle | None, Attached | None]:
+def gripped_by(robot: Robot, attached: Sequence[Attached]) -> tuple[str, ...]:
+    """What of all that is carried the fingers hold, rather than the tool has mounted."""
+    fingers = set(fingers_of(robot))
+    return tuple(held.name for held in attached if fingers & set(held.touch_links))
+
+
+def _exchanged(step: Step, after: Step, scene: Scene, robot: Robot) -> tuple[Obstacle | None, Attached | None]:
     """What the gripper takes and what it leaves between two motions: one of both, or neither."""
     gained = [held for held in after.attached if held not in step.attached]
     lost = [held for held in step.attached if held not in after.attached]
+    gripped = gripped_by(robot, [held for held in step.attached if held in after.attached])
+    if gripped and abs(after.width - step.width) > SAME_WIDTH:
+        found = f"a gripper that goes from {step.width:.4f} to {after.width:.4f} m around {', '.join(gripped)}"
+        raise _unsound(after, found, "a gripper that stays as it is while it holds something")
     if not gained and not lost:
-        gripped = [held.name for held in step.attached if set(held.touch_links)]
-        if gripped and abs(after.width - step.width) > SAME_WIDTH:
-            found = f"a gripper that goes from {step.width:.4f} to {after.width:.4f} m around {', '.join(gripped)}"
-            raise _unsound(after, found, "a gripper that stays as it is while it holds something")
         return None, None
     if len(gained) + len(lost) > 1:
         found = f"{_names(after.attached)} carried after {_names(step.attached)}"
         raise _unsound(after, found, "one object taken or left at a time")
+    opens = after.width - step.width
     if lost:
-        if after.width < step.width:
-            found = f"{lost[0].name} left by a gripper that closes"
+        if not opens > SAME_WIDTH:
+            found = f"{lost[0].name} left by a gripper that {'closes' if opens < -SAME_WIDTH else 'stays as it is'}"
             raise _unsound(after, found, "a gripper that opens to leave what it carries")
         return None, lost[0]
     taken = next((obstacle for obstacle in scene.obstacles if obstacle.name == gained[0].name), None)
     if taken is None or taken.shape != gained[0].shape:
         found = f"{gained[0].name} carried from now on"
         raise _unsound(after, found, "an obstacle of that name and shape in the scene before")
-    if after.width > step.width:
-        raise _unsound(after, f"{taken.name} taken by a gripper that opens", "a gripper that closes on what it takes")
+    if not opens < -SAME_WIDTH:
+        found = f"{taken.name} taken by a gripper that {'opens' if opens > SAME_WIDTH else 'stays as it is'}"
+        raise _unsound(after, found, "a gripper that closes on what it takes")
     return taken, None
 
 

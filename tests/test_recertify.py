@@ -26,6 +26,7 @@ from planner_service import (
     PlanRequest,
     PlanResult,
     Pose,
+    Robot,
     Scene,
     SCurve,
     Segment,
@@ -39,6 +40,7 @@ from planner_service.cli.commands import app
 from planner_service.execute import Streaming, execute, execution
 from planner_service.follow import AllowedStretch
 from planner_service.pace import Pace
+from planner_service.kinematics import straight_tool_line
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.recertify import recertify
@@ -390,8 +392,13 @@ def test_a_gripper_is_not_told_a_width_beyond_its_range(width: float, read: Save
 
 
 def test_an_object_is_taken_by_a_gripper_that_closes_on_it(read: SavedTask, bin_: PlannerService) -> None:
-    shut = with_segments(read, *(replace(part, width=0.0) for part in read.segments))
+    shut = with_segments(read, *(replace(part, width=0.0) if k > 1 else part for k, part in enumerate(read.segments)))
     refused(shut, "lift: got a gripper 0.0000 m open around blue_block", bin_)
+    closed = next(part.width for part in read.segments if part.name == "lift")
+    early = changed(changed(read, "home -> pregrasp", width=closed), "descend", width=closed)
+    refused(early, "lift: got blue_block taken by a gripper that stays as it is", bin_)
+    never = changed(changed(read, "retreat", width=closed), "retreat -> home", width=closed)
+    refused(never, "retreat: got blue_block left by a gripper that stays as it is", bin_)
     refused(changed(read, "lift", width=0.08), "lift: got blue_block taken by a gripper that opens", bin_)
     refused(changed(read, "retreat", width=0.0), "retreat: got blue_block left by a gripper that closes", bin_)
     refused(changed(read, "transfer", width=0.05), "around blue_block; expected a gripper that stays as it is", bin_)
@@ -597,3 +604,119 @@ def test_pairs_are_named_again_in_the_shell(home: Any, tmp_path: Path, monkeypat
     wrong = CliRunner().invoke(app, ["certify", str(tmp_path / "plan.json"), "--allow", "link_6"])
     assert wrong.exit_code == 2
     assert "two different names of links or objects with a colon" in " ".join(wrong.stderr.split())
+
+
+def starting_at(task: SavedTask, name: str, robot: Robot, *segments: Segment) -> SavedTask:
+    """A task that begins with one of a task's motions, what is carried then included."""
+    (part,) = [part for part in task.segments if part.name == name]
+    assert part.scene is not None
+    made_for = MadeFor(robot.with_gripper(part.width), part.scene, (), task.made_for.edge_step)
+    return replace(task, made_for=made_for, segments=segments or (part,))
+
+
+def test_a_gripper_that_holds_something_does_not_open_for_the_first_motion(
+    read: SavedTask, bin_: PlannerService
+) -> None:
+    task = starting_at(read, "transfer", bin_.robot)
+    (part,) = task.segments
+    start = np.array(part.result.trajectory(0.0))  # type: ignore[misc]
+    assert execute(task, FakeArm(start, width=part.width), None, QUICK).ok
+    refused(with_segments(task, replace(part, width=0.08)), "would drop it, opening to 0.0800 m", bin_)
+    arm = FakeArm(start, width=0.02)
+    with pytest.raises(NotProven, match=r"holds blue_block at 0\.0200 m and would drop it"):
+        execute(task, arm, None, QUICK)
+    assert (arm.told, arm.widths) == ([], [])
+
+
+def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: SavedTask, bin_: PlannerService) -> None:
+    lower, retreat = (next(part for part in read.segments if part.name == name) for name in ("lower", "retreat"))
+    assert lower.scene is not None
+    assert retreat.scene is not None
+    (held,) = lower.scene.attached
+    pin = Attached("pin", Box((0.002, 0.002, 0.002)), held.pose, ("finger_left", "finger_right"))
+    both = starting_at(read, "lower", bin_.robot)
+    segments = [replace(part, scene=part.scene.with_attached(pin)) for part in (lower, retreat) if part.scene]
+    assert segments[0].scene is not None
+    made_for = replace(both.made_for, scene=segments[0].scene)
+    refused(
+        replace(both, made_for=made_for, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_
+    )
+
+
+def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTask, bin_: PlannerService) -> None:
+    robot = bin_.robot
+    lower = next(part for part in read.segments if part.name == "lower")
+    assert lower.scene is not None
+    assert lower.result.trajectory is not None
+    assert lower.result.certificate is not None
+    end = lower.result.trajectory(lower.result.trajectory.duration)
+    deeper = JointPath(straight_tool_line(robot, end, (0.0, 0.0, -0.008)).waypoints)
+    meant = ExemptInterval(0.0, deeper.length, (("blue_block", "tray"),), "grasp")
+    down = replace(along(lower.result, deeper, bin_, meant), origin=None)
+    up = replace(along(lower.result, deeper.reversed(), bin_), origin=None)
+    (held,) = lower.scene.attached
+    there = Pose.from_matrix(robot.tool_pose(deeper.waypoints[-1])) @ held.pose
+    left = lower.scene.without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, there))
+    motions = (replace(lower, result=down), Segment("retreat", up, 0.069, scene=left))
+    forged = starting_at(read, "lower", robot, *motions)
+    assert "blue_block x tray is not judged from s = 0 to" in objections(forged)
+    refused(forged, r"blue_block comes 8\.\d mm into tray", bin_)
+
+
+# Values that are not what they seem.
+
+
+class Fickle(Trajectory):
+    """Goes elsewhere once it is driven."""
+
+    def dilated(self, factor: float) -> Trajectory:
+        straight = JointPath(self.path.waypoints[[0, -1]])
+        return Trapezoidal().time_path(straight, PlannerService("wxai", "bin").robot.limits)
+
+
+def test_what_is_driven_is_made_of_the_numbers_that_were_proven(bin_: PlannerService, good: PlanResult) -> None:
+    path, law = good.unwrap()
+    fickle = Fickle(path, law.durations, law.coefficients, law.dilation)
+    arm = FakeArm(np.array(bin_.robot.home))
+    assert execute(replace(good, trajectory=fickle), arm, bin_.robot, QUICK).ok
+    assert all(bin_.checker.state_is_free(q) for q, _, _ in arm.told)
+
+
+# Numbers chosen so that sums, products and roundings hide what the arm would do.
+
+
+def test_speeds_that_are_no_numbers_are_no_time_law(bin_: PlannerService, home: Any) -> None:
+    path = JointPath(np.stack([home, home + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])]))
+    speed, vast = 0.9 * float(bin_.robot.limits.velocity[0]), 1.7e308
+    table = [[0, 0, 0, 0], [0, 0, vast, -vast], [0, speed, 0, 0], [0.5, speed, -vast, vast], [0.5, 0, 0, 0]]
+    durations = [1e-3, 1e-160, path.length / speed, 1e-160, 1e-3]
+    with pytest.raises(InvalidRequest, match="numbers whose speeds and accelerations are finite"):
+        Trajectory(path, np.array(durations), np.array(table, dtype=float))
+
+
+def test_many_small_jumps_are_one_large_jump(home: Any, bin_: PlannerService) -> None:
+    limits = bin_.robot.limits
+    ends = np.stack([limits.lower, limits.upper])
+    far = np.tile(ends, (5_000, 1))
+    path = JointPath(np.vstack([home, home + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]), far]))
+    count = math.ceil(0.5 / (0.9e-9 * path.length))
+    table = np.zeros((count, 4))
+    table[:, 0] = np.arange(count) * (float(path.knots[1]) / count)
+    with pytest.raises(InvalidRequest, match="without a jump"):
+        Trajectory(path, np.full(count, 1e-6), table, 1.0, (0.0, float(path.knots[1])))
+
+
+@pytest.mark.parametrize(("step", "count"), [(2e-12, 3_000), (2e-12, 20_000), (1e-9, 20_000)])
+def test_an_arm_does_not_turn_back_at_speed_by_many_tiny_turns(
+    step: float, count: int, bin_: PlannerService, home: Any
+) -> None:
+    start = home + np.array([0.0, 0.3, 0.3, 0.0, 0.0, 0.0])
+    angles = np.pi * (np.arange(count) + 0.5) / count
+    moves = np.zeros((count, 6))
+    moves[:, 0], moves[:, 1] = step * np.cos(angles), step * np.sin(angles)
+    along_0 = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    arc = start + along_0 + np.cumsum(moves, axis=0)
+    path = JointPath(np.vstack([start, start + along_0, arc, arc[-1] - along_0]))
+    motion = Trapezoidal().time_path(path, bin_.robot.limits)
+    speeds = motion(np.arange(0.0, motion.duration, 1e-3), 1)
+    assert np.all(np.abs(np.diff(speeds, axis=0)) <= 1e-3 * bin_.robot.limits.acceleration + 1e-6)

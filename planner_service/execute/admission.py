@@ -104,10 +104,12 @@ def require_free_opening(found: Recertified, width: float, near: float) -> None:
         near: Metres within which it is let be.
 
     Raises:
-        NotProven: something is in its way.
+        NotProven: something is in its way, or it would drop what it carries.
     """
     first = found.motions[0].leg.robot
     if first.gripper is not None and abs(first.gripper_width - width) > near:
+        if dropped := found.dropped_from(width):
+            raise NotProven(f"{found.motions[0].name}: {dropped}")
         opening = found.opening_from(width)
         if opening is not None and opening.refused:
             raise NotProven(f"{found.motions[0].name}: {opening.refused}")
