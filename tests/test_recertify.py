@@ -39,11 +39,12 @@ from planner_service.cli import run
 from planner_service.cli.commands import app
 from planner_service.execute import Streaming, execute, execution
 from planner_service.follow import AllowedStretch
-from planner_service.pace import Pace
 from planner_service.kinematics import straight_tool_line
+from planner_service.pace import Pace
 from planner_service.pick_place import plan_pick_place
 from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.recertify import recertify
+from planner_service.robot import AllowedContact
 from planner_service.task import TaskResult
 from tests.arms import FakeArm, FakeTime
 
@@ -661,6 +662,29 @@ def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTa
     forged = starting_at(read, "lower", robot, *motions)
     assert "blue_block x tray is not judged from s = 0 to" in objections(forged)
     refused(forged, r"blue_block comes 8\.\d mm into tray", bin_)
+
+
+# Robots that only have a name in common.
+
+
+def test_a_robot_in_a_file_that_only_has_the_name_of_one_of_the_package_is_told_of(
+    bin_: PlannerService, home: Any, tmp_path: Path
+) -> None:
+    stay = PlanRequest(home, home)
+    told = CliRunner().invoke(app, ["certify", saved_to(bin_, stay, tmp_path)])
+    assert (told.exit_code, "of this package" in told.output) == (0, False)
+    lenient = AllowedContact(("link_1", "link_3"), "so it is said")
+    other = replace(bin_.robot, allowed_contacts=(*bin_.robot.allowed_contacts, lenient))
+    file = saved_to(PlannerService(other, bin_.scene), stay, tmp_path)
+    for command in (["certify", file], ["run", file, "--arm", "192.0.2.1"]):
+        said = " ".join(CliRunner().invoke(app, command).output.split())
+        assert "robot wxai in this file is not the wxai of this package" in said
+        assert "robot wxai in this file lets link_1 x link_3 touch; that of this package does not" in said
+
+
+def saved_to(service: PlannerService, request: PlanRequest, folder: Path) -> str:
+    service.plan(request).save(folder / "stay.json")
+    return str(folder / "stay.json")
 
 
 # Values that are not what they seem.

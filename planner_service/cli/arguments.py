@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from planner_service import plan_file
 from planner_service.cli import plot
-from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.geometry import FloatArray, Pose
 from planner_service.interchange import load_world
 from planner_service.optimize import Optimise, load_solver
@@ -22,7 +23,7 @@ from planner_service.planners import PLANNERS, Planner, planner_by_name
 from planner_service.recertify import recertify
 from planner_service.request import PlanRequest
 from planner_service.roadmap.terms import Terms
-from planner_service.robot import Robot, load_robot
+from planner_service.robot import Robot, load_robot, robot_names
 from planner_service.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.timing import Timing
@@ -31,6 +32,7 @@ from planner_service.written_file import require_writable
 
 __all__ = [
     "configuration",
+    "differences",
     "goals",
     "load_libraries",
     "optimise",
@@ -209,6 +211,7 @@ def reopened(
         InvalidRequest: no such robot or scene.
     """
     made_for, notes = saved.made_for, [f"against the scene in this file: {saved.scene.name or 'unnamed'}"]
+    notes += differences(made_for.robot) if robot is None else []
     if robot is not None:
         arm, before = load_robot(robot), made_for.robot
         arm = arm if arm.gripper is None or before.gripper is None else arm.with_gripper(before.gripper_width)
@@ -223,6 +226,32 @@ def reopened(
     if made_for.edge_step is None:
         notes.append("made with an edge step of its maker's own, which no file holds; here it is MotionStep()")
     return saved.within(made_for) if isinstance(saved, SavedTask) else replace(saved, made_for=made_for), notes
+
+
+def differences(robot: Robot) -> list[str]:
+    """What is to be said of a robot from a file that has the name of one of this package, and is another."""
+    if robot.name not in robot_names():
+        return []
+    try:
+        ours = load_robot(robot.name)
+    except MissingDependency as error:
+        return [f"robot {robot.name} in this file is not compared with the {robot.name} of this package: {error}"]
+    with suppress(InvalidRequest):  # no gripper, or one of another range
+        ours = ours.with_gripper(robot.gripper_width)
+    if ours.hash == robot.hash:
+        return []
+    known, told = _lenient(ours), _lenient(robot)
+    added = [
+        f"robot {robot.name} in this file lets {a} x {b} touch; that of this package does not"
+        for a, b in sorted(told - known)
+    ]
+    return [f"robot {robot.name} in this file is not the {robot.name} of this package", *added]
+
+
+def _lenient(robot: Robot) -> set[tuple[str, str]]:
+    """Pairs of links that a robot says may touch, always or on its way out of a pose."""
+    pairs = [*(contact.links for contact in robot.allowed_contacts), *(p for way in robot.retreats for p in way.pairs)]
+    return {(min(pair), max(pair)) for pair in pairs}
 
 
 def require_proven(saved: SavedPlan | SavedTask, allow: Sequence[str] | None) -> None:

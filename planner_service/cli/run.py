@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from planner_service.cli.arguments import load_libraries, pairs_of_texts, require_obstacles, service_for
+from planner_service.cli.arguments import differences, load_libraries, pairs_of_texts, require_obstacles, service_for
 from planner_service.cli.exits import BAD_INPUT, NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.listings import columns
 from planner_service.cli.options import DEFAULT, Allow, AsJson, Seed
@@ -136,6 +136,8 @@ def _opened(
             option = "--robot" if robot is None else "--scene"
             raise InvalidRequest(option, None, "--robot and --scene together: the world of FILE, as you know it")
         service = service_for(robot, scene)
+    for note in differences(plan.robot) if service is None else []:
+        typer.echo(f"note: {note}", err=True)
     allowed = pairs_of_texts("--allow", allow or ())
     found = recertify(plan, service, allowed=allowed, squeeze=streaming.squeeze)
     return _Opened(plan, service, allowed, found.required())
