@@ -8,6 +8,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -162,7 +163,8 @@ class _Stock:
         request = ps.PlanRequest(home, goal, seed=7, time_limit=None)
         self.result = service.plan(request)
         self._saved("plan", self.result)
-        self._saved("task", plan_pick_place(service, "blue_block", "tray", request))
+        self.task = plan_pick_place(service, "blue_block", "tray", request)
+        self._saved("task", self.task)
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
@@ -233,6 +235,8 @@ class _Stock:
         return out
 
 
+TAKEN = "blue_block"
+
 WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, "robot": 0.7}
 """How often kinds that take more time are drawn; the others 1."""
 
@@ -249,7 +253,7 @@ class Attack(Part):
     def __init__(self) -> None:
         super().__init__()
         self._made: _Stock | None = None
-        self._judge: Any = None
+        self._judges: dict[str, Any] = {}
 
     @property
     def _stock(self) -> _Stock:
@@ -259,7 +263,7 @@ class Attack(Part):
 
     def draw(self, rng: np.random.Generator) -> Case:
         if rng.random() < PROVEN:
-            return {"forged": _forged(self._stock, rng)}
+            return {"forged": (_forged if rng.random() < 0.5 else _forged_task)(self._stock, rng)}
         kinds = list(self._stock.contents)
         weights = np.array([WEIGHTS.get(kind, 1.0) for kind in kinds])
         kind = str(rng.choice(kinds, p=weights / weights.sum()))
@@ -304,11 +308,12 @@ class Attack(Part):
         stock = self._stock
         path = stock.folder / "forged.json"
         path.write_text(json.dumps(tree))
-        plan = plan_file.load_plan(path)
-        motion = plan.result.trajectory
+        plan = plan_file.load_plan_or_task(path)
+        task = isinstance(plan, plan_file.SavedTask)
+        motion = (plan.segments[0].result if isinstance(plan, plan_file.SavedTask) else plan.result).trajectory
         if motion is None:
             return
-        arm = FakeArm(motion(0.0))
+        arm = FakeArm(motion(0.0), stone=0.045 if task else 0.0)
         self.counted["forged plans"] += 1
         with (
             patch("planner_service.execute.execution.time", FakeTime()),
@@ -318,20 +323,27 @@ class Attack(Part):
         if not arm.told:
             return
         self.counted["forged plans driven"] += 1
-        if self._judge is None:
-            from tests.independent import IndependentChecker, tables_of
-
-            self._judge = IndependentChecker(data_folder("robots") / "wxai", tables_of(stock.service.scene))
+        judge = self._judge_of(TAKEN if task else "")
         limits = stock.service.robot.limits
         for k, (q, qd, qdd) in enumerate(arm.told):
-            if k % STEP == 0 and not self._judge.free(q):
-                deep = -min(self._judge.gaps(q).values())
+            if k % STEP == 0 and not judge.free(q):
+                deep = -min(judge.gaps(q).values())
                 if deep > DEEP:
                     raise Wrong("a forged file drives the arm into nothing", f"{deep:.4g} m deep at {q.tolist()}")
             for what, value, most in (("velocity", qd, limits.velocity), ("acceleration", qdd, limits.acceleration)):
                 part = float((np.abs(value) / most).max())
                 if part > BEYOND:
                     raise Wrong(f"a forged file keeps the {what} limits", f"{part:.3g} of the limit")
+
+    def _judge_of(self, taken: str) -> Any:
+        """Judges the arm among what stands still all the time; with what is taken, between fingers as far apart."""
+        from tests.independent import IndependentChecker, tables_of
+
+        if taken not in self._judges:
+            scene, folder = self._stock.service.scene, data_folder("robots") / "wxai"
+            tables = tables_of(scene.without(taken) if taken else scene)
+            self._judges[taken] = IndependentChecker(folder, tables, gripper_width=0.045 if taken else None)
+        return self._judges[taken]
 
 
 def _put(path: Path, place: str) -> None:
@@ -390,3 +402,34 @@ def _forged(stock: _Stock, rng: np.random.Generator) -> Any:
     elif how == "padding":
         proof["padding"], proof["clearance"] = float(rng.uniform(0.0, 0.1)), 1.0
     return tree
+
+
+def _forged_task(stock: _Stock, rng: np.random.Generator) -> Any:
+    """A valid task file with a motion or a gripper that does other than what was proven."""
+    task, limits = stock.task, stock.service.robot.limits
+    parts = list(task.segments)
+    k = int(rng.integers(len(parts)))
+    how = str(rng.choice(("width", "widths", "left out", "twice", "straight", "fast", "exempt", "world")))
+    path, motion = parts[k].result.unwrap()
+    proof = parts[k].result.certificate
+    if how == "width":
+        parts[k] = replace(parts[k], width=float(rng.uniform(0.0, 0.08)))
+    elif how == "widths":
+        parts = [replace(part, width=parts[k].width) for part in parts]
+    elif how == "left out":
+        del parts[k]
+    elif how == "twice":
+        parts.insert(k, parts[k])
+    elif how == "world":
+        parts[k] = replace(parts[k], result=replace(parts[k].result, origin=None), scene=stock.service.scene)
+    elif how == "fast":
+        parts[k] = replace(parts[k], result=replace(parts[k].result, trajectory=motion.dilated(rng.uniform(0.3, 0.99))))
+    else:
+        curve = ps.JointPath(path.waypoints[[0, -1]])
+        if how == "exempt" and proof is not None:
+            links = dict.fromkeys(shape.link for shape in stock.service.robot.shapes)
+            pairs = tuple((link, obstacle.name) for link in links for obstacle in stock.service.scene.obstacles)
+            proof = replace(proof, exempt=(ps.ExemptInterval(0.0, curve.length, pairs, "grasp"),))
+        law = ps.Trapezoidal().time_path(curve, limits)
+        parts[k] = replace(parts[k], result=replace(parts[k].result, path=curve, trajectory=law, certificate=proof))
+    return replace(task, segments=tuple(parts)).document()
