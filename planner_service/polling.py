@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-__all__ = ["Prepared", "ask_from_now_on", "poll", "waited"]
+__all__ = ["Prepared", "ask_from_now_on", "asked", "poll", "waited"]
 
 T = TypeVar("T")
 
@@ -29,6 +29,11 @@ _asked = _Asked()
 def ask_from_now_on(ask: Callable[[], None] | None) -> None:
     """Have ``poll`` call this in this thread; None for nothing."""
     _asked.ask = ask
+
+
+def asked() -> bool:
+    """Whether this thread is in a call that may be over at some time."""
+    return _asked.ask is not None
 
 
 def poll() -> None:
@@ -73,4 +78,4 @@ class Prepared(Generic[T]):
 
 def waited(work: Callable[[], T]) -> T:
     """What ``work`` returns, which does not poll: left to itself in a thread if the call is over."""
-    return work() if _asked.ask is None else Prepared(work).get()
+    return Prepared(work).get() if asked() else work()

@@ -61,7 +61,7 @@ SLIGHT = 1e-6
 
 def replan(
     checker: CollisionChecker,
-    certifier: Certifier,
+    certifier: Prepared[Certifier],
     motion: tuple[PlanResult | Replanned, float, float],
     asked: tuple[PlanRequest | None, Goal | None],
     caller: tuple[Turns, CancelToken | None],
@@ -87,22 +87,28 @@ def _law_of(previous: PlanResult | Replanned) -> str:
     return ToppRa.name if asked is None else asked.timing.name
 
 
-def _as_it_was(old: Old, certifier: Certifier) -> set[str]:
+def _as_it_was(old: Old, certifier: Prepared[Certifier]) -> set[str]:
     """The owners that are as they were: contact was meant with an object where it stood, nowhere else."""
-    before, now = old.made_in, certifier.scene
-    if before is None:
+    before = old.made_in
+    if before is None or not old.exempt:
         return set()
+    here = certifier.get()
+    now = here.scene
     held = {*before.attached} ^ {*now.attached}
     changed = {item.name for item in {*before.obstacles} ^ {*now.obstacles}} | {item.name for item in held}
     of_objects = KIND_SUFFIXES[1]
-    return {owner for owner in certifier.listed.owners if owner.removesuffix(of_objects) not in changed}
+    return {owner for owner in here.listed.owners if owner.removesuffix(of_objects) not in changed}
 
 
 class _Run:
     """One call."""
 
     def __init__(
-        self, judges: tuple[CollisionChecker, Certifier], old: Old, request: PlanRequest, cancel: CancelToken | None
+        self,
+        judges: tuple[CollisionChecker, Prepared[Certifier]],
+        old: Old,
+        request: PlanRequest,
+        cancel: CancelToken | None,
     ) -> None:
         self._checker, self._certifier = judges
         same = _as_it_was(old, self._certifier)
@@ -159,7 +165,7 @@ class _Run:
 
     def _objection(self, stretch: ExemptInterval, pairs: tuple[tuple[str, str], ...]) -> str:
         """Why pairs may not touch any more; empty if they are fingers and what they still take at the path's end."""
-        robot, now, before, path = self._checker.robot, self._certifier.scene, self._old.made_in, self._motion.path
+        robot, now, before, path = self._checker.robot, self._checker.scene, self._old.made_in, self._motion.path
         names = Names(robot, now)
         fingers = {names.link(link) for link in (() if robot.gripper is None else robot.gripper.links)}
         stood = {} if before is None else {item.name: item for item in before.obstacles}
@@ -180,7 +186,7 @@ class _Run:
         """
         part = self._motion.s(self._motion.now), self._motion.end
         if part[0] < part[1]:
-            certificate = self._book.certificate(self._certifier, self._motion.path, self._old.exempt, part)
+            certificate = self._book.certificate(self._certifier.get(), self._motion.path, self._old.exempt, part)
             if not certificate.certified:
                 raise NoPlan(not_certified(certificate), certificate)
 
@@ -190,7 +196,7 @@ class _Run:
         Raises:
             NoPlan: there is none.
         """
-        plan = Run(self._checker, Prepared(lambda: self._certifier), self._request, self._cancel).result(turns)
+        plan = Run(self._checker, self._certifier, self._request, self._cancel).result(turns)
         result = self._book.with_plan(plan)
         if plan.failure is not None:
             raise NoPlan(plan.failure)
@@ -257,7 +263,7 @@ class _Run:
         if not self._old.arrives:
             return None
         path, part = self._motion.path, (self._motion.s(self._motion.now), self._motion.end)
-        certificate = self._book.certificate(self._certifier, path, self._old.exempt, part)
+        certificate = self._book.certificate(self._certifier.get(), path, self._old.exempt, part)
         if not certificate.certified:
             return None
         trajectory = self._motion.rest()
@@ -336,7 +342,7 @@ class _Run:
         handovers: list[Handover] = []
         for handover in self._motion.handovers():
             part = self._motion.s(self._motion.now), handover.s
-            certificate = self._book.certificate(self._certifier, self._motion.path, self._old.exempt, part)
+            certificate = self._book.certificate(self._certifier.get(), self._motion.path, self._old.exempt, part)
             if not certificate.certified:
                 failures.append(NoPlan(not_certified(certificate), certificate))
                 break
@@ -360,7 +366,7 @@ class _Run:
         path, since = way.path, self._motion.s(self._motion.now)
         exempt = tuple(e for e in self._old.exempt if e.s_end <= way.s)
         while True:
-            certificate = self._book.certificate(self._certifier, path, exempt, (since, path.length))
+            certificate = self._book.certificate(self._certifier.get(), path, exempt, (since, path.length))
             if certificate.refusal is None:
                 break
             less = narrower(path, certificate.refusal, way.leaves)
@@ -428,7 +434,7 @@ class _Run:
             exempt = tuple(e for e in self._old.exempt if e.s_start <= stop.path.length)
             exempt = tuple(replace(e, s_end=min(e.s_end, stop.path.length)) for e in exempt)
             part = motion.s(motion.now), stop.end
-            certificate = self._book.certificate(self._certifier, stop.path, exempt, part)
+            certificate = self._book.certificate(self._certifier.get(), stop.path, exempt, part)
             if certificate.certified:
                 self._book.notes.append(f"a stop along the old curve: {failure}")
                 found = _Motion(stop.path, stop, certificate, self._report(stop))

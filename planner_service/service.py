@@ -220,7 +220,7 @@ class PlannerService:
             other = self.with_scene(scene)
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
         motion, asked = (previous, at_time, latency), (request, goal)
-        found = replan(self._planning, self._certifier.get(), motion, asked, (self._turns, cancel))
+        found = replan(self._planning, self._certifier, motion, asked, (self._turns, cancel))
         return replace(found, result=replace(found.result, origin=Origin(self, found.request)))
 
     def _new_certifier(self) -> Certifier:

@@ -31,7 +31,7 @@ from planner_service.collision.prefilter import Prefilter
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, instance, number, numbers, read_only, whole
 from planner_service.path import JointPath
-from planner_service.polling import waited
+from planner_service.polling import Prepared, asked
 from planner_service.robot import Robot
 from planner_service.scene import Scene
 
@@ -42,6 +42,10 @@ MAX_VARIANTS = 32
 
 LIMIT_SLACK = 1e-9
 """Radians or metres by which rounding may carry a configuration over a joint limit."""
+
+
+_Key = tuple[float, tuple[tuple[str, str], ...], float | None]
+"""Padding, allowed pairs and motion step of a variant."""
 
 
 class CollisionChecker:
@@ -93,7 +97,8 @@ class CollisionChecker:
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
         self._at_once = self._judge.at_once
         self._quick = self._agreed()
-        self._variants: dict[tuple[float, tuple[tuple[str, str], ...], float | None], CollisionChecker] = {}
+        self._variants: dict[_Key, CollisionChecker] = {}
+        self._preparing: dict[_Key, Prepared[CollisionChecker]] = {}
         self._asked_step = self.edge_step
         self._motion_step: float | None = None
 
@@ -126,14 +131,17 @@ class CollisionChecker:
                 other = CollisionChecker(
                     self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs, backend=self.backend
                 )
-                other.ledger, other._variants = self.ledger, self._variants
+                other.ledger, other._variants, other._preparing = self.ledger, self._variants, self._preparing
                 other._asked_step, other._motion_step = self._asked_step, finest
                 for old in list(self._variants)[: len(self._variants) + 1 - MAX_VARIANTS]:
                     self._variants.pop(old, None)
                 self._variants[key] = other
+                self._preparing.pop(key, None)
                 return other
 
-            return waited(keep)
+            if not asked():
+                return keep()
+            return self._preparing.setdefault(key, Prepared(keep)).get()  # which a call that was ended may have begun
         return known
 
     def _agreed(self) -> Kernel | None:
