@@ -52,8 +52,9 @@ from benchmarks.sources import SOURCES, Motion, Problem, Task, ToyQuery, allow_o
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
 from planner_service.json_file import Node
 from planner_service.planners import PLANNERS, PRM
-from planner_service.scene_file import read_tables
+from planner_service.scene_file import MAX_BYTES
 from planner_service.search import Planner
+from planner_service.toml_file import read_tables
 
 __all__ = [
     "LESSON",
@@ -121,7 +122,7 @@ def load_suite(name_or_path: str) -> Suite:
         if name_or_path not in suite_names():
             raise UnknownName("suite", name_or_path, suite_names())
         path = SUITES / f"{name_or_path}.toml"
-    root = Node("", read_tables(path), [])
+    root = Node("", read_tables(path, MAX_BYTES), [])
     allow_only(root, ("about", "planners", "seeds", "max_checks", "ceilings", *SOURCES))
     about, seeds = root.at("about").text(), root.at("seeds")
     span = attempt(seeds, seeds_of, seeds.text())

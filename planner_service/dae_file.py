@@ -21,8 +21,12 @@ __all__ = ["dae_vertices"]
 
 MAX_NODES = 10_000
 """Nodes of the scene, each instance counted: a node may be used many times, by nodes that are used many times."""
+MAX_PARTS = 50_000
+"""What all of these hold, counted in the same way."""
 MAX_PLACED = 2_000_000
 """Vertices of all instances of all geometries."""
+MAX_READ = 20_000_000
+"""Positions of all geometries, used or not: many may share one source."""
 MAX_DIGITS = 64
 """Characters of a number; Python would read megabytes of digits."""
 
@@ -51,7 +55,7 @@ def dae_vertices(content: bytes) -> FloatArray:
 
 
 def _tag(element: Element) -> str:
-    return element.tag.rpartition("}")[2]
+    return element.tag.rpartition(":")[2]
 
 
 def _all(element: Element, tag: str) -> list[Element]:
@@ -72,7 +76,8 @@ class _Document:
         self._root = root
         self._by_id: dict[tuple[str, str], Element] = {}
         self._corners: dict[str, FloatArray] = {}
-        self._nodes = self._placed = 0
+        self._numbers: dict[str, FloatArray] = {}
+        self._nodes = self._parts = self._read = self._placed = 0
         for element in root.iter():
             tag, name = _tag(element), element.get("id")
             if tag == "unit":
@@ -94,6 +99,9 @@ class _Document:
     def _place(self, node: Element, above: FloatArray, depth: int, placed: list[FloatArray]) -> None:
         """Add the vertices of a node and all below it, ``above`` being the pose of what holds it."""
         self._nodes += 1
+        self._parts += len(node)
+        if self._parts > MAX_PARTS:
+            raise Malformed(f"nodes that hold more than {MAX_PARTS:,} things, each instance counted")
         if depth > MAX_DEPTH or self._nodes > MAX_NODES:
             raise Malformed(f"nodes nested deeper than {MAX_DEPTH}, perhaps in a circle, or more than {MAX_NODES:,}")
         pose, held = above, []
@@ -135,6 +143,9 @@ class _Document:
         if len(sources) != 1:
             raise Malformed(f"<vertices> with {len(sources)} positions; expected one")
         points = self._points(self._named("source", sources[0]))
+        self._read += len(points)
+        if self._read > MAX_READ:
+            raise Malformed(f"geometries with more than {MAX_READ:,} positions")
         used = np.zeros(len(points), dtype=bool)
         for child in mesh:
             if _tag(child) in STRIPS:
@@ -149,7 +160,11 @@ class _Document:
     def _points(self, source: Element) -> FloatArray:
         """The points (n, 3) of a source, which may hold more than them."""
         accessor = _only(_only(source, "technique_common"), "accessor")
-        values = _floats(self._named("float_array", accessor.get("source")).text)
+        array = self._named("float_array", accessor.get("source"))
+        name = array.get("id", "")
+        if name not in self._numbers:
+            self._numbers[name] = _floats(array.text)
+        values = self._numbers[name]
         count, stride, start = _count(accessor, "count"), _count(accessor, "stride", 1), _count(accessor, "offset", 0)
         names = [param.get("name", "") for param in _all(accessor, "param")]
         if names[:3] != ["X", "Y", "Z"] or stride < 3 or start + count * stride > len(values):

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 from planner_service.errors import InvalidFile, shown
 from planner_service.package_files import package_folder
-from planner_service.regular_file import read_bytes
+from planner_service.toml_file import read_tables
 
 __all__ = ["GripperEntry", "RetreatEntry", "RobotFile", "read_robot_file"]
 
@@ -87,13 +81,7 @@ def read_robot_file(path: Path) -> RobotFile:
         InvalidFile: with every problem found.
         MissingDependency: its files come with a package that is not installed, but which an extra would bring.
     """
-    content = read_bytes(path, MAX_BYTES)
-    try:
-        data = tomllib.loads(content.decode("utf-8"))
-    except UnicodeDecodeError:
-        raise InvalidFile(path, ["not UTF-8 text"]) from None
-    except (ValueError, RecursionError) as error:  # an integer of thousands of digits is a plain ValueError
-        raise InvalidFile(path, [f"malformed TOML: {error}"]) from None
+    data = read_tables(path, MAX_BYTES)
     problems: list[str] = []
     result = _robot_file(path, _Table(data, "", problems), problems)
     if problems:

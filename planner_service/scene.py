@@ -50,7 +50,8 @@ from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, S
 from planner_service.mesh import Mesh
 from planner_service.mesh_path import MeshShelf
 from planner_service.regular_file import as_path
-from planner_service.scene_file import MAX_BYTES, SHAPE_KEYS, Table, pose_texts, read_tables, shape_key, shape_text
+from planner_service.scene_file import MAX_BYTES, SHAPE_KEYS, Table, pose_texts, shape_key, shape_text
+from planner_service.toml_file import read_tables
 from planner_service.written_file import write_whole
 
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
@@ -357,7 +358,7 @@ def _body_lines(body: Obstacle | Attached) -> list[str]:
 
 def _read_scene(path: Path) -> Scene:
     problems: list[str] = []
-    top = Table("", read_tables(path), problems, MeshShelf((path.resolve().parent,)))
+    top = Table("", read_tables(path, MAX_BYTES), problems, MeshShelf((path.resolve().parent,)))
     top.allow_only(("name", "description", "obstacle", "attached"))
     name, description = top.text("name") or "", top.text("description") or ""
     obstacles, attached = top.tables("obstacle"), top.tables("attached")

@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
 import reprlib
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any, TypeVar
 
 from planner_service.composite import Compound, HeightField, PointCloud, Solid
-from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.errors import InvalidRequest
 from planner_service.geometry import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.mesh import Mesh
 from planner_service.mesh_path import MeshShelf
-from planner_service.regular_file import read_bytes
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = [
     "MAX_BYTES",
     "SHAPE_KEYS",
     "Table",
     "pose_texts",
-    "read_tables",
     "shape_key",
     "shape_text",
 ]
@@ -44,43 +34,10 @@ CONVEX_KEYS = ("box", "sphere", "cylinder", "capsule", "mesh")
 SHAPE_KEYS = (*CONVEX_KEYS, "cloud", "heights", "compound")
 """What ``Table.solid`` reads, one of them per table."""
 
-MAX_KEY_PARTS = 4
-"""Of a dotted key or header; ours have two."""
-
-_QUOTED = re.compile(r"""(["'])(?:(?<=")[^"\\\n]*(?:\\.[^"\\\n]*)*|(?<=')[^'\n]*)(?:\1|(?=\n)|$|\\)""")
-_DOTTED = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{MAX_KEY_PARTS}}}[\w-]")
-
 POSE_KEYS = ("position", "quaternion_wxyz")
 
 MAX_HINTS = 100
 """Spelling hints per file: finding one takes far longer than naming the problem."""
-
-
-def read_tables(path: Path) -> dict[str, Any]:
-    """The content of the TOML file at ``path``.
-
-    Raises:
-        InvalidFile: not a regular file, unreadable, over ``MAX_BYTES``, not UTF-8, or malformed (with the line).
-    """
-    data = read_bytes(path, MAX_BYTES)
-    try:
-        text = data.decode("utf-8")
-        _require_few_dots(path, text)
-        return tomllib.loads(text)
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InvalidFile(path, [f"not UTF-8: byte {data[error.start]:#04x} on line {line}"]) from None
-    except RecursionError:
-        raise InvalidFile(path, ["malformed TOML: nested too deeply"]) from None
-    except ValueError as error:  # TOMLDecodeError says where; an integer of thousands of digits is a plain ValueError
-        raise InvalidFile(path, [f"malformed TOML: {error}"]) from None
-
-
-def _require_few_dots(path: Path, text: str) -> None:
-    """Refuse long dotted keys before they are read, which takes the square of their parts in time and memory."""
-    found = _DOTTED.search(_QUOTED.sub("q", text))  # a quoted part is as good as a bare one
-    if found is not None:
-        raise InvalidFile(path, [f"malformed TOML: a key of more than {MAX_KEY_PARTS} parts: {found.group()[:40]!r}"])
 
 
 class Table:

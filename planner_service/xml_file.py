@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 from planner_service.errors import InvalidFile
 from planner_service.regular_file import read_bytes
@@ -51,13 +52,15 @@ def parse_xml(content: bytes) -> ElementTree.Element:
     for mark in ("<!DOCTYPE", "<!ENTITY"):
         if mark in text.upper():
             raise Malformed(f"{mark} is not allowed: write the file without a document type or entities")
-    parser = ElementTree.XMLParser(target=_Limited())
+    parser, tree = expat.ParserCreate(), _Limited()  # prefixes stay as they are: their names may be long, and many
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = tree.start, tree.end
+    parser.CharacterDataHandler = tree.data
     try:
-        parser.feed(text)
-        root: ElementTree.Element = parser.close()
-    except ElementTree.ParseError as error:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
         raise Malformed(f"not well-formed XML: {error}") from None
-    return root
+    return tree.close()
 
 
 class _Limited(ElementTree.TreeBuilder):

@@ -39,6 +39,7 @@ LAYERS: dict[str, tuple[set[str], set[str]]] = {
             "json_file",
             "regular_file",
             "written_file",
+            "toml_file",
             "xml_file",
             "dae_file",
         },

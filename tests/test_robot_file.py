@@ -200,7 +200,7 @@ def test_a_urdf_reached_through_a_link_out_of_the_folder_is_refused(tmp_path: Pa
 
 def test_a_robot_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InvalidFile, match="not UTF-8 text"):
+    with pytest.raises(InvalidFile, match="not UTF-8: byte 0xff"):
         load_robot(tmp_path / "robot.toml")
 
 

@@ -135,7 +135,8 @@ class Certifier:
             was built. What they say is the same to the last bit.
 
     Attributes:
-        robot, scene: What is judged.
+        robot: What is judged.
+        scene: What it is judged in.
         listed: The pairs.
         motion: Poses and motion bounds of these.
         prover: Who proves.
