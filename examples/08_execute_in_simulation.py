@@ -29,7 +29,7 @@ def main() -> None:
     for motion in done.report.motions:
         final, off = motion.final_error.max() * 1000.0, motion.tool_off_path * 1000.0
         print(f"{motion.name:17} {motion.duration:.2f} s, ends {final:.1f} mrad off, at most {off:.1f} mm off its path")
-    print(f"contacts nobody meant: {len(done.contacts)}", *done.contacts, sep="\n")
+    print(f"unexpected contacts: {len(done.contacts)}", *done.contacts, sep="\n")
     (x, y, _), (u, v, _) = done.loose["blue_block"].position, service.scene.obstacle("tray").pose.position
     print(f"the block lies {math.hypot(x - u, y - v) * 1000.0:.1f} mm from the tray's middle")
 

@@ -135,8 +135,8 @@ class NotProven(InvalidRequest):
         self.problems = problems
         told = [f"\n  - {problem}" for problem in problems[:MOST_PROBLEMS]]
         told += [f"\n  ... and {len(problems) - len(told)} more"] if len(problems) > len(told) else []
-        lines = problems[0] if len(problems) == 1 else "".join(told)
-        super().__init__("plan", lines, "a plan that is proven again", message=f"not proven: {lines}")
+        lines = f" {problems[0]}" if len(problems) == 1 else "".join(told)
+        super().__init__("plan", lines.strip(), "a plan that is proven again", message=f"not proven:{lines}")
 
 
 class PlanningFailed(PlannerServiceError):

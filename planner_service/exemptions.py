@@ -73,7 +73,7 @@ def ruled(before: Leg | None, leg: Leg, stretch: ExemptInterval, pair: Pair) -> 
         return _standing(leg, stretch, pair, f"{thing} stood there", at_end=False)
     if leg.left is not None and _are(both, obstacles, thing := names.object(leg.left.name)):
         return _standing(leg, stretch, pair, f"{thing} is to stand there", at_end=True)
-    return Ruling(objection="no rule makes that contact meant there")
+    return Ruling(objection="no rule of picking or placing allows that contact there")
 
 
 def _are(names: frozenset[str], some: Collection[str], other: str) -> bool:

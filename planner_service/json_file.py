@@ -57,7 +57,7 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content: dict[str, Any] = {}
     for name, value in pairs:
         if name in content:
-            raise ValueError(f"key {reprlib.repr(name)} is there twice in one object")
+            raise ValueError(f"key {reprlib.repr(name)} occurs twice in one object")
         if len(name) > MAX_KEY:
             raise ValueError(f"key {reprlib.repr(name)} is longer than {MAX_KEY} characters")
         content[name] = value

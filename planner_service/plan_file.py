@@ -414,7 +414,7 @@ class TaskRecord(_Head):
         if self.ok != (task.failure is None):
             raise InvalidRequest("ok", self.ok, "false with a failure, true without")
         if task.counts != self.counts.value:
-            raise InvalidRequest("counts", str(self.counts.value), f"those of all motions, {task.counts}")
+            raise InvalidRequest("counts", str(self.counts.value), f"the sum over all motions, {task.counts}")
         return task
 
     def _segments(self) -> tuple[Segment, ...]:

@@ -55,6 +55,9 @@ END_SLACK = 1e-9
 SLIGHT = 1e-6
 """Share by which a limit may seem exceeded by rounding."""
 
+MOST_PAIRS = 3
+"""Pairs named in one message; a file can exempt them all."""
+
 TOOL_SLIGHT = 1e-5
 """The same of the tool's speed, whose peak is known to six digits."""
 
@@ -110,17 +113,17 @@ class Recertified:
     def lenience(self) -> tuple[str, ...]:
         """Every pair that is not judged, where, and why."""
         several = len(self.motions) > 1
-        stretches = [
-            f"{motion.name}: {stretch}" if several else str(stretch)
-            for motion in self.motions
-            for stretch in motion.certificate.exempt
-        ]
-        stretches += [
-            f"{motion.name}: the {motion.gripper.name} before it: {stretch}"
-            for motion in self.motions
-            if motion.gripper is not None
-            for stretch in motion.gripper.certificate.exempt
-        ]
+        stretches = []
+        for motion in self.motions:
+            if motion.gripper is not None:
+                for stretch in motion.gripper.certificate.exempt:
+                    pairs = ", ".join(f"{a} x {b}" for a, b in stretch.pairs)
+                    stretches.append(
+                        f"{motion.gripper.name} before {motion.name}: not judged: {pairs} ({stretch.reason})"
+                    )
+            stretches += [
+                f"{motion.name}: {stretch}" if several else str(stretch) for stretch in motion.certificate.exempt
+            ]
         return (*stretches, *(f"allowed to touch all the time: {a} x {b}" for a, b in self.allowed))
 
     def dropped_from(self, width: float) -> str:
@@ -213,7 +216,7 @@ def recertify(
     named = {frozenset(pair) for pair in (*given, *(() if service is None else service.allowed))}
     lenient = tuple(pair for pair in recorded if frozenset(pair) in named)
     objections = [
-        f"it was planned with {a} x {b} allowed to touch; {_how_to_name(a, b)}"
+        f"it was planned with {a} x {b} allowed to touch; {_how_to_name([(a, b)])}"
         for a, b in recorded
         if frozenset((a, b)) not in named
     ]
@@ -228,14 +231,14 @@ def recertify(
     motions = []
     for k, (leg, pace) in enumerate(zip(found, paces, strict=False)):
         exempt, refused = _exempt(found[k - 1] if k else None, leg, named)
-        objections += [f"{leg.name}: {text}" for text in (*_law_troubles(leg, pace), *refused)]
+        troubles = [*_law_troubles(leg, pace), *refused]
         try:
             certificate = _certificate(leg, exempt, lenient, padding, whole=len(steps) > 1)
         except InvalidRequest as error:
-            objections.append(f"{leg.name}: {error}")
+            objections += [f"{leg.name}: {text}" for text in (error, *troubles)]
             continue
-        if certificate.refusal is not None:
-            objections.append(f"{leg.name}: {certificate.refusal}")
+        troubles = troubles if certificate.refusal is None else [str(certificate.refusal), *troubles]
+        objections += [f"{leg.name}: {text}" for text in troubles]
         grip = _gripper_motion(world.robot, found[k - 1] if k else None, leg, lenient, squeeze)
         objections += [f"{leg.name}: {grip.refused}"] if grip is not None and grip.refused else []
         motions.append(ProvenMotion(leg, certificate, grip))
@@ -287,8 +290,12 @@ def _require_needed(given: Sequence[tuple[str, str]], needed: set[frozenset[str]
             raise InvalidRequest("allowed", " x ".join(pair), f"a pair that this plan lets touch ({known})")
 
 
-def _how_to_name(a: str, b: str) -> str:
-    return f"if they may, name them again: allowed=[({a!r}, {b!r})], or --allow {shlex.quote(f'{a}:{b}')}"
+def _how_to_name(pairs: Sequence[tuple[str, str]]) -> str:
+    options = [f"--allow {shlex.quote(f'{a}:{b}')}" for a, b in pairs[:MOST_PAIRS]]
+    tuples = [str(pair) for pair in pairs[:MOST_PAIRS]]
+    more = ["..."] if len(pairs) > MOST_PAIRS else []
+    python = f"allowed=[{', '.join([*tuples, *more])}]"
+    return f"if the contact is intended, allow it: {' '.join([*options, *more])} (Python: {python})"
 
 
 def _steps(plan: Plan, world: PlannerService) -> list[Step]:
@@ -342,10 +349,10 @@ def _law_troubles(leg: Leg, asked: Pace | None) -> list[str]:
         peak = getattr(found, kind)
         if not peak.ratio <= 1.0 + SLIGHT:
             joint = robot.joint_names[peak.joint]
-            told.append(f"{joint} has {peak.ratio:.4g} times the {kind} it may have, {peak.time:.3f} s after the begin")
+            told.append(f"{joint} reaches {peak.ratio:.4g} times the {kind} allowed, at t = {peak.time:.3f} s")
     most = None if pace is None else pace.max_tool_speed
     if most is not None and not (speed := peak_tool_speed(robot, trajectory)) <= most * (1.0 + TOOL_SLIGHT):
-        told.append(f"the tool moves at {speed:.4g} m/s; at most {most:g} were asked for (max_tool_speed)")
+        told.append(f"the tool moves at {speed:.4g} m/s; the request allows {most:g} (max_tool_speed)")
     return told
 
 
@@ -353,6 +360,7 @@ def _exempt(before: Leg | None, leg: Leg, named: set[frozenset[str]]) -> tuple[t
     """The stretches of a motion that a rule gives, or that were named, and what is wrong with the others."""
     exempt: list[ExemptInterval] = []
     refused: list[str] = []
+    unruled: dict[tuple[str, str], list[tuple[str, str]]] = {}
     names = Names(leg.robot, leg.scene)
     known = {*(names.link(shape.link) for shape in leg.robot.shapes), *map(names.object, leg.scene.names)}
     for stretch in leg.result.exempt:
@@ -360,18 +368,23 @@ def _exempt(before: Leg | None, leg: Leg, named: set[frozenset[str]]) -> tuple[t
         for pair in stretch.pairs:
             a, b = pair
             if not {a, b} <= known:
-                refused.append(f"{a!r} x {b!r} is not judged: expected links and objects that are there")
+                refused.append(f"{a!r} x {b!r} is exempt, but the robot and the scene have no such pair")
                 continue
             if stretch.s_end > leg.trajectory.path.length + END_SLACK:
-                refused.append(f"{a} x {b} is not judged up to s = {stretch.s_end:.6g}, beyond the end of the path")
+                refused.append(f"{a} x {b} is exempt up to s = {stretch.s_end:.6g}, beyond the end of the path")
                 continue
             ruling = ruled(before, leg, stretch, pair)
             if ruling.reason or frozenset(pair) in named:
                 reasons.setdefault(ruling.reason or "named as a pair that may touch", []).append(pair)
                 continue
             where = f"from s = {stretch.s_start:.4g} to {stretch.s_end:.4g}"
-            refused.append(f"{a} x {b} is not judged {where}: {ruling.objection}; {_how_to_name(a, b)}")
+            unruled.setdefault((where, ruling.objection), []).append(pair)
         exempt += [replace(stretch, pairs=tuple(pairs), reason=reason) for reason, pairs in reasons.items()]
+    for (where, why), pairs in unruled.items():
+        first = ", ".join(f"{a} x {b}" for a, b in pairs[:MOST_PAIRS])
+        more = f" and {len(pairs) - MOST_PAIRS} more pairs" if len(pairs) > MOST_PAIRS else ""
+        verb = "is" if len(pairs) == 1 else "are"
+        refused.append(f"{first}{more} {verb} not judged {where}: {why}; {_how_to_name(pairs)}")
     return tuple(exempt), refused
 
 

@@ -100,7 +100,7 @@ def legs(robot: Robot, scene: Scene, steps: Sequence[Step]) -> Iterator[Leg]:
             scene = _changed(before, step)
             _require_joined(before, step, trajectory)
         if step.scene is not None and not _alike(step.scene, scene):
-            found = f"another scene than {'the begin of the plan has' if before is None else before.name + ' leaves'}"
+            found = f"another scene than {'at the start of the plan' if before is None else 'after ' + before.name}"
             raise _unsound(step, found, "a scene that changes only by what the gripper takes and leaves")
         taken, left = (None, None) if after is None else _exchanged(step, after, scene, robot)
         before = Leg(step.name, step.result, trajectory, opened, scene, taken, left)
@@ -143,7 +143,7 @@ def _opened(robot: Robot, step: Step) -> Robot:
 def _require_same_attached(step: Step, attached: tuple[Attached, ...]) -> None:
     if step.attached != attached:
         found = f"{_names(step.attached)} carried"
-        raise _unsound(step, found, f"{_names(attached)}, as the scene at the begin has it")
+        raise _unsound(step, found, f"{_names(attached)}, as in the scene at the start")
 
 
 def _names(attached: tuple[Attached, ...]) -> str:
@@ -155,7 +155,7 @@ def _require_joined(before: Leg, step: Step, trajectory: Trajectory) -> None:
     off = np.abs(begin - before.end)
     k = int(np.argmax(off))
     if not off[k] <= JOIN:
-        found = f"a begin with {before.robot.joint_names[k]} at {begin[k]:.6g}"
+        found = f"a start with {before.robot.joint_names[k]} at {begin[k]:.6g}"
         raise _unsound(step, found, f"{before.end[k]:.6g}, where {before.name} ends")
 
 

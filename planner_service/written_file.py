@@ -48,7 +48,7 @@ def require_writable(path: str | os.PathLike[str], ours: re.Pattern[bytes] | Non
         where = f"; the folder {target.parent} has to be there" if missing else ""
         raise InvalidFile(os.fspath(path), [f"cannot be written: {reason}{where}"]) from None
     if not regular:  # to put a file in the place of a device or a folder is never meant
-        raise InvalidFile(os.fspath(path), ["cannot be written: it is there, and no regular file"])
+        raise InvalidFile(os.fspath(path), ["cannot be written: it exists and is not a regular file"])
     if head and ours is not None and not ours.match(head):
         expected = "a file of another kind is there; remove it, or choose another name"
         raise InvalidFile(os.fspath(path), [f"cannot be written: {expected}"])

@@ -202,7 +202,7 @@ def test_an_edge_step_of_ones_own_is_known_to_be_unknown(tmp_path: Path) -> None
     service.plan(PlanRequest(service.robot.home, service.robot.home)).save(tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").made_for.edge_step is None
     told = CliRunner().invoke(app, ["certify", str(tmp_path / "plan.json")])
-    assert "an edge step of its maker's own" in " ".join(told.stdout.split())
+    assert "planned with a custom edge step" in " ".join(told.stdout.split())
 
 
 # Files that say something else.
@@ -377,7 +377,7 @@ def test_a_file_with_some_problems_in_a_hundred_places_names_a_hundred(tmp_path:
 def test_many_keys_of_which_one_is_there_twice_are_read_once(tmp_path: Path) -> None:
     keys = ",".join(f'"k{i}":0' for i in range(90_000))
     (tmp_path / "plan.json").write_text("{" + keys + ',"z":0,"z":1}')
-    with pytest.raises(InvalidFile, match="key 'z' is there twice"):
+    with pytest.raises(InvalidFile, match="key 'z' occurs twice"):
         load_plan(tmp_path / "plan.json")
 
 

@@ -33,6 +33,7 @@ from planner_service.written_file import require_writable
 __all__ = [
     "configuration",
     "differences",
+    "from_file",
     "goals",
     "load_libraries",
     "optimise",
@@ -201,6 +202,11 @@ def require_places(files: Mapping[str, str | None]) -> None:
                 raise InvalidRequest(option, file, f"another file than {other}")
 
 
+def from_file(saved: SavedPlan | SavedTask) -> str:
+    """What every command says that uses the scene in a file."""
+    return f"against the scene in this file: {saved.scene.name or 'unnamed'}"
+
+
 def reopened(
     saved: SavedPlan | SavedTask, robot: str | None, scene: str | None
 ) -> tuple[SavedPlan | SavedTask, list[str]]:
@@ -210,7 +216,7 @@ def reopened(
     Raises:
         InvalidRequest: no such robot or scene.
     """
-    made_for, notes = saved.made_for, [f"against the scene in this file: {saved.scene.name or 'unnamed'}"]
+    made_for, notes = saved.made_for, [from_file(saved)]
     notes += differences(made_for.robot) if robot is None else []
     if robot is not None:
         arm, before = load_robot(robot), made_for.robot
@@ -224,7 +230,7 @@ def reopened(
             notes.append(f"made for another scene: {saved.scene.name}, {saved.scene.hash[:12]}")
         made_for = replace(made_for, scene=world)
     if made_for.edge_step is None:
-        notes.append("made with an edge step of its maker's own, which no file holds; here it is MotionStep()")
+        notes.append("planned with a custom edge step, which files do not hold; MotionStep() is used here")
     return saved.within(made_for) if isinstance(saved, SavedTask) else replace(saved, made_for=made_for), notes
 
 

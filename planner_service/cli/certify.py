@@ -28,10 +28,10 @@ def certify(
     allow: Allow = None,
     as_json: AsJson = False,
 ) -> None:
-    """Prove that the whole path of a plan is free, between samples too, or tell where and of what it is not proven.
+    """Prove again that a plan or task is collision-free, between samples too, and keeps its limits.
 
-    Of a task each motion is, and the gripper's own, with what is then carried; and the time laws keep their limits.
-    What is not judged is listed: only what picking and placing need, and pairs named with --allow.
+    Every motion of a task is proven with what it carries, and so is the gripper's opening and closing. Pairs that were
+    not judged are listed: only those that picking and placing need, and those named with --allow.
     """
     with bad_input_exits():
         saved, notes = reopened(load_plan_or_task(plan_file), robot, scene)
@@ -41,8 +41,13 @@ def certify(
     else:
         what = f"{plan_file} with {found.world.robot.name} in {found.world.scene.name}"
         lines = [f"{'certified' if found.certified else 'refused'}: {what}"]
-        lines += [f"  {motion.name}: {_words(motion.certificate)}" for motion in found.motions]
+        for motion in found.motions:
+            if (grip := motion.gripper) is not None:
+                words = f"refused: {grip.refused}" if grip.refused else _words(grip.certificate)
+                lines.append(f"  {grip.name} before {motion.name}: {words}")
+            lines.append(f"  {motion.name}: {_words(motion.certificate)}")
         said = {f"{motion.name}: {motion.certificate.refusal}" for motion in found.motions}
+        said |= {f"{motion.name}: {motion.gripper.refused}" for motion in found.motions if motion.gripper is not None}
         lines += [f"  refused: {objection}" for objection in found.objections if objection not in said]
         notes += found.lenience
         notes += [

@@ -14,6 +14,7 @@ from planner_service.certify import Certifier
 from planner_service.cli import OUR_BUG, listings
 from planner_service.cli.arguments import (
     configuration,
+    from_file,
     goals,
     load_libraries,
     optimise,
@@ -277,6 +278,7 @@ def export(
             text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:
             write_whole(Path(out), text, OURS)
+    typer.echo(f"note: {from_file(saved)}", err=True)
     if out is None:
         emit(text)
 

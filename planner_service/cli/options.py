@@ -64,7 +64,7 @@ Picture = Annotated[str | None, typer.Option("--png", metavar="FILE", help="Draw
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
 Allow = Annotated[
     list[str] | None,
-    typer.Option(metavar="A:B", help="Name again a pair that FILE lets touch and no rule gives; may be repeated."),
+    typer.Option(metavar="A:B", help="Let a pair touch that FILE exempts without a rule; may be repeated."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 

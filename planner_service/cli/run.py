@@ -12,7 +12,14 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from planner_service.cli.arguments import differences, load_libraries, pairs_of_texts, require_obstacles, service_for
+from planner_service.cli.arguments import (
+    differences,
+    from_file,
+    load_libraries,
+    pairs_of_texts,
+    require_obstacles,
+    service_for,
+)
 from planner_service.cli.exits import BAD_INPUT, NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.listings import columns
 from planner_service.cli.options import DEFAULT, Allow, AsJson, Seed
@@ -68,11 +75,13 @@ def run(
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option(help="The robot that is planned for, or your own, which that of FILE must be.  [default: wxai]"),
+        typer.Option(
+            help="The robot to plan for; with FILE your own, which must equal the one in it.  [default: wxai]"
+        ),
     ] = None,
     scene: Annotated[
         str | None,
-        typer.Option(help="The scene that is planned in, or your own, which that of FILE must be.  [default: bin]"),
+        typer.Option(help="The scene to plan in; with FILE your own, which must equal the one in it.  [default: bin]"),
     ] = None,
     allow: Allow = None,
     target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
@@ -80,14 +89,15 @@ def run(
     seed: Seed = DEFAULT.seed,
     as_json: AsJson = False,
 ) -> None:
-    """Execute a plan, motion by motion, and compare where the arm was with where it was to be.
+    """Execute a plan, motion by motion, and compare the measured with the planned motion.
 
-    With --sim and without a FILE a pick-and-place is planned for what lies where it does in the simulation.
+    FILE is proven again first. With --sim and no FILE, a pick-and-place is planned in the simulated scene.
     """
     with bad_input_exits():
         streaming = Streaming(speed=speed, latest=PATIENCE) if sim else Streaming(speed=speed)
         if sim == (arm is not None):
-            raise InvalidRequest("--sim", sim, "either --sim or --arm ADDRESS")
+            found = "neither" if arm is None else "both"
+            raise InvalidRequest("--sim", sim, "one", message=f"got {found}; give either --sim or --arm ADDRESS")
         for name, option in FOR_PLANNING.items():
             source = context.get_parameter_source(name)
             if plan_file is not None and source is not None and source.name != "DEFAULT":
@@ -100,7 +110,7 @@ def run(
             return
         if plan_file is None:
             if allow:
-                raise InvalidRequest("--allow", " ".join(allow), "a FILE whose pairs are named again")
+                raise InvalidRequest("--allow", " ".join(allow), "it with a FILE: it names pairs that FILE exempts")
             plan, done = _planned(load_robot(robot or "wxai"), (scene or "bin", target, onto), seed, streaming)
         else:
             opened = _opened(plan_file, robot, scene, allow, streaming)
@@ -108,6 +118,8 @@ def run(
     if done is None:
         finish(plan.document(), "", plan.failure if isinstance(plan, SavedTask) else None, (), as_json=as_json)
     else:
+        if plan_file is not None and scene is None:
+            typer.echo(f"note: {from_file(plan)}", err=True)
         _tell(done, plan, as_json=as_json)
 
 
@@ -134,7 +146,7 @@ def _opened(
     if robot is not None or scene is not None:
         if robot is None or scene is None:
             option = "--robot" if robot is None else "--scene"
-            raise InvalidRequest(option, None, "--robot and --scene together: the world of FILE, as you know it")
+            raise InvalidRequest(option, None, "both --robot and --scene: your own, to compare with those in FILE")
         service = service_for(robot, scene)
     for note in differences(plan.robot) if service is None else []:
         typer.echo(f"note: {note}", err=True)
@@ -181,15 +193,17 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
         names = ", ".join(motion.name for motion in found.motions)
         seconds = math.fsum(motion.leg.trajectory.duration for motion in found.motions)
         unjudged = ["", "Not judged:", *(f"  {line}" for line in found.lenience)] if found.lenience else []
-        missing = [] if opened.service else ["It needs --robot and --scene, too: the world that the arm stands in."]
+        missing = (
+            [] if opened.service else ["A real arm also needs --robot and --scene: your own, equal to those in FILE."]
+        )
         typer.echo(
             "\n".join(
                 [
-                    f"would move the arm at {address}: {names}; {seconds / speed:.1f} s of motion at {speed:g} of the "
-                    "planned speed.",
+                    f"would move the arm at {address}: {names}; {seconds / speed:.1f} s of motion, "
+                    f"at {100.0 * speed:g}% of the planned speed.",
                     *wrapped(unjudged, "    "),
-                    "Nothing was moved, nor connected to. Rehearse it with --sim, clear the arm's surroundings, have "
-                    "its emergency stop at hand, and say --yes.",
+                    "Nothing moved, and no connection was made. Rehearse it with --sim, clear the area around the arm, "
+                    "keep the emergency stop within reach, then add --yes.",
                     *missing,
                 ]
             ),
@@ -251,10 +265,11 @@ def _table(motions: tuple[ExecutedMotion, ...]) -> Table:
 def _words(found: Rehearsal | ExecutionReport) -> list[str]:
     report: Any = found.report if isinstance(found, Rehearsal) else found
     motion = sum(one.duration for one in report.motions)
-    lines = [f"wall time: {report.seconds:.1f} s, {motion:.1f} s of it motion at {report.speed:g} of the planned speed"]
+    speed = f"{100.0 * report.speed:g}% of the planned speed"
+    lines = [f"wall time: {report.seconds:.1f} s, {motion:.1f} s in motion, at {speed}"]
     if isinstance(found, Rehearsal):
         pairs = sorted({" x ".join(sorted(contact.pair)) for contact in found.meant})
-        lines += [f"contacts nobody meant: {len(found.contacts)}", *(f"  {contact}" for contact in found.contacts)]
+        lines += [f"unexpected contacts: {len(found.contacts)}", *(f"  {contact}" for contact in found.contacts)]
         lines += [f"meant contacts: {', '.join(pairs)}"] if pairs else []
         for name, pose in found.loose.items():
             lines.append(f"{name} lies at {', '.join(f'{x:.4f}' for x in pose.position)}")

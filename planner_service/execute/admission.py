@@ -118,12 +118,12 @@ def require_free_opening(found: Recertified, width: float, near: float) -> None:
 def needs_a_service(plan: Plan) -> InvalidRequest:
     """What is said to whoever would move a real arm by what a file says of the world."""
     made = world_of(plan)
-    expected = (
-        "the robot and the scene that the arm stands in, as you know them: execute(..., service=PlannerService(robot, "
-        f"scene)), or --robot and --scene. This plan was not made here, but for {made.robot.name} "
-        f"({made.robot.hash[:12]}) in {made.scene.name or 'a scene'} ({made.scene.hash[:12]})"
+    expected = "your own robot and scene: --robot and --scene, or execute(..., service=PlannerService(robot, scene))"
+    message = (
+        f"a plan from a file moves a real arm only in {expected}. The file says {made.robot.name} "
+        f"({made.robot.hash[:12]}) in {made.scene.name or 'a scene without a name'} ({made.scene.hash[:12]})"
     )
-    return refusal("service", "none", expected)
+    return InvalidRequest("service", None, expected, message=f"service: {message}")
 
 
 def _unproven(plan: Plan, robot: Robot | None) -> tuple[Robot, list[Motion]]:

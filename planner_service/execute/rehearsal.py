@@ -30,7 +30,7 @@ class Rehearsal:
 
     Attributes:
         report: How it was driven; also of one that was stopped.
-        contacts: That nobody meant: the robot, or what it carried, with anything.
+        contacts: Unexpected ones: the robot, or what it carried, with anything.
         meant: Those of pairs that the plan says may touch: fingers and what they take, that and its supports.
         loose: Where loose obstacles are in the end, by name.
     """
