@@ -474,7 +474,7 @@ def test_nothing_vanishes_appears_or_moves_between_motions(read: SavedTask, bin_
     elsewhere = scene_of(read, "retreat").moved("blue_block", Pose((0.2, -0.3, 0.1)))
     refused(changed(read, "retreat", scene=elsewhere), "retreat: got another scene than after lower", bin_)
     ghost = replace(read, made_for=replace(read.made_for, scene=read.scene.without("demo_post")))
-    refused(ghost, "home -> pregrasp: got another scene than the begin of the plan has", bin_)
+    refused(ghost, "home -> pregrasp: got another scene than at the start of the plan", bin_)
 
 
 def test_an_object_that_was_moved_is_not_grasped_any_more(read: SavedTask, bin_: PlannerService) -> None:
