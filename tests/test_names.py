@@ -197,7 +197,7 @@ def test_a_block_called_like_a_finger_is_taken(carried: TaskResult) -> None:
 
 def test_the_executor_knows_fingers_from_what_they_take(carried: TaskResult) -> None:
     robot = load_robot("wxai")
-    _, motions, _ = admitted(carried, robot, None, allowed=(), simulated=True, allow_unproven=False)
+    _, motions, _ = admitted(carried, robot, None, allowed=(), simulated=True, allow_unproven=False, squeeze=0.0)
     assert [motion.grips for motion in motions] == [False, True, False]
     assert taken(carried, robot) == ("finger_left",)
     assert frozenset(("finger_left (link)", "finger_left (object)")) in meant_contacts(carried)
