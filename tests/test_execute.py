@@ -442,7 +442,7 @@ def test_motions_that_do_not_follow_each_other_are_refused(
     twice = task_of(service, Segment("there", there, 0.06), Segment("again", there, 0.06))
     with pytest.raises(InvalidRequest, match=r"begin of again: got joint_0 at 0\.0000; expected 0\.0400 within"):
         execute(twice, arm, robot, QUICK, allow_unproven=True)
-    with pytest.raises(NotProven, match=r"again: got a begin with joint_0 at 0; expected 0\.04, where there ends"):
+    with pytest.raises(NotProven, match=r"again: got a start with joint_0 at 0; expected 0\.04, where there ends"):
         execute(twice, arm, robot, QUICK)
     assert (arm.told, arm.widths) == ([], [])
 
@@ -660,8 +660,8 @@ def test_a_real_arm_is_not_even_connected_to_without_yes(saved: str, monkeypatch
     done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2"])
     assert done.exit_code == 2
     assert "would move the arm at 192.168.1.2: motion;" in done.stderr
-    assert "0.2 of the planned speed" in done.stderr
-    assert "Nothing was moved" in done.stderr
+    assert "20% of the planned speed" in done.stderr
+    assert "Nothing moved" in done.stderr
 
 
 def test_what_would_be_done_is_told_motion_by_motion(
@@ -671,7 +671,7 @@ def test_what_would_be_done_is_told_motion_by_motion(
     save_plan(task_of(service, *segments), tmp_path / "task.json")
     done = CliRunner().invoke(app, ["run", str(tmp_path / "task.json"), "--arm", "192.168.1.2", "--speed", "0.5"])
     seconds = 2.0 * (2.0 * motion_of(there).duration + motion_of(back).duration)
-    assert f"wave, back, wave; {seconds:.1f} s of motion at 0.5" in done.stderr
+    assert f"wave, back, wave; {seconds:.1f} s of motion, at 50%" in done.stderr
 
 
 def test_for_a_failure_no_arm_is_connected_to(
@@ -707,7 +707,7 @@ def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(
     done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert (done.exit_code, done.stderr) == (0, "")
     assert "executed on the arm" in done.stdout
-    assert "at 0.2 of the planned speed" in done.stdout
+    assert "at 20% of the planned speed" in done.stdout
     assert arm.q == pytest.approx(robot.home + STEP)
     assert arm.closed
 
