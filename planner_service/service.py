@@ -277,6 +277,8 @@ class PlannerService:
             Cancelled: by ``cancel``.
         """
         self._require_own_process()
+        if cancel is not None:
+            instance("cancel", cancel, CancelToken, "a CancelToken, or None")
 
         def poll(_: int) -> None:
             if cancel is not None and cancel.cancelled:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
-from itertools import product
+from itertools import product, repeat
 from pathlib import Path
 from typing import Any
 
@@ -231,6 +231,11 @@ def test_an_object_held_may_touch_only_its_touch_links() -> None:
     allowed = Attached("rod", rod.shape, rod.pose, tuple(names))
     touching = CollisionChecker(WXAI, Scene((), (allowed,))).contacts(q)
     assert all("rod" not in (c.a, c.b) for c in touching)
+
+
+def test_allowed_pairs_without_an_end_are_refused() -> None:
+    with pytest.raises(InvalidRequest, match="allowed: got repeat.*at most 1,000,000 pairs"):
+        CollisionChecker(WXAI, Scene(), allowed=repeat(("link_1", "link_2")))
 
 
 def test_an_allowed_pair_may_touch_in_either_order_and_no_other() -> None:

@@ -207,3 +207,11 @@ def test_the_motion_of_the_gripper_is_saved_and_read(tmp_path: Path) -> None:
     assert read.robot.hash == service.robot.hash  # its gripper stands as it did before
     assert [m.gripper for m in recertify(read).motions] == [m.gripper for m in recertify(task).motions]
     assert recertify(read).motions[0].gripper is not None
+
+
+def test_a_gripper_is_proven_for_pairs_and_tokens_only() -> None:
+    service = PlannerService("wxai", "table")
+    with pytest.raises(InvalidRequest, match="touching: got 5"):
+        service.certify_gripper(service.robot.home, 0.0, 0.05, touching=5)  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match="cancel: got 5"):
+        service.certify_gripper(service.robot.home, 0.0, 0.05, cancel=5)  # type: ignore[arg-type]

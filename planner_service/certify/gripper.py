@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify.certifier import Backend, Certificate, Certifier, ExemptInterval
+from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.proof import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import FloatArray, number, numbers
@@ -94,7 +95,8 @@ def certify_gripper(
     expected = f"a gap between the finger pads in [{gripper.lower:g}, {gripper.upper:g}] m"
     start, end = (number("width", width, expected, gripper.lower, gripper.upper) for width in widths)
     path = JointPath(np.array([[start / 2.0], [end / 2.0]]))
-    exempt = [ExemptInterval(0.0, path.length, tuple(touching), reason)] if touching else []
+    pairs = pairs_of_names("touching", touching)
+    exempt = [ExemptInterval(0.0, path.length, pairs, reason)] if pairs else []
     certifier = Certifier(_fingers_alone(robot, gripper, stands), scene, allowed=allowed, backend=backend)
     certificate = certifier.certify(path, exempt=exempt, charge=charge)
     return GripperMotion(start, end, certificate, time.perf_counter() - began)

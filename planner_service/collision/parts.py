@@ -27,6 +27,10 @@ MAX_PAIRS = 20_000_000
 """Ten clouds of 50,000 boxes around an arm of 40 pieces; more take more memory than most have."""
 
 
+MAX_ALLOWED = 1_000_000
+"""Pairs that a caller may allow: more than any scene has, and an end to a sequence without one."""
+
+
 @dataclass(frozen=True, eq=False)
 class Part:
     """One convex piece: ``owner`` is the link or object it belongs to, maybe with other pieces.
@@ -168,7 +172,9 @@ def sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], .
     pairs = set()
     if isinstance(allowed, (str, bytes, np.ndarray)) or not isinstance(allowed, Iterable):
         raise InvalidRequest("allowed", allowed, "pairs of link or object names")
-    for pair in allowed:
+    for count, pair in enumerate(allowed):
+        if count == MAX_ALLOWED:
+            raise InvalidRequest("allowed", allowed, f"at most {MAX_ALLOWED:,} pairs of link or object names")
         if not isinstance(pair, tuple | list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
             raise InvalidRequest("allowed", pair, "pairs of link or object names")
         pairs.add((min(pair), max(pair)))
