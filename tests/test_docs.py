@@ -16,7 +16,24 @@ import pytest
 from typer.testing import CliRunner
 
 import planner_service
+from planner_service import (
+    grid_file,
+    json_file,
+    mesh,
+    mesh_file,
+    mesh_path,
+    plan_file,
+    record,
+    robot_file,
+    scene,
+    scene_file,
+    toml_file,
+    urdf,
+    xml_file,
+)
 from planner_service.cli.commands import app
+from planner_service.interchange import moveit_scene, problem_set
+from planner_service.roadmap import roadmap_file
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -141,3 +158,34 @@ def test_what_the_reference_explains_are_single_names(site: dict[Path, Page]) ->
     told = re.findall(r'field-body">\s*<b><code>(?:<[^>]+>)*([^<]+)', text)
     assert len(told) > 100
     assert [name for name in told if not re.fullmatch(r"\*{0,2}\w+", name)] == []
+
+
+CAPS: dict[str, tuple[int, ...]] = {
+    "`robot.toml`": (robot_file.MAX_BYTES, toml_file.MAX_KEY_PARTS),
+    "Scene (TOML)": (scene_file.MAX_BYTES, scene.MAX_OBJECTS, toml_file.MAX_KEY_PARTS),
+    "MoveIt `.scene`": (moveit_scene.MAX_BYTES, scene.MAX_OBJECTS, moveit_scene.MAX_LINE),
+    "URDF, SRDF": (xml_file.MAX_XML_BYTES, *[urdf.MAX_ELEMENTS] * 2, xml_file.MAX_ELEMENTS, xml_file.MAX_DEPTH),
+    "Mesh (STL, OBJ, PLY, COLLADA)": (
+        *(mesh_file.MAX_BYTES, mesh_file.MAX_VERTICES, mesh_file.MAX_TRIANGLES),
+        *(mesh.MAX_HULL, xml_file.MAX_DEPTH),
+    ),
+    "Point cloud": (mesh_file.MAX_BYTES, grid_file.MAX_POINTS),
+    "All meshes and clouds of one robot or scene": (mesh_path.MAX_TOTAL,),
+    "Plan or task (JSON)": (
+        *(json_file.MAX_BYTES, json_file.MAX_PARTS, json_file.MAX_KEYS),
+        *(plan_file.MAX_SEGMENTS, record.MAX_WAYPOINTS, plan_file.MAX_DEPTH),
+    ),
+    "Problem set (JSON)": (
+        *(json_file.MAX_BYTES, problem_set.MAX_PROBLEMS),
+        *(problem_set.MAX_GOALS, scene.MAX_OBJECTS),
+    ),
+    "Roadmap": (roadmap_file.MAX_BYTES,),
+}
+
+
+def test_the_caps_of_files_are_those_in_force() -> None:
+    table = (DOCS / "limitations.md").read_text(encoding="utf-8").split("## Files\n")[1].split("\n## ")[0]
+    rows = dict(re.findall(r"^\| ([^|]+) \| (.*) \|$", table, flags=re.MULTILINE))
+    told = {kind: tuple(int(n.replace(",", "")) for n in re.findall(r"\d[\d,]*\d|\d", rows[kind])) for kind in CAPS}
+    assert told == CAPS
+    assert len(rows) == len(CAPS) + 1  # the head; the line below it has no spaces
