@@ -160,7 +160,8 @@ class _Contact:
     Attributes:
         tool: The tool's pose there.
         services: Makes what plans the way in and what plans the way out.
-        touches_in, touches_out: Where contact is meant on the straight lines in and out.
+        touches_in: Where contact is meant on the straight line in.
+        touches_out: Where contact is meant on the straight line out.
         grip: What may touch while the gripper closes or opens there.
         names: Of the three motions: to the line, along it in, along it out.
         objection: Why a configuration there makes no sense, judged by the checker of the way in; empty if it does.

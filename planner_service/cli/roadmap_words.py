@@ -41,11 +41,13 @@ class Learned:
     """What one value of a roadmap knows that another, from which it came, did not.
 
     Attributes:
-        free, blocked: Edges that were not known, and are.
+        free: Edges that were not known, and are free.
+        blocked: Edges that were not known, and are blocked.
         again: Edges that were free before the scene changed, and were found free again.
         fell: Edges that were free before the scene changed, and are blocked.
         rose: Edges that were blocked before the scene changed, and are free.
-        milestones, edges: How many were added.
+        milestones: How many were added.
+        edges: How many were added.
     """
 
     free: int

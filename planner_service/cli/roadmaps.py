@@ -327,7 +327,8 @@ class _Answer:
 
     Attributes:
         file: From which it was read.
-        kept, learned: The roadmap there, and with what was learned.
+        kept: The roadmap there.
+        learned: The same with what was learned.
         notes: What is not as it was when it was judged.
         written: The file to which what was learned went; None if to none.
     """

@@ -134,7 +134,8 @@ class _Cluster:
         body: The body.
         centre: Of each ball, in the body's frame, (b, 3).
         radius: Of each, (b,).
-        middle, around: Centre (3,) and radius of the one.
+        middle: Centre of the one around all, (3,).
+        around: Its radius.
     """
 
     body: int

@@ -15,9 +15,11 @@ class Terms:
     """What decides a verdict.
 
     Attributes:
-        robot, robot_hash: Name and ``Robot.hash``, the gripper's width included.
+        robot: Its name.
+        robot_hash: ``Robot.hash``, the gripper's width included.
         joint_names: The joints of q.
-        scene, scene_hash: Name and ``Scene.hash``.
+        scene: Its name.
+        scene_hash: ``Scene.hash``.
         obstacles: Name and hash of each obstacle, sorted by name.
         attached: Hash of what is attached to the tool.
         allowed: Pairs that may touch, beside those that the robot allows.
