@@ -23,6 +23,9 @@ __all__ = ["MAX_POINTS", "arrays_of", "read_array"]
 MAX_POINTS = MAX_VERTICES
 """Points of a cloud."""
 
+MAX_NUMBERS = 4 * MAX_POINTS
+"""Numbers of a cloud or height field: a byte of the file becomes eight, and a packed one thousands."""
+
 MAX_HEADER = 10_000
 """Bytes of an NPY header: it is a Python literal, and long ones are dear to parse."""
 
@@ -43,8 +46,8 @@ def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
         name: Which array of an NPZ file that holds several.
 
     Raises:
-        InvalidFile: another suffix, larger than 50 MB, packed or not, not what the suffix says, malformed, no array of
-            that name, or something else than real numbers in it.
+        InvalidFile: another suffix, larger than 50 MB, packed or not, more than 2,000,000 numbers, not what the suffix
+            says, malformed, no array of that name, or something else than real numbers in it.
     """
     suffix = path.suffix.lower()
     if suffix not in suffixes:
@@ -53,7 +56,7 @@ def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
         return read_vertices(path)
     data = read_bytes(path, MAX_BYTES)
     try:
-        found = _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data)
+        found = _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data, MAX_NUMBERS)
     except _Unreadable as error:
         raise InvalidFile(path, [str(error)]) from None
     with np.errstate(all="ignore"):  # beyond the range of floats there is infinity
@@ -67,13 +70,14 @@ def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
         most: Bytes of the file, and of each array, at most.
 
     Raises:
-        InvalidFile: it is larger, no file or not to be read. What is returned, too: no such array, or malformed.
+        InvalidFile: it is larger, no file or not to be read. What is returned, too: no such array,
+            packed, or malformed.
     """
     data = read_bytes(path, most)
 
     def array(name: str, kinds: str) -> NDArray[Any]:
         try:
-            found = _npy(_member(data, name, most))
+            found = _npy(_member(data, name, most, packed=False), most)
         except _Unreadable as error:
             raise InvalidFile(path, [str(error)]) from None
         if found.dtype.kind not in kinds:
@@ -83,7 +87,7 @@ def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
     return array
 
 
-def _member(data: bytes, name: str, most: int) -> bytes:
+def _member(data: bytes, name: str, most: int, *, packed: bool = True) -> bytes:
     """The one array file in a zip archive, or that called ``name``."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -91,6 +95,8 @@ def _member(data: bytes, name: str, most: int) -> bytes:
             info = members.get(name) or (next(iter(members.values())) if len(members) == 1 else None)
             if info is None:
                 raise _Unreadable(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
+            if not packed and (info.compress_type != zipfile.ZIP_STORED or info.file_size > len(data)):
+                raise _Unreadable(f"{name}: packed; expected it as numpy.savez writes it")
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise _Unreadable(f"packed by method {info.compress_type}; expected what numpy writes")
             with archive.open(info) as file:
@@ -102,7 +108,7 @@ def _member(data: bytes, name: str, most: int) -> bytes:
     return found
 
 
-def _npy(data: bytes) -> NDArray[Any]:
+def _npy(data: bytes, most: int) -> NDArray[Any]:
     if not data.startswith(MAGIC) or len(data) < len(MAGIC) + 2 or data[len(MAGIC)] not in VERSIONS:
         raise _Unreadable("no NPY: it does not begin as one")
     start = len(MAGIC) + 2
@@ -113,6 +119,8 @@ def _npy(data: bytes) -> NDArray[Any]:
         raise _Unreadable("an NPY header without its end")
     shape, dtype, by_columns = _header(data[start : start + length])
     count = int(np.prod([1, *shape], dtype=object))
+    if count > most:
+        raise _Unreadable(f"an array of shape {shape}; expected at most {most:,} numbers")
     body = data[start + length :]
     if len(body) != count * dtype.itemsize:
         raise _Unreadable(f"{len(body):,} bytes are not those of an array of shape {shape}")

@@ -12,7 +12,7 @@ from typing import Any, NoReturn, TypeVar
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.regular_file import read_bytes
 
-__all__ = ["MAX_BYTES", "Node", "read_json"]
+__all__ = ["MAX_BYTES", "Node", "parse_json", "read_json"]
 
 T = TypeVar("T")
 
@@ -36,7 +36,15 @@ def read_json(path: Path) -> Any:
             line), with NaN or an infinity, with a key twice in one object, a key of more than 500 characters, or more
             than 100,000 keys in one object or 2,000,000 lists and objects.
     """
-    data = read_bytes(path, MAX_BYTES)
+    return parse_json(path, read_bytes(path, MAX_BYTES))
+
+
+def parse_json(path: Path, data: bytes) -> Any:
+    """The value of a JSON text that a file at ``path`` holds.
+
+    Raises:
+        InvalidFile: as ``read_json``, but for the size.
+    """
     if data.count(b"[") + data.count(b"{") > MAX_PARTS:
         raise InvalidFile(path, [f"too large: more than {MAX_PARTS:,} lists and objects"])
     try:

@@ -20,6 +20,9 @@ T = TypeVar("T")
 MAX_TOTAL = 500_000_000
 """Bytes of all meshes and clouds that one robot or scene may name."""
 
+MAX_SCALED = 100_000
+"""Corners of all hulls that one robot or scene makes of files that it has read before, in another scale."""
+
 
 class MeshShelf:
     """Meshes and the like by the names that a robot or scene file gives them.
@@ -35,6 +38,8 @@ class MeshShelf:
         self._folders = tuple(folders)
         self._read: dict[tuple[Path, tuple[float, float, float]], Mesh] = {}
         self._left = MAX_TOTAL
+        self._corners: dict[Path, int] = {}
+        self._scaled = 0
 
     def mesh(self, filename: str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
         """The mesh of that name.
@@ -44,7 +49,11 @@ class MeshShelf:
         """
         key = (self.path(filename), checked_scale("scale", scale))
         if key not in self._read:
+            self._scaled += self._corners.get(key[0], 0)
+            if self._scaled > MAX_SCALED:
+                raise _refused(filename, f"in too many scales: hulls of more than {MAX_SCALED:,} corners in all")
             self._read[key] = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
+            self._corners[key[0]] = len(self._read[key].vertices)
         return self._read[key]
 
     def pieces(self, filename: str, scale: Sequence[float], most: int) -> tuple[Mesh, ...]:

@@ -15,6 +15,9 @@ from planner_service.toml_file import read_tables
 __all__ = ["GripperEntry", "RetreatEntry", "RobotFile", "read_robot_file"]
 
 MAX_BYTES = 1_000_000
+
+MAX_SHOWN = 20
+"""Names of poses that a problem lists."""
 """A robot.toml has a few kilobytes."""
 PACKAGE = "package://"
 AXIS_SLACK = 1e-6
@@ -253,9 +256,11 @@ def _check_poses(robot: RobotFile, problems: list[str]) -> None:
         for joint, value, low, high in zip(robot.joints, q, lower, upper, strict=False):
             if not low <= value <= high:
                 problems.append(f"{where}: {joint} = {value:g} is outside [{low:g}, {high:g}]")
+    known = ", ".join([shown(name)[1:-1] for name in list(robot.poses)[:MAX_SHOWN]])
+    known += ", ..." if len(robot.poses) > MAX_SHOWN else ""
     for index, retreat in enumerate(robot.retreats):
         if retreat.pose not in robot.poses:
-            problems.append(f"retreat[{index}].pose = {shown(retreat.pose)}; expected one of {', '.join(robot.poses)}")
+            problems.append(f"retreat[{index}].pose = {shown(retreat.pose)}; expected one of {known}")
 
 
 class _Table:

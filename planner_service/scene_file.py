@@ -36,6 +36,9 @@ SHAPE_KEYS = (*CONVEX_KEYS, "cloud", "heights", "compound")
 
 POSE_KEYS = ("position", "quaternion_wxyz")
 
+MAX_PROBLEMS = 1_000
+"""Of a file, told one by one."""
+
 MAX_HINTS = 100
 """Spelling hints per file: finding one takes far longer than naming the problem."""
 
@@ -60,8 +63,11 @@ class Table:
         return Table(where, content, self._problems, self._shelf)
 
     def problem(self, text: str) -> None:
-        """Note one problem of this table."""
-        self._problems.append(f"{self.where}: {text}" if self.where else text)
+        """Note one problem of this table; those after the first ``MAX_PROBLEMS`` are not told one by one."""
+        if len(self._problems) < MAX_PROBLEMS:
+            self._problems.append(f"{self.where}: {text}" if self.where else text)
+        elif len(self._problems) == MAX_PROBLEMS:
+            self._problems.append("and more")
 
     def attempt(self, make: Callable[[], T]) -> T | None:
         """What ``make`` returns, or None if it refuses: its reason becomes a problem."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -17,6 +18,8 @@ MAX_DEPTH = 64
 """URDF nests five deep, COLLADA about ten."""
 MAX_ELEMENTS = 500_000
 """An element takes a few hundred bytes of memory, and four bytes of a file."""
+MAX_NAME = 500
+"""Characters of a name: problems repeat it."""
 
 
 class Malformed(Exception):
@@ -27,7 +30,7 @@ def read_xml(path: Path, root_tag: str) -> ElementTree.Element:
     """The root element of a UTF-8 XML file without DTD or entities, at most 10 MB.
 
     Raises:
-        InvalidFile: unreadable, too large, too deep, not UTF-8, not well-formed, or another root.
+        InvalidFile: unreadable, too large, too deep, a name too long, not UTF-8, not well-formed, or another root.
     """
     content = read_bytes(path, MAX_XML_BYTES)
     try:
@@ -43,7 +46,7 @@ def parse_xml(content: bytes) -> ElementTree.Element:
     """The root element of a UTF-8 XML text without DTD or entities.
 
     Raises:
-        Malformed: too deep, too many elements, not UTF-8 or not well-formed.
+        Malformed: too deep, too many elements, a name of more than 500 characters, not UTF-8 or not well-formed.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -75,6 +78,8 @@ class _Limited(ElementTree.TreeBuilder):
             raise Malformed(f"elements nested deeper than {MAX_DEPTH}")
         if self.count > MAX_ELEMENTS:
             raise Malformed(f"more than {MAX_ELEMENTS:,} elements")
+        if len(attrs.get("name", "")) > MAX_NAME:
+            raise Malformed(f"the name {reprlib.repr(attrs['name'])} is longer than {MAX_NAME} characters")
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> ElementTree.Element:

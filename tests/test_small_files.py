@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
+import time
+import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from planner_service import HeightField, InvalidRequest, PointCloud, Roadmap, Robot, load_robot, load_scene
 
 CHILD = """
 import resource, sys
@@ -60,3 +66,58 @@ def test_dots_in_texts_and_numbers_are_no_key(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [30_000, 480_000])
 def test_a_hull_of_too_many_corners_is_refused_before_anything_is_worked_out_for_it(count: int) -> None:
     assert f"a hull of {count:,} corners" in said(str(count))
+
+
+N = 20_000
+HEAD = '<robot name="r"><link name="a"/><link name="b"/>'
+HEAD += '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>'
+
+
+def zipped(name: str, array: np.ndarray) -> bytes:
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **{name: array})  # type: ignore[arg-type]
+    return packed.getvalue()
+
+
+def lists() -> bytes:
+    return zipped("head", np.frombuffer(b"[" + b"[]," * 30_000_000, dtype=np.uint8))
+
+
+CASES = {
+    "a.urdf": f'<robot name="r"><link name="{"L" * 200_000}">{"<collision/>" * N}</link></robot>',
+    "a.srdf": f'<robot name="r"><group_state name="{"L" * 200_000}" group="g">{"<joint/>" * N}</group_state></robot>',
+    "prefix.urdf": f'<robot xmlns:p="{"x" * 200_000}">' + "".join(f"<p:b{k}/>" for k in range(N)) + "</robot>",
+    "dotted/robot.toml": ".".join("a" * 20_000) + " = 1",
+    "poses/robot.toml": "[poses]\n" + "".join(f"p{k}=[1]\n" for k in range(N)) + '[[retreat]]\npose="x"\n' * 10_000,
+    "parts.toml": '[[obstacle]]\nname="a"\nposition=[0,0,0]\ncompound=[' + "{a=1}," * 80_000 + "]\n",
+    "head.npz": lists,
+    "points.npz": lambda: zipped("points", np.zeros((15_000_000, 3), dtype=np.uint8)),
+    "heights.npz": lambda: zipped("heights", np.zeros((6_500, 6_500), dtype=np.uint8)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_a_small_file_holds_is_refused_in_little_time_and_memory(tmp_path: Path, name: str) -> None:
+    path, content = tmp_path / name, CASES[name]
+    path.parent.mkdir(exist_ok=True)
+    data = content() if callable(content) else content.encode()
+    path.write_bytes(data)
+    (tmp_path / "base.urdf").write_text(HEAD + "</robot>")
+    read = {
+        ".urdf": Robot.from_urdf,
+        ".srdf": lambda p: Robot.from_urdf(tmp_path / "base.urdf", srdf=p),
+        ".toml": load_robot if path.name == "robot.toml" else load_scene,
+    }.get(path.suffix, Roadmap.load)
+    if name.startswith("points"):
+        read = lambda p: PointCloud.from_file(p, 0.05)  # noqa: E731
+    if name.startswith("heights"):
+        read = lambda p: HeightField.from_file(p, 0.05)  # noqa: E731
+    began = time.process_time()
+    tracemalloc.start()
+    try:
+        with pytest.raises(InvalidRequest):
+            read(path)
+        assert tracemalloc.get_traced_memory()[1] < 250_000_000
+    finally:
+        tracemalloc.stop()
+    assert time.process_time() - began < 20

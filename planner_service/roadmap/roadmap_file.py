@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.grid_file import arrays_of
-from planner_service.json_file import Node
+from planner_service.json_file import MAX_BYTES as MAX_HEAD
+from planner_service.json_file import Node, parse_json
 from planner_service.regular_file import as_path
 from planner_service.roadmap.knowledge import NOBODY, Knowledge, Verdict
 from planner_service.roadmap.net import Net
@@ -52,6 +53,8 @@ def save_roadmap(roadmap: Roadmap, path: str | os.PathLike[str]) -> None:
         raise InvalidRequest("path", os.fspath(path), f"a path that ends in {SUFFIX}")
     head = {"format": FORMAT, "version": VERSION, "hash": roadmap.hash, **roadmap.head}
     text = json.dumps(head, sort_keys=True, allow_nan=False).encode("ascii")
+    if len(text) > MAX_HEAD:
+        raise InvalidRequest("roadmap", f"{len(text):,} bytes of names", f"at most {MAX_HEAD:,}")
     arrays = {name: _narrow(array) for name, array in roadmap.arrays.items()}
     packed = io.BytesIO()
     np.savez(packed, **{HEAD: np.frombuffer(text, dtype=np.uint8)}, **arrays)  # type: ignore[arg-type]
@@ -95,12 +98,14 @@ def load_roadmap(path: str | os.PathLike[str]) -> Roadmap:
 
 
 def _head(path: Path, codes: NDArray[Any]) -> Any:
+    if codes.ndim != 1 or codes.dtype != np.uint8:
+        raise InvalidFile(path, [f"no roadmap: {HEAD}: it holds no bytes"])
+    if len(codes) > MAX_HEAD:
+        raise InvalidFile(path, [f"no roadmap: {HEAD}: more than {MAX_HEAD:,} bytes"])
     try:
-        if codes.ndim != 1 or codes.dtype != np.uint8:
-            raise ValueError("it holds no bytes")
-        return json.loads(codes.tobytes())
-    except (ValueError, RecursionError) as error:
-        raise InvalidFile(path, [f"no roadmap: {HEAD}: {error}"]) from None
+        return parse_json(path, codes.tobytes())
+    except InvalidFile as error:
+        raise InvalidFile(path, [f"no roadmap: {HEAD}: {problem}" for problem in error.problems]) from None
 
 
 def _roadmap(root: Node, array: Callable[[str, str], NDArray[Any]]) -> Roadmap:
