@@ -234,7 +234,7 @@ def test_an_object_held_may_touch_only_its_touch_links() -> None:
 
 
 def test_allowed_pairs_without_an_end_are_refused() -> None:
-    with pytest.raises(InvalidRequest, match="allowed: got repeat.*at most 1,000,000 pairs"):
+    with pytest.raises(InvalidRequest, match=r"allowed: got repeat.*at most 1,000,000 pairs"):
         CollisionChecker(WXAI, Scene(), allowed=repeat(("link_1", "link_2")))
 
 
