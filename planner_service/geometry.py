@@ -59,7 +59,7 @@ MAX_LENGTH = 1e3
 MAX_ITEMS = 1_000_000
 """Elements of a list a caller gives; an iterator without an end would fill the memory."""
 
-MAX_COORDINATE, MAX_DIRECTION = 1e100, 1e300
+MAX_COORDINATE, MAX_DIRECTION = 1e100, 1e308
 """Of points, whose squares then stay in the range of floats, and of directions, whose products with lengths do."""
 
 MAX_NUMBERS = 20_000_000

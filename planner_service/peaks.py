@@ -182,8 +182,10 @@ def _blend_peaks(
     for order, limit in enumerate(limits):
         plain, turning = np.moveaxis(_bernstein(rates), 1, 0)[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratios = (before * plain + turn * turning) / limit
+            moving = before * plain + turn * turning
+            ratios = moving / limit
         if not np.isfinite(ratios).all():
+            ratios[moving == 0.0] = 0.0  # a joint that stands still may have any limit
             ratios = np.nan_to_num(ratios, nan=math.inf, posinf=math.inf, neginf=-math.inf)
         found[order] = _highest(ratios, found[order], trajectory.knots[rows], h)
         rates = _slope(rates) / h

@@ -355,7 +355,8 @@ def test_a_file_that_is_no_roadmap_is_bad_input(
 ) -> None:
     spoil(there)
     name, *more = command
-    assert message in refused(name, there, *more)
+    told = refused(name, there, *more)
+    assert message in told or (name == "update" and "a file of another kind is there" in told)  # it writes there
 
 
 @pytest.mark.parametrize(

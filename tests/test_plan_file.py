@@ -370,7 +370,7 @@ def test_a_task_is_not_loaded_as_a_plan(there: Path) -> None:
         (b"[]", "got \\[\\]; expected an object"),
         (b"{", "malformed JSON: .*line 1"),
         (b'{"format": NaN}', "NaN is not a number"),
-        (b'{"a": 1, "a": 2}', "key 'a' is there twice"),
+        (b'{"a": 1, "a": 2}', "key 'a' occurs twice in one object"),
         (b"\xff", "not UTF-8"),
         (b"[" * 200_000, "nested too deeply"),
         (b'{"version": ' + b"9" * 10_000 + b"}", "malformed JSON|expected a whole number|format: missing"),

@@ -307,7 +307,7 @@ def test_a_folder_that_is_not_there_and_a_path_that_is_none_are_refused(tmp_path
     with pytest.raises(InvalidFile, match="no such file"):
         Roadmap.load(tmp_path / "no" / "a.npz")
     (tmp_path / "b.npz").mkdir()
-    with pytest.raises(InvalidFile, match="no regular file"):
+    with pytest.raises(InvalidFile, match="not a regular file"):
         sample().save(tmp_path / "b.npz")
     with pytest.raises(InvalidFile, match="not a file"):
         Roadmap.load(tmp_path / "b.npz")

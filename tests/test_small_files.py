@@ -7,10 +7,12 @@ import subprocess
 import sys
 import time
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from planner_service import HeightField, InvalidRequest, PointCloud, Roadmap, Robot, load_robot, load_scene
 
@@ -73,7 +75,7 @@ HEAD = '<robot name="r"><link name="a"/><link name="b"/>'
 HEAD += '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>'
 
 
-def zipped(name: str, array: np.ndarray) -> bytes:
+def zipped(name: str, array: NDArray[np.uint8]) -> bytes:
     packed = io.BytesIO()
     np.savez_compressed(packed, **{name: array})  # type: ignore[arg-type]
     return packed.getvalue()
@@ -83,7 +85,7 @@ def lists() -> bytes:
     return zipped("head", np.frombuffer(b"[" + b"[]," * 30_000_000, dtype=np.uint8))
 
 
-CASES = {
+CASES: dict[str, str | Callable[[], bytes]] = {
     "a.urdf": f'<robot name="r"><link name="{"L" * 200_000}">{"<collision/>" * N}</link></robot>',
     "a.srdf": f'<robot name="r"><group_state name="{"L" * 200_000}" group="g">{"<joint/>" * N}</group_state></robot>',
     "prefix.urdf": f'<robot xmlns:p="{"x" * 200_000}">' + "".join(f"<p:b{k}/>" for k in range(N)) + "</robot>",
@@ -103,15 +105,14 @@ def test_what_a_small_file_holds_is_refused_in_little_time_and_memory(tmp_path: 
     data = content() if callable(content) else content.encode()
     path.write_bytes(data)
     (tmp_path / "base.urdf").write_text(HEAD + "</robot>")
-    read = {
+    readers: dict[str, Callable[[Path], object]] = {
         ".urdf": Robot.from_urdf,
         ".srdf": lambda p: Robot.from_urdf(tmp_path / "base.urdf", srdf=p),
         ".toml": load_robot if path.name == "robot.toml" else load_scene,
-    }.get(path.suffix, Roadmap.load)
-    if name.startswith("points"):
-        read = lambda p: PointCloud.from_file(p, 0.05)  # noqa: E731
-    if name.startswith("heights"):
-        read = lambda p: HeightField.from_file(p, 0.05)  # noqa: E731
+        "points": lambda p: PointCloud.from_file(p, 0.05),
+        "heights": lambda p: HeightField.from_file(p, 0.05),
+    }
+    read = readers.get(path.stem, readers.get(path.suffix, Roadmap.load))
     began = time.process_time()
     tracemalloc.start()
     try:

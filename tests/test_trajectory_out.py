@@ -139,7 +139,7 @@ def test_export_prints_the_message_or_writes_the_table(plan_file: Path, trajecto
     printed = run("export", plan_file, "--format", "joint-trajectory", "--dt", "0.02")
     assert (printed.exit_code, json.loads(printed.stdout)) == (0, joint_trajectory(trajectory, NAMES, 0.02))
     written = run("export", plan_file, "--format", "csv", "--out", tmp_path / "motion.csv")
-    assert (written.exit_code, written.output) == (0, "")
+    assert (written.exit_code, written.stdout) == (0, "")
     assert (tmp_path / "motion.csv").read_text() == csv_text(trajectory, NAMES, 0.01)
 
 
