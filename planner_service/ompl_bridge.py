@@ -65,8 +65,6 @@ _turns = Turns()
 
 _SEEDS = 2**32 - 1
 
-_never_set_up: list[Any] = []
-
 
 def _renew_turns() -> None:
     """In the child of a fork nobody will give back the turn that another thread of the parent held."""
@@ -263,7 +261,7 @@ class _Run:
         self.ready()
 
     def ready(self) -> None:
-        """Make the planner. One that Ctrl-C kept from its setup is never freed: AORRTC's would end the process."""
+        """Make the planner. One that Ctrl-C comes to is set up all the same: AORRTC's destructor crashes without."""
         planner: Any = None
         try:
             planner = getattr(og, self._name)(self._si)
@@ -272,7 +270,9 @@ class _Run:
             planner.setProblemDefinition(self._problem)
             planner.setup()
         except BaseException:
-            _never_set_up.append(planner)
+            if planner is not None:
+                planner.setProblemDefinition(self._problem)
+                planner.setup()
             raise
         self.planner = planner
 

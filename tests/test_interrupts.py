@@ -18,6 +18,7 @@ import ompl.util as ou
 import pytest
 
 from planner_service import (
+    AORRTC,
     PRM,
     CancelToken,
     CollisionChecker,
@@ -116,7 +117,7 @@ def request(planner: Planner | None = None) -> PlanRequest:
     return PlanRequest(START, GOAL, planner=planner or RRTConnect(), time_limit=60.0)
 
 
-@pytest.mark.parametrize("planner", [RRTConnect(range=1.5), PRM(milestones=5)], ids=lambda p: p.name)
+@pytest.mark.parametrize("planner", [RRTConnect(range=1.5), AORRTC(checks=20), PRM(milestones=5)], ids=lambda p: p.name)
 def test_after_ctrl_c_at_any_line_of_a_plan_the_next_is_the_same(planner: Planner) -> None:
     here = PlannerService("planar2", "discs")
     asked = request(planner)
