@@ -9,10 +9,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.arguments import whole
-from benchmarks.report import Report, show, write_json
+from benchmarks.harness.arguments import whole
+from benchmarks.harness.report import Report, show, write_json
 from planner_service.errors import InvalidRequest, MissingDependency
-from planner_service.written_file import require_writable
+from planner_service.files.writing import require_writable
 
 MEASURES = (
     *("toy", "states", "solved", "planners", "speed", "tasks", "proven"),
@@ -21,13 +21,13 @@ MEASURES = (
 )
 
 COMMANDS = {
-    "run": "runner",
-    "compare": "comparison",
-    "check": "gate",
-    "export": "ompl_log",
-    "cold": "cold",
-    "peers": "peers.running",
-    "report": "page",
+    "run": "harness.runner",
+    "compare": "harness.comparison",
+    "check": "harness.gate",
+    "export": "harness.ompl_log",
+    "cold": "studies.cold",
+    "peers": "baselines.peers.running",
+    "report": "pages.page",
     "attack": "attack.running",
 }
 """Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
@@ -142,17 +142,17 @@ def _measured(arguments: argparse.Namespace, console: Console) -> int:
     if arguments.json is not None:
         require_writable(arguments.json)
     if arguments.what in ("queries", "golden"):
-        stored = importlib.import_module("benchmarks.stored")
+        stored = importlib.import_module("benchmarks.harness.stored")
         return int(stored.main(arguments.what, write=arguments.write, console=console))
     if arguments.what == "readme":
-        readme = importlib.import_module("benchmarks.readme")
+        readme = importlib.import_module("benchmarks.harness.readme")
         return int(readme.main(write=arguments.write, console=console))
     reports, left_out = list[Report](), list[str]()
     for name in MEASURES if arguments.what == "all" else [arguments.what]:
         given = {key: getattr(arguments, key) for key in SETTINGS.get(name, ())}
         asked = {key: value for key, value in given.items() if value is not None}
         try:
-            report: Report = importlib.import_module(f"benchmarks.{name}").run(**asked)
+            report: Report = importlib.import_module(f"benchmarks.studies.{name}").run(**asked)
         except (InvalidRequest, MissingDependency) as error:  # a browser or an extra that is not there
             if arguments.what != "all":
                 raise

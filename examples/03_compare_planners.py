@@ -20,7 +20,7 @@ from planner_service import (
     RRTConnect,
     Stage,
 )
-from planner_service.search import Planner
+from planner_service.search.problem import Planner
 
 START, GOAL = (-0.36, 1.93, 0.25, 1.56, -0.27, 0.27), (0.16, 1.55, 1.00, 0.64, -0.10, -0.43)  # a board between them
 SEEDS = range(10)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from planner_service import PRM, PlannerService, PlanRequest, PlanResult, Pose, Roadmap, RRTConnect, Stage
-from planner_service.geometry import FloatArray
-from planner_service.search import Planner
+from planner_service.geometry.shapes import FloatArray
+from planner_service.search.problem import Planner
 
 DOWN = (0.5**0.5, 0.0, 0.5**0.5, 0.0)  # wxyz: the tool points down
 PICK = Pose((0.33, 0.0, 0.16), DOWN)

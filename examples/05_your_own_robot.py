@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 
 from planner_service import Box, Cylinder, Obstacle, PlannerService, PlanRequest, Pose, Robot, Scene
-from planner_service.contact_table import ContactKind
-from planner_service.robot_import import Source, import_robot
+from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.robot_setup.self_collision_matrix import ContactKind
 
 URDF = Path(__file__).with_name("desk_arm.urdf")
 DESK = Scene(

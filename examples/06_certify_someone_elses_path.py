@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from planner_service import JointPath, Pace, PlannerService, PlanRequest, ToppRa
-from planner_service.geometry import FloatArray
+from planner_service.geometry.shapes import FloatArray
 
 GIVEN = np.array(
     [

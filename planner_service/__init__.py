@@ -9,7 +9,6 @@
     print(result.counts, result.trajectory.duration)
 """
 
-from planner_service.batch import Interrupted
 from planner_service.certify import (
     Certificate,
     Certifier,
@@ -29,7 +28,6 @@ from planner_service.collision import (
     Known,
     MotionStep,
 )
-from planner_service.composite import Compound, HeightField, PointCloud
 from planner_service.errors import (
     BrokenInvariant,
     InvalidFile,
@@ -40,16 +38,16 @@ from planner_service.errors import (
     PlanningFailed,
     UnknownName,
 )
-from planner_service.follow import AllowedStretch
-from planner_service.geometry import Box, Capsule, Cylinder, Pose, Sphere
-from planner_service.grasps import top_grasps
-from planner_service.kinematics import inverse_kinematics, straight_tool_line
-from planner_service.many import Processes, Ray, Sequential
-from planner_service.mesh import Mesh
+from planner_service.geometry.composite import Compound, HeightField, PointCloud
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
+from planner_service.grasping.grasps import top_grasps
+from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
+from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import Chomp, Optimise, TrajOpt
-from planner_service.outcome import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
-from planner_service.pace import Pace
-from planner_service.path import JointPath
+from planner_service.parallel import Processes, Ray, Sequential
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
 from planner_service.planners import (
     AORRTC,
     BFMT,
@@ -67,20 +65,22 @@ from planner_service.planners import (
     RRTstar,
     SORRTstar,
 )
-from planner_service.pose_goal import PoseGoal
-from planner_service.primitives import move_linear, pick, place
-from planner_service.replanned import Outcome, Replanned
-from planner_service.request import PlanRequest
+from planner_service.planning.batch import Interrupted
+from planner_service.planning.follow import AllowedStretch
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
+from planner_service.planning.roadmap_work import RoadmapUpdate
+from planner_service.planning.seeds import best_of_seeds, plan_seeds
+from planner_service.planning.timing_stage import Pace
+from planner_service.replanning.result import Outcome, Replanned
 from planner_service.roadmap import Roadmap, Verdict
-from planner_service.roadmap_work import RoadmapUpdate
-from planner_service.robot import JointLimits, Robot, load_robot, robot_names
-from planner_service.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
+from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
+from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
+from planner_service.search.trace import SearchGraph, Trace
 from planner_service.service import PlannerService
-from planner_service.several import best_of_seeds, plan_seeds
-from planner_service.task import Handling, Segment, TaskResult
-from planner_service.timing import SCurve, ToppRa, Trapezoidal
-from planner_service.trace import SearchGraph, Trace
-from planner_service.trajectory import Trajectory
+from planner_service.tasks.primitives import move_linear, pick, place
+from planner_service.tasks.result import Handling, Segment, TaskResult
+from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
 __all__ = [
     "AORRTC",

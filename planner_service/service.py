@@ -15,35 +15,35 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.batch import Batch
 from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
-from planner_service.collision.ledger import Cancelled
+from planner_service.collision.budget import Cancelled
+from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.forks import renew_locks
+from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
-from planner_service.follow import AllowedStretch, FollowRequest, follow
-from planner_service.forks import renew_locks
-from planner_service.geometry import flag, instance
-from planner_service.many import Engine
-from planner_service.outcome import Origin, PlanResult
-from planner_service.pace import Pace
-from planner_service.path import JointPath
-from planner_service.pipeline import Run
-from planner_service.polling import Prepared
-from planner_service.progress import bar
-from planner_service.remedies import WayOut, way_out
-from planner_service.replan import replan
-from planner_service.replanned import Replanned
-from planner_service.request import Goal, PlanRequest, joint_vector
+from planner_service.geometry.shapes import flag, instance
+from planner_service.parallel import Engine
+from planner_service.path.joint_path import JointPath
+from planner_service.planning.accounting import Limits, in_turn
+from planner_service.planning.batch import Batch
+from planner_service.planning.collision_recovery import WayOut, way_out
+from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
+from planner_service.planning.pipeline import Run
+from planner_service.planning.request import Goal, PlanRequest, joint_vector
+from planner_service.planning.result import Origin, PlanResult
+from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
+from planner_service.planning.timing_stage import Pace
+from planner_service.presentation.progress import bar
+from planner_service.replanning.replan import replan
+from planner_service.replanning.result import Replanned
 from planner_service.roadmap import Roadmap, Terms
-from planner_service.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
-from planner_service.robot import Robot, load_robot
-from planner_service.scene import Scene, load_scene
-from planner_service.search import require_seed
-from planner_service.stagebook import Limits, in_turn
-from planner_service.timing import Trapezoidal
-from planner_service.trace import Tracer
-from planner_service.turns import Turns
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Scene, load_scene
+from planner_service.search.problem import require_seed
+from planner_service.search.trace import Tracer
+from planner_service.timing.laws import Trapezoidal
 
 if TYPE_CHECKING:
     from planner_service.view import Shown, Viewer

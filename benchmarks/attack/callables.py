@@ -79,25 +79,21 @@ from planner_service import (
     straight_tool_line,
     top_grasps,
 )
-from planner_service.composite import Solid
-from planner_service.contact_table import contact_table
-from planner_service.episodes import EpisodeWork, episode_task
+from planner_service.datasets import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
-from planner_service.geometry import Shape
-from planner_service.interchange import (
-    csv_text,
-    joint_trajectory,
-    load_world,
-    read_moveit_scene,
-    read_problems,
-    read_urdf_scene,
-    write_csv,
-)
-from planner_service.many import engine_named
-from planner_service.pick_place import places_on, plan_pick_place, standing_on
-from planner_service.plan_file import load_plan, load_plan_or_task, load_task, save_plan
-from planner_service.robot_import import Source, import_robot
-from planner_service.view.still import draw_check
+from planner_service.geometry.composite import Solid
+from planner_service.geometry.shapes import Shape
+from planner_service.parallel import engine_named
+from planner_service.records.plan_file import load_plan, load_plan_or_task, load_task, save_plan
+from planner_service.records.problem_set import read_problems
+from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
+from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.robot_setup.self_collision_matrix import contact_table
+from planner_service.scene.moveit_scene import read_moveit_scene
+from planner_service.scene.urdf_scene import read_urdf_scene
+from planner_service.scene.worlds import load_world
+from planner_service.tasks.pick_place import places_on, plan_pick_place, standing_on
+from planner_service.view.still.pictures import draw_check
 
 __all__ = ["HOSTILE", "SKIPPED", "Call", "calls"]
 

@@ -18,10 +18,10 @@ from benchmarks.attack.worlds import World, draw_world, random_states
 from planner_service import CollisionChecker, JointPath, SCurve, ToppRa, Trapezoidal
 from planner_service.certify import Certifier, EdgeVerdict
 from planner_service.errors import InvalidRequest, PlannerServiceError
-from planner_service.geometry import FloatArray
+from planner_service.geometry.shapes import FloatArray
 
 if TYPE_CHECKING:
-    from tests.independent import IndependentChecker
+    from auditor.checker import IndependentChecker
 
 __all__ = ["Attack"]
 

@@ -16,18 +16,21 @@ from unittest.mock import patch
 import numpy as np
 
 import planner_service as ps
-from benchmarks import rows
 from benchmarks.attack.harness import Case, Part, Wrong, packed, unpacked
 from benchmarks.attack.mutations import changed
 from benchmarks.attack.worlds import draw_robot, draw_scene, scene_of, written
-from planner_service import interchange, plan_file
-from planner_service.data import data_folder
-from planner_service.disk_cache import DiskCache
+from benchmarks.harness import rows
 from planner_service.errors import PlannerServiceError
 from planner_service.execute import Streaming, execute
-from planner_service.geometry import FloatArray
-from planner_service.pick_place import plan_pick_place
+from planner_service.files.disk_cache import DiskCache
+from planner_service.files.package_data import data_folder
+from planner_service.geometry.shapes import FloatArray
+from planner_service.records import plan_file
+from planner_service.records.problem_set import read_problems
 from planner_service.roadmap import Roadmap
+from planner_service.scene.moveit_scene import read_moveit_scene
+from planner_service.scene.urdf_scene import read_urdf_scene
+from planner_service.tasks.pick_place import plan_pick_place
 
 __all__ = ["Attack"]
 
@@ -224,9 +227,9 @@ class _Stock:
             "urdf": ("f.urdf", ps.Robot.from_urdf),
             "robot": ("f.toml", ps.load_robot),
             "srdf": ("f.srdf", lambda path: ps.Robot.from_urdf(urdf, srdf=path)),
-            "world": ("f.urdf", interchange.read_urdf_scene),
-            "moveit": ("f.scene", interchange.read_moveit_scene),
-            "problems": ("f.json", interchange.read_problems),
+            "world": ("f.urdf", read_urdf_scene),
+            "moveit": ("f.scene", read_moveit_scene),
+            "problems": ("f.json", read_problems),
             "cache": (f"cache/{KEY}.bin", lambda path: cache.get(KEY)),
             "results": ("f.jsonl", rows.read),
         }
@@ -303,7 +306,7 @@ class Attack(Part):
 
     def _driven(self, tree: Any) -> None:
         """Whatever a forged file says: what the arm is told collides with nothing and is within its limits."""
-        from tests.arms import FakeArm, FakeTime
+        from tests.support.arms import FakeArm, FakeTime
 
         stock = self._stock
         path = stock.folder / "forged.json"
@@ -316,7 +319,7 @@ class Attack(Part):
         arm = FakeArm(motion(0.0), stone=0.045 if task else 0.0)
         self.counted["forged plans"] += 1
         with (
-            patch("planner_service.execute.execution.time", FakeTime()),
+            patch("planner_service.execute.stream.time", FakeTime()),
             contextlib.suppress(PlannerServiceError),
         ):
             execute(plan, arm, stock.service.robot, Streaming(speed=1.0, settle=0.2))
@@ -337,7 +340,7 @@ class Attack(Part):
 
     def _judge_of(self, taken: str) -> Any:
         """Judges the arm among what stands still all the time; with what is taken, between fingers as far apart."""
-        from tests.independent import IndependentChecker, tables_of
+        from auditor.checker import IndependentChecker, tables_of
 
         if taken not in self._judges:
             scene, folder = self._stock.service.scene, data_folder("robots") / "wxai"

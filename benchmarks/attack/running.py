@@ -15,10 +15,10 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks.arguments import whole
 from benchmarks.attack.harness import Finding, Part, further, read_finding
 from benchmarks.attack.jail import Jail
-from benchmarks.report import table
+from benchmarks.harness.arguments import whole
+from benchmarks.harness.report import table
 from planner_service.errors import InvalidFile
 
 __all__ = ["PARTS", "Summary", "main", "maker", "markdown", "replayed", "run_part"]

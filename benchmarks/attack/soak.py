@@ -25,7 +25,7 @@ from planner_service import (
     load_scene,
     save_scene,
 )
-from planner_service.plan_file import load_plan
+from planner_service.records.plan_file import load_plan
 
 __all__ = ["Attack"]
 

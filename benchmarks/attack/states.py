@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.agreement import WITHIN
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.worlds import World, between, draw_world, random_states
+from benchmarks.studies.agreement import WITHIN
 from planner_service import CollisionChecker
 
 __all__ = ["Attack"]

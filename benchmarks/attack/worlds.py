@@ -12,11 +12,11 @@ import numpy as np
 
 from benchmarks.attack.domain import JOINTS, LENGTHS, OBSTACLES, ROBOTS
 from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
-from planner_service.data import data_folder
-from planner_service.geometry import FloatArray, Shape
+from planner_service.files.package_data import data_folder
+from planner_service.geometry.shapes import FloatArray, Shape
 
 if TYPE_CHECKING:
-    from tests.independent import IndependentChecker
+    from auditor.checker import IndependentChecker
 
 __all__ = ["World", "between", "draw_obstacle", "draw_robot", "draw_scene", "draw_world", "random_states", "written"]
 
@@ -172,7 +172,7 @@ class World:
 
     def independent(self, scene: Scene | None = None) -> IndependentChecker:
         """The judge that shares no code with the package."""
-        from tests.independent import IndependentChecker, tables_of
+        from auditor.checker import IndependentChecker, tables_of
 
         return IndependentChecker(self._table, tables_of(self.scene if scene is None else scene))
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import queries
-from benchmarks.states import plan
+from benchmarks.studies.states import plan
+from benchmarks.worlds import queries
 from planner_service import CollisionChecker, JointPath, Known, PlannerService, Pose, RRTConnect, ToppRa
 from planner_service.certify import Certifier
-from planner_service.kinematics import inverse_kinematics
-from planner_service.oracle import SearchOracle
-from planner_service.search import SearchProblem
-from planner_service.smoothing import shortcut
+from planner_service.kinematics.inverse import inverse_kinematics
+from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import SearchProblem
+from planner_service.smoothing.smoothing import shortcut
 
 Benchmark = Callable[..., Any]
 """The fixture of pytest-benchmark: calls a function again and again, and times it."""

@@ -1,7 +1,7 @@
 """The proof that a whole curve is free, between samples too; it shares no code with the search."""
 
 from planner_service.certify.certifier import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
-from planner_service.certify.edge import EdgeProof, EdgeVerdict
+from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.gripper import GripperMotion, certify_gripper
 
 __all__ = [

@@ -12,16 +12,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner_service.certify.edge import EdgeProof, EdgeVerdict
-from planner_service.certify.motion import Motion
+from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
+from planner_service.certify.interval_proof import Span
+from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.proof import LIMIT_SLACK, Prover, native_prover, numpy_prover
-from planner_service.certify.tree import Span
+from planner_service.certify.prover import LIMIT_SLACK, Prover, native_prover, numpy_prover
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry import FloatArray, copied_in, finite_numbers, instance, items, number, numbers
-from planner_service.path import JointPath
-from planner_service.robot import Robot
-from planner_service.scene import Scene
+from planner_service.geometry.shapes import FloatArray, copied_in, finite_numbers, instance, items, number, numbers
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
 
 __all__ = ["MARGIN", "Backend", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]
 

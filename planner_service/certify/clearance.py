@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.certify.motion import Motion
+from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.separation import refined_gaps, rough_gaps
-from planner_service.geometry import FloatArray
+from planner_service.geometry.shapes import FloatArray
 
 __all__ = ["CLEARANCE_ROUNDS", "smallest_gaps"]
 

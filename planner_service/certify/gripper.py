@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 
 from planner_service.certify.certifier import Backend, Certificate, Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.certify.proof import LIMIT_SLACK
+from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers
-from planner_service.locking import lock_joints
-from planner_service.path import JointPath
-from planner_service.robot import AllowedContact, Body, Gripper, JointLimits, LinkShape, Robot
-from planner_service.scene import Scene
+from planner_service.geometry.shapes import FloatArray, number, numbers
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.locking import lock_joints
+from planner_service.robot.model import AllowedContact, Body, Gripper, JointLimits, LinkShape, Robot
+from planner_service.scene.scene import Scene
 
 __all__ = ["GripperMotion", "certify_gripper"]
 

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry import FloatArray
+from planner_service.geometry.shapes import FloatArray
 
 __all__ = ["Corners", "nearest_of", "walked"]
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.certify.bundles import MANY, Bundle, bundled
-from planner_service.composite import Composite, Solid
+from planner_service.certify.box_tree import MANY, Bundle, bundled
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry import FloatArray, Shape
-from planner_service.robot import Robot
-from planner_service.scene import Scene
+from planner_service.geometry.composite import Composite, Solid
+from planner_service.geometry.shapes import FloatArray, Shape
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
 
 __all__ = ["FIXED", "Frame", "Piece", "ProofPairs", "pairs_of_names"]
 

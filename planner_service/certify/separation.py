@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from planner_service.certify.hulls import Corners, walked
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
-from planner_service.mesh import Mesh
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
 
 __all__ = ["Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps"]
 

@@ -11,24 +11,24 @@ from typing import TypeVar
 
 import numpy as np
 
-from planner_service import plan_file
 from planner_service.cli import plot
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
-from planner_service.geometry import FloatArray, Pose
-from planner_service.interchange import load_world
+from planner_service.files.writing import require_writable
+from planner_service.geometry.shapes import FloatArray, Pose
 from planner_service.optimize import Optimise, load_solver
-from planner_service.path import JointPath
-from planner_service.plan_file import TIMINGS, SavedPlan, SavedTask
+from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, Planner, planner_by_name
-from planner_service.recertify import recertify
-from planner_service.request import PlanRequest
-from planner_service.roadmap.terms import Terms
-from planner_service.robot import Robot, load_robot, robot_names
-from planner_service.scene import Scene
+from planner_service.planning.request import PlanRequest
+from planner_service.records import plan_file
+from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
+from planner_service.records.recertify import recertify
+from planner_service.roadmap.validity import Terms
+from planner_service.robot.model import Robot, load_robot, robot_names
+from planner_service.scene.scene import Scene
+from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
-from planner_service.timing import Timing
-from planner_service.view import still
-from planner_service.written_file import require_writable
+from planner_service.timing.laws import Timing
+from planner_service.view.still import pictures as still
 
 __all__ = [
     "configuration",

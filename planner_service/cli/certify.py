@@ -9,13 +9,13 @@ import typer
 
 from planner_service.certify import Certificate
 from planner_service.cli.arguments import pairs_of_texts, reopened
-from planner_service.cli.exits import NO_PLAN, bad_input_exits, json_text
+from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, json_text
 from planner_service.cli.options import Allow, AsJson
 from planner_service.cli.tables import emit, render
-from planner_service.plan_file import load_plan_or_task
-from planner_service.recertify import Recertified, recertify
-from planner_service.result_record import certificate_record
-from planner_service.stagebook import in_words
+from planner_service.planning.accounting import in_words
+from planner_service.records.plan_file import load_plan_or_task
+from planner_service.records.recertify import Recertified, recertify
+from planner_service.records.result import certificate_record
 
 __all__ = ["certify"]
 

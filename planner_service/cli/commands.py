@@ -29,8 +29,8 @@ from planner_service.cli.arguments import (
 )
 from planner_service.cli.certify import certify
 from planner_service.cli.episodes import episodes
-from planner_service.cli.exits import NO_PLAN, bad_input_exits, finish, json_text, wrapped
-from planner_service.cli.imported import import_record, import_table, locks, to_check
+from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, finish, json_text, wrapped
+from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.options import (
     DEFAULT,
     SECONDS,
@@ -71,19 +71,19 @@ from planner_service.cli.tables import (
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.health import examine
-from planner_service.interchange import csv_text, joint_trajectory, load_world, task_csv_text, task_trajectories
-from planner_service.interchange.trajectory_out import OURS
-from planner_service.outcome import PlanResult
-from planner_service.pick_place import plan_pick_place
-from planner_service.plan_file import MadeFor, SavedPlan, SavedTask, load_plan_or_task, save_plan
-from planner_service.request import PlanRequest
-from planner_service.robot import load_robot
-from planner_service.robot_import import Source, import_robot
-from planner_service.scene import scene_names
+from planner_service.files.writing import require_writable, write_whole
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import PlanResult
+from planner_service.records.plan_file import MadeFor, SavedPlan, SavedTask, load_plan_or_task, save_plan
+from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
+from planner_service.robot.model import load_robot
+from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.robot_setup.kernel_check import examine
+from planner_service.scene.scene import scene_names
+from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
-from planner_service.view.still import draw_check, draw_plan, draw_task
-from planner_service.written_file import require_writable, write_whole
+from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.view.still.pictures import draw_check, draw_plan, draw_task
 
 __all__ = ["app"]
 

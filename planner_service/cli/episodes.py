@@ -8,13 +8,13 @@ from typing import Annotated, Any
 
 import typer
 
-from planner_service.cli.exits import NO_PLAN, bad_input_exits, json_text
+from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, json_text
 from planner_service.cli.options import AsJson, RobotName, Seed
 from planner_service.cli.tables import emit, render
-from planner_service.episodes import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
-from planner_service.many.named import engine_named
-from planner_service.progress import bar
-from planner_service.robot import load_robot
+from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
+from planner_service.parallel.named import engine_named
+from planner_service.presentation.progress import bar
+from planner_service.robot.model import load_robot
 
 __all__ = ["episodes"]
 

@@ -9,10 +9,10 @@ from rich import box
 from rich.table import Table
 
 from planner_service.errors import MissingDependency
-from planner_service.geometry import Box
-from planner_service.mesh import Mesh
-from planner_service.robot import Robot, load_robot, robot_names
-from planner_service.scene import Attached, Obstacle, Scene
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box
+from planner_service.robot.model import Robot, load_robot, robot_names
+from planner_service.scene.scene import Attached, Obstacle, Scene
 
 __all__ = [
     "columns",

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from planner_service.planners import PLANNERS
-from planner_service.request import PlanRequest
+from planner_service.planning.request import PlanRequest
 
 __all__ = [
     "DEFAULT",

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from planner_service.certify import Certifier
-from planner_service.geometry import FloatArray
-from planner_service.path import JointPath
-from planner_service.written_file import write_whole
+from planner_service.files.writing import write_whole
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
 
 __all__ = ["OURS", "clearance_svg", "clearances_along", "write_clearance_plot"]
 

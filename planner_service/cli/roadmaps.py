@@ -23,7 +23,7 @@ from planner_service.cli.arguments import (
     timing_by_name,
     unit_of,
 )
-from planner_service.cli.exits import bad_input_exits, finish, json_text, wrapped
+from planner_service.cli.exit_codes import bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.options import (
     DEFAULT,
     SECONDS,
@@ -42,7 +42,7 @@ from planner_service.cli.options import (
     TimingName,
     ToolSpeed,
 )
-from planner_service.cli.roadmap_words import (
+from planner_service.cli.roadmap_text import (
     Learned,
     cost_words,
     difference,
@@ -58,15 +58,15 @@ from planner_service.cli.roadmap_words import (
 from planner_service.cli.tables import console, emit, plan_rows, plan_words, render, table
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.interchange import load_world
-from planner_service.plan_file import MadeFor, SavedPlan, save_plan
-from planner_service.request import PlanRequest
+from planner_service.files.writing import require_writable
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.roadmap_work import GROWERS, Grower, require_robot
+from planner_service.records.plan_file import MadeFor, SavedPlan, save_plan
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.roadmap.roadmap_file import OURS, SUFFIX
-from planner_service.roadmap_work import GROWERS, Grower, require_robot
-from planner_service.robot import load_robot
+from planner_service.robot.model import load_robot
+from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
-from planner_service.written_file import require_writable
 
 __all__ = ["roadmaps"]
 

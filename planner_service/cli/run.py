@@ -20,7 +20,7 @@ from planner_service.cli.arguments import (
     require_obstacles,
     service_for,
 )
-from planner_service.cli.exits import BAD_INPUT, NO_PLAN, bad_input_exits, finish, json_text, wrapped
+from planner_service.cli.exit_codes import BAD_INPUT, NO_PLAN, bad_input_exits, finish, json_text, wrapped
 from planner_service.cli.listings import columns
 from planner_service.cli.options import DEFAULT, Allow, AsJson, Seed
 from planner_service.cli.tables import emit, render
@@ -37,15 +37,15 @@ from planner_service.execute import (
     execute,
     rehearse,
 )
-from planner_service.execute.admission import needs_a_service
+from planner_service.execute.preconditions import needs_a_service
 from planner_service.execute.trossen import JOINT_NAMES
-from planner_service.interchange import load_world
-from planner_service.pick_place import plan_pick_place
-from planner_service.plan_file import SavedPlan, SavedTask, load_plan_or_task
-from planner_service.recertify import Recertified, recertify
-from planner_service.request import PlanRequest
-from planner_service.robot import Robot, load_robot
+from planner_service.planning.request import PlanRequest
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task
+from planner_service.records.recertify import Recertified, recertify
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
+from planner_service.tasks.pick_place import plan_pick_place
 
 __all__ = ["run"]
 

@@ -14,10 +14,10 @@ from rich.text import Text
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CheckCounts
-from planner_service.health import Health
-from planner_service.outcome import MotionReport, PlanResult, PolishReport, Stage, StageReport
-from planner_service.plan_file import SavedTask
-from planner_service.stagebook import in_words
+from planner_service.planning.accounting import in_words
+from planner_service.planning.result import MotionReport, PlanResult, PolishReport, Stage, StageReport
+from planner_service.records.plan_file import SavedTask
+from planner_service.robot_setup.kernel_check import Health
 
 __all__ = [
     "UNATTENDED_WIDTH",

@@ -12,14 +12,14 @@ from typing import Annotated
 import typer
 
 from planner_service.cli.arguments import reopened, require_proven
-from planner_service.cli.exits import bad_input_exits
+from planner_service.cli.exit_codes import bad_input_exits
 from planner_service.cli.options import Allow
 from planner_service.cli.tables import emit
 from planner_service.errors import InvalidRequest
-from planner_service.interchange import load_world
-from planner_service.outcome import Origin
-from planner_service.plan_file import SavedTask, load_plan_or_task
-from planner_service.robot import load_robot
+from planner_service.planning.result import Origin
+from planner_service.records.plan_file import SavedTask, load_plan_or_task
+from planner_service.robot.model import load_robot
+from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.view import HOST, PORT, Shown, open_viewer
 

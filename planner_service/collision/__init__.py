@@ -1,8 +1,8 @@
 """Is it free? The collision checker, its counts and its edges."""
 
+from planner_service.collision.budget import Cancelled, CancelToken, CheckCounts
 from planner_service.collision.checker import CollisionChecker, Contact
-from planner_service.collision.edges import EdgeStep, JointStep, Known, MotionStep
-from planner_service.collision.ledger import Cancelled, CancelToken, CheckCounts
+from planner_service.collision.edge_sampling import EdgeStep, JointStep, Known, MotionStep
 
 __all__ = [
     "CancelToken",

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.collision.nearest import Solid, gap_of
+from planner_service.collision.gjk import Solid, gap_of
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
-from planner_service.mesh import Mesh
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
 
 __all__ = [
     "Placed",

@@ -9,8 +9,10 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner_service.collision.backends import Backend, Compiled, judge_for
+from planner_service.collision.budget import CancelToken, CheckCounts, Ledger, SearchStopped
 from planner_service.collision.contact import Contact, EdgeHit, deepest, rounded_down
-from planner_service.collision.edges import (
+from planner_service.collision.edge_sampling import (
     MAX_SEGMENTS,
     EdgeStep,
     FinestStep,
@@ -22,18 +24,16 @@ from planner_service.collision.edges import (
     glance_of,
     judged_ends,
 )
-from planner_service.collision.judge import Backend, Compiled, judge_for
-from planner_service.collision.kernel import Found, Kernel, rules_of
-from planner_service.collision.ledger import CancelToken, CheckCounts, Ledger, SearchStopped
-from planner_service.collision.near import NearPairs, measuring_kernel
-from planner_service.collision.parts import Parts, require_padding, sorted_pairs
-from planner_service.collision.prefilter import Prefilter
+from planner_service.collision.native_kernel import Found, Kernel, rules_of
+from planner_service.collision.numpy_broadphase import Prefilter
+from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
+from planner_service.collision.proximity import NearPairs, measuring_kernel
+from planner_service.concurrency.polling import Prepared, asked
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, instance, number, numbers, read_only, whole
-from planner_service.path import JointPath
-from planner_service.polling import Prepared, asked
-from planner_service.robot import Robot
-from planner_service.scene import Scene
+from planner_service.geometry.shapes import FloatArray, instance, number, numbers, read_only, whole
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
 
 __all__ = ["Backend", "CollisionChecker", "Contact", "EdgeHit"]
 

@@ -15,8 +15,8 @@ import fcl
 import numpy as np
 
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
-from planner_service.mesh import Mesh
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
 
 __all__ = ["FclJudge"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from planner_service.robot import Robot
-from planner_service.scene import KIND_SUFFIXES, Scene
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import KIND_SUFFIXES, Scene
 
 __all__ = ["Kind", "Names", "Owner", "owner_of"]
 

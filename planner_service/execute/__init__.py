@@ -3,13 +3,13 @@
 ``execute`` is here and not in ``planner_service`` itself, where a function of that name would hide this package.
 """
 
-from planner_service.execute.admission import Executable
 from planner_service.execute.driver import ArmLimits, Driver
-from planner_service.execute.execution import execute
-from planner_service.execute.rehearsal import Rehearsal, meant_contacts, rehearse, taken
+from planner_service.execute.preconditions import Executable
 from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
+from planner_service.execute.settings import HARDWARE_SPEED, Streaming
+from planner_service.execute.simulate import Rehearsal, meant_contacts, rehearse, taken
 from planner_service.execute.simulator import ArmContact, SimulatedArm
-from planner_service.execute.streaming import HARDWARE_SPEED, Streaming
+from planner_service.execute.stream import execute
 from planner_service.execute.trossen import TrossenDriver
 
 __all__ = [

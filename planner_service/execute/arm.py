@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.execute.admission import refusal
 from planner_service.execute.driver import ArmLimits, Driver
-from planner_service.geometry import FloatArray, number, numbers
-from planner_service.robot import Robot
+from planner_service.execute.preconditions import refusal
+from planner_service.geometry.shapes import FloatArray, number, numbers
+from planner_service.robot.model import Robot
 
 __all__ = ["Arm", "Call"]
 

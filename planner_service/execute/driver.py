@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, numbers
+from planner_service.geometry.shapes import FloatArray, numbers
 
 __all__ = ["ArmLimits", "Driver"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from planner_service.errors import PlannerServiceError
-from planner_service.geometry import FloatArray, copied_in, numbers, read_only, whole
-from planner_service.robot import Robot
-from planner_service.trajectory import Trajectory
+from planner_service.geometry.shapes import FloatArray, copied_in, numbers, read_only, whole
+from planner_service.path.trajectory import Trajectory
+from planner_service.robot.model import Robot
 
 __all__ = ["ExecutedMotion", "ExecutionReport", "ExecutionStopped", "Recording"]
 

@@ -28,11 +28,11 @@ from planner_service.collision.names import Names
 from planner_service.errors import BrokenInvariant, InvalidRequest, MissingDependency
 from planner_service.execute.mjcf import MARK, link_of, mjcf_text
 from planner_service.execute.trossen import SIMULATED_LAG, TrossenDriver
-from planner_service.geometry import Pose
-from planner_service.package_files import package_folder
-from planner_service.request import joint_vector
-from planner_service.robot import Robot
-from planner_service.scene import Scene
+from planner_service.geometry.shapes import Pose
+from planner_service.planning.request import joint_vector
+from planner_service.robot.model import Robot
+from planner_service.robot.package_files import package_folder
+from planner_service.scene.scene import Scene
 
 __all__ = ["ArmContact", "SimulatedArm", "arm_file"]
 

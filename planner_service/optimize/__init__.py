@@ -5,9 +5,9 @@ Nothing here says that a curve is free: distances suggest, the checker and the c
 
 from planner_service.optimize.chomp import Chomp
 from planner_service.optimize.method import Found, Method
-from planner_service.optimize.program import load_solver
+from planner_service.optimize.problem import Figures
+from planner_service.optimize.qp_step import load_solver
 from planner_service.optimize.settings import FEW_CORNERS, METHODS, MOST_CLEARANCE, Optimise, Optimum
-from planner_service.optimize.task import Figures
 from planner_service.optimize.trajopt import TrajOpt
 
 __all__ = [

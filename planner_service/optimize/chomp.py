@@ -13,15 +13,15 @@ from itertools import product
 
 import numpy as np
 
-from planner_service.bodies import Body
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Shape, Sphere, number, whole
-from planner_service.mesh import Mesh
-from planner_service.optimize.course import IntArray, Samples, summed
-from planner_service.optimize.field import DistanceField, field_of
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere, number, whole
+from planner_service.optimize.curve import IntArray, Samples, summed
+from planner_service.optimize.distance_field import DistanceField, field_of
 from planner_service.optimize.method import Found
-from planner_service.optimize.task import RAMP, Task
+from planner_service.optimize.problem import RAMP, Task
+from planner_service.robot.kinematic_tree import Body
 
 __all__ = ["Balls", "Chomp"]
 

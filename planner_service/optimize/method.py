@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from planner_service.geometry import FloatArray
+from planner_service.geometry.shapes import FloatArray
 
 if TYPE_CHECKING:
-    from planner_service.optimize.task import Task
+    from planner_service.optimize.problem import Task
 
 __all__ = ["Found", "Method"]
 

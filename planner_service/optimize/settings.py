@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, number, numbers, read_only, whole
+from planner_service.geometry.shapes import FloatArray, number, numbers, read_only, whole
 from planner_service.optimize.chomp import Chomp
-from planner_service.optimize.course import course_path, evenly
+from planner_service.optimize.curve import course_path, evenly
 from planner_service.optimize.method import Method
-from planner_service.optimize.task import Figures, Task, Terms
+from planner_service.optimize.problem import Figures, Task, Terms
 from planner_service.optimize.trajopt import TrajOpt
-from planner_service.path import JointPath
+from planner_service.path.joint_path import JointPath
 
 __all__ = ["FEW_CORNERS", "METHODS", "MOST_CLEARANCE", "Optimise", "Optimum"]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.geometry import FloatArray, whole
-from planner_service.optimize.course import Samples
+from planner_service.geometry.shapes import FloatArray, whole
+from planner_service.optimize.curve import Samples
 from planner_service.optimize.method import Found
-from planner_service.optimize.program import Step, solved
-from planner_service.optimize.task import Look, Task
+from planner_service.optimize.problem import Look, Task
+from planner_service.optimize.qp_step import Step, solved
 
 __all__ = ["TrajOpt"]
 

@@ -20,12 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.collision.contact import EdgeHit
-from planner_service.collision.edges import KNOWN_ENDS
-from planner_service.geometry import FloatArray
-from planner_service.roadmap.knowledge import Knowledge, Lesson, Verdict
-from planner_service.roadmap.net import Neighbour, Net
-from planner_service.roadmap.places import Place, nearest_places
-from planner_service.search import Configuration, GlancingOracle, SearchProblem, distances, joint_distance, of_tuples
+from planner_service.collision.edge_sampling import KNOWN_ENDS
+from planner_service.geometry.shapes import FloatArray
+from planner_service.roadmap.graph import Neighbour, Net
+from planner_service.roadmap.nearest import Place, nearest_places
+from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
+from planner_service.search.problem import (
+    Configuration,
+    GlancingOracle,
+    SearchProblem,
+    distances,
+    joint_distance,
+    of_tuples,
+)
 
 __all__ = ["Carried", "Query"]
 

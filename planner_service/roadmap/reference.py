@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NoReturn
 
 from planner_service.errors import InvalidRequest
-from planner_service.search import SearchProblem
+from planner_service.search.problem import SearchProblem
 
 __all__ = ["RoadmapReference"]
 

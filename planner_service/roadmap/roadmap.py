@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType, NoneType
@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.collision import CheckCounts
-from planner_service.collision.ledger import SearchStopped
+from planner_service.collision.budget import SearchStopped
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, copied_in, instance, items, numbers, read_only
-from planner_service.roadmap.knowledge import Knowledge, Lesson, Verdict
-from planner_service.roadmap.net import Net, checked_edges
-from planner_service.roadmap.places import nearest_places
+from planner_service.geometry.shapes import FloatArray, copied_in, instance, items, numbers, read_only
+from planner_service.roadmap.graph import Net, checked_edges
+from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.query import Carried, Query
-from planner_service.roadmap.terms import Terms
-from planner_service.search import SearchProblem, SearchResult
+from planner_service.roadmap.validity import Terms
+from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
+from planner_service.search.problem import SearchProblem, SearchResult
 
-__all__ = ["Built", "Roadmap"]
+__all__ = ["Built", "Roadmap", "RoadmapSearchResult"]
 
 FCL_NOISE = 1e-5
 """Metres of padding; by less than a tenth of it what FCL finds apart may depend on nothing but rounding."""
@@ -169,7 +169,7 @@ class Roadmap:
         """A ``Verdict`` on every edge, shape (E,)."""
         return self.edge_knowledge.verdicts
 
-    def search(self, problem: SearchProblem, *, carried: Carried | None = None) -> SearchResult:
+    def search(self, problem: SearchProblem, *, carried: Carried | None = None) -> RoadmapSearchResult:
         """A short path over it from the start to any of the goals, as a planner; the seed plays no part.
 
         Edges are judged only once a path needs them, those that join the ends to the roadmap always. One that is
@@ -191,7 +191,7 @@ class Roadmap:
             stopped = error.with_traceback(None)
         points, goal = (None, None) if route is None else (np.array(route[0]), route[1])
         note = f"{len(self.milestones)} milestones, {len(self.edges)} edges"
-        return SearchResult(points, goal, note, stopped, roadmap=self.with_lessons(*query.learned))
+        return RoadmapSearchResult(points, goal, note, stopped, roadmap=self.with_lessons(*query.learned))
 
     def prepare(self) -> None:
         """Sort what queries look up, once for all roadmaps that come from this one; 100,000 milestones take 0.3 s."""
@@ -319,3 +319,14 @@ class Roadmap:
         from planner_service.roadmap.roadmap_file import load_roadmap
 
         return load_roadmap(path)
+
+
+@dataclass(frozen=True, eq=False)
+class RoadmapSearchResult(SearchResult):
+    """What a search of a roadmap found.
+
+    Attributes:
+        roadmap: The roadmap with all that the search learned.
+    """
+
+    roadmap: Roadmap = field(kw_only=True)

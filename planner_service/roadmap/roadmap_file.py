@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.grid_file import arrays_of
-from planner_service.json_file import MAX_BYTES as MAX_HEAD
-from planner_service.json_file import Node, parse_json
-from planner_service.regular_file import as_path
-from planner_service.roadmap.knowledge import NOBODY, Knowledge, Verdict
-from planner_service.roadmap.net import Net
+from planner_service.files.json_reader import MAX_BYTES as MAX_HEAD
+from planner_service.files.json_reader import Node, parse_json
+from planner_service.files.reading import as_path
+from planner_service.files.writing import write_whole
+from planner_service.geometry.point_files import arrays_of
+from planner_service.roadmap.graph import Net
 from planner_service.roadmap.roadmap import Built, Roadmap
-from planner_service.roadmap.terms import Terms
-from planner_service.written_file import write_whole
+from planner_service.roadmap.validity import Terms
+from planner_service.roadmap.verdicts import NOBODY, Knowledge, Verdict
 
 __all__ = ["OURS", "SUFFIX", "load_roadmap", "save_roadmap"]
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner_service.geometry import FloatArray
-from planner_service.path import JointPath
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
 from planner_service.roadmap import Roadmap, Verdict
-from planner_service.robot import Robot
-from planner_service.trace import SearchGraph
+from planner_service.robot.model import Robot
+from planner_service.search.trace import SearchGraph
 
 __all__ = ["curve_lines", "free_graph", "graph_lines", "polyline_lines", "tool_points"]
 

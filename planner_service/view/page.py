@@ -13,15 +13,15 @@ import numpy as np
 
 from planner_service.collision import CancelToken
 from planner_service.errors import PlannerServiceError
-from planner_service.geometry import FloatArray
+from planner_service.geometry.shapes import FloatArray
 from planner_service.planners import PLANNERS
 from planner_service.view import lines
-from planner_service.view.composition import GOAL, TOOL_PATH
-from planner_service.view.figures import Figure, Props, colours_of
+from planner_service.view.markdown import look_words, plain, result_words, state_words
 from planner_service.view.plots import Plots
-from planner_service.view.solids import GROUND, placements, robot_solids, scene_solids
+from planner_service.view.scene_nodes import Figure, Props, colours_of
 from planner_service.view.state import ViewState
-from planner_service.view.words import look_words, plain, result_words, state_words
+from planner_service.view.still.composition import GOAL, TOOL_PATH
+from planner_service.view.triangles import GROUND, placements, robot_solids, scene_solids
 
 __all__ = ["Page"]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from planner_service.geometry import FloatArray
-from planner_service.view.reel import Reel, Samples
+from planner_service.geometry.shapes import FloatArray
+from planner_service.view.playback import Reel, Samples
 
 __all__ = ["Plots"]
 

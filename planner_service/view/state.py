@@ -10,16 +10,16 @@ import numpy as np
 
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import FloatArray, read_only
-from planner_service.outcome import Failure, PlanResult
-from planner_service.path import JointPath
-from planner_service.plan_file import SavedTask
+from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.path.joint_path import JointPath
 from planner_service.planners import planner_by_name
-from planner_service.request import PlanRequest
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Failure, PlanResult
+from planner_service.records.plan_file import SavedTask
 from planner_service.service import PlannerService
-from planner_service.task import Segment, TaskResult
-from planner_service.view.eye import Eye, Look
-from planner_service.view.reel import Reel
+from planner_service.tasks.result import Segment, TaskResult
+from planner_service.view.collision_report import Eye, Look
+from planner_service.view.playback import Reel
 
 __all__ = ["Shown", "ViewState"]
 

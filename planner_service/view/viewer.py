@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from planner_service.errors import InvalidRequest, MissingDependency
-from planner_service.geometry import whole
+from planner_service.geometry.shapes import whole
 from planner_service.service import PlannerService
 from planner_service.view.page import Page
 from planner_service.view.state import Shown, ViewState

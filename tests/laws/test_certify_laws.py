@@ -13,22 +13,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from auditor.checker import IndependentChecker, tables_of
 from planner_service.certify import Certifier, certify
 from planner_service.certify.certifier import Backend
-from planner_service.certify.motion import Motion
+from planner_service.certify.interval_proof import LAST_ROUNDS
+from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.proof import instruction_sets
+from planner_service.certify.prover import instruction_sets
 from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
-from planner_service.certify.tree import LAST_ROUNDS
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.collision.parts import Parts
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
-from planner_service.path import JointPath
-from planner_service.robot import Robot, load_robot
-from planner_service.scene import Attached, Obstacle, Scene, load_scene
-from tests.independent import IndependentChecker, tables_of
-from tests.test_certify import SLIDER, TWINS, built
-from tests.test_edges import points_of
+from planner_service.collision.pairs import Parts
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from tests.unit.certify.test_certifier import SLIDER, TWINS, built
+from tests.unit.collision.test_edge_sampling import points_of
 
 ROOT = Path(__file__).parents[2]
 BACKENDS: list[Backend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
@@ -369,7 +369,7 @@ def unpaired(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def blind(monkeypatch: pytest.MonkeyPatch) -> None:
-    from planner_service.collision import prefilter
+    from planner_service.collision import numpy_broadphase as prefilter
 
     monkeypatch.setattr(prefilter, "MARGIN", -0.05)
 

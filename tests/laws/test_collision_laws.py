@@ -1,7 +1,7 @@
 """Laws of the collision checker: its verdicts against two others, its bounds against the distances they bound.
 
 The first judge asks python-fcl about every pair, one by one, with poses from Pinocchio: no prefilter, no batch, no
-kinematics of ours. The second, ``tests.independent``, reads all files itself and asks Coal.
+kinematics of ours. The second, ``auditor.checker``, reads all files itself and asks Coal.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planner_service.collision import CollisionChecker, JointStep, Known, MotionStep, prefilter
-from planner_service.collision.edges import EdgeStep
-from planner_service.collision.parts import Parts
-from planner_service.composite import Compound, HeightField, PointCloud
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
-from planner_service.mesh import Mesh
-from planner_service.robot import Robot, load_robot
-from planner_service.scene import Attached, Obstacle, Scene, load_scene
-from tests.independent import IndependentChecker, tables_of
+from auditor.checker import IndependentChecker, tables_of
+from planner_service.collision import CollisionChecker, JointStep, Known, MotionStep
+from planner_service.collision import numpy_broadphase as prefilter
+from planner_service.collision.edge_sampling import EdgeStep
+from planner_service.collision.pairs import Parts
+from planner_service.geometry.composite import Compound, HeightField, PointCloud
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
 FINGERS = ("finger_left", "finger_right")

@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, ExemptInterval, pairs
-from planner_service.certify.bundles import bundled
-from planner_service.collision import CollisionChecker, MotionStep, parts
-from planner_service.composite import Composite, Compound, HeightField, PointCloud
+from planner_service.certify.box_tree import bundled
+from planner_service.collision import CollisionChecker, MotionStep
+from planner_service.collision import pairs as parts
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
-from planner_service.mesh import Mesh
-from planner_service.path import JointPath
-from planner_service.robot import Robot, load_robot
-from planner_service.scene import Attached, Obstacle, Scene
+from planner_service.geometry.composite import Composite, Compound, HeightField, PointCloud
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene
 
 REACH = {"wxai": 0.6, "planar2": 1.0, "ur5": 0.8, "panda_mbm": 0.8}
 """Metres."""

@@ -12,16 +12,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from auditor.checker import hull_of
 from planner_service.certify import hulls, separation
-from planner_service.certify.tree import LAST_ROUNDS
+from planner_service.certify.interval_proof import LAST_ROUNDS
 from planner_service.collision import fcl as judge
 from planner_service.collision.bounds import Solids, centres_of
-from planner_service.collision.nearest import gap_of
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
-from planner_service.mesh import Mesh
-from tests.hull_arm import DRUM, NEEDLE, RAMP, ROCK, SPOON
-from tests.independent import hull_of
+from planner_service.collision.gjk import gap_of
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
 from tests.laws.test_certify_laws import COAL
+from tests.support.hull_arm import DRUM, NEEDLE, RAMP, ROCK, SPOON
 
 assert isinstance(NEEDLE.shape, Mesh)
 KINDS: tuple[Shape, ...] = (

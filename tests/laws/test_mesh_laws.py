@@ -10,19 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.pairwise import PairwiseFcl
+from benchmarks.baselines.pairwise import PairwiseFcl
 from planner_service.certify.pairs import ProofPairs
-from planner_service.collision import CollisionChecker, JointStep, MotionStep, bounds, prefilter
+from planner_service.collision import CollisionChecker, JointStep, MotionStep, bounds
+from planner_service.collision import backends as judge_module
 from planner_service.collision import fcl as judge
-from planner_service.collision import judge as judge_module
+from planner_service.collision import numpy_broadphase as prefilter
 from planner_service.collision.bounds import Solids
-from planner_service.collision.edges import EdgeStep
-from planner_service.geometry import FloatArray, Shape
-from planner_service.mesh import Mesh
-from planner_service.scene import Scene
-from tests.hull_arm import HELD, HullSetup, write_arm
+from planner_service.collision.edge_sampling import EdgeStep
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import FloatArray, Shape
+from planner_service.scene.scene import Scene
 from tests.laws.test_certify_laws import COAL, anywhere
 from tests.laws.test_collision_laws import compare, compare_edges, near_contact, planner_like
+from tests.support.hull_arm import HELD, HullSetup, write_arm
 
 
 @pytest.fixture(scope="module")

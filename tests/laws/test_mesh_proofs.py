@@ -11,21 +11,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planner_service.certify import Certifier, certify, motion, separation
+from planner_service.certify import Certifier, certify, separation
+from planner_service.certify import motion_bounds as motion
 from planner_service.certify.certifier import Backend
 from planner_service.certify.hulls import Corners
-from planner_service.certify.motion import Motion
+from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
-from planner_service.collision import CollisionChecker, JointStep, prefilter
-from planner_service.collision import judge as judge_module
-from planner_service.geometry import Pose, Shape
-from planner_service.mesh import Mesh
-from planner_service.path import JointPath
-from planner_service.scene import Obstacle, Scene
-from tests.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from planner_service.collision import CollisionChecker, JointStep
+from planner_service.collision import backends as judge_module
+from planner_service.collision import numpy_broadphase as prefilter
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Pose, Shape
+from planner_service.path.joint_path import JointPath
+from planner_service.scene.scene import Obstacle, Scene
 from tests.laws.test_certify_laws import BACKENDS, COAL, anywhere, samples, walks
 from tests.laws.test_collision_laws import near_contact
 from tests.laws.test_mesh_laws import blunt, loose, mirrored, uncentred
+from tests.support.hull_arm import HELD, NEEDLE, HullSetup, write_arm
 
 seeds = st.integers(0, 2**32 - 1)
 STEP = 0.004

@@ -11,13 +11,13 @@ import pytest
 
 from planner_service.certify import Certifier, ExemptInterval
 from planner_service.certify.certifier import Backend as ProofBackend
-from planner_service.certify.proof import instruction_sets as proof_instruction_sets
+from planner_service.certify.prover import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker
-from planner_service.collision.judge import Backend
-from planner_service.collision.kernel import instruction_sets
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
-from planner_service.robot import Robot
-from planner_service.scene import Attached, Obstacle, Scene
+from planner_service.collision.backends import Backend
+from planner_service.collision.native_kernel import instruction_sets
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Attached, Obstacle, Scene
 
 JUDGES: list[Backend] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
 PROVERS: list[ProofBackend] = ["native", "numpy"] if proof_instruction_sets() else ["numpy"]

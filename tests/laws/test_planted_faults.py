@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from auditor.checker import IndependentChecker
 from planner_service.certify import Certifier, separation
-from planner_service.certify import motion as motions
+from planner_service.certify import motion_bounds as motions
 from planner_service.certify.certifier import Backend
 from planner_service.certify.pairs import ProofPairs
-from planner_service.certify.proof import instruction_sets
-from planner_service.geometry import FloatArray, Pose
-from planner_service.path import JointPath
-from planner_service.robot import Body, Robot, load_robot
-from planner_service.scene import Scene, load_scene
-from tests.independent import IndependentChecker
+from planner_service.certify.prover import instruction_sets
+from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Body, Robot, load_robot
+from planner_service.scene.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
 BACKENDS: list[Backend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
@@ -120,7 +120,8 @@ def still_points(patch: Patch, robot: Robot, scene: Scene) -> tuple[Robot, Scene
 def generous_bounds(patch: Patch, robot: Robot, scene: Scene) -> tuple[Robot, Scene]:
     """Gaps are said to be a centimetre wider than they are."""
     for name in ("rough_gaps", "refined_gaps"):
-        from planner_service.certify import edge, tree
+        from planner_service.certify import edge_proof as edge
+        from planner_service.certify import interval_proof as tree
 
         whole = getattr(separation, name)
 

@@ -15,21 +15,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.backends import case, edges_of
-from planner_service.certify import MARGIN, Certifier, EdgeVerdict, ExemptInterval, edge, hulls, proof, separation, tree
-from planner_service.certify import motion as motions
-from planner_service.certify.proof import Proof, Prover, instruction_sets, native_prover, numpy_prover
+from benchmarks.studies.backends import case, edges_of
+from planner_service.certify import MARGIN, Certifier, EdgeVerdict, ExemptInterval, hulls, separation
+from planner_service.certify import edge_proof as edge
+from planner_service.certify import interval_proof as tree
+from planner_service.certify import motion_bounds as motions
+from planner_service.certify import prover as proof
+from planner_service.certify.prover import Proof, Prover, instruction_sets, native_prover, numpy_prover
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import Box, FloatArray, Pose, Sphere
-from planner_service.mesh import Mesh
-from planner_service.path import JointPath
-from planner_service.robot import Robot, load_robot
-from planner_service.scene import Attached, Obstacle, Scene, load_scene
-from tests.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, FloatArray, Pose, Sphere
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
 from tests.laws.test_certify_laws import CRANE, anywhere, curve
 from tests.laws.test_crowd_laws import Crowded
-from tests.test_certify import RIM, SLIDER, TWINS, ball_beyond, built
+from tests.support.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from tests.unit.certify.test_certifier import RIM, SLIDER, TWINS, ball_beyond, built
 
 WXAI, PLANAR = load_robot("wxai"), load_robot("planar2")
 BUILT = bool(instruction_sets())

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker
-from planner_service.collision.judge import Backend
-from planner_service.collision.kernel import instruction_sets
+from planner_service.collision.backends import Backend
+from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import InvalidRequest
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
-from planner_service.mesh import Mesh
-from planner_service.robot import Body, JointLimits, LinkShape, Robot
-from planner_service.scene import Obstacle, Scene
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.robot.model import Body, JointLimits, LinkShape, Robot
+from planner_service.scene.scene import Obstacle, Scene
 
 BACKENDS: list[Backend] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
 STATES = int(os.environ.get("SMALL_STATES", "3000"))

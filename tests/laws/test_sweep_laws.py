@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker, MotionStep
-from planner_service.collision import sweep as module
-from planner_service.collision.sweep import Sweep
-from planner_service.composite import Compound, HeightField, PointCloud, Solid
-from planner_service.geometry import Box, Capsule, Cylinder, FloatArray, Pose, Sphere
-from planner_service.mesh import Mesh
-from planner_service.robot import Robot, load_robot
-from planner_service.scene import Attached, Obstacle, Scene
+from planner_service.collision import swept_bounds as module
+from planner_service.collision.swept_bounds import Sweep
+from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Sphere
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene
 
 REACH = {"wxai": 0.6, "planar2": 1.0, "ur5": 0.8, "panda_mbm": 0.8, "wxai_dual": 0.6}
 """Metres."""
@@ -222,6 +222,6 @@ def test_pairs_that_may_touch_cost_a_sweep_nothing(monkeypatch: pytest.MonkeyPat
     robot = load_robot("wxai")
     links = sorted({shape.link for shape in robot.shapes})
     scene = Scene((Obstacle("cloud", PointCloud(np.random.default_rng(0).random((500, 3)), 0.02)),))
-    monkeypatch.setattr("planner_service.collision.parts.MAX_PAIRS", 5000)
+    monkeypatch.setattr("planner_service.collision.pairs.MAX_PAIRS", 5000)
     checker = CollisionChecker(robot, scene, allowed=[(link, "cloud") for link in links[1:]])
     Sweep(checker, ["cloud"]).still_free(np.zeros((1, robot.n)), np.zeros((1, robot.n)))

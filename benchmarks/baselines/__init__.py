@@ -1,0 +1,1 @@
+"""What planner_service is compared with."""

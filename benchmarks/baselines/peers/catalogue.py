@@ -1,0 +1,103 @@
+"""The peers: what is installed for each, which Python it needs, and the settings its makers or users recommend."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["PEERS", "Peer", "peer_named"]
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Another planner.
+
+    Attributes:
+        name: As on the command line.
+        requirements: What pip is asked for, pinned.
+        imports: A module whose import shows that it works.
+        pythons: Versions that do, the preferred first.
+        planners: Settings handed to the adapter, by the planner's name; the first is the default.
+        library_from: A requirement whose wheel carries the ``library`` that is lent to the peer where the system's is
+            too old; both None if none is needed.
+        note: What to know when installing it.
+    """
+
+    name: str
+    requirements: tuple[str, ...]
+    imports: str
+    pythons: tuple[str, ...]
+    planners: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    library_from: str | None = None
+    library: str | None = None
+    note: str = ""
+
+    @property
+    def adapter(self) -> str:
+        """The module that is run in the peer's environment."""
+        return f"benchmarks.baselines.peers.{self.name.replace('-', '_')}_adapter"
+
+
+_ALL = (
+    Peer(
+        "mplib",
+        ("mplib==0.2.1", "numpy==1.26.4", "toppra==0.6.10"),
+        "mplib",
+        ("3.12", "3.11", "3.10"),
+        {"rrtconnect": {"range": 0.1}, "rrtconnect-auto-range": {"range": 0.0}},
+        note="needs numpy < 2; Linux on x86-64, Python 3.10 to 3.12 only",
+    ),
+    Peer(
+        "roboplan",
+        ("roboplan==0.7.0",),
+        "roboplan.rrt",
+        ("3.12", "3.13", "3.11", "3.10"),
+        {"rrtconnect": {"step": 0.05, "max_nodes": 1_000_000}},
+        note="600 MB, most of it the headers of what it is built on",
+    ),
+    Peer(
+        "vamp",
+        ("vamp-planner==0.6.4",),
+        "vamp",
+        ("3.12", "3.11", "3.10", "3.13"),
+        {"rrtc": {"planner": "rrtc"}, "fcit": {"planner": "fcit"}},
+        note="no wheels: compiled for five to ten minutes, and what it needs for that is fetched from GitHub",
+    ),
+    Peer(
+        "tesseract",
+        ("tesseract-robotics-nanobind==0.35.0.8",),
+        "tesseract_robotics.planning",
+        ("3.12", "3.13", "3.11", "3.10"),
+        {
+            "trajopt": {"pipeline": "TrajOptPipeline"},
+            "freespace": {"pipeline": "FreespacePipeline", "planning_time": 5.0},
+        },
+        library_from="tesseract-robotics-nanobind==0.34.1.7",
+        library="libstdc++.so.6",
+        note="needs the libstdc++ of gcc 13; where the system's is older, that of one of its own wheels is lent",
+    ),
+    Peer(
+        "ompl-coal",
+        ("ompl==2.0.1", "pin==4.1.0", "coal==3.0.3", "numpy==2.2.6"),
+        "ompl.geometric",
+        ("3.12", "3.13", "3.11", "3.10"),
+        {"rrtconnect": {"range": 0.5, "step": 0.05}},
+        note="OMPL as one sets it up by hand, each state judged by Pinocchio and Coal",
+    ),
+)
+
+PEERS: Mapping[str, Peer] = {peer.name: peer for peer in _ALL}
+
+
+def peer_named(name: str) -> Peer:
+    """A peer by its name.
+
+    Raises:
+        UnknownName: there is none of that name.
+    """
+    from planner_service.errors import UnknownName
+
+    if name not in PEERS:
+        raise UnknownName("peer", name, tuple(PEERS))
+    return PEERS[name]

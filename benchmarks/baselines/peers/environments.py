@@ -1,0 +1,211 @@
+"""An environment for each peer, made on demand in a folder among the user's caches, with pinned versions."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.baselines.peers.catalogue import Peer
+from planner_service.errors import InvalidRequest
+from planner_service.files.disk_cache import cache_folder
+from planner_service.files.writing import write_whole
+
+__all__ = ["FOLDER_VARIABLE", "Environment", "environments_folder", "interpreter"]
+
+FOLDER_VARIABLE = "PLANNER_SERVICE_PEERS"
+"""The environment variable that names the folder of the environments."""
+
+STATE = "state.json"
+"""The file by which an environment is known to be one."""
+
+INSTALL_SECONDS = 1800.0
+"""After which an installation is given up: the slowest compiles for about ten minutes."""
+
+TOLD = 12
+"""Last lines of pip that are kept of a failed installation."""
+
+
+def environments_folder(surroundings: Mapping[str, str] = os.environ) -> Path:
+    """Where the environments are: ``$PLANNER_SERVICE_PEERS``, else ``peers`` in the folder of the package's caches.
+
+    Raises:
+        InvalidRequest: neither is known.
+    """
+    named = surroundings.get(FOLDER_VARIABLE)
+    folder = cache_folder(surroundings)
+    if named:
+        return Path(named).absolute()
+    if folder is None:
+        raise InvalidRequest(FOLDER_VARIABLE, "unset", "the folder in which environments of peers are to be made")
+    return folder.absolute() / "peers"
+
+
+def interpreter(peer: Peer, surroundings: Mapping[str, str] = os.environ) -> Path:
+    """The first Python on the path with a version that the peer works with.
+
+    Raises:
+        InvalidRequest: there is none.
+    """
+    for version in peer.pythons:
+        for found in _on_path(f"python{version}", surroundings.get("PATH", os.defpath)):
+            if _version_of(found) == version:
+                return found
+    wanted = " or ".join(f"python{version}" for version in peer.pythons)
+    raise InvalidRequest("python", "none on the path", f"{wanted}, or --python with another")
+
+
+def _on_path(name: str, folders: str) -> Iterator[Path]:
+    for folder in folders.split(os.pathsep):
+        found = shutil.which(name, path=folder)
+        if found:
+            yield Path(found)
+
+
+def _version_of(python: Path) -> str | None:
+    """The version it runs as: what is on the path may be a shim for a version that is not installed."""
+    ask = "import sys; print('%d.%d' % sys.version_info[:2])"
+    try:
+        done = subprocess.run([python, "-c", ask], capture_output=True, text=True, check=False, timeout=60)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+@dataclass(frozen=True)
+class Environment:
+    """A peer's virtual environment, which may not have been made yet."""
+
+    peer: Peer
+    folder: Path
+
+    @classmethod
+    def of(cls, peer: Peer, folder: Path | None = None) -> Environment:
+        """The peer's environment in a folder of environments."""
+        return cls(peer, (environments_folder() if folder is None else folder) / peer.name)
+
+    @property
+    def python(self) -> Path:
+        """Its interpreter."""
+        return self.folder / "bin" / "python"
+
+    @property
+    def state(self) -> str:
+        """``installed``, ``not installed``, or why it could not be."""
+        try:
+            told = json.loads((self.folder / STATE).read_text("utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return "not installed"
+        if not isinstance(told, dict):
+            return "not installed"
+        if told.get("requirements") != list(self.peer.requirements):
+            return "installed for other versions; install it again"
+        return str(told.get("state"))
+
+    @property
+    def ready(self) -> bool:
+        """Whether it can be run."""
+        return self.state == "installed"
+
+    def surroundings(self) -> dict[str, str]:
+        """Environment variables for what runs in it: one thread, nothing of ours, a library that is lent to it."""
+        kept = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "VIRTUAL_ENV"))}
+        lent = self.folder / "lent"
+        if lent.is_dir():
+            kept["LD_LIBRARY_PATH"] = os.pathsep.join(filter(None, (str(lent), kept.get("LD_LIBRARY_PATH"))))
+        threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        return kept | threads | {"PYTHONNOUSERSITE": "1"}
+
+    def install(self, python: Path | None = None) -> str:
+        """Make it anew; ``installed``, or why it could not be, which is also what ``state`` says from then on.
+
+        Raises:
+            InvalidRequest: something else is in its place, or there is no interpreter for it.
+        """
+        chosen = interpreter(self.peer) if python is None else Path(shutil.which(python) or python).absolute()
+        if self.folder.exists() and any(self.folder.iterdir()) and not (self.folder / STATE).is_file():
+            raise InvalidRequest(
+                FOLDER_VARIABLE, str(self.folder), "a folder that is empty, or an environment of a peer"
+            )
+        try:
+            if self.folder.exists():
+                shutil.rmtree(self.folder)
+            self.folder.mkdir(parents=True)
+        except OSError as error:
+            message = f"{self.folder} cannot be made: {error.strerror}; ${FOLDER_VARIABLE} names the folder it is in"
+            raise InvalidRequest(FOLDER_VARIABLE, str(self.folder), "a folder", message=message) from None
+        self._note("interrupted while it was installed")
+        state = self._installed(chosen)
+        self._note(state)
+        return state
+
+    def _note(self, state: str) -> None:
+        told = {"state": state, "requirements": list(self.peer.requirements)}
+        write_whole(self.folder / STATE, json.dumps(told, indent=1) + "\n")
+
+    def _installed(self, python: Path) -> str:
+        failed = self._call([str(python), "-m", "venv", str(self.folder)], "venv")
+        failed = failed or self._call([str(self.python), *_PIP, "install", *self.peer.requirements], "pip install")
+        if failed:
+            return failed
+        failed = self._importing()
+        if failed and self.peer.library_from and "not found" in failed:
+            failed = self._lend() or self._importing()
+        return failed or "installed"
+
+    def _importing(self) -> str:
+        return self._call([str(self.python), "-c", f"import {self.peer.imports}"], f"import {self.peer.imports}")
+
+    def _lend(self) -> str:
+        """Take a library out of another wheel, to be found before the system's."""
+        assert self.peer.library_from is not None
+        wheels, lent = self.folder / "wheels", self.folder / "lent"
+        fetch = [*_PIP, "download", "--no-deps", "--only-binary=:all:", "-d", str(wheels), self.peer.library_from]
+        failed = self._call([str(self.python), *fetch], "pip download")
+        if failed:
+            return failed
+        lent.mkdir()
+        for wheel in wheels.glob("*.whl"):
+            with zipfile.ZipFile(wheel) as archive:
+                for name in archive.namelist():
+                    if Path(name).name == self.peer.library:
+                        (lent / Path(name).name).write_bytes(archive.read(name))
+        shutil.rmtree(wheels)
+        return "" if any(lent.iterdir()) else f"{self.peer.library} is not in {self.peer.library_from}"
+
+    def _call(self, command: list[str], what: str) -> str:
+        """Run it; empty if it went well, else the reason."""
+        try:
+            done = subprocess.run(
+                command,
+                cwd=self.folder,
+                env=self.surroundings(),
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                check=False,
+                timeout=INSTALL_SECONDS,
+            )
+        except subprocess.TimeoutExpired:
+            return f"{what}: given up after {INSTALL_SECONDS:g} s"
+        except OSError as error:
+            return f"{what}: {error}"
+        (self.folder / "install.log").write_text(done.stdout + done.stderr, "utf-8")
+        return "" if done.returncode == 0 else f"{what} failed: {_reason(done.stderr + done.stdout)}"
+
+
+_PIP = ("-m", "pip", "--disable-pip-version-check", "--no-input")
+
+
+def _reason(output: str) -> str:
+    """What of the output says why: lines that tell of errors, the last lines if there are none."""
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    marks = ("error:", "from url", "could not", "not found", "importerror", "no matching")
+    telling = [line for line in dict.fromkeys(lines) if any(mark in line.lower() for mark in marks)]
+    return " | ".join((telling or lines)[:TOLD])[:2000]

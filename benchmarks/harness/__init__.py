@@ -1,0 +1,1 @@
+"""How benchmarks run: suites, runs, rows, statistics, and the gate."""

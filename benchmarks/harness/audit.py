@@ -1,0 +1,106 @@
+"""What a checker that is not ours says of a path: Coal, asked about every configuration at a stated step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.files.package_data import data_folder
+from planner_service.geometry.shapes import FloatArray
+from planner_service.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from auditor.checker import IndependentChecker
+
+__all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "along", "between", "worst"]
+
+JOINT_STEP = 0.01
+"""Radians (metres of a slide) that any joint moves from one audited configuration to the next, at most."""
+
+NOT_ASKED: Mapping[str, Any] = {"step": None, "verdict": "not_asked", "depth": None, "pair": None}
+"""The audit of a run without a path."""
+
+
+class Auditor:
+    """Judges configurations of one robot in one scene.
+
+    Args:
+        robot: The name of a robot, or the path of its robot.toml.
+        gripper_width: Metres between the finger pads; what robot.toml says if None.
+        allowed: Pairs of names that may touch, beside those of robot.toml.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        scene: Scene,
+        *,
+        gripper_width: float | None = None,
+        allowed: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        from auditor.checker import IndependentChecker, tables_of
+
+        folder = Path(robot).parent if robot.endswith(".toml") else data_folder("robots") / robot
+        self._scene = tables_of(scene)
+        self._make: Callable[[Sequence[tuple[str, str]]], IndependentChecker] = lambda pairs: IndependentChecker(
+            folder, self._scene, gripper_width=gripper_width, allowed=pairs
+        )
+        self._checker = self._make(allowed)
+
+    def judge(self, Q: FloatArray, step: float = JOINT_STEP) -> dict[str, Any]:
+        """The ``audit`` of a row, of configurations (m, n) that are at most ``step`` apart.
+
+        The deepest overlap is by Coal's distance, right to about a micrometre, now and then wrong by more.
+        """
+        told: dict[str, Any] = {**NOT_ASKED, "step": step, "verdict": "free"}
+        for q in Q:
+            touch = self._checker.touch(q)
+            if touch is None:
+                continue
+            if touch.b == "limit":
+                return {**told, "verdict": "outside_limits", "pair": [touch.a, touch.b]}
+            gaps = self._checker.gaps(q)
+            pair = min(gaps, key=lambda names: gaps[names])
+            if told["depth"] is None or -gaps[pair] > told["depth"]:
+                told |= {"verdict": "colliding", "depth": -gaps[pair], "pair": list(pair)}
+        return told
+
+    def tool_pose(self, q: ArrayLike) -> FloatArray:
+        """Pose of the tool frame in the base frame at q (n,), shape (4, 4), by Pinocchio."""
+        return self._checker.tool_pose(q)
+
+    def clearance(self, Q: FloatArray) -> float:
+        """The smallest of Coal's distances at configurations (m, n), in metres; negative where something overlaps."""
+        return min((min(self._checker.gaps(q).values(), default=math.inf) for q in Q), default=math.inf)
+
+
+def along(curve: Callable[[Any], FloatArray], start: float, end: float, step: float = JOINT_STEP) -> FloatArray:
+    """Configurations (m, n) of a curve from start to end, no joint moving more than ``step`` from one to the next."""
+    count = 2 + math.ceil((end - start) / step)
+    while True:
+        Q: FloatArray = curve(np.linspace(start, end, count))
+        if float(np.abs(np.diff(Q, axis=0)).max(initial=0.0)) <= step:
+            return np.asarray(Q)
+        count *= 2
+
+
+def between(waypoints: ArrayLike, step: float = JOINT_STEP) -> FloatArray:
+    """Configurations (m, n) of a polyline (N, n), its waypoints among them, no joint moving more than ``step``."""
+    points = np.asarray(waypoints, dtype=np.float64)
+    parts = [points[:1]]
+    for a, b in pairwise(points):
+        count = max(1, math.ceil(float(np.abs(b - a).max()) / step))
+        parts.append(a + (b - a) * (np.arange(1, count + 1)[:, None] / count))
+    return np.concatenate(parts)
+
+
+def worst(audits: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """One audit of several pieces: the worst of them."""
+    order = ("not_asked", "free", "colliding", "outside_limits")
+    return dict(max(audits, key=lambda a: (order.index(a["verdict"]), a["depth"] or 0.0), default=NOT_ASKED))

@@ -1,0 +1,229 @@
+"""Suites: which problems, by which planners, with which seeds. TOML files in ``suites/``, or your own.
+
+::
+
+    about = "one sentence"
+    planners = ["rrtconnect", "prm:milestones=200"]      # when a run names none: settings after a colon; "roadmap" is
+                                                         # built once for each scene and seed, "lesson" the textbook's
+    seeds = "0:5"                                        # when a run names none: 0, 1, 2, 3, 4
+    max_checks = 50000                                   # optional: states a plan may judge
+    ceilings = { rrtconnect = 8000 }                     # optional: p95 of a planner's states that the gate allows
+
+    [[queries]]                                          # the stored queries of the WidowX AI
+    scenes = ["bin", "shelf"]
+    numbers = [0, 1]                                     # optional: all 20 if not given
+
+    [[problems]]                                         # a JSON problem set beside this package
+    file = "mbm_panda.json"
+    robot = "panda_mbm"
+    ids = ["cage/0057"]                                  # optional: all if not given
+
+    [[tasks]]                                            # a pick and a place with its ways there and back
+    scene = "bin"
+    pick = "blue_block"
+    onto = "tray"
+    without = ["demo_post"]                              # optional: obstacles left out
+    block = [0.3, -0.1]                                  # optional: a block "blue_block" standing at x, y,
+    tray = [0.2, 0.28]                                   # and a "tray"
+
+    [[drawn]]                                            # free ends that no straight line joins
+    robots = ["planar:2", "planar:4", "wxai_dual"]       # planar:N is an arm of N joints in a plane
+    scene = "discs"
+    count = 3
+
+    [[crowds]]                                           # stored queries among ever more obstacles
+    scene = "post"
+    numbers = [0]
+    obstacles = [1, 10, 100, 1000]
+
+    [[toy]]                                              # the lesson's two joints and a disc
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from benchmarks.harness.sources import (
+    SOURCES,
+    Motion,
+    Problem,
+    Task,
+    ToyQuery,
+    allow_only,
+    at_most,
+    attempt,
+    listed,
+    whole,
+)
+from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
+from planner_service.files.json_reader import Node
+from planner_service.files.toml_reader import read_tables
+from planner_service.planners import PLANNERS, PRM
+from planner_service.scene.toml_reader import MAX_BYTES
+from planner_service.search.problem import Planner
+
+__all__ = [
+    "LESSON",
+    "MAX_CHECKS",
+    "ROADMAP",
+    "SUITES",
+    "Motion",
+    "Problem",
+    "Suite",
+    "Task",
+    "ToyQuery",
+    "grower_of",
+    "load_suite",
+    "planner_of",
+    "require_planner",
+    "seeds_of",
+    "suite_names",
+]
+
+SUITES = Path(__file__).parents[1] / "suites"
+MAX_SEEDS = 10_000
+
+MAX_CHECKS = 50_000
+"""States a plan may judge where a suite says nothing: the budget of a default request."""
+
+LESSON = "lesson"
+"""The planner that is the textbook's program; it knows neither padding nor timing."""
+
+ROADMAP = "roadmap"
+"""The planner that is a roadmap, grown before the queries with the settings of ``PRM``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Suite:
+    """Problems, and by which planners and with which seeds they are planned when nobody says otherwise.
+
+    Attributes:
+        max_checks: States a plan may judge.
+        ceilings: By planner, the most that p95 of its states may be.
+    """
+
+    name: str
+    about: str
+    problems: tuple[Problem, ...]
+    planners: tuple[str, ...]
+    seeds: range
+    max_checks: int
+    ceilings: Mapping[str, int]
+
+
+def suite_names() -> tuple[str, ...]:
+    """The suites that come with the benchmarks."""
+    return tuple(sorted(path.stem for path in SUITES.glob("*.toml")))
+
+
+def load_suite(name_or_path: str) -> Suite:
+    """A suite by name, or by the path of its TOML file, with its problems drawn.
+
+    Raises:
+        UnknownName: no such suite.
+        InvalidFile: with all problems found.
+    """
+    path = Path(name_or_path)
+    if not name_or_path.endswith(".toml"):
+        if name_or_path not in suite_names():
+            raise UnknownName("suite", name_or_path, suite_names())
+        path = SUITES / f"{name_or_path}.toml"
+    root = Node("", read_tables(path, MAX_BYTES), [])
+    allow_only(root, ("about", "planners", "seeds", "max_checks", "ceilings", *SOURCES))
+    about, seeds = root.at("about").text(), root.at("seeds")
+    span = attempt(seeds, seeds_of, seeds.text())
+    named = listed(root.at("planners"))
+    planners = tuple(item.text() for item in named)
+    for item, text in zip(named, planners, strict=True):
+        attempt(item, require_planner, text)
+    max_checks = whole(root.at("max_checks"), 10**9) if root.has("max_checks") else MAX_CHECKS
+    ceilings = _ceilings(root.at("ceilings"), planners) if root.has("ceilings") else {}
+    makers = [SOURCES[key](item) for key in SOURCES if root.has(key) for item in at_most(root.at(key))]
+    if not root.problems and not makers:
+        root.problem(f"no problems; expected at least one of {', '.join(f'[[{key}]]' for key in SOURCES)}")
+    if root.problems:
+        raise InvalidFile(path, root.problems)
+    found = tuple(problem for make in makers if make is not None for problem in make())
+    twice = [id for id, count in Counter(problem.id for problem in found).items() if count > 1]
+    if twice:
+        raise InvalidFile(path, [f"problem {id!r} is there twice" for id in twice])
+    return Suite(path.stem, about, found, planners, span or range(0), max_checks, ceilings)
+
+
+def require_planner(text: str) -> None:
+    """Refuse what neither is ``LESSON`` nor says a roadmap or a planner; see ``planner_of``."""
+    if text == LESSON:
+        return
+    name = text.partition(":")[0]
+    if name == ROADMAP:
+        grower_of(text)
+        return
+    if name not in PLANNERS:
+        raise UnknownName("planner", name, (*PLANNERS, ROADMAP, LESSON))
+    planner_of(text)
+
+
+def grower_of(text: str) -> PRM:
+    """What grows the roadmap that ``roadmap`` or ``roadmap:setting=value,setting=value`` says.
+
+    Raises:
+        InvalidRequest: PRM has no such setting, or the value is none.
+    """
+    name, colon, rest = text.partition(":")
+    try:
+        found = planner_of(f"{PRM.name}{colon}{rest}")
+    except InvalidRequest as error:
+        raise InvalidRequest(error.field, text, str(error.expected).replace(PRM.name, name, 1)) from error
+    if not isinstance(found, PRM):
+        raise BrokenInvariant(f"{found.name} grows no roadmap")
+    return found
+
+
+def planner_of(text: str) -> Planner:
+    """The planner that ``name`` or ``name:setting=value,setting=value`` says.
+
+    Raises:
+        UnknownName: no such planner.
+        InvalidRequest: it has no such setting, or the value is none.
+    """
+    name, _, rest = text.partition(":")
+    if name not in PLANNERS:
+        raise UnknownName("planner", name, PLANNERS)
+    known = {item.name for item in fields(PLANNERS[name])}
+    settings: dict[str, Any] = {}
+    for part in filter(None, rest.split(",")):
+        key, _, value = part.partition("=")
+        if key not in known or not re.fullmatch(r"\d{1,12}(\.\d{1,12})?", value):
+            raise InvalidRequest("planner", text, f"{name}:setting=number, settings being {', '.join(sorted(known))}")
+        settings[key] = float(value) if "." in value else int(value)
+    planner: Planner = PLANNERS[name](**settings)
+    return planner
+
+
+def seeds_of(text: str) -> range:
+    """``A:B`` is A to B - 1, ``N`` is one seed.
+
+    Raises:
+        InvalidRequest: neither, or more than ``MAX_SEEDS``.
+    """
+    match = re.fullmatch(r"(\d{1,9})(?::(\d{1,9}))?", text)
+    if match:
+        first, end = int(match[1]), int(match[2]) if match[2] else int(match[1]) + 1
+        if first < end <= first + MAX_SEEDS:
+            return range(first, end)
+    raise InvalidRequest("seeds", text, f"N, or A:B for A to B - 1, at most {MAX_SEEDS:,} of them")
+
+
+def _ceilings(node: Node, planners: Sequence[str]) -> dict[str, int]:
+    if not isinstance(node.value, dict):
+        node.wrong("a table of planners of this suite")
+        return {}
+    if not set(node.value) <= set(planners):
+        node.wrong(f"a table of planners of this suite: {', '.join(planners)}")
+        return {}
+    return {name: whole(node.at(name), 10**9) for name in node.value}

@@ -1,0 +1,171 @@
+"""``report``: results files as one HTML page that needs nothing else, or as the tables of a Markdown text."""
+
+from __future__ import annotations
+
+import argparse
+import html
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from benchmarks.harness import rows
+from benchmarks.pages import page_tables as tables
+from benchmarks.pages.page_builds import builds
+from benchmarks.pages.page_numbers import Sheet, sheets_of
+from benchmarks.pages.pictures import pictures_of
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.reading import read_bytes
+from planner_service.files.writing import require_writable, write_whole
+
+__all__ = ["filled", "main", "page_of"]
+
+MAX_TEXT = 5_000_000
+"""Bytes of a Markdown file."""
+
+POLICY = "default-src 'none'; style-src 'unsafe-inline'"
+"""Nothing is fetched from anywhere, and nothing is run."""
+
+
+def page_of(sheets: Sequence[Sheet]) -> str:
+    """The page."""
+    style = (Path(__file__).parent / "page.css").read_text("utf-8")
+    title = f"Planners compared: {', '.join(sheet.suite for sheet in sheets)}"
+    links = "".join(f'<a href="#{_anchor(sheet)}">{html.escape(sheet.suite)}</a>' for sheet in sheets)
+    told = "".join(f"<p>{html.escape(text)}</p>\n" for text in tables.explained(sheets))
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<title>{html.escape(title)}</title>\n'
+        f"<style>\n{style}</style>\n</head>\n<body>\n<h1>{html.escape(title)}</h1>\n"
+        f"<nav>{links if len(sheets) > 1 else ''}</nav>\n{told}"
+        f"{''.join(part for sheet in sheets for part in _section(sheet))}</body>\n</html>\n"
+    )
+
+
+def _anchor(sheet: Sheet) -> str:
+    return "suite-" + re.sub(r"[^\w-]", "-", sheet.suite)
+
+
+def _section(sheet: Sheet) -> Iterator[str]:
+    yield f'<section id="{_anchor(sheet)}">\n<h2>{html.escape(sheet.suite)}</h2>\n<dl>\n'
+    for name, value in tables.environments(sheet):
+        yield f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>\n"
+    yield "</dl>\n"
+    told = tables.statements(sheet)
+    if told:
+        yield "<h3>In plain words</h3>\n<ul class=told>\n"
+        yield "".join(_item(sentence) for sentence in told)
+        yield "</ul>\n"
+    yield tables.overall(sheet).html()
+    if len(sheet.kinds) > 1:
+        yield tables.by_kind(sheet).html()
+    apart = builds(sheet)
+    if apart is not None:
+        yield apart.html()
+    yield "<div class=pictures>\n"
+    for _, caption, picture in pictures_of(sheet):
+        yield f"<figure>{picture}\n<figcaption>{html.escape(caption)}</figcaption></figure>\n"
+    yield "</div>\n"
+    for table in (tables.failures(sheet), tables.rejects(sheet)):
+        if table is not None:
+            count = f"{table.title} ({len(table.rows)} lines)"
+            shown = table.html().partition("</h3>\n")[2]
+            opened = " open" if len(table.rows) <= 12 else ""
+            yield f"<details class=texts{opened}><summary>{html.escape(count)}</summary>\n{shown}</details>\n"
+    yield "</section>\n"
+
+
+def _item(sentence: tables.Sentence) -> str:
+    first, point, rest = sentence.text.partition(": ")
+    strong = (
+        f"<strong>{html.escape(first)}</strong>{point}{html.escape(rest)}"
+        if sentence.theirs
+        else html.escape(sentence.text)
+    )
+    return f"<li{' class=theirs' if sentence.theirs else ''}>{strong}</li>\n"
+
+
+# --- Markdown
+
+
+def filled(text: str, sheets: Sequence[Sheet], where: Path) -> str:
+    """A Markdown text with its generated parts made anew.
+
+    A part begins with a line ``<!-- generated: SUITE -->`` and ends with ``<!-- end of SUITE -->``.
+
+    Raises:
+        InvalidFile: a suite of the results has no part in the text, or a part no end.
+    """
+    problems = []
+    for sheet in sheets:
+        begin, end = f"<!-- generated: {sheet.suite} -->", f"<!-- end of {sheet.suite} -->"
+        head, found, rest = text.partition(begin)
+        _, ended, tail = rest.partition(end)
+        if not (found and ended):
+            problems.append(f"{begin if not found else end} is missing")
+            continue
+        text = f"{head}{begin}\n\n{_markdown(sheet)}\n{end}{tail}"
+    if problems:
+        raise InvalidFile(where, problems)
+    return text
+
+
+def _markdown(sheet: Sheet) -> str:
+    parts = ["".join(f"- {name}: {_code(name, value)}\n" for name, value in tables.environments(sheet))]
+    parts.append("".join(f"- {html.escape(sentence.text, quote=False)}\n" for sentence in tables.statements(sheet)))
+    parts.append(tables.overall(sheet).markdown())
+    if len(sheet.kinds) > 1:
+        parts.append(tables.by_kind(sheet).markdown())
+    apart = builds(sheet)
+    if apart is not None:
+        parts.append(apart.markdown())
+    lost = tables.failures_in_short(sheet)
+    if lost is not None:
+        parts.append(lost.markdown())
+    return "\n".join(part for part in parts if part)
+
+
+def _code(name: str, value: str) -> str:
+    return f"`{value}`" if name in ("command", "commit") else html.escape(value, quote=False)
+
+
+# --- the command
+
+
+def main(arguments: Sequence[str], console: Console) -> int:
+    """Exit code 0 when what was asked for is written."""
+    asked = _asked(arguments)
+    sheets = sheets_of([rows.read(path) for path in asked.results])
+    if not sheets:
+        raise InvalidRequest("results", list(map(str, asked.results)), "files with at least one row in all")
+    for path in filter(None, (asked.output, asked.markdown)):
+        require_writable(path)
+    if asked.markdown is not None:
+        write_whole(asked.markdown, filled(_text(asked.markdown), sheets, asked.markdown))
+    if asked.output is not None:
+        write_whole(asked.output, page_of(sheets))
+    for path in filter(None, (asked.output, asked.markdown)):
+        count = sum(len(group.rows) for sheet in sheets for group in sheet.groups)
+        console.print(f"{path}: {count:,} rows of {', '.join(sheet.suite for sheet in sheets)}", markup=False)
+    return 0
+
+
+def _text(path: Path) -> str:
+    data = read_bytes(path, MAX_TEXT)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InvalidFile(path, [f"not UTF-8: byte {data[error.start]:#04x} at {error.start}"]) from None
+
+
+def _asked(arguments: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks report")
+    parser.add_argument("results", nargs="+", type=Path, metavar="FILE.jsonl")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.html")
+    parser.add_argument("--markdown", type=Path, metavar="FILE.md", help="renew the generated parts of a text")
+    asked = parser.parse_args(arguments)
+    if asked.output is None and asked.markdown is None:
+        parser.error("nothing to write: -o FILE.html or --markdown FILE.md")
+    return asked

@@ -1,0 +1,118 @@
+"""All planners on a few queries of four scenes: do they find a path, at what price, and the same one again?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.harness.report import Promise, Report, p50, table
+from benchmarks.studies.states import plan
+from benchmarks.worlds import queries
+from planner_service import PlannerService, PlanResult, Stage
+from planner_service.planners import PLANNERS
+from planner_service.search.problem import Planner
+
+__all__ = ["run"]
+
+PLANNED_SCENES = ("bin", "shelf", "post", "clutter")
+PER_SCENE = 3
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    **{name: {"checks": 4000} for name in ("rrtstar", "informedrrtstar", "sorrtstar", "bitstar", "aorrtc")},
+    "prm": {"milestones": 200, "neighbours": 8},
+    "prmstar": {"milestones": 100, "neighbours": 8},
+}
+"""Smaller than the defaults, for the benchmark's own time; states per planner stay comparable across scenes."""
+
+
+def _planner(name: str) -> Planner:
+    planner: Planner = PLANNERS[name](**SETTINGS.get(name, {}))
+    return planner
+
+
+def _pass(names: Sequence[str]) -> dict[tuple[str, str, int], PlanResult]:
+    """Every planner, in the order of ``names``, on every query, with fresh services."""
+    services = {scene: PlannerService(queries.ROBOT, scene) for scene in PLANNED_SCENES}
+    return {
+        (name, scene, query.number): plan(services[scene], query, planner=_planner(name))
+        for name in names
+        for scene in PLANNED_SCENES
+        for query in queries.load(scene)[:PER_SCENE]
+    }
+
+
+def _same(a: PlanResult, b: PlanResult) -> bool:
+    """Whether two results agree in every count and in every bit of the path."""
+    counts = [[(report.stage, report.counts) for report in result.stages] for result in (a, b)]
+    points = [None if result.path is None else result.path.waypoints.tobytes() for result in (a, b)]
+    return counts[0] == counts[1] and points[0] == points[1]
+
+
+def run() -> Report:
+    """Run all planners twice, the second time in reverse order."""
+    names = list(PLANNERS)
+    first, again = _pass(names), _pass(names[::-1])
+    rows = [_row(key, result, _same(result, again[key])) for key, result in first.items()]
+    cells = [_cells(name, scene, rows) for name in names for scene in PLANNED_SCENES]
+    columns = (
+        "planner",
+        "scene",
+        "solved",
+        "states",
+        "search",
+        "roadmap",
+        "found rad",
+        "final rad",
+        "seconds",
+        "rerun equal",
+    )
+    caption = (
+        f"Medians over {PER_SCENE} queries a scene, MotionStep(0.010), default budget (fmt, bfmt: one try of 400,000 "
+        "states); states include shortcutting, not the roadmap. Anytime planners stop improving at 4,000 states."
+    )
+    different = [f"{row['planner']} {row['query']}" for row in rows if not row["rerun_equal"]]
+    promise = Promise(
+        "every planner: rerun in another order, equal counts and bits", ", ".join(different) or "all", not different
+    )
+    return Report("planners", tuple(rows), (table("All planners", columns, cells, caption=caption),), (promise,))
+
+
+def _row(key: tuple[str, str, int], result: PlanResult, equal: bool) -> dict[str, Any]:
+    name, scene, number = key
+    roadmap = result.stage(Stage.ROADMAP).counts.states
+    return {
+        "planner": name,
+        "scene": scene,
+        "query": f"{scene}-{number:02d}",
+        "solved": result.ok,
+        "failure": None if result.failure is None else str(result.failure),
+        "states": result.counts.states - roadmap,
+        "search": result.stage(Stage.SEARCH).counts.states,
+        "roadmap": roadmap,
+        "found": result.stage(Stage.SEARCH).length,
+        "final": None if result.path is None else result.path.length,
+        "seconds": result.seconds,
+        "rerun_equal": equal,
+    }
+
+
+def _cells(name: str, scene: str, rows: Sequence[dict[str, Any]]) -> list[str]:
+    here = [row for row in rows if (row["planner"], row["scene"]) == (name, scene)]
+    solved = [row for row in here if row["solved"]]
+
+    def middle(key: str, digits: int = 0) -> str:
+        known = [row[key] for row in (here if digits == 0 else solved) if row[key] is not None]
+        return f"{p50(known):,.{digits}f}" if known else "-"
+
+    return [
+        name,
+        scene,
+        f"{len(solved)}/{len(here)}",
+        middle("states"),
+        middle("search"),
+        middle("roadmap"),
+        middle("found", 2),
+        middle("final", 2),
+        f"{p50(row['seconds'] for row in here):.2f}",
+        f"{sum(row['rerun_equal'] for row in here)}/{len(here)}",
+    ]

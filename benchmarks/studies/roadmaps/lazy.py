@@ -1,0 +1,68 @@
+"""A roadmap of which nothing is judged, built for a single query, next to RRTConnect."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from rich.table import Table
+
+from benchmarks.harness.report import Promise, Report, Row, p50, spread, table
+from benchmarks.studies.roadmaps.asked import asked
+from benchmarks.worlds import queries
+from planner_service import LazyPRM, PlannerService, RRTConnect
+
+__all__ = ["lazy_rows", "measured", "promises"]
+
+SCENES = ("post", "bin", "shelf", "clutter")
+PROMISED = ("post", "bin")
+ROUNDS = (0, 1, 2)
+"""Rounds of the stored queries, each with other seeds."""
+
+LAZY, TREE = "lazyprm", "rrtconnect"
+
+
+def lazy_rows(scenes: Sequence[str] = SCENES, rounds: Sequence[int] = ROUNDS) -> Iterator[Row]:
+    """A row for each scene and planner."""
+    for scene in scenes:
+        service, stored = PlannerService(queries.ROBOT, scene), queries.load(scene)
+        some = [replace(query, number=query.number + turn * len(stored)) for turn in rounds for query in stored]
+        for name, planner in ((LAZY, LazyPRM()), (TREE, RRTConnect())):
+            yield {"scene": scene, "what": name} | asked(service, planner, some, turns=1)
+
+
+def measured() -> Report:
+    """Measure."""
+    rows = tuple(lazy_rows())
+    return Report("lazy", rows, (_table(rows),), promises(rows))
+
+
+def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
+    """What a single problem was to cost."""
+    found = []
+    for scene in PROMISED:
+        middle = {row["what"]: p50(row["states"]) for row in rows if row["scene"] == scene}
+        found.append(
+            Promise(
+                f"lazy build and query of a single problem, {scene}: no more states p50 than RRTConnect",
+                f"{middle[LAZY]:.0f}; RRTConnect {middle[TREE]:.0f}",
+                middle[LAZY] <= middle[TREE],
+            )
+        )
+    return tuple(found)
+
+
+def _table(rows: Sequence[Row]) -> Table:
+    cells = (
+        [
+            *(row["scene"], row["what"], spread(row["states"]), spread(row["search_ms"], 2)),
+            f"{row['asked'] - row['solved']} of {row['asked']}",
+        ]
+        for row in rows
+    )
+    caption = (
+        f"Stored queries, each with {len(ROUNDS)} seeds; p50 / p95. States of growing (none) and of the search; "
+        "failures with what they spent: there is no fallback here."
+    )
+    columns = ("scene", "planner", "roadmap and search states", "search ms", "not solved")
+    return table("A single problem", columns, cells, caption=caption)

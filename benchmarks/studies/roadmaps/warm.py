@@ -1,0 +1,125 @@
+"""Queries of a roadmap that was built before, next to searches of RRTConnect for the same queries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from rich.table import Table
+
+from benchmarks.harness.report import Promise, Report, Row, p50, spread, table
+from benchmarks.studies.roadmaps.asked import asked, built_states, experienced
+from benchmarks.worlds import queries
+from planner_service import PRM, PlannerService, RRTConnect
+
+__all__ = ["FRESH", "PROMISED", "measured", "promises", "warm_rows"]
+
+SCENES = ("bin", "shelf", "post", "clutter")
+PROMISED = ("bin", "shelf")
+"""Scenes of the promises; the others are told, of the first seed."""
+
+SEEDS = (0, 1, 2)
+BEFORE = (10, 20)
+"""Other queries that a roadmap has planned before it is asked."""
+
+TURNS = 2
+
+STATES_P50, SHARE, MS_P50 = 150, 1 / 5, 2.0
+"""Promised of a warm query."""
+
+RRTCONNECT, FRESH = "rrtconnect", "fresh"
+
+
+def warm_rows(
+    scenes: Sequence[str] = SCENES, seeds: Sequence[int] = SEEDS, before: Sequence[int] = BEFORE, *, turns: int = TURNS
+) -> Iterator[Row]:
+    """A row for each scene and planner; a roadmap is one that was built, or a memory of paths alone."""
+    for scene in scenes:
+        service, some = PlannerService(queries.ROBOT, scene), queries.load(scene)
+        yield {"scene": scene, "what": RRTCONNECT, "seed": 0} | asked(service, RRTConnect(), some, turns=turns)
+        for seed in seeds if scene in PROMISED else seeds[:1]:
+            built = service.build_roadmap(PRM(milestones=1000, neighbours=10), seed=seed, progress=False)
+            told = {"scene": scene, "seed": seed, "build": built_states(built)}
+            yield told | {"what": FRESH} | asked(service, built, some, turns=turns)
+            for count in before:
+                known = experienced(service, built, count)
+                yield told | {"what": f"after {count}"} | asked(service, known, some, turns=turns)
+        for count in before:
+            known = experienced(service, service.path_memory(), count)
+            told = {"scene": scene, "seed": 0, "what": f"memory of {count}"}
+            yield told | asked(service, known, some, turns=turns)
+
+
+def measured() -> Report:
+    """Measure."""
+    rows = tuple(warm_rows())
+    return Report("warm", rows, (_table(rows),), promises(rows))
+
+
+def _kinds(rows: Iterable[Row]) -> list[str]:
+    return [what for what in dict.fromkeys(row["what"] for row in rows) if what != RRTCONNECT]
+
+
+def _tree(rows: Iterable[Row], scene: str) -> Row:
+    """RRTConnect's row of a scene."""
+    return next(row for row in rows if (row["scene"], row["what"]) == (scene, RRTCONNECT))
+
+
+def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
+    """What a warm query was to cost, of each kind of roadmap on its own."""
+    found: list[Promise] = []
+    for what in _kinds(rows):
+        for scene in PROMISED:
+            here, tree = [r for r in rows if (r["scene"], r["what"]) == (scene, what)], _tree(rows, scene)
+            states = [p50(row["states"]) for row in here]
+            shares = [p50(row["states"]) / p50(tree["states"]) for row in here]
+            before, search = ([p50(row[f"{part}_ms"]) for row in here] for part in ("before", "search"))
+            solved = [row["solved"] for row in here]
+            name = f"warm query, {what}, {scene}"
+            found += [
+                Promise(f"{name}: at most {STATES_P50} states p50", _listed(states, 0), max(states) <= STATES_P50),
+                Promise(f"{name}: at most {SHARE:g} of RRTConnect's", _listed(shares, 2), max(shares) <= SHARE),
+                Promise(
+                    f"{name}: less than {MS_P50:g} ms p50 before proof",
+                    f"{_listed(before, 1)}; its search {_listed(search, 1)}",
+                    max(before) < MS_P50,
+                ),
+                Promise(
+                    f"{name}: solved no less often than by RRTConnect",
+                    f"{_listed(solved, 0)} of {tree['asked']}; RRTConnect {tree['solved']}",
+                    min(solved) >= tree["solved"],
+                ),
+            ]
+    return tuple(found)
+
+
+def _listed(values: Iterable[float], digits: int) -> str:
+    return ", ".join(f"{value:.{digits}f}" for value in values)
+
+
+def _table(rows: Sequence[Row]) -> Table:
+    def cells(row: Row) -> list[str]:
+        tree = _tree(rows, row["scene"])
+        share = f"{p50(row['states']) / p50(tree['states']):.2f}"
+        return [
+            row["scene"],
+            row["what"],
+            str(row["seed"]) if "build" in row else "-",
+            f"{row['build']:,}" if "build" in row else "-",
+            spread(row["states"]),
+            share,
+            spread(row["search_ms"], 2),
+            spread(row["before_ms"], 2),
+            str(row["fell_back"]) if row["what"] != RRTCONNECT else "-",
+            f"{row['solved']}/{row['asked']}",
+        ]
+
+    columns = (
+        *("scene", "roadmap", "seed", "build states", "search states", "share", "search ms", "before proof ms"),
+        *("fell back", "solved"),
+    )
+    caption = (
+        "PRM(1000, 10); 20 stored queries, p50 / p95, default edge step. Share: of RRTConnect's p50. Before proof: "
+        f"ends, straight line, search, shortcut and blends. CPU ms, the less of {TURNS} turns, caches warm. after N: "
+        "has planned N other queries and remembers their paths; memory of N: of nothing but N such paths."
+    )
+    return table("Warm queries", columns, map(cells, rows), caption=caption)

@@ -1,0 +1,86 @@
+"""Whole pick-and-places: straight lines on a clear table, the planner where a post stands in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.table import Table
+
+from benchmarks.harness.report import Promise, Report, table
+from benchmarks.worlds import queries
+from planner_service import Box, Obstacle, PlannerService, PlanRequest, Pose, Scene, Stage, load_scene
+from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.tasks.result import Segment
+
+__all__ = ["clear_table", "run"]
+
+SHOWN = (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH)
+
+
+def clear_table() -> Scene:
+    """The table with a block and a tray to put it on, and nothing else."""
+    block = Obstacle("blue_block", Box((0.045, 0.045, 0.045)), Pose((0.30, -0.10, 0.0225)))
+    tray = Obstacle("tray", Box((0.16, 0.16, 0.01)), Pose((0.20, 0.28, 0.005)))
+    return load_scene("table").with_obstacle(block).with_obstacle(tray)
+
+
+def _scenes() -> dict[str, Scene]:
+    bin_ = load_scene("bin")
+    return {"clear table": clear_table(), "bin without its post": bin_.without("demo_post"), "bin": bin_}
+
+
+def run() -> Report:
+    """Plan the task in each scene, the lines' step being MotionStep(0.010)."""
+    rows: list[dict[str, Any]] = []
+    for name, scene in _scenes().items():
+        service = PlannerService(queries.ROBOT, scene)
+        request = PlanRequest(service.robot.home, service.robot.home, time_limit=None)
+        task = plan_pick_place(service, "blue_block", "tray", request)
+        rows += [_row(name, segment) for segment in task.segments]
+        whole = {"scene": name, "segment": "choosing grasps", "ok": task.failure is None}
+        rows.append(whole | {"states": task.choosing.states, "edges": task.choosing.edges, "stages": {}})
+    clear = [row for row in rows if row["scene"] == "clear table" and row["stages"]]
+    searched = sum(row["stages"].get(Stage.SEARCH.value, 0) for row in clear)
+    twice = [row["segment"] for row in clear if row["edges"] != row["pieces"]]
+    promises = (
+        Promise("every pick-and-place is planned", _names(rows, "ok"), all(row["ok"] for row in rows)),
+        Promise("clear table: 0 states in SEARCH", str(searched), searched == 0),
+        Promise("clear table: each piece of each segment judged once", ", ".join(twice) or "all", not twice),
+    )
+    return Report("tasks", tuple(rows), (_table(rows),), promises)
+
+
+def _names(rows: Iterable[dict[str, Any]], key: str) -> str:
+    return ", ".join(f"{row['scene']}: {row['segment']}" for row in rows if not row[key]) or "all"
+
+
+def _row(scene: str, segment: Segment) -> dict[str, Any]:
+    result = segment.result
+    return {
+        "scene": scene,
+        "segment": segment.name,
+        "ok": result.ok,
+        "states": result.counts.states,
+        "edges": result.counts.edges,
+        "pieces": 0 if result.path is None else len(result.path.waypoints) - 1,
+        "stages": {report.stage.value: report.counts.states for report in result.stages},
+        "length": None if result.path is None else result.path.length,
+        "duration": None if result.trajectory is None else result.trajectory.duration,
+        "seconds": result.seconds,
+    }
+
+
+def _table(rows: Iterable[dict[str, Any]]) -> Table:
+    columns = ("scene", "segment", *(s.value for s in SHOWN), "states", "edges", "pieces", "rad", "motion s", "ms")
+    return table("Pick-and-place", columns, (_cells(row) for row in rows))
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    def number(key: str, scale: float = 1.0, digits: int = 2) -> str:
+        return "-" if row.get(key) is None else f"{row[key] * scale:.{digits}f}"
+
+    stages = [str(row["stages"].get(stage.value, "-")) for stage in SHOWN]
+    counts = [str(row["states"]), str(row["edges"]), number("pieces", digits=0)]
+    times = [number("duration"), number("seconds", 1e3, 0)]
+    return [row["scene"], row["segment"], *stages, *counts, number("length"), *times]

@@ -1,0 +1,91 @@
+"""Tabletop scenes that nobody arranged, and pairs of free ends with something in between: drawn from a seed."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator
+
+from benchmarks.worlds.queries import ROBOT, SEED, Query
+from planner_service.collision import CollisionChecker
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere, read_only
+from planner_service.robot.model import load_robot
+from planner_service.scene.scene import Obstacle, Scene, load_scene
+
+__all__ = ["COUNT", "PER_SCENE", "draw_objects", "draw_queries", "draw_scene", "turned"]
+
+COUNT, PER_SCENE = 20, 10
+"""Scenes, and queries in each."""
+
+OBJECTS = (3, 8)
+
+STANDING = 0.7
+"""Part of the objects that stand upright on the table; the others hang in the air, turned anyhow."""
+
+DRAWS = 100_000
+"""Draws in vain after which a scene leaves no room."""
+
+
+def draw_scene(number: int) -> Scene:
+    """A table with three to eight boxes, cylinders, spheres and capsules within reach of the arm."""
+    chance = random.Random(f"{SEED} drawn scene {number}")
+    scene = load_scene("table")
+    for obstacle in draw_objects(chance, chance.randint(*OBJECTS)):
+        scene = scene.with_obstacle(obstacle)
+    return scene
+
+
+def draw_objects(chance: random.Random, count: int) -> Iterator[Obstacle]:
+    """Boxes, cylinders, spheres and capsules within reach of the arm, ``object_0`` and so on."""
+    for k in range(count):
+        shape, height = _shape(chance)
+        azimuth, distance = chance.uniform(-math.pi, math.pi), chance.uniform(0.24, 0.55)
+        standing = chance.random() < STANDING
+        z = height / 2 if standing else chance.uniform(0.1, 0.6)
+        yaw = chance.uniform(-math.pi, math.pi)
+        quaternion = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)) if standing else turned(chance)
+        position = (distance * math.cos(azimuth), distance * math.sin(azimuth), z)
+        yield Obstacle(f"object_{k}", shape, Pose(position, quaternion))
+
+
+def draw_queries(number: int, scene: Scene) -> Iterator[Query]:
+    """Pairs of free configurations, uniform in the joint limits, that no straight line joins."""
+    robot = load_robot(ROBOT)
+    checker = CollisionChecker(robot, scene)
+    chance = random.Random(f"{SEED} drawn ends {number}")
+
+    def end() -> FloatArray:
+        ranges = list(zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True))
+        for _ in range(DRAWS):
+            q = [chance.uniform(low, high) for low, high in ranges]
+            if checker.state_is_free(q):
+                return read_only(q)
+        raise BrokenInvariant(f"no free configuration in drawn scene {number}")
+
+    for k in range(PER_SCENE):
+        start, goal = end(), end()
+        while checker.edge_is_free(start, goal):
+            start, goal = end(), end()
+        yield Query(f"drawn-{number:02d}", k, start, goal, straight=False)
+
+
+def turned(chance: random.Random) -> tuple[float, float, float, float]:
+    """A uniform rotation, as a unit quaternion."""
+    q = [chance.gauss(0.0, 1.0) for _ in range(4)]
+    norm = math.sqrt(math.fsum(v * v for v in q))
+    w, x, y, z = (v / norm for v in q)
+    return (w, x, y, z)
+
+
+def _shape(chance: random.Random) -> tuple[Shape, float]:
+    """A shape and its height along z."""
+    kind = chance.randrange(4)
+    wide, tall = chance.uniform(0.02, 0.08), chance.uniform(0.05, 0.35)
+    if kind == 0:
+        return Box((2 * wide, chance.uniform(0.03, 0.2), tall)), tall
+    if kind == 1:
+        return Cylinder(wide, tall), tall
+    if kind == 2:
+        return Sphere(wide), 2 * wide
+    return Capsule(wide, tall), tall + 2 * wide

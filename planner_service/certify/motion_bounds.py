@@ -1,0 +1,302 @@
+"""Where the pieces of a proof are, and how far any of their points can move: forward kinematics for the proof alone.
+
+All arithmetic is elementwise, in one fixed order, sines and cosines are libm's: counts and verdicts have equal bits on
+every processor. Poses are the first three rows of homogeneous matrices, (3, 4, ...).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.certify.pairs import Frame, Piece, ProofPairs
+from planner_service.certify.separation import Facing, Solids, centre_of
+from planner_service.geometry.shapes import FloatArray
+from planner_service.robot.model import Body, Robot
+
+__all__ = ["Motion"]
+
+IntArray = NDArray[np.intp]
+
+ROUNDING = 1e-9
+"""Relative, and far above what a few dozen operations round."""
+
+
+class Motion:
+    """Poses, gaps and motion bounds of the listed pairs of one robot.
+
+    Between two nodes of a path joint k travels ``t_k``, its total variation. Against the parent of an ancestor j a
+    point of a body moves by at most ``sum r_k t_k`` over the joints k from j outwards to the body, r_k its largest
+    distance from axis k on the way: an arc is no longer than radius times angle, and joints inside j move both alike.
+    r_k changes only by the joints outside k: if m bounds the motion by these, then at x between nodes a and b
+    ``r_k(x) <= min(r_k(a) + m(a, x), r_k(b) + m(x, b)) <= (r_k(a) + r_k(b) + m(a, b)) / 2``. So the sum is built from
+    the outermost joint inwards. Two bodies move against each other by no more than each moves against the last body
+    that carries both, together.
+
+    Attributes:
+        n: Length of q.
+        limits: Of q, lower and upper, (2, n).
+        first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
+        children, roots: Of the pairs, as ``ProofPairs`` has them.
+        size: Radius of the second piece of each pair, (p,).
+        riding: How many pieces ride.
+        fixed: World poses of those that do not, (3, 4, k).
+        depth: How many joints move the piece that most joints move.
+    """
+
+    def __init__(self, robot: Robot, listed: ProofPairs) -> None:
+        bodies, riding = robot.bodies, listed.riding
+        self.first, self.second = listed.pairs.T.copy()
+        self.n = robot.n
+        self.limits = np.stack([robot.limits.lower, robot.limits.upper])
+        self.riding = len(riding)
+        self._rides = self.second < self.riding
+        self.fixed = _table([_centred(piece) for piece in listed.standing])
+        self._solids = Solids.of([piece.shape for piece in riding])
+        self._every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
+        self._every_radius = self._every.radius()
+        self._local = _table([_centred(piece) for piece in riding])[:, :, None]
+        self._body = np.array([piece.body for piece in riding], dtype=np.intp)
+        self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
+        self._moved = np.array([body.q_index >= 0 for body in bodies])
+        self._parents = [body.parent for body in bodies]
+        self._joints = [np.stack(tables, axis=2)[:, :, None] for tables in zip(*map(_joint, bodies), strict=True)]
+        self._axes = np.array([body.axis.tolist() for body in bodies]).T[:, None, :]
+        self._links = chains = [_chain(self._parents, piece.body) for piece in riding]
+        self.depth = max(map(len, chains), default=0)
+        padded = [chain + [0] * (self.depth - len(chain)) for chain in chains]  # with the base, which no joint moves
+        self._chains = np.array(padded, dtype=np.intp).reshape(len(riding), self.depth).T
+        self._sliding = np.array([body.prismatic for body in bodies])
+        self._slides = self._sliding[self._chains]
+        self._radius = self._solids.radius()
+        self._far = self._farthest(robot, chains)
+        self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
+        self._steps[0] = np.array([len(chain) for chain in chains], dtype=np.intp)[self.first]
+        for k in np.flatnonzero(self._rides).tolist():
+            self._steps[:, k] = _steps(chains[self.first[k]], chains[self.second[k]])
+        self.children: IntArray = listed.children
+        self.roots: IntArray = listed.roots
+        self.size: FloatArray = self._every_radius[self.second]
+
+    @property
+    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:
+        """All of this as numbers, for compiled code that does the same.
+
+        The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
+        (``_joint``), (bodies, 54); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
+        hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
+        piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
+        other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of q, lower and upper, (2, n).
+        """
+        columns = np.where(self._moved, self._columns, -1)
+        joints = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self._joints]
+        bodies = np.column_stack([self._parents, columns, self._sliding, self._axes[:, 0].T, *joints])
+        frames = np.concatenate([self._local[:, :, 0], self.fixed], axis=2).transpose(2, 0, 1).reshape(-1, 12)
+        every = self._every
+        on = np.full(len(frames), -1)
+        on[: self.riding] = self._body
+        hulls = np.full(len(frames), -1) if every.hulls is None else every.hulls.rows
+        pieces = np.column_stack([on, every.half.T, every.disc, every.ball, self._every_radius, hulls, frames])
+        links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
+        pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
+        corners = [] if every.hulls is None else every.hulls.clouds()
+        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners, self.limits
+
+    def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
+        """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
+        ends = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper)).tolist()
+        out = np.zeros(self._chains.shape)
+        for column, chain in enumerate(chains):
+            total = _length(self._local[:, 3, 0, column]) + float(self._radius[column])
+            for row, body in enumerate(robot.bodies[index] for index in chain):
+                out[row, column] = total * (1.0 + ROUNDING)
+                total += _length(body.placement[:3, 3]) + (ends[body.q_index] if body.prismatic else 0.0)
+        return out
+
+    def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Configurations q (m, n) as nodes of a proof.
+
+        Returns:
+            World poses of the riding pieces, (3, 4, m * riding), and upper bounds of how far points of each of them are
+            from the axes that move it, its own body's first, then inwards, (m, depth, riding).
+        """
+        bodies = self._body_poses(q)
+        poses = _composed(bodies[..., self._body], self._local)
+        return poses.reshape(3, 4, -1), self._radii(bodies, poses)
+
+    def _body_poses(self, q: FloatArray) -> FloatArray:
+        """World poses (3, 4, m, bodies)."""
+        angles = q[:, self._columns]
+        flat = angles.ravel().tolist()
+        cos = np.fromiter(map(math.cos, flat), np.float64, len(flat)).reshape(angles.shape)
+        sin = np.fromiter(map(math.sin, flat), np.float64, len(flat)).reshape(angles.shape)
+        still, with_cos, with_sin, with_q = self._joints
+        out = still + with_cos * cos + with_sin * sin + with_q * angles
+        for index, parent in enumerate(self._parents[1:], start=1):
+            out[..., index] = _composed(out[..., parent], out[..., index])
+        return out
+
+    def _radii(self, bodies: FloatArray, poses: FloatArray) -> FloatArray:
+        """Bounds of the distances from the axes, (m, depth, pieces).
+
+        Let c lead from the axis to the centre of a piece, square to the axis, and w from there to one of its points.
+        The part of ``c + w`` across the axis has a square of at most ``|c|^2 + 2 c . w + |w|^2``, and ``c . w`` is at
+        most |c| times the support value of the piece along c.
+        """
+        R, axis = bodies[:, :3], self._axes
+        axes = R[:, 0] * axis[0] + R[:, 1] * axis[1] + R[:, 2] * axis[2]
+        z = axes[:, :, self._chains]
+        x = poses[:, 3, :, None] - bodies[:, 3][:, :, self._chains]
+        c = x - (x[0] * z[0] + x[1] * z[1] + x[2] * z[2]) * z
+        S = poses[:, :3, :, None]
+        u, v, w = c[0] * S[0] + c[1] * S[1] + c[2] * S[2]
+        across = u * u + v * v
+        square = across + w * w
+        half, disc, ball = self._solids.half, self._solids.disc, self._solids.ball
+        support = np.abs(u) * half[0] + np.abs(v) * half[1] + np.abs(w) * half[2]
+        support = support + disc * np.sqrt(across) + ball * np.sqrt(square)
+        if self._solids.hulls is not None:  # along c itself, of whatever length
+            support = self._solids.hulls.extended(np.stack([u, v, w], axis=-2), support)
+        found = np.sqrt(square + 2.0 * support + self._radius * self._radius)
+        return np.asarray(np.minimum(found, self._far))
+
+    def motions(self, radii_a: FloatArray, radii_b: FloatArray, travel: FloatArray) -> FloatArray:
+        """How far points of the riding pieces move between nodes a and b, at most, (depth + 1, m, pieces).
+
+        Entry k is the motion against the parent of the k-th joint of the piece's chain, its own joint being the first.
+
+        Args:
+            radii_a, radii_b: Of the nodes at both ends of m stretches, (m, depth, pieces).
+            travel: What the joints of q travel in between, (m, n).
+        """
+        per_body = np.where(self._moved, travel[:, self._columns], 0.0)
+        half = 0.5 * (radii_a + radii_b)
+        out = np.zeros((self.depth + 1, len(travel), self.riding))
+        for k, chain in enumerate(self._chains):
+            radius = np.minimum(half[:, k] + 0.5 * out[k], self._far[k])
+            out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
+        return out
+
+    def motions_about(self, radii: FloatArray, travel: FloatArray) -> FloatArray:
+        """The same, in either direction, while each joint travels so far from a node: (depth + 1, m, pieces).
+
+        ``r_k(x) <= r_k(a) + m(a, x)``: looser than what both ends tell, and one node is enough.
+
+        Args:
+            radii: Of m nodes, (m, depth, pieces).
+            travel: What the joints of q travel, (m, n).
+        """
+        per_body = np.where(self._moved, travel[:, self._columns], 0.0)
+        out = np.zeros((self.depth + 1, len(travel), self.riding))
+        for k, chain in enumerate(self._chains):
+            radius = np.minimum(radii[:, k] + out[k], self._far[k])
+            out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
+        return out
+
+    def pair_motions(self, motions: FloatArray, pair: IntArray, stretch: IntArray) -> FloatArray:
+        """How far the pieces of pairs move against each other on stretches, at most: picked from ``motions``."""
+        own, other = self._steps[:, pair]
+        partner = np.where(self._rides[pair], self.second[pair], 0)  # an obstacle has no steps: entry 0 is no motion
+        return np.asarray(motions[own, stretch, self.first[pair]] + motions[other, stretch, partner])
+
+    def opened(self, pair: IntArray) -> tuple[IntArray, IntArray]:
+        """The children of some pairs, one after the other, and which of these pairs each is of."""
+        first, count = self.children[pair].T
+        parent = np.repeat(np.arange(len(pair)), count)
+        return first[parent] + np.arange(len(parent)) - np.repeat(np.cumsum(count) - count, count), parent
+
+    def spheres_apart(self, poses: FloatArray, pair: IntArray, node: IntArray) -> FloatArray:
+        """Gaps of the bounding spheres of pairs at nodes, lower bounds of their own; (k,).
+
+        Args:
+            poses: ``fixed``, then those of one node after the other.
+        """
+        a, b = self._in_poses(pair, node)
+        x, y, z = poses[:, 3, a] - poses[:, 3, b]
+        radii = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]]
+        return np.asarray(np.sqrt(x * x + y * y + z * z) * (1.0 - ROUNDING) - radii)
+
+    def spheres_clear(self, poses: FloatArray, pair: IntArray, node: IntArray, grown: FloatArray) -> NDArray[np.bool_]:
+        """Whether the bounding spheres of pairs at nodes, grown by so much (k,), are apart; (k,)."""
+        a, b = self._in_poses(pair, node)
+        x, y, z = poses[:, 3, a] - poses[:, 3, b]
+        within = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]] + grown
+        return np.asarray((x * x + y * y + z * z) * (1.0 - ROUNDING) > within * within)
+
+    def _in_poses(self, pair: IntArray, node: IntArray) -> tuple[IntArray, IntArray]:
+        """Where the two pieces of pairs at nodes are in the poses of everything."""
+        start = self.fixed.shape[2] + node * self.riding
+        second = self.second[pair]
+        return start + self.first[pair], np.where(self._rides[pair], start + second, second - self.riding)
+
+    def facing(self, poses: FloatArray, pair: IntArray, node: IntArray) -> Facing:
+        """Pairs as they stand at nodes; ``poses`` as for ``spheres_apart``."""
+        first, second = self._in_poses(pair, node)
+        a, b = self._every.take(self.first[pair]), self._every.take(self.second[pair])
+        return Facing.of(a, b, poses[:, :, first], poses[:, :, second])
+
+
+def _centred(piece: Piece) -> Frame:
+    """The frame of a piece, moved to the centre of its solid."""
+    x, y, z = centre_of(piece.shape)
+    a, b, c = ((row[0], row[1], row[2], row[0] * x + row[1] * y + row[2] * z + row[3]) for row in piece.frame)
+    return (a, b, c)
+
+
+def _table(frames: Sequence[Sequence[Sequence[float]]]) -> FloatArray:
+    """Frames one after the other, (3, 4, k)."""
+    return np.ascontiguousarray(np.array(frames, dtype=np.float64).reshape(-1, 3, 4).transpose(1, 2, 0))
+
+
+def _joint(body: Body) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """T_parent_body as the sum of four 3 x 4 tables: constant, times cos q, times sin q, times q (Rodrigues)."""
+    still, with_cos, with_sin, with_q = (np.zeros((3, 4)) for _ in range(4))
+    P = body.placement[:3, :3]
+    x, y, z = body.axis.tolist()
+    unit = np.eye(3)
+    along = np.array([[a * b for b in (x, y, z)] for a in (x, y, z)])
+    still[:, 3] = body.placement[:3, 3]
+    if body.q_index < 0:
+        still[:, :3] = P
+    elif body.prismatic:
+        still[:, :3] = P
+        with_q[:, 3] = P[:, 0] * x + P[:, 1] * y + P[:, 2] * z
+    else:
+        still[:, :3] = _product(P, along)
+        with_cos[:, :3] = _product(P, unit - along)
+        with_sin[:, :3] = _product(P, np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]))
+    return still, with_cos, with_sin, with_q
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """3 x 3 times 3 x n, with additions in a fixed order."""
+    return np.asarray(a[:, 0, None] * b[0] + a[:, 1, None] * b[1] + a[:, 2, None] * b[2])
+
+
+def _composed(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Poses b, given in a, in what a is given in; (3, 4, ...) each, broadcast."""
+    out: FloatArray = a[:, 0, None] * b[0] + a[:, 1, None] * b[1] + a[:, 2, None] * b[2]
+    out[:, 3] += a[:, 3]
+    return out
+
+
+def _chain(parents: Sequence[int], body: int) -> list[int]:
+    """Moving bodies from ``body`` inwards."""
+    out = []
+    while body > 0:
+        out.append(body)
+        body = parents[body]
+    return out
+
+
+def _steps(first: Sequence[int], second: Sequence[int]) -> tuple[int, int]:
+    """How many of the outermost joints of each of two chains do not move the other one too."""
+    return sum(k not in second for k in first), sum(k not in first for k in second)
+
+
+def _length(vector: FloatArray) -> float:
+    x, y, z = vector.tolist()
+    return math.sqrt(x * x + y * y + z * z)

@@ -1,0 +1,176 @@
+"""Who proves: the compiled code of native/, or the reference in numpy; the last bit of what they say is the same.
+
+The compiled code repeats the modules of this folder operation by operation and is built from
+their tables and constants. It shares no code with the search or its kernel.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from types import ModuleType
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.certify import clearance, hulls, overlap, separation
+from planner_service.certify import edge_proof as edge
+from planner_service.certify import interval_proof as tree
+from planner_service.certify import motion_bounds as motion
+from planner_service.certify.clearance import smallest_gaps
+from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
+from planner_service.certify.interval_proof import Obstruction, ProofTree, Span
+from planner_service.certify.motion_bounds import Motion
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
+
+__all__ = ["LIMIT_SLACK", "Charge", "Proof", "Prover", "instruction_sets", "native_prover", "numpy_prover"]
+
+IntArray = NDArray[np.intp]
+Charge = Callable[[int], None]
+
+LIMIT_SLACK = 1e-9
+"""Rounding by which a waypoint may lie outside a joint limit, rad or m."""
+
+FREE = Judged(EdgeVerdict.FREE, -1, 0.0)
+
+
+class Proof(NamedTuple):
+    """What became of one: bounds asked, the smallest gap proven for any stretch, and where it ended."""
+
+    asked: int
+    proven: float
+    obstruction: Obstruction | None
+
+
+class Prover(Protocol):
+    """Proves what is asked of one robot in one scene."""
+
+    def prove(
+        self, path: JointPath, enough: float, roots: tuple[Sequence[Span], IntArray], charge: Charge | None
+    ) -> Proof:
+        """That the pairs of ``roots`` are more than ``enough`` metres apart on their spans, as ``ProofTree`` does."""
+
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
+        """The verdict on a straight edge, as ``EdgeTree`` gives it; None if an end is not n float64 within limits."""
+
+    def clearances(self, Q: FloatArray) -> FloatArray:
+        """What ``smallest_gaps`` finds of all pairs at Q (m, n), (m,)."""
+
+
+class _Numpy:
+    """The reference."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+
+    def prove(
+        self, path: JointPath, enough: float, roots: tuple[Sequence[Span], IntArray], charge: Charge | None
+    ) -> Proof:
+        proof = ProofTree(self._motion, path, enough, charge or (lambda bounds: None))
+        obstruction = proof.run(*roots)
+        return Proof(proof.asked, proof.proven, obstruction)
+
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
+        lower, upper = self._motion.limits
+        ends: list[FloatArray] = []
+        for q in (q1, q2):
+            if type(q) is not np.ndarray or q.dtype != np.float64 or q.shape != lower.shape:
+                return None
+            if not np.all((q >= lower - LIMIT_SLACK) & (q <= upper + LIMIT_SLACK)):
+                return None
+            ends.append(q)
+        return EdgeTree(self._motion, JointPath(np.stack(ends)), enough, nearer).run(self._motion.roots)
+
+    def clearances(self, Q: FloatArray) -> FloatArray:
+        return smallest_gaps(self._motion, Q, self._motion.roots)
+
+
+class _Native:
+    """The compiled code."""
+
+    def __init__(self, module: ModuleType, motion: Motion, variant: str) -> None:
+        self._reference = _Numpy(motion)
+        self._prover = module.Prover(_terms(), *motion.tables, variant)
+
+    def prove(
+        self, path: JointPath, enough: float, roots: tuple[Sequence[Span], IntArray], charge: Charge | None
+    ) -> Proof:
+        if type(path) is not JointPath:  # its curve may be another one
+            return self._reference.prove(path, enough, roots, charge)
+        spans, rows = roots
+        table = np.array(spans, dtype=np.float64).reshape(-1, 2)
+        found = self._prover.prove(*path.tables, table, rows, enough, charge)
+        asked, most, proven, end, pair, start, stop, s, gap = found
+        return Proof(asked, proven, _obstruction(end, pair, (start, stop), s, (gap, enough, most)))
+
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
+        if type(q1) is not np.ndarray or type(q2) is not np.ndarray:  # others may hide entries
+            return None
+        found = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
+        if found is None:
+            return None
+        return FREE if found == 0 else Judged(EdgeVerdict(found[0]), found[1], found[2])
+
+    def clearances(self, Q: FloatArray) -> FloatArray:
+        out = np.zeros(len(Q))
+        self._prover.clearances(Q, out)
+        return out
+
+
+def numpy_prover(motion: Motion) -> Prover:
+    """The reference."""
+    return _Numpy(motion)
+
+
+def native_prover(motion: Motion, variant: str = "") -> Prover | None:
+    """The compiled prover; None where it was not built.
+
+    Args:
+        variant: One of ``instruction_sets()``; the fastest if empty.
+    """
+    module = _extension()
+    return None if module is None else _Native(module, motion, variant)
+
+
+@lru_cache(maxsize=1)
+def _extension() -> ModuleType | None:
+    """The compiled module; None where it was not built, which is said once."""
+    try:
+        from planner_service.certify import _proof
+    except ImportError as error:
+        logging.getLogger("planner_service").info("proofs without compiled code: %s", error)
+        return None
+    return _proof
+
+
+def instruction_sets() -> tuple[str, ...]:
+    """Those that compiled proofs can use on this processor, the fastest last; none where they were not built."""
+    module = _extension()
+    return () if module is None else tuple(module.instruction_sets())
+
+
+def _terms() -> list[float]:
+    """The constants, in the order of ``Terms`` in native/model.hpp."""
+    return [
+        *(motion.ROUNDING, separation.TINY, separation.SHIFT, separation.STEPS_PER_ROUND),
+        *(hulls.GAIN, hulls.SHARE, hulls.THIN, hulls.TINY),
+        *(tree.FRACTION, tree.MAX_BOUNDS, tree.FAR, tree.BATCH, tree.NEAR, tree.CLOSE, tree.ROUNDS, tree.LAST_ROUNDS),
+        *(edge.MAX_EDGE_BOUNDS, overlap.STEPS, overlap.CERTAIN, clearance.CLEARANCE_ROUNDS),
+    ]
+
+
+PROVEN, CLOSE, SPENT = range(3)
+"""How a compiled proof ends; else no shorter stretch has numbers of its own."""
+
+
+def _obstruction(end: int, pair: int, span: Span, s: float, known: tuple[float, float, int]) -> Obstruction | None:
+    """In words; ``known`` are the gap found, the one needed, and how many bounds may be asked."""
+    gap, enough, most = known
+    if end == PROVEN:
+        return None
+    if end == CLOSE:
+        return Obstruction(pair, span, s, tree.too_close(s, gap, enough))
+    return Obstruction(pair, span, s, tree.no_end(most if end == SPENT else None), end == SPENT)

@@ -1,0 +1,256 @@
+"""The one place where collision checks are counted, and where their limits are enforced."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+import weakref
+from collections import Counter
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from planner_service.errors import InvalidRequest, PlannerServiceError
+from planner_service.geometry.shapes import number, whole
+
+__all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
+
+MAX_STATES = 2**63 - 1
+"""More states than anyone judges."""
+
+
+@dataclass(frozen=True)
+class CheckCounts:
+    """What was asked of the collision checker.
+
+    Attributes:
+        states: Configurations judged free or not, samples along edges one by one, up to and
+            including the first that collides.
+        edges: Edges judged.
+        distances: (configuration, pair) clearance bounds requested.
+    """
+
+    states: int = 0
+    edges: int = 0
+    distances: int = 0
+
+    def __add__(self, other: CheckCounts) -> CheckCounts:
+        return CheckCounts(self.states + other.states, self.edges + other.edges, self.distances + other.distances)
+
+    def __sub__(self, other: CheckCounts) -> CheckCounts:
+        return CheckCounts(self.states - other.states, self.edges - other.edges, self.distances - other.distances)
+
+
+class SearchStopped(PlannerServiceError):
+    """A limit was reached inside a check; it unwinds to the service, which turns it into a Failure of a plan."""
+
+
+class CheckBudgetSpent(SearchStopped):
+    """The next state would exceed ``max_checks``."""
+
+
+class TimeBoxSpent(SearchStopped):
+    """The time limit passed."""
+
+
+class Cancelled(SearchStopped):
+    """The caller's token was cancelled."""
+
+
+class CancelToken:
+    """Lets another thread end a running call: it stops before its next check."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+
+    def cancel(self) -> None:
+        """Ask the call that holds this token to stop."""
+        self._event.set()
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether ``cancel`` was called."""
+        return self._event.is_set()
+
+
+class Ledger:
+    """Running counts, shared by a checker and its variants, the limits of each thread, and the lock that guards both.
+
+    Limits belong to the thread whose block set them: what another thread judges neither uses them up nor meets them.
+    """
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.states = 0
+        self.edges = 0
+        self.distances = 0
+        self.hits: Counter[tuple[str, str]] = Counter()
+        self._threads = _Threads()
+
+    @property
+    def counts(self) -> CheckCounts:
+        """The counts so far."""
+        return CheckCounts(self.states, self.edges, self.distances)
+
+    def limited(
+        self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
+    ) -> AbstractContextManager[None]:
+        """Within the block, stop before ``states`` more are exceeded, or ``time.monotonic()`` passes ``deadline``.
+
+        Limits around the block hold on within it.
+        """
+        if states is not None:
+            states = whole("states", states, 0, MAX_STATES)
+        if deadline is not None:
+            deadline = number("deadline", deadline, "a time of time.monotonic()", -math.inf, math.inf)
+        if token is not None and not isinstance(token, CancelToken):
+            raise InvalidRequest("cancel", token, "a CancelToken, or None")
+        return _Block(self._threads.own, states, deadline, token)
+
+    def apart(self) -> AbstractContextManager[None]:
+        """Within the block no number of states limits; what it spends does not use up the limits around it."""
+        return _Block(self._threads.own, None, None, None, apart=True)
+
+    def let_go(self) -> None:
+        """End what a call of this thread may have left behind when Ctrl-C came: limits, and its hold of the lock."""
+        self._threads.own.unlimited()
+        with suppress(RuntimeError):  # not held by this thread, or not any more
+            while True:
+                self.lock.release()
+
+    def poll(self) -> None:
+        """Raise if the time box is over or the call was cancelled; costs no check."""
+        own = self._threads.own
+        if own.limits.tokens or own.limits.deadline is not None:
+            own.check(own.poll)
+
+    def require_room(self) -> None:
+        """Poll, and raise if not one more state may be judged."""
+        own = self._threads.own
+        if own.limits.blocks:
+            self.poll()
+            if own.limits.most is not None and own.states >= own.limits.most:
+                own.check(own.require_room)
+
+    def room(self) -> int | None:
+        """How many more states may be judged; None without a limit."""
+        own = self._threads.own
+        return None if own.limits.most is None else max(0, own.limits.most - own.states)
+
+    def time_left(self) -> float | None:
+        """Seconds until the deadline, none below 0; None without one."""
+        deadline = self._threads.own.limits.deadline
+        return None if deadline is None else max(0.0, deadline - time.monotonic())
+
+    def record_states(self, judged: int) -> None:
+        """Record states that were judged, as many as there was room for."""
+        self.states += judged
+        self._threads.own.states += judged
+
+    def charge_edge(self) -> None:
+        """Record one edge."""
+        with self.lock:
+            self.edges += 1
+
+    def charge_distances(self, bounds: int) -> None:
+        """Record clearance bounds."""
+        with self.lock:
+            self.distances += bounds
+
+    def hit(self, pair: tuple[str, str]) -> None:
+        """Record which pair made a state collide."""
+        self.hits[pair] += 1
+
+
+class _Limits(NamedTuple):
+    """The blocks a thread is in, and the least of their limits; replaced as a whole, for Ctrl-C may come in between."""
+
+    blocks: tuple[weakref.ref[_Block], ...] = ()
+    most: int | None = None
+    deadline: float | None = None
+    tokens: tuple[CancelToken, ...] = ()
+
+
+class _Thread:
+    """What one thread has judged, and the limits of the blocks it is in, the outermost first.
+
+    A block is known weakly: one that Ctrl-C kept from ending is gone with its frame, and so are its limits.
+    """
+
+    def __init__(self) -> None:
+        self.states = 0
+        self.limits = _Limits()
+
+    def unlimited(self) -> None:
+        """Forget all blocks."""
+        self.limits = _Limits()
+
+    def hold(self, *blocks: _Block) -> None:
+        """Take the limits of these blocks for all there are."""
+        deadlines = [block.deadline for block in blocks if block.deadline is not None]
+        inner = max((k for k, block in enumerate(blocks) if block.apart), default=0)
+        counts = [block.most for block in blocks[inner:] if block.most is not None]
+        tokens = tuple(block.token for block in blocks if block.token is not None)
+        refs = tuple(map(weakref.ref, blocks))
+        self.limits = _Limits(refs, min(counts, default=None), min(deadlines, default=None), tokens)
+
+    def living(self) -> list[_Block]:
+        """The blocks there are."""
+        return [block for ref in self.limits.blocks if (block := ref()) is not None]
+
+    def check(self, limit: Callable[[], None]) -> None:
+        """Raise what a limit raises, unless the block that it is of has ended or is gone."""
+        try:
+            limit()
+        except SearchStopped:
+            self.hold(*self.living())
+            limit()
+
+    def poll(self) -> None:
+        _, _, deadline, tokens = self.limits
+        if any(token.cancelled for token in tokens):
+            raise Cancelled("cancelled by the caller")
+        if deadline is not None and time.monotonic() > deadline:
+            raise TimeBoxSpent("the time limit passed")
+
+    def require_room(self) -> None:
+        if self.limits.most is not None and self.states >= self.limits.most:
+            raise CheckBudgetSpent("the check budget is spent")
+
+
+class _Threads(threading.local):
+    """What each thread has of its own."""
+
+    def __init__(self) -> None:
+        self.own = _Thread()
+
+
+class _Block(AbstractContextManager[None]):
+    """Limits while it is entered. Blocks of a thread may end in any order: each takes back its own limits alone."""
+
+    def __init__(
+        self,
+        thread: _Thread,
+        states: int | None,
+        deadline: float | None,
+        token: CancelToken | None,
+        *,
+        apart: bool = False,
+    ) -> None:
+        self._thread, self._states, self._before = thread, states, 0
+        self.deadline, self.token, self.apart = deadline, token, apart
+        self.most: int | None = None
+
+    def __enter__(self) -> None:
+        thread = self._thread
+        self._before = thread.states
+        self.most = None if self._states is None else thread.states + self._states
+        thread.hold(*thread.living(), self)
+
+    def __exit__(self, *_: object) -> None:
+        thread = self._thread
+        if self.apart:
+            thread.states = self._before
+        thread.hold(*(block for block in thread.living() if block is not self))

@@ -1,0 +1,199 @@
+"""What can collide with what: the robot's shapes, what it carries and the scene as one numbered list."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.collision.names import Kind, Names, Owner
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.composite import Composite, Solid
+from planner_service.geometry.shapes import FloatArray, Pose, Shape, number, read_only
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+
+__all__ = ["Part", "Parts", "require_padding", "sorted_pairs"]
+
+MANY = 64
+"""Pieces from which on an obstacle is a crowd."""
+
+MAX_PADDING = 0.1
+"""Metres; more padding than this is a unit mistake."""
+
+MAX_PAIRS = 20_000_000
+"""Ten clouds of 50,000 boxes around an arm of 40 pieces; more take more memory than most have."""
+
+
+MAX_ALLOWED = 1_000_000
+"""Pairs that a caller may allow: more than any scene has, and an end to a sequence without one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One convex piece: ``owner`` is the link or object it belongs to, maybe with other pieces.
+
+    ``body`` numbers the robot body it rides on, or is -1 for an obstacle; ``T`` is its pose in
+    that body, or in the world. What is ``carried`` must not be inside the link that carries it
+    either, though no motion changes that.
+    """
+
+    owner: Owner
+    body: int
+    shape: Shape
+    T: FloatArray
+    carried: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """Whether it rides on a body that a joint moves."""
+        return self.body > 0
+
+
+class Parts:
+    """The numbered pieces of a robot in a scene, and the pairs of them that must stay apart.
+
+    The robot's pieces come first, outermost bodies first (the wrist hits things more often than
+    the shoulder, so a colliding state is found out sooner), then the obstacles in scene order.
+
+    Args:
+        allowed: Pairs of owners that may touch, beside those the robot and the carried objects allow.
+        padding: Metres. Every pair must stay apart by at least this: each piece is grown by half of it.
+
+    Attributes:
+        labels: What links and objects are called.
+        carried: The pieces of carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
+        runs: Numbers from and to which the pieces of each obstacle go, those of one being neighbours in space.
+        crowds: Those of many.
+        pairs: Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot.
+
+    Raises:
+        UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
+        InvalidRequest: a pair names a link and an object at once; more than 20,000,000 pairs.
+    """
+
+    def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Iterable[tuple[str, str]]) -> None:
+        self.labels = Names(robot, scene)
+        riding = [Part(Owner(Kind.LINK, s.link), s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes]
+        tool = Pose.from_matrix(robot.tool_placement)
+        held = [(a, tool @ a.pose) for a in scene.attached]
+        self.carried = tuple((robot.tool_body, *piece) for a, pose in held for piece in _posed(a.shape, pose))
+        riding += [
+            Part(Owner(Kind.OBJECT, a.name), robot.tool_body, shape, T, carried=True)
+            for a, pose in held
+            for shape, T in _placed(a.shape, pose)
+        ]
+        riding.sort(key=lambda part: -part.body)
+        standing: list[Part] = []
+        runs = []
+        for o in scene.obstacles:
+            first = len(riding) + len(standing)
+            standing += [Part(Owner(Kind.OBJECT, o.name), -1, shape, T) for shape, T in _placed(o.shape, o.pose)]
+            runs.append((first, len(riding) + len(standing)))
+        self.parts = tuple(riding + standing)
+        self.riding = len(riding)
+        self.runs = tuple(runs)
+        self.crowds = tuple(run for run in runs if run[1] - run[0] >= MANY)
+        self.shapes = tuple(part.shape.grown(padding / 2) if padding else part.shape for part in self.parts)
+        self._allowed = self._allowed_pairs(robot, scene, allowed)
+        self.pairs = self._pairs()
+        self._names: dict[int, tuple[str, str]] = {}  # of those that were asked for
+
+    def _allowed_pairs(
+        self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]
+    ) -> frozenset[frozenset[Owner]]:
+        known = {self.labels.of(part.owner): part.owner for part in self.parts}
+        pairs = [frozenset(Owner(Kind.LINK, link) for link in contact.links) for contact in robot.allowed_contacts]
+        links = {item.link for item in robot.shapes}
+        for attached in scene.attached:
+            for link in attached.touch_links:
+                if link not in links:
+                    raise UnknownName("touch link", link, links)
+                pairs.append(frozenset((Owner(Kind.OBJECT, attached.name), Owner(Kind.LINK, link))))
+        for pair in allowed:
+            for name in pair:
+                if name in self.labels.twice:
+                    expected = " or ".join(repr(name + kind.value) for kind in Kind)
+                    raise InvalidRequest("link or object", name, f"{expected}: the name stands for both")
+                if name not in known:
+                    raise UnknownName("link or object", name, known)
+            pairs.append(frozenset(known[name] for name in pair))
+        return frozenset(pairs)
+
+    def _may_touch(self, a: Part, b: Part) -> bool:
+        if a.owner == b.owner or frozenset((a.owner, b.owner)) in self._allowed:
+            return True
+        if a.body >= 0 and b.body >= 0:
+            return a.body == b.body and not (a.carried or b.carried)
+        moving = a if b.body < 0 else b
+        return not moving.moves
+
+    def _pairs(self) -> NDArray[np.intp]:
+        riding = self._riding_runs()
+        rows = [np.zeros((0, 2), dtype=np.intp)]
+        count = 0
+        for k, run in enumerate(riding):
+            part = self.parts[run[0]]
+            judged = [
+                other for other in (*self.runs, *riding[k + 1 :]) if not self._may_touch(part, self.parts[other[0]])
+            ]
+            count += (run[1] - run[0]) * sum(end - first for first, end in judged)
+            if count > MAX_PAIRS:
+                raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must stay apart")
+            others = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(*other) for other in judged)])
+            first = np.repeat(np.arange(*run), len(others))
+            rows.append(np.stack([first, np.tile(others, run[1] - run[0])], axis=1))
+        return np.concatenate(rows)
+
+    def _riding_runs(self) -> list[tuple[int, int]]:
+        """Numbers from and to which pieces of one owner that ride on one body go."""
+        kinds = [(part.owner, part.body, part.carried) for part in self.parts[: self.riding]]
+        starts = [k for k, kind in enumerate(kinds) if k == 0 or kind != kinds[k - 1]]
+        return list(zip(starts, [*starts[1:], self.riding], strict=False))
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """The labels of a pair's owners: the link or carried object, then what it meets."""
+        found = self._names.get(pair)
+        if found is None:
+            i, j = self.pairs[pair]
+            found = self._names[pair] = self.labels.of(self.parts[i].owner), self.labels.of(self.parts[j].owner)
+        return found
+
+
+def require_padding(padding: object) -> None:
+    """Refuse what is no distance in metres up to 0.1."""
+    number("padding", padding, f"metres in [0, {MAX_PADDING}]", 0.0, MAX_PADDING)
+
+
+def sorted_pairs(allowed: Iterable[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """Pairs of names as given by a user, each once and in order."""
+    pairs = set()
+    if isinstance(allowed, (str, bytes, np.ndarray)) or not isinstance(allowed, Iterable):
+        raise InvalidRequest("allowed", allowed, "pairs of link or object names")
+    for count, pair in enumerate(allowed):
+        if count == MAX_ALLOWED:
+            raise InvalidRequest("allowed", allowed, f"at most {MAX_ALLOWED:,} pairs of link or object names")
+        if not isinstance(pair, tuple | list) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+            raise InvalidRequest("allowed", pair, "pairs of link or object names")
+        pairs.add((min(pair), max(pair)))
+    return tuple(sorted(pairs))
+
+
+def _posed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, Pose]]:
+    """The convex pieces of a solid at a pose, each with its own."""
+    if not isinstance(solid, Composite):
+        yield solid, pose
+    else:
+        for shape, T in _placed(solid, pose):
+            yield shape, Pose.from_matrix(T)
+
+
+def _placed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, FloatArray]]:
+    """The convex pieces of a solid at a pose, and where they are in what the pose is given in, 4 x 4."""
+    if not isinstance(solid, Composite):
+        return iter([(solid, read_only(pose.matrix))])
+    A, B = pose.matrix, solid.pieces.frames
+    frames = A[:, :1] * B[:, :1] + A[:, 1:2] * B[:, 1:2] + A[:, 2:3] * B[:, 2:3] + A[:, 3:] * B[:, 3:]  # without BLAS
+    return zip(solid.pieces.shapes, read_only(frames), strict=True)

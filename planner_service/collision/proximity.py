@@ -1,0 +1,58 @@
+"""How far apart near pairs are, and which motion parts them: what trajectory optimisation asks of the checker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from planner_service.collision.backends import Compiled, Judge
+from planner_service.collision.native_kernel import IntArray, Kernel, build_kernel, instruction_sets
+from planner_service.collision.numpy_broadphase import MARGIN
+from planner_service.collision.pairs import Parts
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray
+from planner_service.robot.model import Robot
+
+__all__ = ["NearPairs", "measuring_kernel", "require_kernel"]
+
+BUILT = "the compiled kernel, which measures distances and was not built here: install with a C++17 compiler"
+
+
+@dataclass(frozen=True, eq=False)
+class NearPairs:
+    """Pairs that are near at some configurations Q (m, n), by row, k of them.
+
+    Attributes:
+        rows: Of Q, (k,).
+        pairs: Their numbers, (k,).
+        distances: Signed metres, (k,): of an overlap the least way out of it. The separation of both pieces along the
+            direction that was found: never above the true distance but for rounding, and below it by a few nanometres
+            where pieces are apart.
+        points: Where it is measured, on the first piece and on the second, world frame, (k, 2, 3).
+        gradients: Of the distances, metres per radian (or per metre of a prismatic joint), (k, n): the direction from
+            piece to piece times the difference of both points' Jacobians. Where nearest points are not unique the
+            distance has a kink, and this is the derivative to one side, or between both.
+    """
+
+    rows: IntArray
+    pairs: IntArray
+    distances: FloatArray
+    points: FloatArray
+    gradients: FloatArray
+
+
+def measuring_kernel(judge: Judge, robot: Robot, parts: Parts) -> Kernel:
+    """The compiled kernel, whoever judges.
+
+    Raises:
+        InvalidRequest: it was not built.
+    """
+    kernel = judge.kernel if isinstance(judge, Compiled) else build_kernel(robot, parts, MARGIN)
+    if kernel is None:
+        raise InvalidRequest("near", None, BUILT, message=f"near: it needs {BUILT}")
+    return kernel
+
+
+def require_kernel(field: str, value: object) -> None:
+    """Refuse what asks for distances where the compiled kernel was not built."""
+    if not instruction_sets():
+        raise InvalidRequest(field, value, BUILT, message=f"{field}: optimising needs {BUILT}")

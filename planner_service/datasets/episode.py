@@ -1,0 +1,268 @@
+"""One episode, from its number to plain data: what a worker does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from planner_service.collision import CheckCounts
+from planner_service.datasets.frames import Frames, Part, frames, timeline
+from planner_service.datasets.parquet import TABLES, Rows
+from planner_service.datasets.random_draws import Draws
+from planner_service.datasets.task import Drawn, EpisodeTask
+from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere, instance, number, whole
+from planner_service.parallel import Lost
+from planner_service.path.joint_path import JointPath
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Reason
+from planner_service.records.plan_file import SavedTask
+from planner_service.records.result import certificate_record, counts_record
+from planner_service.robot.model import JointLimits, Robot
+from planner_service.scene.scene import Obstacle
+from planner_service.service import PlannerService
+from planner_service.tasks.result import Segment
+
+__all__ = ["Episode", "EpisodeWork", "lost", "numbers_stats"]
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """What came of one request.
+
+    Attributes:
+        rows: For the tables; what depends on the episodes before is left for whoever writes them.
+        columns: float32 arrays (m, k) of its m frames, by the names of features; None if there is no episode.
+    """
+
+    rows: Rows
+    columns: Mapping[str, Any] | None
+
+
+@dataclass(frozen=True, eq=False)
+class EpisodeWork:
+    """Makes the episode of a number: a value that is sent to each worker once.
+
+    Attributes:
+        robot: Who moves; its gripper takes.
+        task: What is shown.
+        seed: Of all episodes.
+        fps: Frames per second.
+        gripper_speed: Metres per second by which the gripper's opening changes.
+        max_checks: States that each plan may judge.
+        chunk: Requests in a file of a table, and episodes in a folder.
+
+    Raises:
+        InvalidRequest: the robot has no gripper, or a number is out of its range.
+    """
+
+    robot: Robot
+    task: EpisodeTask
+    seed: int = 0
+    fps: int = 30
+    gripper_speed: float = 0.05
+    max_checks: int = 50_000
+    chunk: int = 1000
+
+    def __post_init__(self) -> None:
+        if instance("robot", self.robot, Robot, "a Robot").gripper is None:
+            raise InvalidRequest("robot", self.robot.name, "a robot with a gripper")
+        for name, most in (("seed", 2**63 - 1), ("fps", 1000), ("max_checks", 10**9), ("chunk", 10_000)):
+            whole(name, getattr(self, name), 0 if name == "seed" else 1, most)
+        number("gripper_speed", self.gripper_speed, "metres per second in [0.001, 10]", 0.001, 10.0)
+
+    @property
+    def features(self) -> dict[str, dict[str, Any]]:
+        """The columns of the frames, as LeRobot describes them."""
+        robot = [*self.robot.joint_names, "gripper_width"]
+        names: dict[str, list[str] | None] = {
+            "observation.state": robot,
+            "observation.environment_state": [f"target_{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+            + [f"onto_{part}" for part in "xyz"],
+            "action": robot,
+            "timestamp": None,
+            **dict.fromkeys(("frame_index", "episode_index", "index", "task_index")),
+        }
+        return {
+            name: {
+                "dtype": "int64" if name.endswith("index") else "float32",
+                "shape": [1 if parts is None else len(parts)],
+                "names": parts,
+            }
+            for name, parts in names.items()
+        }
+
+    def prepare(self) -> None:
+        """Load the libraries that timing needs, which else the first plan would do."""
+        limits = self.robot.limits
+        path = JointPath(np.array([limits.lower, limits.upper]))
+        PlanRequest(limits.lower, limits.upper).timing.time_path(path, limits)
+
+    def __call__(self, item: int) -> Episode:
+        """The episode of that number, or why there is none; no clock has a say."""
+        index, draws = item, Draws(self.seed, item)
+        planner_seed = draws.whole()
+        drawn = self.task.draw(self.robot, draws)
+        service = PlannerService(self.robot, drawn.scene)
+        request = PlanRequest(drawn.start, drawn.start, seed=planner_seed, max_checks=self.max_checks, time_limit=None)
+        solved = self.task.solve(service, drawn, request)
+        rows = _rows(index, drawn, solved)
+        asked = rows["requests"][0] | {"planner_seed": planner_seed}
+        if solved.failure is not None:
+            told: dict[str, Any] = {"stage": solved.failure.stage.value, "reason": solved.failure.reason.value}
+            told |= {"detail": solved.failure.detail, "motions_planned": len(solved.segments)}
+            rows["failures"] = [{"request_index": index, **told}]
+            return Episode(rows | {"requests": [asked]}, None)
+        parts = timeline(solved.segments, self.task.carrying, self.gripper_speed)
+        found = frames(self.robot, parts, drawn.scene.obstacle(drawn.target), self.fps)
+        onto = drawn.scene.obstacle(drawn.onto).pose.position
+        columns = _columns(found, onto, self.fps, self.robot.limits)
+        rows["motions"] = [
+            _motion_row(index, k, part) | {"certified": row["certified"]}
+            for k, (part, row) in enumerate(zip(parts, rows["certificates"], strict=True))
+        ]
+        stats = {name: _stats(values) for name, values in columns.items()}
+        rows["episodes"] = [{"request_index": index, "length": len(found.q), "stats": stats}]
+        asked |= {"ok": True, "frames": len(found.q), "motion_s": math.fsum(p.trajectory.duration for p in parts)}
+        return Episode(rows | {"requests": [asked]}, columns)
+
+
+def lost(index: int, answer: Lost) -> Episode:
+    """A request of which nothing is known but that it cost its workers their life, or their time."""
+    reason = Reason.TIMED_OUT if answer.over_limit else Reason.WORKER_LOST
+    nothing = counts_record(CheckCounts())
+    request = {"request_index": index, "ok": False, "frames": 0, "motion_s": 0.0, **nothing}
+    failure = {"request_index": index, "reason": reason.value, "detail": answer.detail}
+    return Episode({**{name: [] for name in TABLES}, "requests": [request], "failures": [failure]}, None)
+
+
+def numbers_stats(first: int, length: int) -> dict[str, list[float]]:
+    """What LeRobot keeps of a column that counts up."""
+    last = first + length - 1
+    spread = math.sqrt((length * length - 1) / 12.0)
+    return {"min": [first], "max": [last], "mean": [(first + last) / 2.0], "std": [spread], "count": [length]}
+
+
+def _columns(found: Frames, onto: Sequence[float], fps: int, limits: JointLimits) -> dict[str, Any]:
+    """The features of an episode that are its own: each action is the state of the next frame, the last one its own.
+
+    A joint at a limit is rounded to the inside.
+    """
+    q, low, high = (values.astype(np.float32) for values in (found.q, limits.lower, limits.upper))
+    low = np.where(low < limits.lower, np.nextafter(low, np.float32(np.inf)), low)
+    high = np.where(high > limits.upper, np.nextafter(high, np.float32(-np.inf)), high)
+    state = np.concatenate([np.clip(q, low, high), found.width[:, None].astype(np.float32)], axis=1)
+    return {
+        "observation.state": state,
+        "observation.environment_state": np.concatenate(
+            [found.target, np.tile(onto, (len(state), 1))], axis=1, dtype=np.float32
+        ),
+        "action": np.concatenate([state[1:], state[-1:]]),
+        "timestamp": (np.arange(len(state)) / fps).astype(np.float32)[:, None],
+    }
+
+
+def _stats(values: Any) -> dict[str, list[float]]:
+    """What LeRobot keeps of a feature (m, k): sums are exact before they are rounded."""
+    columns: list[list[float]] = values.astype(np.float64).T.tolist()
+    means = [math.fsum(column) / len(column) for column in columns]
+    spreads = [
+        math.sqrt(math.fsum((v - mean) * (v - mean) for v in column) / len(column))
+        for column, mean in zip(columns, means, strict=True)
+    ]
+    lowest, highest = [min(column) for column in columns], [max(column) for column in columns]
+    return {"min": lowest, "max": highest, "mean": means, "std": spreads, "count": [len(values)]}
+
+
+def _rows(index: int, drawn: Drawn, solved: SavedTask) -> Rows:
+    counts = counts_record(solved.counts)
+    request = {
+        "request_index": index,
+        "ok": False,
+        "frames": 0,
+        "motion_s": 0.0,
+        "scene_hash": drawn.scene.hash,
+        "target": drawn.target,
+        "onto": drawn.onto,
+        "start": drawn.start.tolist(),
+        **counts,
+        "notes": list(solved.notes),
+    }
+    numbered = list(enumerate(solved.segments))
+    return {
+        "requests": [request],
+        "scenes": [_obstacle_row(index, k, obstacle) for k, obstacle in enumerate(drawn.scene.obstacles)],
+        "counts": [row for k, segment in numbered for row in _count_rows(index, k, segment)]
+        + [_count_row(index, -1, "choosing", None, counts_record(solved.choosing))],
+        "certificates": [row for k, segment in numbered for row in _certificate_rows(index, k, segment)],
+        "failures": [],
+        "motions": [],
+        "episodes": [],
+    }
+
+
+def _obstacle_row(index: int, position: int, obstacle: Obstacle) -> dict[str, Any]:
+    shape = obstacle.shape
+    if not isinstance(shape, Box | Sphere | Cylinder | Capsule):
+        raise InvalidRequest("scene", type(shape).__name__, "boxes, spheres, cylinders and capsules")
+    sizes = shape.size if isinstance(shape, Box) else tuple(vars(shape).values())
+    return {
+        "request_index": index,
+        "position_in_scene": position,
+        "name": obstacle.name,
+        "shape": type(shape).__name__.lower(),
+        "sizes": list(sizes),
+        "position": list(obstacle.pose.position),
+        "quaternion_wxyz": list(obstacle.pose.quaternion),
+    }
+
+
+def _count_rows(index: int, k: int, segment: Segment) -> Iterator[dict[str, Any]]:
+    if segment.gripper is not None:
+        counts = counts_record(segment.counts - segment.result.counts)
+        yield _count_row(index, k, segment.name, "gripper", counts)
+    for report in segment.result.stages:
+        yield _count_row(index, k, segment.name, report.stage.value, counts_record(report.counts))
+
+
+def _count_row(index: int, k: int, motion: str, stage: str | None, counts: Mapping[str, int]) -> dict[str, Any]:
+    return {"request_index": index, "motion_index": k, "motion": motion, "stage": stage, **counts}
+
+
+def _certificate_rows(index: int, k: int, segment: Segment) -> Iterator[dict[str, Any]]:
+    certificate = segment.result.certificate
+    if segment.result.ok and (certificate is None or not certificate.certified):
+        raise BrokenInvariant(f"request {index}: {segment.name} has a plan and no proof")
+    if certificate is not None:
+        told = certificate_record(certificate)
+        exempt = [
+            {**{key: item[key] for key in ("s_start", "s_end", "reason")}, "a": a, "b": b}
+            for item in told["exempt"]
+            for a, b in item["pairs"]
+        ]
+        kept = {key: told[key] for key in ("certified", "clearance", "distances", "padding")}
+        yield {"request_index": index, "motion_index": k, "motion": segment.name, **kept, "exempt": exempt}
+
+
+def _motion_row(index: int, k: int, part: Part) -> dict[str, Any]:
+    path, trajectory = part.trajectory.path, part.trajectory
+    return {
+        "request_index": index,
+        "motion_index": k,
+        "motion": part.name,
+        "carrying": part.carrying,
+        "begins_s": part.begins,
+        "duration_s": trajectory.duration,
+        "settle_s": part.settle,
+        "gripping_s": part.gripping,
+        "gripper_width": part.width,
+        "waypoints": path.waypoints.tolist(),
+        "blends": path.blends.tolist(),
+        "dilation": trajectory.dilation,
+        "durations": trajectory.durations.tolist(),
+        "coefficients": trajectory.coefficients.tolist(),
+    }

@@ -1,0 +1,251 @@
+"""A data set on disk: grown request by request, whole after every interruption, with the same bytes in the end.
+
+A request is in the data set once its line is in ``meta/journal.jsonl``; the frames of its episode were put into their
+place before. Whenever a chunk of requests is full, its tables are written and its journal goes.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from planner_service.datasets.episode import Episode, numbers_stats
+from planner_service.datasets.parquet import TABLES, Rows, episode_bytes, row_count, rows_of, table_bytes
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.json_reader import read_json
+
+__all__ = ["DATA_PATH", "Folder"]
+
+DATA_PATH = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+"""LeRobot's own, with which a reader finds the files."""
+
+GROUP = 100
+"""Requests in a row group of a table: about 4 MB of journal are in memory at a time."""
+
+
+class Folder:
+    """The folder of a data set, locked against others while it is open.
+
+    Args:
+        path: Made if it is not there; its parent has to be.
+        settings: Of plain JSON values: what decides every byte, the number of requests apart.
+        chunk: Requests whose tables are one file each, and episodes in one folder.
+
+    Raises:
+        InvalidRequest: there is something else in it, it was made with other settings, or somebody is writing there.
+        InvalidFile: it cannot be made or read.
+    """
+
+    def __init__(self, path: Path, settings: Mapping[str, Any], chunk: int) -> None:
+        self.path = path
+        self._chunk = chunk
+        self._journal = path / "meta" / "journal.jsonl"
+        self._lock = self._locked()
+        try:
+            self._claim(settings)
+            self.refresh()
+        except BaseException:
+            os.close(self._lock)
+            raise
+
+    def __enter__(self) -> Folder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        os.close(self._lock)
+
+    def refresh(self) -> None:
+        """Count what is there, and clear away what an interruption left half done."""
+        with _told(self.path):
+            self._refresh()
+
+    def _refresh(self) -> None:
+        for rest in self.path.rglob(".*.tmp"):
+            rest.unlink()
+        self.requests = self.episodes = self.frames = 0
+        while self._is_full(self.chunks):
+            for row in rows_of(self._table("requests", self.chunks), ("ok", "frames")):
+                self._count(row)
+        kept = sum(len(line) for line in self._sound_lines())
+        if self._journal.exists():
+            os.truncate(self._journal, kept)
+        if kept == 0:
+            self._journal.unlink(missing_ok=True)
+        there = 0
+        for file in (self.path / "data").glob("*/episode_*.parquet"):
+            number = file.stem.removeprefix("episode_")
+            if number.isdecimal() and int(number) >= self.episodes:
+                file.unlink()
+            elif number.isdecimal():
+                there += file == self._data(int(number))
+        if there < self.episodes:
+            raise InvalidFile(self.path / "data", [f"{self.episodes - there} of {self.episodes} episodes are gone"])
+        self._close_chunk()
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks of requests are full."""
+        return self.requests // self._chunk
+
+    def add(self, episode: Episode) -> None:
+        """Put the next request into the data set, and all of its frames."""
+        rows = self._numbered(episode.rows)
+        (request,) = rows["requests"]
+        if episode.columns is not None:
+            numbers = {"episode_index": self.episodes, "task_index": 0, "index": self.frames}
+            self.write(self._data(self.episodes), [episode_bytes(episode.columns, numbers, request["frames"])])
+        line = json.dumps(rows, allow_nan=False, separators=(",", ":")).encode("ascii") + b"\n"
+        with _told(self._journal), open(self._journal, "ab") as journal:
+            journal.write(line)
+            journal.flush()  # all of it, or an error
+            os.fsync(journal.fileno())
+        self._count(request)
+        self._close_chunk()
+
+    def write_tables(self) -> None:
+        """Write the tables of the requests in the journal; that of requests last, as it says that all are there."""
+        if not self._journal.exists():
+            return
+        chunk = (self.requests - 1) // self._chunk
+        for name, content in table_bytes(self._groups()).items():
+            self.write(self._table(name, chunk), [content])
+
+    def write(self, file: Path, parts: Iterable[bytes]) -> None:
+        """Write a file of the data set, whole or not at all, from parts of which one is in memory at a time.
+
+        Raises:
+            InvalidFile: it cannot be written, as when the disk is full; what is finished stays.
+        """
+        temporary = file.with_name(f".{file.name}.tmp")
+        with _told(file):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with open(temporary, "wb") as out:
+                out.writelines(parts)
+                out.flush()
+                os.fsync(out.fileno())
+            os.replace(temporary, file)
+
+    def rows(self, table: str, columns: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+        """The rows of a table that was written, from all its files in order."""
+        for chunk in range(-(-self.requests // self._chunk)):
+            yield from rows_of(self._table(table, chunk), columns)
+
+    def _locked(self) -> int:
+        try:
+            self.path.mkdir(exist_ok=True)
+            lock = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InvalidFile(self.path, [f"no folder for a data set: {reason}"]) from None
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(lock)
+            raise InvalidRequest("out", str(self.path), "a folder into which nobody else is writing") from None
+        return lock
+
+    def _claim(self, settings: Mapping[str, Any]) -> None:
+        """See to it that the folder is ours, made with these settings."""
+        about = self.path / "meta" / "generation.json"
+        begun = {about.parent, about.with_name(f".{about.name}.tmp")}  # what a run that just began may leave
+        if begun.issuperset(self.path.rglob("*")):
+            self.write(about, [_json_bytes(settings)])
+        if not about.is_file():
+            raise InvalidRequest("out", str(self.path), "a new or empty folder, or one of episodes to be continued")
+        found = read_json(about)
+        if not isinstance(found, dict) or found.get("format") != settings["format"]:
+            raise InvalidRequest("out", str(self.path), "a folder of episodes; its meta/generation.json is of another")
+        for key in settings:
+            if found.get(key) != settings[key]:
+                message = f"{self.path} was begun with {key} {found.get(key)!r}; it cannot go on with {settings[key]!r}"
+                raise InvalidRequest(key, settings[key], f"{found.get(key)!r}, or another folder", message=message)
+
+    def _close_chunk(self) -> None:
+        """Write the tables of a chunk that is full, of which no journal is needed then."""
+        if self.requests % self._chunk == 0:
+            self.write_tables()
+            self._journal.unlink(missing_ok=True)
+
+    def _is_full(self, chunk: int) -> bool:
+        table = self._table("requests", chunk)
+        if self.requests != chunk * self._chunk or not table.exists() or row_count(table) != self._chunk:
+            return False
+        for name in TABLES:
+            row_count(self._table(name, chunk))  # it is there, and was not cut short
+        return True
+
+    def _sound_lines(self) -> Iterator[bytes]:
+        """The lines of the journal, each counted, up to one that is not the next request or has lost its frames."""
+        if not self._journal.exists():
+            return
+        with open(self._journal, "rb") as journal:
+            for line in journal:
+                try:
+                    (request,) = json.loads(line)["requests"] if line.endswith(b"\n") else ({},)
+                    if request["request_index"] != self.requests:
+                        return
+                    if request["ok"] and row_count(self._data(self.episodes)) != request["frames"]:
+                        return
+                except (ValueError, KeyError, TypeError, InvalidFile):
+                    return
+                self._count(request)
+                yield line
+
+    def _count(self, request: Mapping[str, Any]) -> None:
+        self.requests += 1
+        self.episodes += bool(request["ok"])
+        self.frames += request["frames"]
+
+    def _numbered(self, rows: Rows) -> Rows:
+        """Rows with what the episodes before decide: the numbers of the episode and of its first frame."""
+        (request,) = rows["requests"]
+        episode = self.episodes if request["ok"] else None
+        given: dict[str, Any] = {"episode_index": episode, "first_index": self.frames}
+        if episode is not None:
+            given["stats"] = json.dumps(rows["episodes"][0]["stats"] | self._counted_stats(request["frames"]))
+        return {
+            name: [row | {key: value for key, value in given.items() if key in TABLES[name]} for row in rows[name]]
+            for name in TABLES
+        }
+
+    def _counted_stats(self, length: int) -> dict[str, dict[str, list[float]]]:
+        """The statistics of the columns that the episodes before decide."""
+        same = {"index": numbers_stats(self.frames, length), "frame_index": numbers_stats(0, length)}
+        for name, value in (("episode_index", self.episodes), ("task_index", 0)):
+            same[name] = {**numbers_stats(value, 1), "count": [length]}
+        return same
+
+    def _groups(self) -> Iterator[Rows]:
+        """The rows of the journal, some requests at a time."""
+        with open(self._journal, "rb") as journal:
+            while True:
+                found: list[Rows] = [json.loads(line) for line in islice(journal, GROUP)]
+                if not found:
+                    return
+                yield {name: [row for rows in found for row in rows[name]] for name in TABLES}
+
+    def _data(self, episode: int) -> Path:
+        return self.path / DATA_PATH.format(episode_chunk=episode // self._chunk, episode_index=episode)
+
+    def _table(self, name: str, chunk: int) -> Path:
+        return self.path / "tables" / name / f"chunk-{chunk:03d}.parquet"
+
+
+@contextmanager
+def _told(file: Path) -> Iterator[None]:
+    """What the system has against writing a file, or clearing a folder, as an error of ours."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidFile(file, [f"cannot be written: {error.strerror or error}"]) from error
+
+
+def _json_bytes(content: Any) -> bytes:
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode("ascii")

@@ -1,0 +1,123 @@
+"""The motions of a task one after another, at a rate: where robot, gripper and object are in every frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.path.trajectory import Trajectory
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Obstacle
+from planner_service.tasks.result import Segment
+
+__all__ = ["Frames", "Part", "frames", "timeline"]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One motion of an episode, and what the robot waits for at its end.
+
+    Attributes:
+        begins: Seconds since the episode began.
+        settle: Seconds that it then stands still, so that it no longer rings when the gripper moves.
+        width, next_width: Metres between the finger pads on the motion, and when the next one begins.
+        gripping: Seconds that the gripper takes from one to the other.
+        carrying: Whether the object moves with the tool.
+    """
+
+    name: str
+    trajectory: Trajectory
+    begins: float
+    settle: float
+    width: float
+    next_width: float
+    gripping: float
+    carrying: bool
+
+    @property
+    def stops(self) -> float:
+        """Seconds since the episode began at which the motion is over."""
+        return self.begins + self.trajectory.duration
+
+    @property
+    def ends(self) -> float:
+        """Seconds since the episode began at which the next motion begins."""
+        return self.stops + self.settle + self.gripping
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """m instants, the first at 0, the last no earlier than the end of the last motion.
+
+    Attributes:
+        q: Shape (m, n).
+        width: Metres between the finger pads, shape (m,).
+        target: Position and quaternion (w, x, y, z) of the object, shape (m, 7).
+    """
+
+    q: FloatArray
+    width: FloatArray
+    target: FloatArray
+
+
+def timeline(segments: Sequence[Segment], carrying: Sequence[str], gripper_speed: float) -> tuple[Part, ...]:
+    """The motions in order; where the gripper's width changes, the robot settles and waits for it.
+
+    Args:
+        carrying: Names of the motions on which the object moves with the tool.
+        gripper_speed: Metres per second by which the opening changes.
+    """
+    parts: list[Part] = []
+    begins = 0.0
+    for k, segment in enumerate(segments):
+        _, trajectory = segment.result.unwrap()
+        then = segments[k + 1].width if k + 1 < len(segments) else segment.width
+        motion = segment.result.motion
+        settle = motion.settle_time if motion is not None and then != segment.width else 0.0
+        gripping = abs(then - segment.width) / gripper_speed
+        part = Part(segment.name, trajectory, begins, settle, segment.width, then, gripping, segment.name in carrying)
+        parts.append(part)
+        begins = part.ends
+    return tuple(parts)
+
+
+def frames(robot: Robot, parts: Sequence[Part], target: Obstacle, fps: int) -> Frames:
+    """The episode at so many frames per second, to the first frame at which all has come to rest."""
+    times = np.arange(math.ceil(parts[-1].ends * fps) + 1) / fps
+    first = np.searchsorted([part.begins for part in parts], times, side="right") - 1
+    q: list[FloatArray] = []
+    width: list[FloatArray] = []
+    poses: list[FloatArray] = []
+    pose = target.pose
+    for k, part in enumerate(parts):
+        since = times[first == k] - part.begins
+        Q = part.trajectory(np.minimum(since, part.trajectory.duration))
+        q.append(Q)
+        width.append(_widths(part, since))
+        if part.carrying:
+            starts, stops = (_tool(robot, part.trajectory(t)) for t in (0.0, part.trajectory.duration))
+            held = starts.inverse() @ pose
+            poses.append(np.array([_seven(_tool(robot, row) @ held) for row in Q]).reshape(-1, 7))
+            pose = stops @ held
+        else:
+            poses.append(np.tile(_seven(pose), (len(Q), 1)))
+    return Frames(np.concatenate(q), np.concatenate(width), np.concatenate(poses))
+
+
+def _widths(part: Part, since: FloatArray) -> FloatArray:
+    if part.gripping == 0.0:
+        return np.full(len(since), part.width)
+    moved = (since - (part.trajectory.duration + part.settle)) / part.gripping
+    return part.width + (part.next_width - part.width) * np.clip(moved, 0.0, 1.0)
+
+
+def _tool(robot: Robot, q: FloatArray) -> Pose:
+    return Pose.from_matrix([*robot.tool_rows(q), [0.0, 0.0, 0.0, 1.0]])
+
+
+def _seven(pose: Pose) -> list[float]:
+    return [*pose.position, *pose.quaternion]

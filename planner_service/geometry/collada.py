@@ -1,0 +1,280 @@
+"""The vertices of a COLLADA (.dae) file: the triangles of its scene, each where its nodes put it, and nothing else.
+
+Readers of robot descriptions do not turn the scene upright (``<up_axis>``), whatever the format says, so neither does
+this one. They differ in whether ``<unit>`` scales it: Coal and MoveIt leave it out, RViz and Gazebo do not; so only
+metres are read. Whatever else would move a vertex is refused: skins, morphs, animations, and words that are not known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.files.xml_reader import MAX_DEPTH, Malformed, parse_xml
+from planner_service.geometry.shapes import FloatArray
+
+__all__ = ["dae_vertices"]
+
+MAX_NODES = 10_000
+"""Nodes of the scene, each instance counted: a node may be used many times, by nodes that are used many times."""
+MAX_PARTS = 50_000
+"""What all of these hold, counted in the same way."""
+MAX_PLACED = 2_000_000
+"""Vertices of all instances of all geometries."""
+MAX_READ = 20_000_000
+"""Positions of all geometries, used or not: many may share one source."""
+MAX_DIGITS = 64
+"""Characters of a number; Python would read megabytes of digits."""
+
+UNIT = 1e-5
+"""How far from 1 the length of an axis may be that is written with six digits."""
+
+REFERABLE = ("geometry", "node", "visual_scene", "source", "float_array", "vertices")
+IDLE = ("asset", "extra", "instance_camera", "instance_light")
+"""What a node may hold that moves no vertex."""
+STRIPS = ("triangles", "polylist", "polygons", "tristrips", "trifans", "lines", "linestrips")
+SIZES = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
+
+IntArray = NDArray[np.int64]
+
+
+def dae_vertices(content: bytes) -> FloatArray:
+    """The vertices (n, 3) that the faces of a COLLADA document use, in metres, as its scene places them.
+
+    Raises:
+        Malformed: no such document, too much of it, not in metres, or something in it that is not understood.
+    """
+    root = parse_xml(content)
+    if _tag(root) != "COLLADA":
+        raise Malformed(f"the root element is <{_tag(root)}>; expected <COLLADA>")
+    return _Document(root).vertices()
+
+
+def _tag(element: Element) -> str:
+    return element.tag.rpartition(":")[2]
+
+
+def _all(element: Element, tag: str) -> list[Element]:
+    return [child for child in element if _tag(child) == tag]
+
+
+def _only(element: Element, tag: str) -> Element:
+    found = _all(element, tag)
+    if len(found) != 1:
+        raise Malformed(f"<{_tag(element)}> with {len(found)} <{tag}>; expected one")
+    return found[0]
+
+
+class _Document:
+    """A document, its elements by id, and how much of it was placed."""
+
+    def __init__(self, root: Element) -> None:
+        self._root = root
+        self._by_id: dict[tuple[str, str], Element] = {}
+        self._corners: dict[str, FloatArray] = {}
+        self._numbers: dict[str, FloatArray] = {}
+        self._nodes = self._parts = self._read = self._placed = 0
+        for element in root.iter():
+            tag, name = _tag(element), element.get("id")
+            if tag == "unit":
+                _require_metres(element)
+            if tag == "channel":
+                raise Malformed(f"an animation moves {element.get('target', '')[:80]!r}; expected a mesh that is rigid")
+            if tag in REFERABLE and name is not None:
+                if (tag, name) in self._by_id:
+                    raise Malformed(f"<{tag}> with the id {name[:80]!r} twice")
+                self._by_id[tag, name] = element
+
+    def vertices(self) -> FloatArray:
+        scene = self._named("visual_scene", _only(_only(self._root, "scene"), "instance_visual_scene").get("url"))
+        placed: list[FloatArray] = []
+        for node in _all(scene, "node"):
+            self._place(node, np.eye(4), 1, placed)
+        return np.concatenate([np.zeros((0, 3)), *placed])
+
+    def _place(self, node: Element, above: FloatArray, depth: int, placed: list[FloatArray]) -> None:
+        """Add the vertices of a node and all below it, ``above`` being the pose of what holds it."""
+        self._nodes += 1
+        self._parts += len(node)
+        if self._parts > MAX_PARTS:
+            raise Malformed(f"nodes that hold more than {MAX_PARTS:,} things, each instance counted")
+        if depth > MAX_DEPTH or self._nodes > MAX_NODES:
+            raise Malformed(f"nodes nested deeper than {MAX_DEPTH}, perhaps in a circle, or more than {MAX_NODES:,}")
+        pose, held = above, []
+        for child in node:
+            if _tag(child) in SIZES:
+                pose = _times(pose, _motion(child))
+            elif _tag(child) not in IDLE:
+                held.append(child)
+        for child in held:
+            if _tag(child) == "node":
+                self._place(child, pose, depth + 1, placed)
+            elif _tag(child) == "instance_node":
+                self._place(self._named("node", child.get("url")), pose, depth + 1, placed)
+            elif _tag(child) == "instance_geometry":
+                placed.append(_moved(pose, self._instance(child.get("url"))))
+            else:
+                raise Malformed(f"<{_tag(child)}> in a node; expected geometries that are rigid, and where they are")
+
+    def _named(self, tag: str, url: str | None) -> Element:
+        found = self._by_id.get((tag, url[1:])) if url and url.startswith("#") else None
+        if found is None:
+            raise Malformed(f"{'' if url is None else url[:80]!r} is no <{tag}> of this file")
+        return found
+
+    def _instance(self, url: str | None) -> FloatArray:
+        geometry = self._named("geometry", url)
+        name = geometry.get("id", "")
+        if name not in self._corners:
+            self._corners[name] = self._used(_only(geometry, "mesh"))
+        self._placed += len(self._corners[name])
+        if self._placed > MAX_PLACED:
+            raise Malformed(f"more than {MAX_PLACED:,} vertices")
+        return self._corners[name]
+
+    def _used(self, mesh: Element) -> FloatArray:
+        """The vertices of a mesh that its faces use (n, 3), each once."""
+        vertices = _only(mesh, "vertices")
+        sources = [item.get("source") for item in _all(vertices, "input") if item.get("semantic") == "POSITION"]
+        if len(sources) != 1:
+            raise Malformed(f"<vertices> with {len(sources)} positions; expected one")
+        points = self._points(self._named("source", sources[0]))
+        self._read += len(points)
+        if self._read > MAX_READ:
+            raise Malformed(f"geometries with more than {MAX_READ:,} positions")
+        used = np.zeros(len(points), dtype=bool)
+        for child in mesh:
+            if _tag(child) in STRIPS:
+                for indices in _indices(child, f"#{vertices.get('id')}"):
+                    if len(indices) and not 0 <= indices.min() <= indices.max() < len(points):
+                        raise Malformed(f"<{_tag(child)}> of vertices that are not there")
+                    used[indices] = True
+            elif _tag(child) not in ("source", "vertices", "extra"):
+                raise Malformed(f"<{_tag(child)}> in a mesh; expected one of {', '.join(STRIPS)}")
+        return np.asarray(points[used])
+
+    def _points(self, source: Element) -> FloatArray:
+        """The points (n, 3) of a source, which may hold more than them."""
+        accessor = _only(_only(source, "technique_common"), "accessor")
+        array = self._named("float_array", accessor.get("source"))
+        name = array.get("id", "")
+        if name not in self._numbers:
+            self._numbers[name] = _floats(array.text)
+        values = self._numbers[name]
+        count, stride, start = _count(accessor, "count"), _count(accessor, "stride", 1), _count(accessor, "offset", 0)
+        names = [param.get("name", "") for param in _all(accessor, "param")]
+        if names[:3] != ["X", "Y", "Z"] or stride < 3 or start + count * stride > len(values):
+            raise Malformed(f"{count} positions {', '.join(names)[:80]} every {stride} of {len(values)} numbers")
+        return np.asarray(values[start : start + count * stride].reshape(count, stride)[:, :3])
+
+
+def _require_metres(unit: Element) -> None:
+    text = unit.get("meter", "1")
+    if _floats(text).tolist() != [1.0]:
+        raise Malformed(
+            f"a unit of {text[:20]} m: readers of robot descriptions differ in whether to scale by it; "
+            'write the mesh in metres (<unit meter="1"/>), or as STL with a scale beside its name'
+        )
+
+
+def _motion(element: Element) -> FloatArray:
+    """The 4 x 4 matrix of one transformation."""
+    tag, values = _tag(element), _floats(element.text)
+    if len(values) != SIZES[tag] or not np.all(np.isfinite(values)):
+        raise Malformed(f"<{tag}> with {len(values)} numbers; expected {SIZES[tag]} finite ones")
+    if tag == "matrix":
+        if values[12:].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            raise Malformed("a <matrix> whose last row is not 0 0 0 1")
+        return values.reshape(4, 4)
+    out = np.eye(4)
+    if tag == "translate":
+        out[:3, 3] = values
+    elif tag == "scale":
+        out[[0, 1, 2], [0, 1, 2]] = values
+    else:
+        out[:3, :3] = _turn(*values.tolist())
+    return out
+
+
+def _turn(x: float, y: float, z: float, degrees: float) -> list[list[float]]:
+    """Rotation about an axis (Rodrigues)."""
+    norm = math.sqrt(x * x + y * y + z * z)
+    if not abs(norm - 1.0) <= UNIT:
+        raise Malformed(
+            f"a rotation about {x:g} {y:g} {z:g}; expected an axis of length 1, for readers differ on others"
+        )
+    x, y, z = x / norm, y / norm, z / norm
+    s, k = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    v = 1.0 - k
+    return [
+        [k + x * x * v, x * y * v - z * s, x * z * v + y * s],
+        [y * x * v + z * s, k + y * y * v, y * z * v - x * s],
+        [z * x * v - y * s, z * y * v + x * s, k + z * z * v],
+    ]
+
+
+def _times(A: FloatArray, B: FloatArray) -> FloatArray:
+    with np.errstate(over="ignore", invalid="ignore"):  # whatever is not finite in the end is refused
+        return np.asarray(A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:3] * B[2:3] + A[:, 3:] * B[3:])
+
+
+def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
+    x, y, z = (points[:, k, None] for k in range(3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(x * T[:3, 0] + y * T[:3, 1] + z * T[:3, 2] + T[:3, 3])
+
+
+def _indices(faces: Element, vertices: str) -> Iterator[IntArray]:
+    """The vertices of faces or lines, list by list."""
+    inputs = [(item.get("semantic"), _count(item, "offset"), item.get("source")) for item in _all(faces, "input")]
+    mine = [offset for semantic, offset, source in inputs if semantic == "VERTEX" and source == vertices]
+    if len(mine) != 1 or _all(faces, "ph"):
+        raise Malformed(f"<{_tag(faces)}> with {len(mine)} vertices a corner, or with holes; expected one, and none")
+    stride = 1 + max(offset for _, offset, _ in inputs)
+    corners = 0
+    for item in _all(faces, "p"):
+        found = _integers(item.text)
+        if len(found) % stride:
+            raise Malformed(f"<{_tag(faces)}> with {len(found)} indices; expected {stride} for each corner")
+        corners += len(found) // stride
+        yield found[mine[0] :: stride]
+    if _tag(faces) in ("triangles", "polylist"):
+        wanted = 3 * _count(faces, "count")
+        if _tag(faces) == "polylist":
+            wanted = int(_integers("".join(item.text or "" for item in _all(faces, "vcount"))).sum())
+        if corners != wanted:
+            raise Malformed(f"<{_tag(faces)}> with {corners} corners; expected {wanted}")
+
+
+def _count(element: Element, key: str, default: int | None = None) -> int:
+    text = element.get(key)
+    if text is None and default is not None:
+        return default
+    if text is None or not text.isascii() or not text.isdigit() or len(text) > 9:
+        raise Malformed(f"<{_tag(element)}> {key} = {(text or '')[:20]!r}; expected a number of things")
+    return int(text)
+
+
+def _floats(text: str | None) -> FloatArray:
+    try:
+        return np.array([float(word) for word in _words(text)], dtype=np.float64)
+    except ValueError as error:
+        raise Malformed(f"no number: {str(error)[:80]}") from None
+
+
+def _integers(text: str | None) -> IntArray:
+    try:
+        return np.array([int(word) for word in _words(text)], dtype=np.int64)
+    except (ValueError, OverflowError) as error:
+        raise Malformed(f"no index: {str(error)[:80]}") from None
+
+
+def _words(text: str | None) -> list[str]:
+    words = (text or "").split()
+    if "_" in (text or "") or not (text or "").isascii() or max(map(len, words), default=0) > MAX_DIGITS:
+        raise Malformed("a number that is not written as one")
+    return words

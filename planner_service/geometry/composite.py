@@ -1,0 +1,452 @@
+"""Solids made of convex pieces: compounds, point clouds and height fields.
+
+Everything that judges sees only the pieces, so a composite is hit where one of its pieces is; pieces of one composite
+may touch and overlap each other. Those of a cloud or a height field are boxes, in an order in which neighbours in the
+list are neighbours in space: whoever has to look at thousands of them can look at runs of them first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.reading import as_path
+from planner_service.geometry.decomposition import pieces_of_file
+from planner_service.geometry.point_files import MAX_POINTS, read_array
+from planner_service.geometry.shapes import (
+    MAX_LENGTH,
+    Box,
+    FloatArray,
+    Pose,
+    Shape,
+    items,
+    number,
+    numbers,
+    points_of,
+    read_only,
+    vectors,
+)
+
+__all__ = ["Composite", "Compound", "HeightField", "Pieces", "PointCloud", "Solid"]
+
+IntArray = NDArray[np.int64]
+
+MAX_PIECES = 50_000
+"""Boxes of a cloud or a height field, after those that fill a larger box were joined."""
+
+MAX_CELLS = 500_000
+"""Cells before that."""
+
+LEAST_CELL = 1e-4
+"""Metres; a finer resolution than a tenth of a millimetre is a unit mistake."""
+
+MAX_COMPOUND = 1_000
+"""Pieces of a compound, which are made by hand or by a decomposition."""
+
+AT_ONCE = 200_000
+"""Numbers in a temporary array, so that it stays in a processor's cache."""
+
+TRIPLE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Convex shapes and where they are.
+
+    Attributes:
+        shapes: k of them.
+        frames: The frame of each in the solid's own, homogeneous matrices (k, 4, 4).
+    """
+
+    shapes: tuple[Shape, ...]
+    frames: FloatArray
+
+
+@dataclass(frozen=True)
+class Compound:
+    """Convex shapes, each at a pose in the compound's own frame: a table with its legs, a mesh cut into convex pieces.
+
+    Raises:
+        InvalidRequest: no piece, more than 1,000, or something else than a convex shape and a ``Pose``.
+    """
+
+    parts: tuple[tuple[Shape, Pose], ...]
+
+    def __post_init__(self) -> None:
+        expected = f"1 to {MAX_COMPOUND:,} pairs of a convex shape and a Pose"
+        pairs = items("parts", self.parts, (tuple, list), expected)
+        if not 1 <= len(pairs) <= MAX_COMPOUND:
+            raise InvalidRequest("parts", len(pairs), expected)
+        parts = []
+        for k, pair in enumerate(pairs):
+            if len(pair) != 2 or not isinstance(pair[0], Shape) or not isinstance(pair[1], Pose):
+                raise InvalidRequest(f"parts[{k}]", pair, "a convex shape and a Pose")
+            shape, pose = pair
+            parts.append((shape, pose))
+            if max(map(abs, pose.position)) > MAX_LENGTH:
+                raise InvalidRequest(f"parts[{k}]", pose.position, f"metres, at most {MAX_LENGTH:g} along each axis")
+        object.__setattr__(self, "parts", tuple(parts))
+
+    @classmethod
+    def of_mesh(
+        cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16
+    ) -> Compound:
+        """The mesh in an STL, OBJ or PLY file cut into convex pieces, for one whose hull (``Mesh``) fills too much.
+
+        It needs the extra ``decompose`` unless the hull will do; see ``decomposition.pieces_of_file`` for what is held.
+
+        Args:
+            scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.
+            most: Pieces at most, 1 to 64.
+
+        Raises:
+            InvalidFile: no such file, or one from which pieces cannot be made.
+            InvalidRequest: ``scale`` or ``most`` out of range.
+            MissingDependency: more than the hull is needed, and coacd is not installed.
+        """
+        return cls.of_pieces(pieces_of_file(path, scale, most=most))
+
+    @classmethod
+    def of_pieces(cls, pieces: Iterable[Shape]) -> Compound:
+        """Convex shapes that all have the compound's own frame."""
+        given: tuple[Any, ...] = items("pieces", pieces, object, "convex shapes", MAX_COMPOUND)
+        return cls(tuple((piece, Pose()) for piece in given))
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        return Pieces(tuple(shape for shape, _ in self.parts), read_only([pose.matrix for _, pose in self.parts]))
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        d = vectors("direction", direction)
+        found = []
+        for shape, pose in self.parts:
+            R = pose.rotation
+            local = shape.support(_row_sums(d, R.T))
+            found.append(_row_sums(local, R) + np.array(pose.position))
+        return _farthest(d, found)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        p = points_of(points)
+        each = [shape.distance(_row_sums(p - np.array(pose.position), pose.rotation.T)) for shape, pose in self.parts]
+        return np.asarray(np.min(each, axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Boxes:
+    """Boxes along the axes, lows (k, 3) and highs (k, 3)."""
+
+    low: FloatArray
+    high: FloatArray
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        size, centre = self.high - self.low, 0.5 * (self.low + self.high)
+        frames = np.repeat(np.eye(4)[None], len(size), axis=0)
+        frames[:, :3, 3] = centre
+        kinds = {(x, y, z): Box((x, y, z)) for x, y, z in set(map(tuple, size.tolist()))}  # most are one of few
+        return Pieces(tuple(kinds[x, y, z] for x, y, z in size.tolist()), read_only(frames))
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        d = vectors("direction", direction)
+        flat = d.reshape(-1, TRIPLE)
+        out = np.empty(flat.shape)
+        for rows in _blocks(len(flat), TRIPLE * len(self.low)):
+            u = flat[rows, None, :]
+            corners = np.where(u < 0.0, self.low, self.high)
+            best = (u[..., 0] * corners[..., 0] + u[..., 1] * corners[..., 1] + u[..., 2] * corners[..., 2]).argmax(1)
+            out[rows] = corners[np.arange(len(best)), best]
+        return out.reshape(d.shape)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        p = points_of(points)
+        flat = p.reshape(-1, TRIPLE)
+        out = np.empty(len(flat))
+        for rows in _blocks(len(flat), TRIPLE * len(self.low)):
+            x = flat[rows, None, :]
+            off = np.maximum(np.maximum(self.low - x, x - self.high), 0.0)
+            out[rows] = np.sqrt((off[..., 0] ** 2 + off[..., 1] ** 2 + off[..., 2] ** 2).min(axis=1))
+        return out.reshape(p.shape[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Measured points (n, 3) in metres as solid cells: every cube of a grid that holds a point is an obstacle.
+
+    The cubes have edges of ``resolution`` metres and corners at its multiples in the cloud's own frame, as an octree of
+    that resolution has; a point on a face belongs to the higher cell. Between the points nothing is known: the
+    resolution should be no finer than the distance of neighbouring points on a surface, or the surface has holes.
+
+    Attributes:
+        points: The centres of the cells (k, 3): giving these again gives an equal cloud.
+        cells: The cells as whole numbers of edges (k, 3), each once, sorted.
+
+    Raises:
+        InvalidRequest: not finite numbers of shape (n, 3), no point or more than 500,000, one beyond 1 km, or the
+            centre of its cell; a cloud longer than 1 km; a resolution outside [0.0001, 1000] m; more than 50,000 boxes
+            after joining cells: the resolution is too fine.
+    """
+
+    points: FloatArray = field(repr=False)
+    resolution: float
+    cells: IntArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        resolution = _checked_cell("resolution", self.resolution)
+        points = _checked_rows("points", self.points)
+        object.__setattr__(self, "resolution", resolution)
+        cells = np.unique(np.floor(points / resolution).astype(np.int64), axis=0)
+        cells.flags.writeable = False
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "points", _checked_rows("points", read_only((cells + 0.5) * resolution)))
+        extent = float((self._boxes.high.max(axis=0) - self._boxes.low.min(axis=0)).max())
+        if extent > MAX_LENGTH:
+            expected = f"a cloud no longer than {MAX_LENGTH:g} m"
+            raise InvalidRequest("points", extent, expected, message=f"points: {extent:g} m long; expected {expected}")
+        _check_count("resolution", resolution, len(self._boxes.low))
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str], resolution: float) -> PointCloud:
+        """The points in a PLY file (its vertices), or in an NPY or NPZ file: an array (n, 3), called ``points`` if
+        there are others.
+
+        Raises:
+            InvalidFile: not such a file, larger than 50 MB, malformed, or with numbers that make no cloud.
+            InvalidRequest: a resolution outside [0.0001, 1000] m.
+        """
+        file, cell = as_path("path", path), _checked_cell("resolution", resolution)
+        points = read_array(file, "points", (".ply", ".npz", ".npy"))
+        try:
+            return cls(points, cell)
+        except InvalidRequest as error:
+            raise InvalidFile(file, [str(error)]) from None
+
+    @classmethod
+    def from_cells(cls, cells: ArrayLike, resolution: float) -> PointCloud:
+        """The cloud of these cells: whole numbers (k, 3), as ``cells`` has them."""
+        resolution = _checked_cell("resolution", resolution)
+        whole = _checked_rows("cells", cells)
+        if not np.array_equal(whole, np.floor(whole)):
+            raise InvalidRequest("cells", cells, "whole numbers")
+        return cls((whole + 0.5) * resolution, resolution)
+
+    @cached_property
+    def _boxes(self) -> _Boxes:
+        low = self.cells.astype(np.float64)
+        low, high = _joined(low, low + 1.0, (2, 1, 0))
+        order = _along_a_curve(low + high)
+        return _Boxes(low[order] * self.resolution, high[order] * self.resolution)
+
+    @property
+    def pieces(self) -> Pieces:
+        return self._boxes.pieces
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of resolution and cells, in hex."""
+        content = np.float64(self.resolution).astype("<f8").tobytes() + self.cells.astype("<i8").tobytes()
+        return hashlib.sha256(content).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PointCloud) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        return f"PointCloud({len(self.cells):,} cells of {self.resolution:g} m, sha256 {self.digest[:32]})"
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        return self._boxes.support(direction)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        return self._boxes.distance(points)
+
+
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """A solid ground of columns: ``heights[i, j]`` is the top of the one from i to i + 1 cells in x, j to j + 1 in y.
+
+    Its frame has the corner of column (0, 0) at x = y = 0. Columns reach down to ``floor``; one that is no higher
+    stands for nothing.
+
+    Args:
+        heights: Metres, (rows, columns).
+        cell: Metres along x and y.
+        floor: Metres, below every column that counts.
+
+    Raises:
+        InvalidRequest: not finite numbers of two dimensions, beyond 1 km; a cell outside [0.0001, 1000] m; more than
+            500,000 columns, no column above ``floor``, or more than 50,000 boxes after joining equal neighbours.
+    """
+
+    heights: FloatArray = field(repr=False)
+    cell: float
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        cell = _checked_cell("cell", self.cell)
+        floor = number("floor", self.floor, f"metres, at most {MAX_LENGTH:g}", -MAX_LENGTH, MAX_LENGTH)
+        expected = f"finite heights (rows, columns) in metres, at most {MAX_CELLS:,} of them up to {MAX_LENGTH:g}"
+        heights = numbers("heights", self.heights, expected)
+        if heights.ndim != 2 or not 1 <= heights.size <= MAX_CELLS:
+            message = f"heights: got an array of shape {heights.shape}; expected {expected}"
+            raise InvalidRequest("heights", heights, expected, message=message)
+        bad = np.argwhere(~(np.abs(heights) <= MAX_LENGTH))
+        if len(bad):
+            row, column = bad[0].tolist()
+            raise InvalidRequest(f"heights[{row}, {column}]", float(heights[row, column]), expected)
+        if cell * max(heights.shape) > MAX_LENGTH:
+            raise InvalidRequest("cell", cell, f"a field no longer than {MAX_LENGTH:g} m")
+        top = float(heights.max())
+        if not 0.0 < top - floor <= MAX_LENGTH:
+            raise InvalidRequest("floor", floor, f"below the highest column, {top:g}, by at most {MAX_LENGTH:g}")
+        object.__setattr__(self, "heights", read_only(heights + 0.0))
+        object.__setattr__(self, "cell", cell)
+        object.__setattr__(self, "floor", floor + 0.0)
+        _check_count("cell", cell, len(self._boxes.low))
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str], cell: float, floor: float = 0.0) -> HeightField:
+        """The heights in an NPY or NPZ file: an array (rows, columns), called ``heights`` if there are others.
+
+        Raises:
+            InvalidFile: not such a file, larger than 50 MB, malformed, or with numbers that make no height field.
+            InvalidRequest: a cell outside [0.0001, 1000] m.
+        """
+        file, edge = as_path("path", path), _checked_cell("cell", cell)
+        heights = read_array(file, "heights", (".npz", ".npy"))
+        try:
+            return cls(heights, edge, floor)
+        except InvalidRequest as error:
+            raise InvalidFile(file, [str(error)]) from None
+
+    @cached_property
+    def _boxes(self) -> _Boxes:
+        columns = np.argwhere(self.heights > self.floor).astype(np.float64)
+        top = self.heights[self.heights > self.floor]
+        low = np.concatenate([columns, np.full((len(top), 1), self.floor)], axis=1)
+        high = np.concatenate([columns + 1.0, top[:, None]], axis=1)
+        low, high = _joined(low, high, (1, 0))
+        order = _along_a_curve((low + high) * np.array([1.0, 1.0, 0.0]))
+        scale = np.array([self.cell, self.cell, 1.0])
+        return _Boxes(low[order] * scale, high[order] * scale)
+
+    @property
+    def pieces(self) -> Pieces:
+        return self._boxes.pieces
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of cell, floor and heights, in hex."""
+        content = np.array([self.cell, self.floor, *self.heights.shape], dtype="<f8").tobytes()
+        return hashlib.sha256(content + self.heights.astype("<f8").tobytes()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, HeightField) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        rows, columns = self.heights.shape
+        return f"HeightField({rows} x {columns} columns of {self.cell:g} m, sha256 {self.digest[:32]})"
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        return self._boxes.support(direction)
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        return self._boxes.distance(points)
+
+
+Composite = Compound | PointCloud | HeightField
+"""A solid made of convex pieces."""
+
+Solid = Shape | Composite
+"""What an obstacle or an attached object may be."""
+
+
+def _checked_cell(field_name: str, value: object) -> float:
+    expected = f"an edge of {LEAST_CELL:g} to {MAX_LENGTH:g} m"
+    return number(field_name, value, expected, LEAST_CELL, MAX_LENGTH)
+
+
+def _checked_rows(field_name: str, values: object) -> FloatArray:
+    """Finite numbers (n, 3)."""
+    expected = f"1 to {MAX_POINTS:,} points (x, y, z) in metres, at most {MAX_LENGTH:g} from 0 along each axis"
+    rows = numbers(field_name, values, expected)
+    if rows.ndim != 2 or rows.shape[1:] != (TRIPLE,) or not 1 <= len(rows) <= MAX_POINTS:
+        message = f"{field_name}: got an array of shape {rows.shape}; expected {expected}"
+        raise InvalidRequest(field_name, rows, expected, message=message)
+    most = MAX_LENGTH if field_name == "points" else MAX_LENGTH / LEAST_CELL
+    bad = np.flatnonzero(~(np.abs(rows) <= most).all(axis=-1))
+    if len(bad):
+        raise InvalidRequest(f"{field_name}[{bad[0]}]", rows[bad[0]].tolist(), expected)
+    return rows
+
+
+def _check_count(field_name: str, cell: float, count: int) -> None:
+    if count > MAX_PIECES:
+        expected = f"a coarser one, of at most {MAX_PIECES:,} boxes"
+        message = f"{field_name}: {cell:g} m makes {count:,} boxes; expected {expected}"
+        raise InvalidRequest(field_name, cell, expected, message=message)
+
+
+def _joined(low: FloatArray, high: FloatArray, axes: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Boxes (k, 3) with neighbours joined that together fill a larger box: along one axis after the other."""
+    for axis in axes:
+        others = [k for k in range(TRIPLE) if k != axis]
+        keys = [low[:, axis], *(table[:, k] for k in others for table in (high, low))]
+        order = np.lexsort(keys)
+        low, high = low[order], high[order]
+        same = np.ones(max(len(low) - 1, 0), dtype=bool)
+        for k in others:
+            same &= (low[1:, k] == low[:-1, k]) & (high[1:, k] == high[:-1, k])
+        starts = np.concatenate([[True], ~(same & (low[1:, axis] == high[:-1, axis]))])
+        first = np.flatnonzero(starts)
+        last = np.append(first[1:], len(low)) - 1
+        merged = high[first].copy()
+        merged[:, axis] = high[last, axis]
+        low, high = low[first], merged
+    return low, high
+
+
+BITS = 16
+"""Of each coordinate along the curve."""
+
+
+def _along_a_curve(points: FloatArray) -> IntArray:
+    """The order of points (k, 3) along a Z-order curve (Morton 1966): neighbours in it are neighbours in space."""
+    extent = float((points.max(axis=0) - points.min(axis=0)).max())
+    scale = (2**BITS - 1) / extent if extent > 0.0 else 0.0
+    whole = ((points - points.min(axis=0)) * scale).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for bit in range(BITS):
+        for axis in range(TRIPLE):
+            code |= ((whole[:, axis] >> bit) & 1) << (TRIPLE * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+def _row_sums(v: FloatArray, R: FloatArray) -> FloatArray:
+    """Vectors (..., 3) turned by R (3, 3)."""
+    return np.asarray(v[..., 0, None] * R[:, 0] + v[..., 1, None] * R[:, 1] + v[..., 2, None] * R[:, 2])
+
+
+def _farthest(d: FloatArray, found: Sequence[FloatArray]) -> FloatArray:
+    """Of points (..., 3) of several solids the one farthest along d."""
+    points = np.stack(found)
+    best = (points[..., 0] * d[..., 0] + points[..., 1] * d[..., 1] + points[..., 2] * d[..., 2]).argmax(axis=0)
+    return np.asarray(np.take_along_axis(points, best[None, ..., None], axis=0)[0])
+
+
+def _blocks(count: int, width: int) -> Iterable[slice]:
+    """Slices of rows whose products with ``width`` numbers stay small."""
+    step = max(1, AT_ONCE // width)
+    return [slice(k, k + step) for k in range(0, count, step)]

@@ -1,0 +1,269 @@
+"""Meshes as several convex pieces, for those whose hull fills a hollow that matters."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
+from planner_service.files.disk_cache import DiskCache, cache_folder
+from planner_service.files.reading import as_path
+from planner_service.geometry.covering import covering, longest_gap, slack
+from planner_service.geometry.mesh import Mesh, checked_scale
+from planner_service.geometry.mesh_formats import MAX_TRIANGLES, IntArray, read_triangles
+from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, number, numbers
+
+__all__ = ["MAX_PIECES", "convex_pieces", "hull_ratio", "pieces_of_file"]
+
+MAX_PIECES = 64
+"""Each is checked against everything near it: more of them cost more than a finer shape is worth."""
+
+FINEST = 1e-4
+"""Metres: no arm is so exact that a finer shape would let it pass."""
+
+TIGHT = 1.02
+"""A hull of at most this times the volume of its mesh is as good as any pieces."""
+
+SECONDS = 600
+"""Fifty times what most links of robots take, and some have been seen to take forever."""
+
+BYTES = 4_000_000_000
+"""Of address space; a mesh of a thousand triangles takes a twentieth."""
+
+MAX_POINTS = 2_000_000
+"""Of all pieces together, as they come from coacd."""
+
+FORMAT = 1
+"""Of what is kept on disk; to be raised with any change to what coacd is asked for or how its answer is written."""
+
+
+def pieces_of_file(
+    path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16, tolerance: float = 0.01
+) -> tuple[Mesh, ...]:
+    """Convex pieces that hold the mesh in an STL, OBJ or PLY file: ``convex_pieces`` of its triangles.
+
+    Args:
+        scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.
+
+    Raises:
+        InvalidFile: no such file, or one from which pieces cannot be made.
+        InvalidRequest: ``scale``, ``most`` or ``tolerance`` out of range.
+        MissingDependency: more than the hull is needed, and coacd is not installed.
+    """
+    file = as_path("path", path)
+    settings = _Settings(most, tolerance)
+    vertices, faces = read_triangles(file, checked_scale("scale", scale))
+    try:
+        return _pieces(Mesh(vertices), vertices, faces, settings)
+    except InvalidRequest as error:
+        raise InvalidFile(file, [str(error)]) from None
+
+
+def convex_pieces(
+    vertices: ArrayLike, faces: ArrayLike, *, most: int = 16, tolerance: float = 0.01
+) -> tuple[Mesh, ...]:
+    """Convex solids that together hold a mesh, by coacd (Wei et al., ACM TOG 41(4), 2022) unless its hull will do.
+
+    The surface is held wholly, whatever coacd answers: every triangle is followed through the pieces, which are made
+    larger until they hold it (``covering.py``): each by less than 1.1 thousandths of the size of the mesh
+    where coacd left nothing out, else by that more than the depth of what it left out. The inside of a closed mesh is
+    held as far as coacd cuts solids into solids, which is looked at along 300 lines (fewer from 70,000 triangles on):
+    if one of them has a gap, the answer is the hull. A mesh that is not closed has no inside; its surface is held.
+
+    Equal for equal arguments and versions of coacd, with the bits that coacd gives on this kind of machine. It runs in
+    a process of its own, for up to ten minutes and 4 GB; its answer is kept on disk (``files/disk_cache.py``)
+    and held against the surface again whenever it is read.
+
+    Args:
+        vertices: (n, 3) in metres.
+        faces: Triangles (t, 3) as rows of ``vertices``, counter-clockwise seen from outside.
+        most: Pieces at most, 1 to 64; 1 gives the hull. Rather than more, coacd makes thicker ones.
+        tolerance: Metres by which a piece may fill what is not solid, which coacd aims at without a promise.
+
+    Raises:
+        InvalidRequest: arguments of another shape or out of range, a flat mesh, or one that coacd cannot cut in time.
+        MissingDependency: more than the hull is needed, and coacd is not installed.
+    """
+    settings = _Settings(most, tolerance)
+    return _pieces(*_checked(vertices, faces), settings)
+
+
+def hull_ratio(vertices: ArrayLike, faces: ArrayLike) -> float:
+    """Volume of a mesh's hull over what its triangles enclose: 1 when convex, 3 when two thirds of the hull are air.
+
+    Infinite if the triangles are not closed (some edge of one is not an edge, in the other direction, of just one
+    other) or enclose nothing. Where bodies in the mesh overlap, the overlap counts twice, and the ratio is too low.
+
+    Raises:
+        InvalidRequest: as for ``convex_pieces``.
+    """
+    return _hull_ratio(*_checked(vertices, faces))
+
+
+@dataclass(frozen=True)
+class _Settings:
+    most: int
+    tolerance: float
+
+    def __post_init__(self) -> None:
+        expected = f"a whole number from 1 to {MAX_PIECES}"
+        if not number("most", self.most, expected, 1, MAX_PIECES).is_integer():
+            raise InvalidRequest("most", self.most, expected)
+        object.__setattr__(self, "most", int(self.most))
+        expected = f"metres from {FINEST:g} to {MAX_LENGTH:g}"
+        object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, expected, FINEST, MAX_LENGTH))
+
+    def for_coacd(self) -> dict[str, Any]:
+        """Arguments of ``coacd.run_coacd``, without its repair of meshes, which makes thousands of corners."""
+        return {
+            "threshold": self.tolerance,
+            "real_metric": True,  # the threshold in the units of the mesh
+            "max_convex_hull": self.most,
+            "preprocess_mode": "off",
+            "seed": 0,
+        }
+
+
+def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settings) -> tuple[Mesh, ...]:
+    if settings.most == 1 or _hull_ratio(hull, vertices, faces) <= TIGHT:
+        return (hull,)
+    cut = []
+    for points in _cut(hull, vertices, faces, settings):
+        try:
+            cut.append(Mesh(points))
+        except InvalidRequest:  # a flat piece; others take over what it held
+            continue
+    try:
+        pieces = covering(cut, vertices, faces) if cut else (hull,)
+    except InvalidRequest:  # too many corners
+        return (hull,)
+    gap = longest_gap(pieces, vertices, faces) if _is_closed(faces) else 0.0
+    return pieces if gap <= slack(vertices) else (hull,)
+
+
+def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Mesh, FloatArray, IntArray]:
+    """The hull, the points, each once, and the triangles that have three different corners."""
+    points = numbers("vertices", vertices, "points (n, 3) in metres")
+    hull = Mesh(points)  # refuses what is no solid
+    expected = f"1 to {MAX_TRIANGLES:,} triangles (t, 3) with three different corners, as rows of vertices"
+    rows = numbers("faces", faces, expected)
+    if rows.ndim != 2 or rows.shape[1:] != (3,) or not 1 <= len(rows) <= MAX_TRIANGLES:
+        message = f"faces: got an array of shape {rows.shape}; expected {expected}"
+        raise InvalidRequest("faces", faces, expected, message=message)
+    bad = np.flatnonzero(~((rows >= 0) & (rows < len(points)) & (rows == np.floor(rows))).all(axis=1))
+    if len(bad):
+        raise InvalidRequest(f"faces[{bad[0]}]", rows[bad[0]].tolist(), expected)
+    points, place = np.unique(points + 0.0, axis=0, return_inverse=True)  # + 0.0 drops the sign of -0.0
+    triangles = place.reshape(-1).astype(np.intp)[rows.astype(np.intp)]
+    a, b, c = triangles.T
+    triangles = triangles[(a != b) & (b != c) & (c != a)]
+    if len(triangles) == 0:
+        raise InvalidRequest("faces", faces, expected)
+    return hull, points, triangles
+
+
+def _hull_ratio(hull: Mesh, vertices: FloatArray, faces: IntArray) -> float:
+    enclosed = abs(_volume(vertices, faces)) if _is_closed(faces) else 0.0
+    return _volume(hull.vertices, hull.faces) / enclosed if enclosed > 0.0 else math.inf
+
+
+def _is_closed(faces: IntArray) -> bool:
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    ways = np.unique(edges, axis=0)
+    return len(ways) == len(edges) and np.array_equal(ways, np.unique(edges[:, ::-1], axis=0))
+
+
+def _volume(vertices: FloatArray, faces: IntArray) -> float:
+    """What the triangles enclose, negative if they face inwards: tetrahedra from one corner, added up exactly."""
+    (a, b, c), (d, e, f), (g, h, i) = (vertices[faces[:, k]].T - vertices[0][:, None] for k in range(3))
+    return math.fsum((a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)).tolist()) / 6.0
+
+
+def _cut(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[FloatArray]:
+    """Points of each piece, from disk or else from coacd: neither is trusted any further than that they are points."""
+    from importlib.metadata import PackageNotFoundError, version  # slower than all of this module
+
+    try:
+        release = version("coacd")
+    except PackageNotFoundError:
+        raise MissingDependency("coacd", "decompose") from None
+    about = json.dumps({"format": FORMAT, "coacd": release, **settings.for_coacd()}, sort_keys=True)
+    content = hashlib.sha256(f"{about} {len(vertices)} {len(faces)} ".encode())
+    content.update(vertices.astype("<f8").tobytes())
+    content.update(faces.astype("<i4").tobytes())
+    cache, key = DiskCache(cache_folder()), content.hexdigest()
+    kept = _points(cache.get(key), settings.most)
+    if kept is not None and all(_within(hull, points, slack(vertices)) for points in kept):
+        return kept
+    data = _run_coacd(vertices, faces, settings)
+    pieces = _points(data, settings.most)
+    if pieces is None:
+        raise _failed(f"its answer is not 1 to {settings.most} pieces of finite points")
+    cache.put(key, data)
+    return pieces
+
+
+def _within(hull: Mesh, points: FloatArray, by: float) -> bool:
+    """Whether no point is farther than that outside a hull, as no piece of a mesh is."""
+    some = range(0, len(points), 1_000)
+    return all(float((points[k : k + 1_000] @ hull.normals.T - hull.offsets).max(initial=-1.0)) <= by for k in some)
+
+
+def _points(data: bytes | None, most: int) -> list[FloatArray] | None:
+    """The pieces that ``coacd_child`` wrote, or None if this is not what it writes."""
+    if data is None or len(data) < 4:
+        return None
+    many = int(np.frombuffer(data, "<u4", 1)[0])
+    if not 1 <= many <= most or len(data) < 4 + 4 * many:
+        return None
+    counts = np.frombuffer(data, "<u4", many, 4).tolist()
+    start = 4 + 4 * many
+    if sum(counts) > MAX_POINTS or len(data) != start + 24 * sum(counts):
+        return None
+    points = np.frombuffer(data, "<f8", 3 * sum(counts), start).reshape(-1, 3).astype(np.float64)
+    if not np.all(np.abs(points) <= MAX_LENGTH):
+        return None
+    return list(np.split(points, np.cumsum(counts)[:-1]))
+
+
+def _run_coacd(vertices: FloatArray, faces: IntArray, settings: _Settings) -> bytes:
+    """What ``coacd_child`` writes about a mesh.
+
+    Raises:
+        InvalidRequest: it crashed, took too long or too much memory, or coacd refused the mesh.
+    """
+    job = {"path": sys.path, "seconds": SECONDS + 5, "bytes": BYTES, "vertices": len(vertices), "triangles": len(faces)}
+    script = Path(__file__).with_name("coacd_child.py")
+    command = [sys.executable, "-I", str(script), json.dumps({**job, "settings": settings.for_coacd()})]
+    given = vertices.astype("<f8").tobytes() + faces.astype("<i4").tobytes()
+    few = {"OMP_NUM_THREADS": "4", "OPENBLAS_NUM_THREADS": "1"}  # each thread reserves memory
+    try:
+        done = subprocess.run(
+            command, input=given, capture_output=True, timeout=SECONDS, env={**os.environ, **few}, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise _failed(f"it took more than {SECONDS} s") from None
+    if done.returncode < 0:
+        raise _failed(f"it died: {signal.strsignal(-done.returncode)}")
+    if done.returncode > 0:
+        last = done.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
+        raise _failed(f"it said {' '.join(last)[:200]!r}")
+    return done.stdout
+
+
+def _failed(why: str) -> InvalidRequest:
+    expected = "a mesh that coacd can cut into convex pieces"
+    message = f"coacd did not cut the mesh: {why}; simplify the mesh, allow a larger tolerance, or use its hull"
+    return InvalidRequest("mesh", None, expected, message=message)

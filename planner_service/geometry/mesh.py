@@ -1,0 +1,282 @@
+"""Triangle meshes as convex solids: a mesh is judged as the hull of its vertices.
+
+A mesh as such is a surface, and a body wholly inside it would touch nothing; its hull is a solid that holds it, so
+whatever stays clear of the hull stays clear of the mesh. What is hollow or bent is filled: split it into convex pieces.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.reading import as_path
+from planner_service.geometry.mesh_formats import MAX_VERTICES, read_vertices
+from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, margin_of, numbers, points_of, read_only, vectors
+
+__all__ = ["Mesh", "checked_scale"]
+
+MAX_HULL = 5_000
+"""Corners of a hull: a scanned ball of 50,000 vertices has fewer; every bound of a gap looks at each of them."""
+
+THINNEST = 1e-6
+"""Metres: what is thinner is flat up to rounding, and below the gap at which collision libraries are undefined."""
+
+ROUNDING = 1e-9
+"""Of the size of a mesh: far above what its hull may leave out by rounding (1e-15), far below what matters."""
+
+AT_ONCE = 200_000
+"""Numbers in a temporary array, so that it stays in a processor's cache."""
+
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """The solid convex hull of points (n, 3) in metres, in the mesh's own frame, which may lie outside the hull.
+
+    Equal to another mesh whose hull has the same corners, to the last bit.
+
+    Attributes:
+        vertices: The corners of the hull (v, 3), each once, sorted; giving these again gives an equal mesh.
+        faces: Triangles (t, 3) that bound the hull, as rows of ``vertices``, counter-clockwise seen from outside.
+        normals: Their outward unit normals, (t, 3).
+        offsets: The hull lies where ``normals . x <= offsets``, (t,).
+
+    Raises:
+        InvalidRequest: not finite numbers of shape (n, 3), more than 500,000 points, beyond 1 km, flat (thinner than
+            1 um: a solid of no thickness has no inside), or a hull of more than 5,000 corners.
+    """
+
+    vertices: FloatArray
+    faces: IntArray = field(init=False)
+    normals: FloatArray = field(init=False)
+    offsets: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._become(_checked(self.vertices), MAX_HULL)
+
+    def _become(self, points: FloatArray, most: int) -> None:
+        """Be the hull of points (n, 3), each once, sorted."""
+        corners, faces, normals = _hull(points, most)
+        highest, lowest = [], []
+        for some in _blocks(normals, len(corners)):
+            heights = _along(corners, some)
+            highest.append(heights.max(axis=-1))
+            lowest.append(heights.min(axis=-1))
+        offsets = np.concatenate(highest)
+        if float((offsets - np.concatenate(lowest)).min()) < THINNEST:
+            raise _flat(points)
+        _require_inside(points, normals, offsets)
+        object.__setattr__(self, "vertices", read_only(corners))
+        faces.flags.writeable = False
+        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "normals", read_only(normals))
+        object.__setattr__(self, "offsets", read_only(offsets))
+
+    @classmethod
+    def from_file(cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
+        """The solid hull of the vertices in an STL, OBJ, PLY or COLLADA (.dae) file.
+
+        Args:
+            scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.
+
+        Raises:
+            InvalidFile: not such a file, larger than 50 MB, malformed, flat, or with numbers that make no mesh.
+            InvalidRequest: a scale that is zero or not finite.
+        """
+        file = as_path("path", path)
+        points = read_vertices(file, checked_scale("scale", scale))
+        try:
+            return cls(points)
+        except InvalidRequest as error:
+            raise InvalidFile(file, [str(error)]) from None
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the vertices, to the last bit, in hex."""
+        return hashlib.sha256(self.vertices.astype("<f8").tobytes()).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Mesh) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        return f"Mesh({len(self.vertices)} vertices, sha256 {self.digest[:32]})"
+
+    def support(self, direction: FloatArray) -> FloatArray:
+        """A point of the solid farthest along each direction; (..., 3) in, (..., 3) out, any length of direction."""
+        d = vectors("direction", direction)
+        largest = np.abs(d).max(axis=-1, keepdims=True)
+        flat = (d / np.where(largest > 0.0, largest, 1.0)).reshape(-1, 3)
+        best = [_along(self.vertices, rows).argmax(axis=-1) for rows in _blocks(flat, len(self.vertices))]
+        return np.asarray(self.vertices[np.concatenate(best)].reshape(d.shape))
+
+    def distance(self, points: FloatArray) -> FloatArray:
+        """Distance from each point to the solid, 0 inside; (..., 3) in, (...) out; exact up to rounding."""
+        p = points_of(points)
+        found = [self._distances(rows) for rows in _blocks(p.reshape(-1, 3), 6 * len(self.faces))]
+        return np.concatenate(found).reshape(p.shape[:-1])
+
+    def _distances(self, points: FloatArray) -> FloatArray:
+        """Of points (k, 3): the nearest point lies on a face that the point is above, or on, or on an edge.
+
+        A point on the surface may by rounding be below the face it is on and above the one beside it.
+        """
+        rounding = -ROUNDING * float((self.vertices.max(axis=0) - self.vertices.min(axis=0)).max())
+        above = _along(self.normals, points) - self.offsets
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        outside = np.full(above.shape, False)
+        least = np.full(len(points), np.inf)
+        for start, end in ((a, b), (b, c), (c, a)):
+            edge = end - start
+            inward = _cross(self.normals, edge)
+            outside |= _along(inward, points) < (inward * start).sum(axis=-1)
+            least = np.minimum(least, _to_segments(points, start, edge).min(axis=-1))
+        onto = np.where(outside | (above < rounding), np.inf, np.maximum(above, 0.0)).min(axis=-1)
+        return np.where((above <= 0.0).all(axis=-1), 0.0, np.minimum(onto, least))
+
+    def grown(self, margin: float) -> Mesh:
+        """A mesh that holds every point within ``margin`` of this one, and none farther than 1.74 times that.
+
+        The links of a robot are grown again for every scene: the last 1,024 that were made are remembered.
+        """
+        margin = margin_of(margin)
+        return self if margin == 0.0 else _grown(self, margin)
+
+
+@lru_cache(maxsize=1024)
+def _grown(mesh: Mesh, margin: float) -> Mesh:
+    """See ``Mesh.grown``.
+
+    A direction u to which a corner v is farthest is a sum of the normals of v's faces, with no negative weight.
+    If v moves by w and ``n . w >= margin`` for each of these normals, the support value along u grows by at least
+    that share of them: the margin. A corner too sharp for that becomes the eight corners of a cube around it.
+    """
+    reach = margin * (1.0 + ROUNDING) + 1e-15
+    mean = np.zeros(mesh.vertices.shape)
+    for k in range(3):
+        np.add.at(mean, mesh.faces[:, k], mesh.normals)
+    mean /= np.sqrt((mean * mean).sum(axis=-1, keepdims=True))
+    least = np.ones(len(mean))
+    for k in range(3):
+        np.minimum.at(least, mesh.faces[:, k], (mean[mesh.faces[:, k]] * mesh.normals).sum(axis=-1))
+    blunt = least >= 1.0 / np.sqrt(3.0)
+    moved = mesh.vertices[blunt] + mean[blunt] * (reach / least[blunt])[:, None]
+    cube = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]) * reach
+    out = object.__new__(Mesh)  # of a hull with many sharp corners the grown one may have more than may be given
+    points = np.unique(np.concatenate([moved, (mesh.vertices[~blunt, None] + cube).reshape(-1, 3)]), axis=0)
+    out._become(points, len(points))
+    return out
+
+
+def checked_scale(field_name: str, scale: Any) -> tuple[float, float, float]:
+    """The scale of a mesh a caller gave.
+
+    Raises:
+        InvalidRequest: not three finite numbers, none of them zero.
+    """
+    expected = "three finite numbers, none of them 0"
+    found = numbers(field_name, scale, expected)
+    if found.shape != (3,) or not np.all(np.isfinite(found)) or not np.all(found != 0.0):
+        raise InvalidRequest(field_name, scale, expected)
+    x, y, z = found.tolist()
+    return (x, y, z)
+
+
+def _checked(vertices: ArrayLike) -> FloatArray:
+    """Points (n, 3), each once, sorted."""
+    expected = f"4 to {MAX_VERTICES:,} points (x, y, z) in metres, at most {MAX_LENGTH:g} from 0 along each axis"
+    points = numbers("vertices", vertices, expected)
+    if points.ndim != 2 or points.shape[1:] != (3,) or not 4 <= len(points) <= MAX_VERTICES:
+        message = f"vertices: got an array of shape {points.shape}; expected {expected}"
+        raise InvalidRequest("vertices", points, expected, message=message)
+    bad = np.flatnonzero(~(np.abs(points) <= MAX_LENGTH).all(axis=-1))
+    if len(bad):
+        raise InvalidRequest(f"vertices[{bad[0]}]", points[bad[0]].tolist(), expected)
+    return np.unique(points + 0.0, axis=0)  # + 0.0 drops the sign of -0.0
+
+
+def _hull(points: FloatArray, most: int) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Corners, triangles and their outward normals; the hull of the corners alone has the same corners.
+
+    Raises:
+        InvalidRequest: no solid, or one of more than ``most`` corners.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    while True:
+        try:
+            hull = ConvexHull(points)
+        except (QhullError, ValueError):
+            raise _flat(points) from None
+        kept = np.sort(hull.vertices)
+        if len(kept) > most:
+            expected = f"a hull of at most {most:,} corners"
+            message = f"vertices: got a hull of {len(kept):,} corners; expected {expected}; simplify the mesh"
+            raise InvalidRequest("vertices", len(kept), expected, message=message)
+        if len(kept) == len(points):
+            break
+        points = points[kept]  # which corners count as one by rounding depends on what else is there
+    faces, normals = hull.simplices.astype(np.intp), hull.equations[:, :3].copy()
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    inward = (_cross(b - a, c - a) * normals).sum(axis=-1) < 0.0
+    faces[inward] = faces[inward][:, [0, 2, 1]]
+    first = faces.argmin(axis=1)
+    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    order = np.lexsort(faces.T[::-1])
+    return points, faces[order], normals[order]
+
+
+def _flat(points: FloatArray) -> InvalidRequest:
+    size = (points.max(axis=0) - points.min(axis=0)).tolist() if len(points) else []
+    expected = "points that span a solid; give a flat mesh some thickness"
+    return InvalidRequest(
+        "vertices",
+        points,
+        expected,
+        message=f"vertices: flat, {len(points)} points within {size} m; expected {expected}",
+    )
+
+
+def _require_inside(points: FloatArray, normals: FloatArray, offsets: FloatArray) -> None:
+    """Raise unless the hull holds every point, up to rounding: so no point was lost on the way."""
+    allowed = ROUNDING * float((points.max(axis=0) - points.min(axis=0)).max())
+    for rows in _blocks(points, len(normals)):
+        if float((_along(normals, rows) - offsets).max()) > allowed:
+            raise _flat(points)
+
+
+def _blocks(rows: FloatArray, width: int) -> list[FloatArray]:
+    """Rows in blocks whose products with ``width`` others stay small; one, if empty, when there are none."""
+    step = max(1, AT_ONCE // width)
+    return [rows[k : k + step] for k in range(0, max(len(rows), 1), step)]
+
+
+def _along(points: FloatArray, directions: FloatArray) -> FloatArray:
+    """Components of points (n, 3) along directions (..., 3), (..., n)."""
+    d = directions[..., None, :]
+    return np.asarray(d[..., 0] * points[:, 0] + d[..., 1] * points[:, 1] + d[..., 2] * points[:, 2])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    (x, y, z), (u, v, w) = a.T, b.T
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+
+
+def _to_segments(points: FloatArray, start: FloatArray, edge: FloatArray) -> FloatArray:
+    """Distances from points (k, 3) to segments (t, 3) from ``start`` along ``edge``, (k, t)."""
+    square = (edge * edge).sum(axis=-1)
+    x = points[:, None, :] - start
+    share = np.clip((x * edge).sum(axis=-1) / square, 0.0, 1.0)
+    rest = x - share[..., None] * edge
+    return np.asarray(np.sqrt((rest * rest).sum(axis=-1)))

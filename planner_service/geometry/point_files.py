@@ -1,0 +1,141 @@
+"""Arrays in NPY and NPZ files, and points in PLY files, read with care: no pickle, no lying header, no zip bomb."""
+
+from __future__ import annotations
+
+import ast
+import io
+import zipfile
+import zlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.errors import InvalidFile
+from planner_service.files.reading import read_bytes
+from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
+from planner_service.geometry.shapes import FloatArray
+
+__all__ = ["MAX_POINTS", "arrays_of", "read_array"]
+
+MAX_POINTS = MAX_VERTICES
+"""Points of a cloud."""
+
+MAX_NUMBERS = 4 * MAX_POINTS
+"""Numbers of a cloud or height field: a byte of the file becomes eight, and a packed one thousands."""
+
+MAX_HEADER = 10_000
+"""Bytes of an NPY header: it is a Python literal, and long ones are dear to parse."""
+
+VERSIONS = {1: 2, 2: 4, 3: 4}
+"""Bytes of the header's length, by major version of the format."""
+
+MAGIC = b"\x93NUMPY"
+
+
+class _Unreadable(Exception):
+    """Why a file holds no such array."""
+
+
+def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
+    """The numbers in a file, told apart by the suffix: of a PLY file its vertices (n, 3), else the array it holds.
+
+    Args:
+        name: Which array of an NPZ file that holds several.
+
+    Raises:
+        InvalidFile: another suffix, larger than 50 MB, packed or not, more than 2,000,000 numbers, not what the suffix
+            says, malformed, no array of that name, or something else than real numbers in it.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in suffixes:
+        raise InvalidFile(path, [f"suffix {path.suffix!r}; expected one of {', '.join(suffixes)}"])
+    if suffix == ".ply":
+        return read_vertices(path)
+    data = read_bytes(path, MAX_BYTES)
+    try:
+        found = _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data, MAX_NUMBERS)
+    except _Unreadable as error:
+        raise InvalidFile(path, [str(error)]) from None
+    with np.errstate(all="ignore"):  # beyond the range of floats there is infinity
+        return np.asarray(found, dtype=np.float64)
+
+
+def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
+    """Reads arrays of an NPZ file by name and kind ("iu" for integers, "f" for floats), as of one moment.
+
+    Args:
+        most: Bytes of the file, and of each array, at most.
+
+    Raises:
+        InvalidFile: it is larger, no file or not to be read. What is returned, too: no such array,
+            packed, or malformed.
+    """
+    data = read_bytes(path, most)
+
+    def array(name: str, kinds: str) -> NDArray[Any]:
+        try:
+            found = _npy(_member(data, name, most, packed=False), most)
+        except _Unreadable as error:
+            raise InvalidFile(path, [str(error)]) from None
+        if found.dtype.kind not in kinds:
+            raise InvalidFile(path, [f"{name}: got numbers of type {found.dtype}; expected another kind of number"])
+        return found
+
+    return array
+
+
+def _member(data: bytes, name: str, most: int, *, packed: bool = True) -> bytes:
+    """The one array file in a zip archive, or that called ``name``."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+            info = members.get(name) or (next(iter(members.values())) if len(members) == 1 else None)
+            if info is None:
+                raise _Unreadable(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
+            if not packed and (info.compress_type != zipfile.ZIP_STORED or info.file_size > len(data)):
+                raise _Unreadable(f"{name}: packed; expected it as numpy.savez writes it")
+            if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise _Unreadable(f"packed by method {info.compress_type}; expected what numpy writes")
+            with archive.open(info) as file:
+                found = file.read(most + 1)
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
+        raise _Unreadable(f"no NPZ: {error}") from None
+    if len(found) > most:
+        raise _Unreadable(f"unpacks to more than {most:,} bytes")
+    return found
+
+
+def _npy(data: bytes, most: int) -> NDArray[Any]:
+    if not data.startswith(MAGIC) or len(data) < len(MAGIC) + 2 or data[len(MAGIC)] not in VERSIONS:
+        raise _Unreadable("no NPY: it does not begin as one")
+    start = len(MAGIC) + 2
+    width = VERSIONS[data[len(MAGIC)]]
+    length = int.from_bytes(data[start : start + width], "little")
+    start += width
+    if length > min(MAX_HEADER, len(data) - start):
+        raise _Unreadable("an NPY header without its end")
+    shape, dtype, by_columns = _header(data[start : start + length])
+    count = int(np.prod([1, *shape], dtype=object))
+    if count > most:
+        raise _Unreadable(f"an array of shape {shape}; expected at most {most:,} numbers")
+    body = data[start + length :]
+    if len(body) != count * dtype.itemsize:
+        raise _Unreadable(f"{len(body):,} bytes are not those of an array of shape {shape}")
+    return np.frombuffer(body, dtype).reshape(shape, order="F" if by_columns else "C")
+
+
+def _header(text: bytes) -> tuple[tuple[int, ...], np.dtype[np.generic], bool]:
+    """Shape, type and order of an NPY file, from the literal in its header."""
+    try:
+        found = ast.literal_eval(text.decode("latin-1").strip())
+        shape, kind, by_columns = found["shape"], found["descr"], found["fortran_order"]
+        good = isinstance(shape, tuple) and all(type(size) is int and size >= 0 for size in shape)
+        dtype = np.dtype(kind) if isinstance(kind, str) else np.dtype(object)
+    except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError, IndexError):
+        raise _Unreadable("an NPY header that cannot be read") from None
+    if not good or len(shape) > 4 or dtype.kind not in "iuf" or not isinstance(by_columns, bool):
+        raise _Unreadable(f"an array of {kind!r} with shape {shape!r}"[:120] + "; expected real numbers")
+    return shape, dtype, by_columns

@@ -1,0 +1,124 @@
+"""What must hold where fingers may touch an object: the grasp is sound, and the way to it straight."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planner_service.collision import CollisionChecker
+from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.grasping.grasps import offset_from, width_across
+from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Gripper, Robot
+from planner_service.scene.scene import Obstacle
+
+__all__ = [
+    "LONGEST_APPROACH",
+    "LOOSE_GRASP",
+    "MEANT_OVERLAP",
+    "PUSHED_ASIDE",
+    "grasp_objection",
+    "reach_objection",
+    "tool_line",
+    "unwanted",
+]
+
+LONGEST_APPROACH = 0.10
+"""Metres of straight motion before and after a contact, at most."""
+
+LOOSE_GRASP = 0.01
+"""Metres by which the point between the fingertips may miss the object: the pads reach that far around it."""
+
+PUSHED_ASIDE = 0.003
+"""Metres by which closing fingers may push the object aside: what a grasp from a camera is off by."""
+
+MEANT_OVERLAP = 0.001
+"""Metres by which things that are meant to touch may overlap, as models do."""
+
+SLACK = 1.1
+"""Of the tolerance that straight tool lines are planned with."""
+
+SPACING = 0.005
+"""Radians of path between looks at the tool: it moves a few millimetres."""
+
+MOST_LOOKS = 4000
+"""A line of 10 cm needs a hundred; an arm that turns about its tool all the while is refused."""
+
+Pair = tuple[str, str]
+
+
+def grasp_objection(target: Obstacle, grasp: Pose, gripper: Gripper) -> str:
+    """Why fingers that close there would not hold an object where it stands; empty if they would."""
+    aside, beyond = offset_from(target, grasp, gripper)
+    if beyond > LOOSE_GRASP:
+        return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
+    if aside > PUSHED_ASIDE:
+        return f"closing would push {target.name} {aside * 1000:.0f} mm aside"
+    return ""
+
+
+def unwanted(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) -> str:
+    """Which of ``pairs`` overlaps too much for touching at q, or what else touches, in words; empty if nothing."""
+    for c in checker.contacts(q):
+        if (c.a, c.b) not in pairs:
+            return f"{c.a} x {c.b} touch"
+        if c.depth > MEANT_OVERLAP:
+            return f"{c.a} would stand {c.depth * 1000:.1f} mm inside {c.b}"
+    return ""
+
+
+def tool_line(robot: Robot, path: JointPath, near: float, far: float, longest: float) -> tuple[FloatArray, str]:
+    """Configurations (m, n) of a path from a contact at s = ``near`` to ``far``, and what is wrong there.
+
+    The tool is to keep to the straight line along its approach, to go no farther than ``longest`` metres, and not back.
+    """
+    count = math.ceil(abs(far - near) / SPACING)
+    if count > MOST_LOOKS:
+        return np.zeros((0, path.n)), f"the stretch is {abs(far - near):.3g} rad long, which no straight tool line is"
+    looks = path(near + (far - near) * (np.arange(count + 1) / max(count, 1)))
+    places, turns = _tools(robot, looks)
+    way = places - places[0]
+    approach = np.zeros(3) if robot.gripper is None else turns[0] @ np.array(robot.gripper.approach)
+    travel = -(way * approach).sum(axis=1)
+    aside = np.sqrt(((way + travel[:, None] * approach) ** 2).sum(axis=1))
+    turned = np.sqrt(((turns - turns[0]) ** 2).sum(axis=(1, 2)) / 2.0)
+    backwards = float(np.diff(travel).min(initial=0.0))
+    if aside.max() > SLACK * LINE_METRES or turned.max() > SLACK * LINE_RADIANS or backwards < -LINE_METRES / 10.0:
+        return looks, "the tool leaves the straight line along its approach there"
+    if travel.max() > longest + SLACK * LINE_METRES:
+        return looks, f"the tool is {travel.max() * 1000:.0f} mm away there; at most {longest * 1000:.0f} mm are meant"
+    return looks, ""
+
+
+def _tools(robot: Robot, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (m, 3) and rotations (m, 3, 3) of the tool frame at Q (m, n)."""
+    turns, places = robot.body_poses_batch(Q)
+    at, T = robot.tool_body, robot.tool_placement
+    return np.asarray(turns[:, at] @ T[:3, 3] + places[:, at]), np.asarray(turns[:, at] @ T[:3, :3])
+
+
+def reach_objection(
+    checker: CollisionChecker, path: JointPath, begin: float, moved: tuple[Obstacle, Obstacle], pairs: tuple[Pair, ...]
+) -> str:
+    """Why fingers should not go along a path from s = ``begin`` to its end to take what has moved; empty if they may.
+
+    Args:
+        moved: The object as it was when that was planned, and as it is.
+        pairs: The fingers and the object, as contacts name them: they may touch, nothing else. Asks the checker, which
+            counts a state every 5 mrad.
+    """
+    robot, target = checker.robot, moved[1]
+    if robot.gripper is None:
+        return f"{robot.name} has no gripper"
+    tool = Pose.from_matrix(robot.tool_pose(path.waypoints[-1]))
+    before, width = (width_across(item, tool, robot.gripper) for item in moved)
+    if abs(width - before) > MEANT_OVERLAP:
+        return f"{target.name} is {width * 1000:.1f} mm wide between the fingers, not {before * 1000:.1f} mm"
+    looks, objection = tool_line(robot, path, path.length, begin, LONGEST_APPROACH)
+    objection = grasp_objection(target, tool, robot.gripper) or objection
+    if objection:
+        return objection
+    inside = np.clip(looks, robot.limits.lower, robot.limits.upper)
+    return next(filter(None, (unwanted(checker, q, pairs) for q in inside)), "")

@@ -1,0 +1,1 @@
+"""Where the tool is and how to bring it somewhere: inverse kinematics, tool poses as goals, straight tool lines."""

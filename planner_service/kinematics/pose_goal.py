@@ -1,0 +1,109 @@
+"""A tool pose with room: a round object may be taken from any side, a block be set down a little beside its place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import Pose, number, whole
+
+__all__ = ["PoseGoal"]
+
+MAX_CANDIDATES = 1000
+"""Poses tried at most: each is an inverse kinematics problem."""
+
+PRIMES = (2, 3, 5, 7, 11, 13)
+"""Bases of the Halton sequence, one for each coordinate that is drawn."""
+
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+"""Turns by this share of a full one never repeat, and are spread evenly whatever their number (Weyl)."""
+
+
+@dataclass(frozen=True)
+class PoseGoal:
+    """Tool poses in the base frame, any of which will do: ``pose`` itself, or one within its tolerances.
+
+    Attributes:
+        pose: The one in the middle.
+        position_tolerance: Metres by which the tool frame's origin may be off.
+        orientation_tolerance: Radians of rotation by which the tool may be off.
+        free_axis: Axis (x, y, z) in the tool frame about which the tool may be turned as it likes; None for none. For a
+            tool whose approach is +x and a round object that is (1, 0, 0).
+        candidates: Poses that are tried, ``pose`` first; the others are spread evenly, equally on every machine.
+
+    Raises:
+        InvalidRequest: a tolerance is negative, a metre or half a turn or more, the axis has no length, or the number
+            of candidates is not in [1, 1000].
+    """
+
+    pose: Pose
+    position_tolerance: float = 0.0
+    orientation_tolerance: float = 0.0
+    free_axis: tuple[float, float, float] | None = None
+    candidates: int = 16
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pose, Pose):
+            raise InvalidRequest("pose", self.pose, "a Pose of the tool")
+        number("position_tolerance", self.position_tolerance, "metres in [0, 1]", 0.0, 1.0)
+        number("orientation_tolerance", self.orientation_tolerance, "radians in [0, pi]", 0.0, math.pi)
+        if self.free_axis is not None:
+            object.__setattr__(self, "free_axis", _unit(self.free_axis))
+        object.__setattr__(self, "candidates", whole("candidates", self.candidates, 1, MAX_CANDIDATES))
+
+    def poses(self) -> tuple[Pose, ...]:
+        """The candidates; one alone where there is no room."""
+        room = self.position_tolerance > 0.0 or self.orientation_tolerance > 0.0 or self.free_axis is not None
+        return tuple(self._candidate(k) for k in range(self.candidates if room else 1))
+
+    def _candidate(self, k: int) -> Pose:
+        if k == 0:
+            return self.pose
+        shift = _in_ball(k, PRIMES[:3], self.position_tolerance)
+        turned = self.pose
+        if self.free_axis is not None:
+            turned = turned @ _turn(self.free_axis, 2.0 * math.pi * ((k * GOLDEN) % 1.0))
+        lean = _in_ball(k, PRIMES[3:], self.orientation_tolerance)
+        angle = math.sqrt(math.fsum(x * x for x in lean))
+        if angle > 0.0:
+            turned = turned @ _turn((lean[0] / angle, lean[1] / angle, lean[2] / angle), angle)
+        x, y, z = (p + s for p, s in zip(self.pose.position, shift, strict=True))
+        return Pose((x, y, z), turned.quaternion)
+
+
+def _unit(axis: object) -> tuple[float, float, float]:
+    expected = "three numbers that are not all 0"
+    if not isinstance(axis, Sequence) or isinstance(axis, str) or len(axis) != 3:
+        raise InvalidRequest("free_axis", axis, expected)
+    x, y, z = (number("free_axis", value, expected, -1e3, 1e3) for value in axis)
+    length = math.sqrt(x * x + y * y + z * z)
+    if length < 1e-9:
+        raise InvalidRequest("free_axis", axis, expected)
+    return (x / length, y / length, z / length)
+
+
+def _turn(axis: tuple[float, float, float], angle: float) -> Pose:
+    x, y, z = axis
+    s = math.sin(angle / 2.0)
+    return Pose(quaternion=(math.cos(angle / 2.0), x * s, y * s, z * s))
+
+
+def _in_ball(k: int, bases: Sequence[int], radius: float) -> tuple[float, float, float]:
+    """The k-th of points spread evenly in a ball, from Halton's sequence (Numerische Mathematik 2, 1960)."""
+    u, v, w = (_halton(k, base) for base in bases)
+    away = radius * math.pow(u, 1.0 / 3.0)
+    height, angle = 2.0 * v - 1.0, 2.0 * math.pi * w
+    across = math.sqrt(max(0.0, 1.0 - height * height))
+    return (away * across * math.cos(angle), away * across * math.sin(angle), away * height)
+
+
+def _halton(k: int, base: int) -> float:
+    """The digits of k in ``base``, mirrored behind the point."""
+    out, share = 0.0, 1.0
+    while k:
+        share /= base
+        out += share * (k % base)
+        k //= base
+    return out

@@ -1,0 +1,1 @@
+"""Curves through joint space, and trajectories along them."""

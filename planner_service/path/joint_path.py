@@ -1,0 +1,429 @@
+"""A path is a curve q(s) through joint space: a polyline whose corners may be blended.
+
+Angles in radians (metres for prismatic joints). The path parameter ``s`` is arc length, in the L2 norm of joint space,
+along the polyline through the waypoints, also where corners are blended.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import accumulate, pairwise
+from typing import Any, TypeGuard
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, as_sent, numbers, read_only, whole
+from planner_service.path.corner_blend import Blends
+
+__all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]
+
+OVERSHOOT = 1e-9
+"""An argument that far outside its interval is a rounding of the interval's end, and taken as such."""
+
+MERGE = 1e-12
+"""Waypoints closer than this (rad) are one point: their direction would be made of rounding."""
+
+COLLINEAR = 1e-12
+"""A tangent of which any component changes by more is a corner."""
+
+NARROWEST = 1e-9
+"""Radians. A narrower blend is refused: its curvature would be made of rounding."""
+
+ROUNDING = 1e-15
+"""Of a coordinate, relative. Over the length of a short piece it turns the tangent, and makes no corner."""
+
+NOISY = 1e-9
+"""Of a tangent. Where rounding turns one by more, a corner may be spread over many short pieces."""
+
+FORWARD = 0.2
+"""Least abs(u + v) of the tangents at a blended corner: in the middle of a blend that all but turns back, within 12
+degrees, the path parameter would run on while the robot stands still."""
+
+ORDERS = range(4)
+
+FLOAT64 = np.dtype(np.float64)
+
+
+def _distances(points: FloatArray) -> FloatArray:
+    """L2 distance between successive rows, summed joint by joint (equal bits on every processor)."""
+    with np.errstate(over="ignore"):  # an infinite length is found where it is asked for
+        steps = points[1:] - points[:-1]
+        return np.asarray(np.sqrt(np.add.accumulate(steps * steps, axis=1)[:, -1]))
+
+
+def within(name: str, value: ArrayLike, end: float) -> FloatArray:
+    """``value`` as an array inside [0, end], forgiving an overshoot of rounding size; not copied if it is one."""
+    x = value if _are_floats(value) else numbers(name, value, f"numbers in [0, {end:.9g}]")
+    if not x.size:
+        return x
+    low, high = x.min(), x.max()
+    if low >= 0.0 and high <= end:
+        return x
+    if not (low >= -OVERSHOOT and high <= end + OVERSHOOT):  # also for NaN
+        raise InvalidRequest(name, value, f"numbers in [0, {end:.9g}]")
+    return np.clip(x, 0.0, end)
+
+
+def _are_floats(value: ArrayLike) -> TypeGuard[FloatArray]:
+    """Whether they are what paths ask each other with, without a closer look."""
+    return type(value) is np.ndarray and value.dtype is FLOAT64
+
+
+def require_order(order: object) -> int:
+    """The order of a derivative, checked."""
+    if not isinstance(order, int) or isinstance(order, bool) or order not in ORDERS:
+        raise InvalidRequest("order", order, "0, 1, 2 or 3")
+    return order
+
+
+def _waypoints(values: Any) -> FloatArray:
+    points = numbers("waypoints", values, "rows of equally many numbers, shape (N, n)")
+    if points.ndim != 2 or 0 in points.shape:
+        raise InvalidRequest("waypoints", points.shape, "shape (N, n) with N >= 1 waypoints of n >= 1 joints")
+    if not np.all(np.isfinite(points)):
+        row, joint = np.argwhere(~np.isfinite(points))[0]
+        raise InvalidRequest(f"waypoints[{row}][{joint}]", float(points[row, joint]), "a finite number")
+    return points
+
+
+def _no_blends() -> FloatArray:
+    return np.zeros(0)
+
+
+def _widths(values: Any, count: int) -> list[float]:
+    """Blend widths for ``count`` waypoints; none given are all 0."""
+    expected = f"{count} finite numbers, each 0 or at least {NARROWEST:g}, the first and the last 0, or none"
+    given = numbers("blends", values, expected)
+    if given.shape == (0,):
+        return [0.0] * count
+    widths: list[float] = given.tolist()
+    good = given.shape == (count,) and all(width == 0.0 or NARROWEST <= width < math.inf for width in widths)
+    if not good or widths[0] > 0.0 or widths[-1] > 0.0:
+        raise InvalidRequest("blends", widths, expected)
+    return widths
+
+
+def _merged(points: FloatArray) -> FloatArray:
+    """The points without those that coincide with the one before; the first and the last stay bit for bit."""
+    steps = _distances(points)
+    total = sum(steps.tolist())
+    if not math.isfinite(total):
+        raise InvalidRequest("waypoints", float(np.abs(points).max()), "joint values whose path has a finite length")
+    near = max(MERGE, 2e-15 * total)  # so that arc length grows with every waypoint in spite of rounding
+    if not steps.size or steps.min() > near:
+        return points
+    kept = [0]
+    for k in range(1, len(points)):
+        if _distances(points[[kept[-1], k]])[0] > near:
+            kept.append(k)
+    last = len(points) - 1
+    if kept[-1] != last:
+        while len(kept) > 1 and _distances(points[[kept[-1], last]])[0] <= near:
+            kept.pop()
+        if _distances(points[[kept[-1], last]])[0] > 0.0:
+            kept.append(last)
+    return points[kept]
+
+
+@dataclass(frozen=True, eq=False)
+class _Polyline:
+    """What a path has whatever its blends: points (N, n), s at each, and of the pieces lengths and unit tangents.
+
+    ``lines`` are a start, a difference and an end for each piece, (N - 1, n) each; ``turns`` the indices of the inner
+    points where the direction changes by more than rounding.
+    """
+
+    points: FloatArray
+    knots: FloatArray
+    lengths: FloatArray
+    tangents: FloatArray
+    lines: tuple[FloatArray, FloatArray, FloatArray]
+    turns: tuple[int, ...]
+
+    @classmethod
+    def through(cls, points: FloatArray) -> _Polyline:
+        """The polyline through points of which none coincides with the one before it."""
+        steps = _distances(points)
+        knots = read_only(list(accumulate(steps.tolist(), initial=0.0)))
+        lengths, moves = knots[1:] - knots[:-1], points[1:] - points[:-1]
+        tangents = moves / steps[:, np.newaxis]
+        turns: tuple[int, ...] = ()
+        if len(points) > 2:
+            change = np.abs(tangents[1:] - tangents[:-1]).max(axis=1)
+            inverse = 1.0 / lengths
+            noise = ROUNDING * np.abs(points).max() * (inverse[1:] + inverse[:-1])
+            turning = change > COLLINEAR + noise
+            if noise.max() > NOISY:
+                turning |= _turned(tangents, lengths, ROUNDING * np.abs(points).max(), turning)
+            turns = tuple((np.flatnonzero(turning) + 1).tolist())
+        return cls(read_only(points), knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
+
+    def turns_back(self, k: int) -> bool:
+        """Whether the corner at inner point k all but turns back."""
+        forward = self.tangents[k - 1] + self.tangents[k]
+        return math.fsum((forward * forward).tolist()) < FORWARD * FORWARD
+
+
+def _turned(
+    tangents: FloatArray, lengths: FloatArray, rounding: float, turning: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Which inner points are corners because many pieces, each too short to know its direction, turn together.
+
+    Each piece is held against the longest one since the last corner, whose direction is known best.
+    """
+    turned = np.zeros_like(turning)
+    best = 0
+    for k in range(1, len(tangents)):
+        noise = rounding / lengths[k] + rounding / lengths[best]
+        turned[k - 1] = np.abs(tangents[k] - tangents[best]).max() > COLLINEAR + noise
+        if turned[k - 1] or turning[k - 1] or lengths[k] >= lengths[best]:
+            best = k
+    return turned
+
+
+def _allowed_blends(polyline: _Polyline, widths: Sequence[float]) -> list[float]:
+    """The widths at corners, 0 elsewhere."""
+    kept, lengths = [0.0] * len(widths), polyline.lengths.tolist()
+    for k in polyline.turns:
+        kept[k] = widths[k]
+        if kept[k] > 0.0 and polyline.turns_back(k):
+            raise InvalidRequest(f"blends[{k}]", kept[k], "0 at a corner that turns back")
+    over = [a + b - length for (a, b), length in zip(pairwise(kept), lengths, strict=True)]
+    if any(excess > OVERSHOOT * max(pair) for excess, pair in zip(over, pairwise(kept), strict=True)):
+        k = over.index(max(over))
+        expected = "no more together than the piece between them is long"
+        raise InvalidRequest(f"blends[{k}:{k + 2}]", kept[k : k + 2], expected)
+    return kept
+
+
+def _pieces(knots: Sequence[float], blends: Sequence[float]) -> Iterator[tuple[float, int, int]]:
+    """Each piece between breaks: where it starts, the line it is part of, and the row of its blend or -1."""
+    row, at = -1, 0.0
+    for k in range(len(knots) - 1):
+        if blends[k] > 0.0:
+            row += 1
+            yield at, k, row
+            at = knots[k] + blends[k]
+        end = knots[k + 1] - blends[k + 1]
+        if end > at:
+            yield at, k, -1
+            at = end
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointPath:
+    """A polyline through joint space whose corners may be blended, ``path(s)`` for s in [0, ``path.length``].
+
+    Waypoints within 1e-12 rad of the one before them are dropped (the first and the last always stay), so that
+    every piece has a length and a direction; all other waypoints are kept as they are.
+
+    Args:
+        waypoints: Shape (N, n), N >= 1; copied.
+        blends: At each waypoint the arc length, before and after it, that its blend replaces (``Blends``), shape (N,);
+            0 keeps the corner, a full stop. Empty for no blends. Without a corner there is nothing to blend: it
+            becomes 0.
+
+    Attributes:
+        knots: s at each waypoint, shape (N,), from 0 to ``length``.
+        breaks: s from 0 to ``length`` where straight pieces and blends meet, and at waypoints that are not blended,
+            shape (m + 1,).
+        blended: Which of the m pieces between breaks are blends, shape (m,).
+
+    Raises:
+        InvalidRequest: another shape, a number that is not finite, blends that overlap, or one at a corner that turns
+            back.
+    """
+
+    waypoints: FloatArray
+    blends: FloatArray = field(default_factory=_no_blends)
+    knots: FloatArray = field(init=False)
+    breaks: FloatArray = field(init=False)
+    blended: NDArray[np.bool_] = field(init=False)
+    _polyline: _Polyline = field(init=False)
+    _lines: NDArray[np.intp] = field(init=False)
+    _rows: NDArray[np.intp] = field(init=False)
+    __setstate__ = as_sent
+
+    def __post_init__(self) -> None:
+        given = _waypoints(self.waypoints)
+        points = _merged(given)
+        widths = _widths(self.blends, len(given))
+        if len(points) < len(given):
+            if any(widths):
+                raise InvalidRequest("blends", len(given) - len(points), "waypoints that do not coincide")
+            widths = widths[: len(points)]
+        self._lay(_Polyline.through(points), widths)
+
+    def _lay(self, polyline: _Polyline, widths: Sequence[float]) -> None:
+        """Become the curve along a polyline with blends as wide as that."""
+        blends = _allowed_blends(polyline, widths)
+        pieces = list(_pieces(polyline.knots.tolist(), blends))
+        rows = np.array([piece[2] for piece in pieces], dtype=np.intp)
+        told = {
+            "waypoints": polyline.points,
+            "blends": read_only(blends),
+            "knots": polyline.knots,
+            "breaks": read_only([*(piece[0] for piece in pieces), polyline.knots[-1]]),
+            "blended": rows >= 0,
+            "_polyline": polyline,
+            "_lines": np.array([piece[1] for piece in pieces], dtype=np.intp),
+            "_rows": rows,
+        }
+        for name, value in told.items():
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def _curves(self) -> Blends:
+        rows = np.flatnonzero(self.blends > 0.0)
+        tangents = self._polyline.tangents
+        return Blends.at(
+            self.knots[rows], self.blends[rows], self.waypoints[rows], (tangents[rows - 1], tangents[rows])
+        )
+
+    @cached_property
+    def _travelled(self) -> FloatArray:
+        """What each joint has moved in total up to each break, (m + 1, n)."""
+        moves = self._moved(np.arange(len(self._lines)), self.breaks[1:])
+        return np.concatenate([np.zeros((1, self.n)), np.cumsum(moves, axis=0)])
+
+    def __repr__(self) -> str:
+        blended = f", {int(self.blended.sum())} blends" if np.any(self.blended) else ""
+        return f"JointPath(<{len(self.waypoints)} waypoints{blended}, {self.n} joints, length {self.length:.6g}>)"
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.waypoints.shape[1])
+
+    @property
+    def length(self) -> float:
+        """L2 joint arc length of the polyline."""
+        return float(self.knots[-1])
+
+    @property
+    def corners(self) -> tuple[int, ...]:
+        """Indices of the inner waypoints where the direction jumps: no finite acceleration passes them at speed."""
+        blends = self.blends.tolist()
+        return tuple(k for k in self._polyline.turns if not blends[k] > 0.0)
+
+    def turns_back(self, k: int) -> bool:
+        """Whether the corner at inner waypoint k all but turns back, so that it cannot be blended.
+
+        Raises:
+            InvalidRequest: k is not the index of an inner waypoint.
+        """
+        return self._polyline.turns_back(whole("k", k, 1, len(self.waypoints) - 2))
+
+    def with_blends(self, blends: ArrayLike | None) -> JointPath:
+        """The same polyline with other blends, shape (N,); with a stop at every corner if None."""
+        path = object.__new__(JointPath)
+        path._lay(self._polyline, _widths(() if blends is None else blends, len(self.waypoints)))
+        return path
+
+    def __call__(self, s: ArrayLike, order: int = 0) -> FloatArray:
+        """Configurations (order 0), tangents dq/ds (1), their derivatives (2, 3), shape (..., n) for s of shape (...).
+
+        Tangents are of unit length on straight pieces and not longer on blends. At a break the derivatives are those
+        of the piece after it, at the end those of the last piece.
+
+        Raises:
+            InvalidRequest: s outside [0, length] by more than 1e-9, or another order.
+        """
+        at = within("s", s, self.length)
+        require_order(order)
+        if not len(self._lines):
+            value = np.zeros(self.n) if order else self.waypoints[0]
+            return np.broadcast_to(value, (*at.shape, self.n)).copy()
+        flat = at.reshape(-1)
+        out = self.on_pieces(self.pieces_at(flat), flat, order)
+        if order == 0 and (self.blended[0] or self.blended[-1]):  # bit for bit, also where a blend reaches to an end
+            out[flat == 0.0], out[flat == self.length] = self.waypoints[0], self.waypoints[-1]
+        return out.reshape(*at.shape, self.n)
+
+    def pieces_at(self, s: FloatArray) -> NDArray[np.intp]:
+        """The piece between breaks in which each s of [0, length] lies, the later one at a break."""
+        return np.minimum(self.breaks.searchsorted(s, side="right") - 1, len(self._lines) - 1)
+
+    def on_pieces(self, piece: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
+        """q or a derivative at s = ``at``, each continued from its own piece; (k,) and (k,) in, (k, n) out."""
+        rows = self._rows.take(piece)
+        (on,) = (rows >= 0).nonzero()
+        if 0 < len(on) == len(rows):
+            return self._on_blends(rows, at, order)
+        if order == 0:
+            out = self._between(self._lines.take(piece), at)
+        elif order == 1:
+            out = self._polyline.tangents.take(self._lines.take(piece), axis=0)
+        else:
+            out = np.zeros((len(at), self.n))
+        if len(on):
+            out[on] = self._on_blends(rows.take(on), at.take(on), order)
+        return out
+
+    def _on_blends(self, row: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
+        return self._curves.position(row, at) if order == 0 else self._curves.derivative(row, at, order)
+
+    def _between(self, line: NDArray[np.intp], at: FloatArray) -> FloatArray:
+        start, move, end = (table.take(line, axis=0) for table in self._polyline.lines)
+        share = ((at - self.knots.take(line)) / self._polyline.lengths.take(line))[..., np.newaxis]
+        # share < 1 keeps the rounded product below the move, so no joint passes its waypoint, which may be a limit
+        return np.where(share < 1.0, start + move * share, end)
+
+    def travel(self, s: ArrayLike) -> FloatArray:
+        """What each joint has moved in total from the start to s, there and back, shape (..., n) for s of shape (...).
+
+        Raises:
+            InvalidRequest: s outside [0, length] by more than 1e-9.
+        """
+        at = within("s", s, self.length)
+        if not len(self._lines):
+            return np.zeros((*at.shape, self.n))
+        flat = at.reshape(-1)
+        piece = self.pieces_at(flat)
+        total: FloatArray = self._travelled.take(piece, axis=0) + self._moved(piece, flat)
+        return total.reshape(*at.shape, self.n)
+
+    def _moved(self, piece: NDArray[np.intp], at: FloatArray) -> FloatArray:
+        """What each joint has moved from the start of a piece to s = ``at``; (k,) and (k,) in, (k, n) out."""
+        rows = self._rows.take(piece)
+        out = np.abs(self._polyline.tangents.take(self._lines.take(piece), axis=0))
+        out *= (at - self.breaks.take(piece))[:, np.newaxis]
+        (on,) = (rows >= 0).nonzero()
+        if len(on):
+            out[on] = self._curves.travel(rows.take(on), at.take(on))
+        return out
+
+    @property
+    def tables(self) -> tuple[NDArray[Any], ...]:
+        """What ``__call__`` and ``travel`` look up, for compiled code that does the same, to the last bit.
+
+        Waypoints (N, n), knots (N,), tangents of the lines between (N - 1, n), breaks (m + 1,); of each piece between
+        breaks its line and its blend, or -1, (m,) each; what was travelled at each break, (m + 1, n); of each blend
+        its s, width, corner, tangent before and after, and where joints turn back, (k, 2 + 4 n).
+        """
+        c = self._curves
+        corners = self.waypoints[self.blends > 0.0]
+        blends = np.column_stack([c.s, c.width, corners, c.before, c.after, c.turning])
+        lines = (self._lines, self._rows, self._travelled, blends)
+        return (self.waypoints, self.knots, self._polyline.tangents, self.breaks, *lines)
+
+    def reversed(self) -> JointPath:
+        """The same curve from its end to its start."""
+        return JointPath(self.waypoints[::-1], self.blends[::-1])
+
+    def __add__(self, other: JointPath) -> JointPath:
+        """This path and then the other, which must start exactly where this one ends; they meet in a stop.
+
+        Raises:
+            InvalidRequest: it starts elsewhere.
+        """
+        if self.n != other.n or not np.array_equal(self.waypoints[-1], other.waypoints[0]):
+            expected = f"a path from {self.waypoints[-1].tolist()}"
+            raise InvalidRequest("path", other.waypoints[0].tolist(), expected)
+        points = np.concatenate([self.waypoints, other.waypoints[1:]])
+        return JointPath(points, np.concatenate([self.blends, other.blends[1:]]))

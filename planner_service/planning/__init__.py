@@ -1,0 +1,1 @@
+"""The pipeline behind ``PlannerService.plan``: request, stages, result."""

@@ -1,0 +1,193 @@
+"""A polyline as somebody gave it, checked once and timed: what straight-line primitives are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.certify import Certificate, Certifier, ExemptInterval
+from planner_service.certify.pairs import pairs_of_names
+from planner_service.collision import CancelToken, CollisionChecker, Known
+from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.polling import Prepared
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, instance, items, number, numbers, text, whole
+from planner_service.path.joint_path import JointPath
+from planner_service.planning.accounting import Limits, NoPlan, StageBook, not_certified
+from planner_service.planning.result import Failure, PlanResult, Reason, Stage
+from planner_service.planning.timing_stage import Pace, timed
+from planner_service.search.problem import joint_distance
+from planner_service.smoothing.smoothing import blended
+
+__all__ = ["AllowedStretch", "FollowRequest", "follow"]
+
+Pair = tuple[str, str]
+
+MAX_WAYPOINTS = 1_000_000
+
+MAX_PADDING = 0.1
+"""Metres; more is a wrong unit."""
+
+
+@dataclass(frozen=True)
+class AllowedStretch:
+    """Waypoints ``first`` to ``last`` of a polyline, between and at which the named pairs may touch."""
+
+    first: int
+    last: int
+    pairs: tuple[Pair, ...]
+    reason: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "first", whole("first", self.first, -MAX_WAYPOINTS, MAX_WAYPOINTS))
+        object.__setattr__(self, "last", whole("last", self.last, -MAX_WAYPOINTS, MAX_WAYPOINTS))
+        object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
+        text("reason", self.reason)
+
+
+@dataclass(frozen=True, eq=False)
+class FollowRequest:
+    """The polyline to follow, shape (N, n), where contact is meant on it, how fast, how wide corners may blend, and
+    how far from everything it is to stay."""
+
+    waypoints: ArrayLike
+    contacts: Sequence[AllowedStretch]
+    pace: Pace
+    blends: ArrayLike | None = None
+    padding: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "waypoints", numbers("waypoints", self.waypoints, "rows of joint values"))
+        expected = "a list of AllowedStretch(first, last, pairs, reason)"
+        object.__setattr__(self, "contacts", items("contacts", self.contacts, AllowedStretch, expected))
+        instance("pace", self.pace, Pace, "a pace such as Pace(SCurve(), velocity_scale=0.5)")
+        if self.blends is not None:
+            object.__setattr__(self, "blends", numbers("blends", self.blends, "widths >= 0 in radians"))
+        number("padding", self.padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+
+
+def follow(
+    checker: CollisionChecker,
+    certifier: Prepared[Certifier],
+    request: FollowRequest,
+    caller: tuple[Turns, CancelToken | None],
+) -> PlanResult:
+    """Check a polyline, blend its corners, prove it and time it; its first waypoint is judged in ENDPOINTS.
+
+    The samples come first: they find most collisions sooner, and say where.
+    """
+    points = numbers("waypoints", request.waypoints, f"rows of {checker.robot.n} joint values")
+    path = JointPath(points)
+    if path.n != checker.robot.n:
+        raise InvalidRequest("waypoints", points.shape, f"rows of {checker.robot.n} joint values")
+    sizes = _sizes(request, points)
+    for contact in request.contacts:
+        if not 0 <= contact.first <= contact.last < len(points):
+            found = f"waypoints {contact.first} to {contact.last}"
+            raise InvalidRequest("contacts", found, f"first and last waypoint in order, from 0 to {len(points) - 1}")
+        checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
+    turns, cancel = caller
+    book = StageBook(checker, Limits(None, None, None, cancel))
+
+    def checked() -> PlanResult:
+        with book.during(Stage.ENDPOINTS):
+            _judge_first(checker, points, request.contacts)
+        with book.during(Stage.STRAIGHT_LINE) as entry:
+            _judge_pieces(checker, points, request.contacts)
+            entry.note, entry.length = f"{len(points)} points", path.length
+        smooth = _blended(checker, path, sizes, request.contacts, book)
+        smooth, certificate = book.certified(certifier.get(), smooth, _intervals(smooth, points, request.contacts))
+        if not certificate.certified:
+            raise NoPlan(not_certified(certificate), certificate)
+        if certificate.clearance < request.padding:
+            certificate = _padded(book, certifier.get(), smooth, certificate, request.padding)
+        book.padding = min(request.padding, certificate.clearance)
+        return book.result(smooth, timed(smooth, request.pace, checker.robot, book), certificate=certificate)
+
+    try:
+        return book.within_limits(turns, checked)
+    except NoPlan as no_plan:
+        return book.result(failure=no_plan.failure, certificate=no_plan.certificate)
+
+
+def _padded(book: StageBook, certifier: Certifier, path: JointPath, known: Certificate, padding: float) -> Certificate:
+    """The proof that the padding is kept after all, which ``known`` is too rough for; else ``known``, which is said."""
+    found = book.certificate(certifier, path, known.exempt, padding=padding)
+    if found.refusal is None:
+        return found
+    near = f"{found.refusal.a} x {found.refusal.b}"
+    kept = f"{known.clearance * 1e3:.2f} mm are proven, less than the padding of {padding * 1e3:g} mm"
+    book.notes.append(f"{kept}: {near} at s = {found.refusal.s:.3g}")
+    return known
+
+
+def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:
+    """How wide each corner may be blended, (N,)."""
+    if request.blends is None:
+        return np.zeros(len(points))
+    expected = f"{len(points)} finite widths >= 0 in radians, one for each waypoint"
+    sizes = numbers("blends", request.blends, expected)
+    if sizes.shape != (len(points),) or not np.all((sizes >= 0.0) & np.isfinite(sizes)):
+        raise InvalidRequest("blends", sizes.tolist(), expected)
+    return sizes
+
+
+def _blended(
+    checker: CollisionChecker, path: JointPath, sizes: FloatArray, contacts: Sequence[AllowedStretch], book: StageBook
+) -> JointPath:
+    """The path with corners blended as widely as is asked and free; a pair may touch where it may on both sides.
+
+    Where waypoints coincide corners have lost their numbers, and stay stops.
+    """
+    if len(path.waypoints) < len(sizes) or not any(sizes[k] > 0.0 for k in path.corners):
+        return path
+
+    def is_free(trial: JointPath, k: int) -> bool:
+        pairs = _allowed_on(contacts, k - 1, k + 1)
+        return checker.variant(allowed=(*checker.allowed, *pairs)).blend_is_free(trial, k)
+
+    with book.during(Stage.POLISH) as entry:
+        smooth = blended(path, is_free, sizes)
+        entry.note = f"{len(path.corners) - len(smooth.corners)} of {len(path.corners)} corners blended"
+        entry.length = path.length
+        return smooth
+
+
+def _allowed_on(contacts: Sequence[AllowedStretch], first: int, last: int) -> frozenset[Pair]:
+    """Pairs that may touch on the whole of waypoints ``first`` to ``last``."""
+    return frozenset(p for c in contacts if c.first <= first and last <= c.last for p in c.pairs)
+
+
+def _judge_first(checker: CollisionChecker, points: FloatArray, contacts: Sequence[AllowedStretch]) -> None:
+    lenient = checker.variant(allowed=(*checker.allowed, *_allowed_on(contacts, 0, 0)))
+    if not lenient.state_is_free(points[0]):
+        found = lenient.contacts(points[0])
+        detail = f"start in collision: {', '.join(str(contact) for contact in found[:3])}"
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, detail, found))
+
+
+def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: Sequence[AllowedStretch]) -> None:
+    """Judge each piece once; a waypoint again only where the next piece allows less than the one before did."""
+    before = _allowed_on(contacts, 0, 0)
+    for k in range(len(points) - 1):
+        pairs = _allowed_on(contacts, k, k + 1)
+        known = Known.START if before <= pairs else Known.NEITHER
+        hit = checker.variant(allowed=(*checker.allowed, *pairs)).edge_hit(points[k], points[k + 1], known=known)
+        if hit is not None:
+            part = (k + hit.fraction) / (len(points) - 1)
+            detail = f"blocked at {part:.0%} of the way: {hit.a} x {hit.b}"
+            raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
+        before = pairs
+
+
+def _intervals(path: JointPath, points: FloatArray, contacts: Sequence[AllowedStretch]) -> tuple[ExemptInterval, ...]:
+    """The stretches in s. Waypoints that the path has merged lie where the one before them does."""
+    s = [0.0]
+    for a, b in pairwise(points.tolist()):
+        s.append(s[-1] + joint_distance(a, b))
+    ends = [float(path.knots[np.abs(path.knots - at).argmin()]) for at in s]
+    return tuple(ExemptInterval(ends[c.first], ends[c.last], c.pairs, c.reason) for c in contacts)

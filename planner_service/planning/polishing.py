@@ -1,0 +1,125 @@
+"""An optimum, and the honest checker's verdict on it: converged is not collision-free."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner_service.collision import CollisionChecker, Contact, Known
+from planner_service.geometry.shapes import FloatArray
+from planner_service.optimize import Figures, Optimise, Optimum
+from planner_service.path.joint_path import JointPath
+from planner_service.planning.result import Failure, PolishReport, Reason, Stage
+from planner_service.robot.model import Robot
+from planner_service.search.problem import joint_distance
+
+__all__ = ["Touch", "judged", "lines", "not_free", "optimum_path"]
+
+SPACING = 0.01
+"""Radians of path between places at which a curve that is not free is looked at, to tell where."""
+
+NO_WORSE = 1e-3
+"""Metres of distance lacking, summed over a curve, that make no curve worse than another."""
+
+SAME = 1e-6
+"""Part by which costs may differ that are the same but for rounding."""
+
+BENT = 0.5
+"""How far the middle of a line may be drawn aside, in each joint: as a share of its length, but at least this (rad)."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Why a curve is not free, and where: the share of its length, and what touches there, deepest first."""
+
+    share: float
+    contacts: tuple[Contact, ...]
+    what: str
+
+    def __str__(self) -> str:
+        return f"at {self.share:.0%} of the way: {self.what}"
+
+
+def optimum_path(
+    settings: Optimise, points: FloatArray, checker: CollisionChecker, padded: CollisionChecker
+) -> tuple[Optimum, Touch | None]:
+    """What optimising a polyline (N, n) gives, and where the result collides; None if it is free with the padding.
+
+    Args:
+        checker: Without padding: distances are those of the pieces themselves.
+        padded: Judges the result, between its ends, as any other path.
+    """
+    optimum = settings.improved(points, checker)
+    path = optimum.path
+    outside = _outside(path, checker.robot)
+    if outside is None and not padded.path_is_free(path, known=Known.BOTH):
+        return optimum, _where(path, checker, padded)
+    return optimum, outside
+
+
+def _outside(path: JointPath, robot: Robot) -> Touch | None:
+    """Where a corner of a curve is outside the joint limits; a curve stays in the hull of its corners."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    rows, joints = np.nonzero((path.waypoints < lower) | (path.waypoints > upper))
+    if not len(rows):
+        return None
+    row, joint = int(rows[0]), int(joints[0])
+    value, low, high = (float(x) for x in (path.waypoints[row, joint], lower[joint], upper[joint]))
+    what = f"{robot.joint_names[joint]} = {value:.3f} is outside [{low:.3f}, {high:.3f}]"
+    return Touch(float(path.knots[row]) / path.length, (), what)
+
+
+def _where(path: JointPath, checker: CollisionChecker, padded: CollisionChecker) -> Touch:
+    s = path.length * np.linspace(0.0, 1.0, max(2, math.ceil(path.length / SPACING)))
+    hits = np.flatnonzero(~padded.states_are_free(path(s)[1:-1]))
+    at = float(s[1 + hits[0]]) if len(hits) else 0.0
+    contacts = (checker.contacts(path(at)) or padded.contacts(path(at))) if len(hits) else ()
+    what = ", ".join(map(str, contacts)) or "something, between the places at which it was looked at"
+    return Touch(at / path.length, contacts, what)
+
+
+def judged(settings: Optimise, optimum: Optimum, touch: Touch | None) -> PolishReport:
+    """The report on an optimum, to be kept only if it is free and not worse than what it was made from."""
+    note = ""
+    if touch is not None:
+        note = f"the optimum is not free, {touch}"
+    elif _worse(optimum.before, optimum.after):
+        note = "the optimum is worse than what it was made from"
+    return PolishReport(
+        settings.method.name,
+        not note,
+        optimum.before,
+        optimum.after,
+        optimum.iterations,
+        optimum.gradients,
+        note,
+    )
+
+
+def _worse(before: Figures, after: Figures) -> bool:
+    """Whether more distance is lacking; or no less, and the cost is higher."""
+    gained = before.shortfall - after.shortfall
+    return gained < -NO_WORSE or (gained <= NO_WORSE and after.cost > before.cost * (1.0 + SAME))
+
+
+def lines(ends: tuple[FloatArray, FloatArray], settings: Optimise, seed: int, robot: Robot) -> Iterator[FloatArray]:
+    """What an optimisation without a path begins with: the straight line, then some through a place drawn beside it."""
+    start, goal = ends
+    yield np.array([start, goal])
+    aside = max(BENT, BENT * joint_distance(start, goal))
+    for k in range(1, settings.starts):
+        drawn = np.random.default_rng([seed, 4, k]).uniform(-aside, aside, len(start))
+        middle = (start + goal) / 2.0 + drawn
+        yield np.array([start, np.minimum(np.maximum(middle, robot.limits.lower), robot.limits.upper), goal])
+
+
+def not_free(found: Sequence[tuple[Touch | None, str]]) -> Failure:
+    """The failure of optima of lines, the straight one first: where each is not free, or None, and why in words."""
+    told = f"the optimum of the straight line is not free, {found[0][1]}"
+    told += f"; nor are those of {len(found) - 1} other lines" if len(found) > 1 else ""
+    contacts = next((touch.contacts for touch, _ in found if touch is not None), ())
+    detail = f"{told}; converged is not collision-free, and a search may find a way"
+    return Failure(Stage.SEARCH, Reason.OPTIMUM_IN_COLLISION, detail, contacts)

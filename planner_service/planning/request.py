@@ -1,0 +1,187 @@
+"""What is asked of the planner."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, Pose, as_sent, instance, number, numbers, whole
+from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
+from planner_service.planners import Planner, RRTConnect
+from planner_service.robot.model import Robot
+from planner_service.timing.laws import Timing, ToppRa
+
+__all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale", "require_timing", "require_tool_speed"]
+
+MIN_TOOL_SPEED = 1e-3
+"""Metres per second. A slower limit is a unit mistake."""
+
+Goal = ArrayLike | Pose | PoseGoal | Sequence[ArrayLike | Pose | PoseGoal]
+
+
+@dataclass(frozen=True, eq=False)
+class PlanRequest:
+    """A motion from a configuration to a goal, and what it may cost.
+
+    Attributes:
+        start: Joint vector, shape (n,). Start and goal are copied in.
+        goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
+            kinematics solution is a goal, joints that do not move the tool staying as in the start), a
+            ``PoseGoal`` with room around one, or a sequence of these, any of which will do.
+        planner: The search, asked only when no straight line is free; or ``Optimise(...)``, which searches nothing and
+            improves straight lines, free or not.
+        timing: The law s(t) along the path.
+        seed: Decides every random choice; the same request and seed give the same plan and counts.
+        max_checks: States the whole plan may judge (a PRM's building has its own budget). As it stands a backstop, for
+            requests without a time limit.
+        time_limit: Wall seconds for all stages and retries; a result that it changed says ``deterministic=False``. None
+            for no limit.
+        retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; None: as many
+            as time and checks allow, the later ones the longer.
+        padding: Metres that the search keeps from everything; near an end that is closer it keeps less.
+        velocity_scale: Part in (0, 1] of the robot's velocity limits that may be used.
+        acceleration_scale: The same of its accelerations, and of its jerks.
+        max_tool_speed: Metres per second that the tool frame's origin may move at most; None for no limit.
+        blend: Radians of path that the blend of a corner may replace before and after it; 0 keeps every
+            corner a stop.
+        polish: How the path is optimised, after it was cut short; None to leave it. The optimum is kept only if it is
+            no worse, free and proven.
+        start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
+            then clamped, and the result says so.
+
+    Raises:
+        InvalidRequest: a value is of the wrong kind, not finite, or out of its range.
+    """
+
+    start: ArrayLike
+    goal: Goal
+    planner: Planner | Optimise = field(default_factory=RRTConnect)
+    timing: Timing = field(default_factory=ToppRa)
+    seed: int = 0
+    max_checks: int = 10_000_000
+    time_limit: float | None = 5.0
+    retries: int | None = None
+    padding: float = 0.001
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    max_tool_speed: float | None = None
+    blend: float = 0.5
+    start_tolerance: float = 0.01
+    polish: Optimise | None = None
+    __setstate__ = as_sent
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", numbers("start", self.start, "joint values, shape (n,)"))
+        object.__setattr__(self, "goal", _copied_goal(self.goal))
+        for name, low, high in (("seed", 0, 2**63 - 1), ("max_checks", 1, 10**9)):
+            object.__setattr__(self, name, whole(name, getattr(self, name), low, high))
+        if self.retries is not None:
+            object.__setattr__(self, "retries", whole("retries", self.retries, 0, 1000))
+        _number("padding", self.padding, 0.0, 0.1)
+        _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
+        _number("blend", self.blend, 0.0, 3.0)
+        require_tool_speed(self.max_tool_speed)
+        if self.time_limit is not None:
+            _number("time_limit", self.time_limit, 0.0, 86_400.0)
+        for name in ("velocity_scale", "acceleration_scale"):
+            require_scale(name, getattr(self, name))
+        search = callable(getattr(self.planner, "search", None)) and not isinstance(self.planner, type)
+        if not isinstance(self.planner, Optimise) and not search:
+            raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
+        if self.polish is not None and not isinstance(self.polish, Optimise):
+            raise InvalidRequest("polish", self.polish, "Optimise(...) or None")
+        if self.polish is not None and isinstance(self.planner, Optimise):
+            raise InvalidRequest("polish", self.polish, "None: the planner optimises")
+        if self.optimise is not None and self.blend == 0.0:
+            raise InvalidRequest("blend", self.blend, "above 0: an optimum is a curve without stops")
+        require_timing(self.timing)
+
+    @property
+    def optimise(self) -> Optimise | None:
+        """How paths are optimised, be it as a polish or by the planner.
+
+        With as many corners as suit the timing law, and with twice the padding as clearance at least: an optimum is
+        judged with the padding, and padded boxes are nearer by up to 1.74 of it at their corners.
+        """
+        chosen = self.planner if isinstance(self.planner, Optimise) else self.polish
+        if chosen is None:
+            return None
+        few = chosen.corners is None and not isinstance(self.timing, ToppRa)
+        clearance = max(chosen.clearance, min(2.0 * self.padding, MOST_CLEARANCE))
+        return replace(chosen, corners=FEW_CORNERS if few else chosen.corners, clearance=clearance)
+
+    def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:
+        """The goals one by one, joint vectors copied and checked for shape and finiteness.
+
+        Raises:
+            InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
+        """
+        instance("robot", robot, Robot, "a Robot")
+        if not isinstance(self.goal, tuple):
+            return (self.goal if isinstance(self.goal, Pose | PoseGoal) else joint_vector("goal", self.goal, robot),)
+        return tuple(
+            g if isinstance(g, Pose | PoseGoal) else joint_vector(f"goal[{k}]", g, robot)
+            for k, g in enumerate(self.goal)
+        )
+
+
+def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | PoseGoal | FloatArray, ...]:
+    """One goal, or a tuple of several; joint values copied, their shape for the robot to judge."""
+    if isinstance(goal, Pose | PoseGoal):
+        return goal
+    expected = "joint values, a Pose, a PoseGoal, or a list of these"
+    if isinstance(goal, list | tuple) and any(isinstance(g, Pose | PoseGoal | list | tuple | np.ndarray) for g in goal):
+        several = [
+            g if isinstance(g, Pose | PoseGoal) else numbers(f"goal[{k}]", g, expected) for k, g in enumerate(goal)
+        ]
+    else:
+        array = numbers("goal", goal, expected)
+        if array.ndim != 2:
+            return array
+        several = list(array)
+    if not several:
+        raise InvalidRequest("goal", goal, "at least one goal")
+    return tuple(several)
+
+
+def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
+    """n finite joint values as a read-only array.
+
+    Raises:
+        InvalidRequest: not n numbers, or one of them is not finite.
+    """
+    array = numbers(name, values, f"{robot.n} joint values")
+    if array.shape != (robot.n,):
+        raise InvalidRequest(name, f"shape {array.shape}", f"{robot.n} joint values, shape ({robot.n},)")
+    for joint, value in zip(robot.joint_names, array.tolist(), strict=True):
+        if not math.isfinite(value):
+            raise InvalidRequest(name, value, f"a finite value for {joint}")
+    return array
+
+
+def require_timing(value: object) -> None:
+    """Refuse what is no timing law."""
+    if isinstance(value, type) or not callable(getattr(value, "time_path", None)):
+        raise InvalidRequest("timing", value, "a timing law such as ToppRa()")
+
+
+def _number(name: str, value: object, low: float, high: float) -> float:
+    return number(name, value, f"a number in [{low:g}, {high:g}]", low, high)
+
+
+def require_scale(name: str, value: object) -> None:
+    """Refuse what is no part in (0, 1] of a limit."""
+    if _number(name, value, 0.0, 1.0) == 0.0:
+        raise InvalidRequest(name, value, "a part in (0, 1] of the limit")
+
+
+def require_tool_speed(value: object) -> None:
+    """Refuse what is neither None nor a speed in m/s."""
+    if value is not None:
+        _number("max_tool_speed", value, MIN_TOOL_SPEED, 100.0)

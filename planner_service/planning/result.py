@@ -1,0 +1,300 @@
+"""What a plan came to: its stages, what each cost, and the reason when there is none."""
+
+from __future__ import annotations
+
+import enum
+import os
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from planner_service.certify import Certificate, ExemptInterval
+from planner_service.collision import CheckCounts, Contact
+from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
+from planner_service.geometry.shapes import FloatArray, as_sent, copied_in
+from planner_service.optimize import Figures
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.roadmap import Roadmap
+from planner_service.search.trace import Trace
+from planner_service.timing.limit_check import LimitPeaks
+
+if TYPE_CHECKING:
+    from planner_service.planning.request import PlanRequest
+    from planner_service.planning.timing_stage import Pace
+    from planner_service.service import PlannerService
+    from planner_service.view import Viewer
+
+__all__ = ["Failure", "MotionReport", "Origin", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
+
+
+class Stage(enum.Enum):
+    """The steps of a plan, in their order."""
+
+    ENDPOINTS = "endpoints"
+    """Start and goals: shape, limits, collisions; inverse kinematics of poses."""
+    STRAIGHT_LINE = "straight line"
+    """One edge from the start to each goal; if one is free, nothing is searched."""
+    ROADMAP = "roadmap"
+    """Growing one within the plan, on a budget of its own; only with ``PRM``, ``PRMstar`` and ``LazyPRM``."""
+    SEARCH = "search"
+    """The planner, or the query of a roadmap."""
+    SHORTCUT = "shortcut"
+    """Pieces replaced by straight edges that are free."""
+    POLISH = "polish"
+    """Corners pulled in and blended, or the path optimised."""
+    CERTIFY = "certify"
+    """The proof of the whole curve."""
+    TIMING = "timing"
+    """The law along it."""
+
+
+class Reason(enum.Enum):
+    """Why there is no plan, in MoveIt's words where it has one."""
+
+    START_IN_COLLISION = "START_IN_COLLISION"
+    """The start touches something; ``Failure.contacts`` says what."""
+    GOAL_IN_COLLISION = "GOAL_IN_COLLISION"
+    """Every goal touches something."""
+    START_OUTSIDE_LIMITS = "START_OUTSIDE_LIMITS"
+    """By more than ``PlanRequest.start_tolerance``."""
+    GOAL_OUTSIDE_LIMITS = "GOAL_OUTSIDE_LIMITS"
+    """Of joint values that were given."""
+    NO_IK_SOLUTION = "NO_IK_SOLUTION"
+    """No configuration within the limits was found for a tool pose."""
+    TIMED_OUT = "TIMED_OUT"
+    """``time_limit`` passed; whether a path exists is unknown."""
+    CHECK_BUDGET_EXHAUSTED = "CHECK_BUDGET_EXHAUSTED"
+    """``max_checks`` were spent; whether a path exists is unknown."""
+    PREEMPTED = "PREEMPTED"
+    """The caller cancelled."""
+    PLANNING_FAILED = "PLANNING_FAILED"
+    """The planner gave up before its budget was spent; whether a path exists is unknown."""
+    NOT_CERTIFIED = "NOT_CERTIFIED"
+    """A path was found, but there is no proof that it is free; ``PlanResult.certificate`` says where."""
+    TIMING_FAILED = "TIMING_FAILED"
+    """The timing law has no solution along the path."""
+    LINE_BLOCKED = "LINE_BLOCKED"
+    """A given line is not free, or the tool cannot follow it, and nothing was searched instead."""
+    OPTIMUM_IN_COLLISION = "OPTIMUM_IN_COLLISION"
+    """``Optimise`` as the planner ended on a curve that is not free."""
+    WORKER_LOST = "WORKER_LOST"
+    """Of ``plan_many``: the process that planned it ended twice; whether a path exists is unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """Why there is no plan.
+
+    Attributes:
+        stage: Where it ended; the first, if a worker was lost and nobody knows how far it had come.
+        reason: The kind of reason.
+        detail: A sentence for a person: what was wrong, the value, what would be right.
+        contacts: For an end in collision, or the first place at which an optimum is, what touches there, deepest
+            first.
+        nearest_free: For an end in collision, the nearest free configuration found, shape (n,).
+        blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
+    """
+
+    stage: Stage
+    reason: Reason
+    detail: str
+    contacts: tuple[Contact, ...] = ()
+    nearest_free: FloatArray | None = None
+    blocked_by: tuple[tuple[str, str, float], ...] = ()
+    __setstate__ = as_sent
+
+    def __post_init__(self) -> None:
+        copied_in(self, "contacts", "nearest_free", "blocked_by")
+
+    def __str__(self) -> str:
+        return f"{self.reason.value} ({self.stage.value}): {self.detail}"
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """One stage of a plan.
+
+    Attributes:
+        counts: What the stage asked of the collision checker.
+        seconds: Wall time.
+        length: L2 joint length of the path after the stage, in radians (metres for prismatic joints), or None.
+        note: What happened, for a person.
+    """
+
+    stage: Stage
+    counts: CheckCounts
+    seconds: float
+    length: float | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class MotionReport:
+    """How a trajectory moves, measured on it.
+
+    Attributes:
+        peaks: How close velocity, acceleration and jerk come to the limits that were to be held; the
+            ratio of a jerk is infinite where acceleration jumps.
+        tool_speed: Largest speed of the tool frame's origin, in m/s.
+        duration: Seconds.
+        stop_duration: Seconds the same polyline would take with a stop at each of its corners, infinite if the
+            timing law finds none.
+        settle_time: Seconds the robot rings after its stop: a gripper should wait so long.
+    """
+
+    peaks: LimitPeaks
+    tool_speed: float
+    duration: float
+    stop_duration: float
+    settle_time: float
+
+
+@dataclass(frozen=True)
+class PolishReport:
+    """What optimising came to.
+
+    Attributes:
+        method: Its name.
+        kept: Whether the plan is the optimum; if not, it is what was there before.
+        before: The path that was optimised, in numbers: with its corners as they were, not yet blended.
+        after: The optimum in numbers.
+        iterations: Of the method.
+        gradients: Of distances, worked out on the way; the distances are counted in the stage.
+        note: Why the optimum was not kept, else empty.
+    """
+
+    method: str
+    kept: bool
+    before: Figures
+    after: Figures
+    iterations: int
+    gradients: int
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """Where a result comes from: the service that planned it, and what it was asked.
+
+    Attributes:
+        request: None for a given polyline.
+        pace: Of a given polyline, how fast it was to be travelled; else None.
+    """
+
+    service: PlannerService
+    request: PlanRequest | None
+    pace: Pace | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlanResult:
+    """A plan, or the reason why there is none.
+
+    Attributes:
+        path: The geometry q(s), its corners blended, None without a plan.
+        trajectory: The same geometry in time, None without a plan.
+        failure: None with a plan.
+        stages: What each stage cost, in order; a retried stage appears once, with all its tries.
+        goal_index: Which of the requested goals the path reaches, counting as given.
+        attempts: Searches started; 0 when a straight line was free.
+        padding: Metres that the search kept from everything; of a given line, what is proven, up to what was asked.
+        deterministic: False when the clock or the caller had a say in the result.
+        certificate: The proof that the whole path is free, between samples too; of NOT_CERTIFIED its refusal.
+        motion: Peaks over limits, tool speed and durations; None without a plan.
+        notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
+        roadmap: Of a planner with a roadmap, that roadmap with all that was learned; not kept in plan files.
+        polish: What optimising came to; None if it was not asked for, or there was nothing to optimise.
+        trace: How the search went; None if that was not asked for, not kept in plan files.
+        origin: What planned it, and what was asked; None of results that come from a file or another process.
+    """
+
+    path: JointPath | None
+    trajectory: Trajectory | None
+    failure: Failure | None
+    stages: tuple[StageReport, ...]
+    goal_index: int | None = None
+    attempts: int = 0
+    padding: float = 0.0
+    deterministic: bool = True
+    certificate: Certificate | None = None
+    motion: MotionReport | None = None
+    notes: tuple[str, ...] = ()
+    roadmap: Roadmap | None = None
+    polish: PolishReport | None = None
+    trace: Trace | None = None
+    origin: Origin | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        copied_in(self, "stages", "notes")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process it goes without its origin: a service is built there, and is larger than a plan."""
+        return {**self.__dict__, "origin": None}
+
+    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+        """Show the robot, the scene and this plan on a page in the browser; see ``PlannerService.view``.
+
+        Raises:
+            InvalidRequest: the result comes from a file or another process: ``service.view(result)`` shows it.
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        if self.origin is None:
+            raise InvalidRequest(
+                "result",
+                "a result from a file or another process",
+                "one that a service in this process planned; show it with service.view(result)",
+            )
+        return self.origin.service.view(self, port=port, block=block)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the plan, or the failure in its place, to a JSON file with its robot, scene and request.
+
+        Raises:
+            InvalidRequest: the result comes from a file or another process, or has no place in a file.
+            InvalidFile: it cannot be written.
+        """
+        from planner_service.records.plan_file import save_plan
+
+        save_plan(self, path)
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a plan."""
+        return self.failure is None
+
+    @property
+    def exempt(self) -> tuple[ExemptInterval, ...]:
+        """Stretches on which named pairs were not judged."""
+        return () if self.certificate is None else self.certificate.exempt
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that were judged nowhere because the service was told that they may touch."""
+        return () if self.certificate is None else self.certificate.allowed
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What the whole plan asked of the collision checker: the sum of its stages."""
+        return sum((report.counts for report in self.stages), CheckCounts())
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of all stages."""
+        return sum(report.seconds for report in self.stages)
+
+    def stage(self, stage: Stage) -> StageReport:
+        """The report of a stage; one that did not run cost nothing."""
+        found = next((report for report in self.stages if report.stage is stage), None)
+        return found or StageReport(stage, CheckCounts(), 0.0)
+
+    def unwrap(self) -> tuple[JointPath, Trajectory]:
+        """The path and the trajectory.
+
+        Raises:
+            PlanningFailed: there is no plan.
+        """
+        if self.failure is not None:
+            raise PlanningFailed(self.failure)
+        if self.path is None or self.trajectory is None:
+            raise BrokenInvariant("a result without a failure has no path")
+        return self.path, self.trajectory

@@ -1,0 +1,174 @@
+"""A certified path in time: at most as fast as asked, and measured.
+
+The tool's speed is no polynomial in time, so its peak is found by sampling, ever denser around the highest samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from planner_service.concurrency.polling import waited
+from planner_service.geometry.shapes import FloatArray, instance
+from planner_service.kinematics.inverse import tool_speeds
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.planning.accounting import NoPlan, StageBook
+from planner_service.planning.request import PlanRequest, require_scale, require_timing, require_tool_speed
+from planner_service.planning.result import Failure, MotionReport, Reason, Stage
+from planner_service.robot.model import JointLimits, Robot
+from planner_service.timing.laws import Timing, TimingFailed, held_limits, measured, stop_duration
+from planner_service.timing.segments import SpeedLimit
+
+T = TypeVar("T")
+
+__all__ = ["Pace", "peak_tool_speed", "timed", "tool_speed_limit"]
+
+LONG = 200
+"""Waypoints beyond which a path may take long to time: then the clock is looked at meanwhile."""
+
+_SPACING = 0.04
+"""Radians of path between first samples, on average: joints that turn so little bend the tool's way by as little."""
+
+_CLOSER_LOOKS = 2
+
+_SPLITS = np.arange(33) / 32
+
+_MISSED, _CLOSER = 0.003, 1024.0
+"""Share by which speed may be higher between two first samples than at them, at most, and by how much less between
+samples 32 times closer: it is smooth between the ends of pieces of time, which are sampled themselves."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast to travel.
+
+    Attributes:
+        timing: The law s(t).
+        velocity_scale: Part in (0, 1] of the robot's velocity limits.
+        acceleration_scale: The same of its accelerations. The robot's jerk limit shrinks with it; one that the law has
+            of its own does not.
+        max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
+
+    Raises:
+        InvalidRequest: no timing law, a scale that is not in (0, 1], or a speed that is no number from 0.001 to 100.
+    """
+
+    timing: Timing
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    max_tool_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        require_timing(self.timing)
+        require_scale("velocity_scale", self.velocity_scale)
+        require_scale("acceleration_scale", self.acceleration_scale)
+        require_tool_speed(self.max_tool_speed)
+
+    @classmethod
+    def of(cls, request: PlanRequest, timing: Timing | None = None) -> Pace:
+        """That of a request, with another timing law if one is given."""
+        instance("request", request, PlanRequest, "a PlanRequest")
+        scales = request.velocity_scale, request.acceleration_scale
+        return cls(request.timing if timing is None else timing, *scales, request.max_tool_speed)
+
+    def limits(self, robot: Robot) -> JointLimits:
+        """The robot's limits as far as they may be used."""
+        instance("robot", robot, Robot, "a Robot")
+        limits = replace(
+            robot.limits,
+            velocity=robot.limits.velocity * self.velocity_scale,
+            acceleration=robot.limits.acceleration * self.acceleration_scale,
+            jerk=robot.limits.jerk * self.acceleration_scale,
+        )
+        return held_limits(self.timing, limits)
+
+
+def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[Trajectory, MotionReport]:
+    """The path in time, and how it then moves, as the TIMING stage.
+
+    Raises:
+        NoPlan: the timing law found no solution.
+    """
+    limits = pace.limits(robot)
+
+    def away(work: Callable[[], T]) -> T:
+        return waited(work) if len(path.knots) > LONG else work()
+
+    with book.during(Stage.TIMING) as entry:
+        try:
+            limit = tool_speed_limit(path, pace, robot)
+            trajectory, found = away(lambda: measured(pace.timing, path, limits, limit))
+            tool_speed = away(lambda: peak_tool_speed(robot, trajectory))
+            if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
+                factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
+                trajectory, found = trajectory.dilated(factor), found.dilated(factor)
+            stops = away(lambda: _stop_duration(trajectory, pace, robot, limits))
+        except TimingFailed as failed:
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
+        entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
+        settle = robot.settle_time if path.length > 0.0 else 0.0
+        return trajectory, MotionReport(found, tool_speed, trajectory.duration, stops, settle)
+
+
+def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
+    """The largest ds/dt at which the tool is no faster than it may be."""
+    speed = pace.max_tool_speed
+    if speed is None:
+        return None
+
+    def limit(s: FloatArray) -> FloatArray:
+        with np.errstate(divide="ignore"):
+            return np.asarray(speed / tool_speeds(robot, path(s), path(s, 1)))
+
+    return limit
+
+
+def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot, limits: JointLimits) -> float:
+    """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
+    path = trajectory.path
+    if not np.any(path.blended):
+        return trajectory.duration
+    try:
+        return _stopping(path, pace, robot, limits)
+    except TimingFailed:
+        return math.inf
+
+
+def _stopping(path: JointPath, pace: Pace, robot: Robot, limits: JointLimits) -> float:
+    if pace.max_tool_speed is None:
+        return stop_duration(path, pace.timing, limits)
+    sharp = path.with_blends(None)
+    stopping = pace.timing.time_path(sharp, limits, speed_limit=tool_speed_limit(sharp, pace, robot))
+    return stopping.duration * max(1.0, peak_tool_speed(robot, stopping) / pace.max_tool_speed)
+
+
+def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
+    """The largest speed in m/s of the tool frame's origin, to about six digits."""
+    if not len(trajectory.durations):
+        return 0.0
+    t, best, missed = _instants(trajectory), 0.0, _MISSED
+    for _ in range(_CLOSER_LOOKS + 1):
+        speeds = tool_speeds(robot, *trajectory.moving(t))
+        best = max(best, float(speeds.max()))
+        if best == 0.0:  # a tool that joints turn about its own origin, or one that hangs from other joints
+            break
+        (near,) = (np.maximum(speeds[1:], speeds[:-1]) > best * (1.0 - missed)).nonzero()
+        closer = t[near, None] + (t[near + 1] - t[near])[:, None] * _SPLITS
+        t, missed = np.minimum(closer.reshape(-1), trajectory.duration), missed / _CLOSER
+    return best
+
+
+def _instants(trajectory: Trajectory) -> FloatArray:
+    """Where a look at a trajectory begins: the ends of its pieces of time, and between them where it moves far."""
+    starts = trajectory.coefficients[:, 0]
+    lengths = np.concatenate([starts[1:], [trajectory.end]]) - starts
+    counts = np.maximum(np.ceil(lengths / _SPACING), 1.0).astype(np.intp)
+    piece = np.repeat(np.arange(len(counts)), counts)
+    within = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
+    t = trajectory.knots[piece] + trajectory.durations[piece] * (within / counts[piece])
+    return np.asarray(np.minimum(np.concatenate([t, [trajectory.duration]]), trajectory.duration))

@@ -1,0 +1,548 @@
+"""Plans and tasks in JSON files: written whole, read back bit for bit, with the world they were made in.
+
+A file holds its robot, its scene and what was asked, so that a plan is certified, shown, planned again and rehearsed
+from the file alone. What a file claims is only a claim: hashes are computed anew, and whoever moves an arm proves the
+motion again (``records/recertify.py``). Floats are written with the fewest digits that read back as the same bits;
+there is no NaN and no infinity in a file. ``docs/plan-files.md`` describes the format.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from importlib import metadata
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import AfterValidator, JsonValue
+
+from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionStep
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.json_reader import MAX_BYTES, read_json
+from planner_service.files.reading import as_path
+from planner_service.files.writing import write_whole
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Failure, PlanResult
+from planner_service.records.old_versions import command_of
+from planner_service.records.request import TIMINGS, RequestRecord, TimingRecord
+from planner_service.records.result import (
+    CountsRecord,
+    FailureRecord,
+    GripperMotionRecord,
+    PairList,
+    ResultRecord,
+    name_pairs,
+)
+from planner_service.records.robot import RobotRecord
+from planner_service.records.scene import SceneRecord, WorldRecord
+from planner_service.records.schema import Reading, Record, Text, as_text, at_most, read_record, recorded
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+from planner_service.service import PlannerService
+from planner_service.tasks.result import Segment, TaskResult
+
+if TYPE_CHECKING:
+    from planner_service.view import Viewer
+
+__all__ = [
+    "OURS",
+    "PLAN_FORMAT",
+    "TASK_FORMAT",
+    "TIMINGS",
+    "VERSION",
+    "MadeFor",
+    "SavedPlan",
+    "SavedTask",
+    "load_plan",
+    "load_plan_or_task",
+    "load_task",
+    "save_plan",
+]
+
+OURS = re.compile(
+    rb'\s*\{(?:.*"format":\s*"planner-service/|\s*"version":[\s\d]+,\s*"made_with":\s*\{[^}]*"planner_service")',
+    re.DOTALL,
+)
+"""How plan and task files begin, whichever version."""
+
+PLAN_FORMAT = "planner-service/plan"
+TASK_FORMAT = "planner-service/task"
+VERSION = 3
+
+MAX_SEGMENTS = 1_000
+MAX_DEPTH = 64
+"""Of what is nested in a section."""
+
+_LIBRARIES = ("planner-service", "numpy", "python-fcl", "ompl", "pin", "toppra")
+
+
+@lru_cache(maxsize=1)
+def _versions() -> Mapping[str, str]:
+    """What plans are made with here."""
+    found = {"python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name.replace("-", "_")] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name.replace("-", "_")] = "unknown"
+    return MappingProxyType(found)
+
+
+@dataclass(frozen=True, eq=False)
+class MadeFor:
+    """The robot and the scene a plan was made for, and the terms: all that its ``PlannerService`` was made of.
+
+    Attributes:
+        allowed: Pairs that the service was told may touch, sorted.
+        edge_step: How finely edges were sampled; None of a file if it was by a rule of the caller's own.
+    """
+
+    robot: Robot
+    scene: Scene
+    allowed: tuple[tuple[str, str], ...] = ()
+    edge_step: EdgeStep | None = field(default_factory=MotionStep)
+
+    @classmethod
+    def of(cls, service: PlannerService) -> MadeFor:
+        """What a service plans for."""
+        return cls(service.robot, service.scene, service.allowed, service.edge_step)
+
+    def service(self) -> PlannerService:
+        """A service for these, its edges sampled by ``MotionStep()`` if the rule is not known.
+
+        Raises:
+            InvalidRequest: robot, scene and pairs do not go together.
+        """
+        return PlannerService(self.robot, self.scene, edge_step=self.edge_step, allowed=self.allowed)
+
+
+@dataclass(frozen=True, eq=False)
+class SavedPlan:
+    """A plan with what was asked, and the world it was made in.
+
+    Attributes:
+        request: None if its planner or timing law has no name to be made from.
+        made_with: Versions of this package and of the libraries that plans depend on, by name.
+        sections: Further parts of the file by name, JSON values; those that are not known are kept as they are.
+    """
+
+    made_for: MadeFor
+    request: PlanRequest | None
+    result: PlanResult
+    made_with: Mapping[str, str] = field(default_factory=_versions)
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot it was made for."""
+        return self.made_for.robot
+
+    @property
+    def scene(self) -> Scene:
+        """The scene it was made in."""
+        return self.made_for.scene
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that may touch by the word of whoever made it."""
+        return self.made_for.allowed
+
+    def service(self) -> PlannerService:
+        """A service like the one it was made with; see ``MadeFor.service``."""
+        return self.made_for.service()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file; see ``save_plan``."""
+        save_plan(self, path)
+
+    def document(self) -> dict[str, Any]:
+        """The content of the file, of plain JSON values.
+
+        Raises:
+            InvalidRequest: something in it has no place in a file.
+        """
+        return recorded("plan", lambda: PlanRecord.of(self)).model_dump()
+
+
+@dataclass(frozen=True, eq=False)
+class SavedTask:
+    """The motions of a task in order, with the robot and the scene at its start.
+
+    Attributes:
+        made_for: The robot and the scene as they are before the first motion.
+        task: What was done, in words.
+        segments: The motions; those from a file have the scene that each is made in.
+        choosing: What looking for grasps and placements cost, beyond the segments.
+        seconds: Wall time of all of it.
+        failure: None if every motion has a plan.
+        request: What all motions were asked to keep: planner, timing, scales, limits; its goal means nothing. None if
+            that is not known, or its planner or timing law has no name to be made from.
+        made_with: As of ``SavedPlan``.
+        sections: As of ``SavedPlan``.
+    """
+
+    made_for: MadeFor
+    task: str
+    segments: tuple[Segment, ...]
+    choosing: CheckCounts
+    seconds: float
+    failure: Failure | None = None
+    notes: tuple[str, ...] = ()
+    request: PlanRequest | None = None
+    made_with: Mapping[str, str] = field(default_factory=_versions)
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot it was made for."""
+        return self.made_for.robot
+
+    @property
+    def scene(self) -> Scene:
+        """The scene at its start."""
+        return self.made_for.scene
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that may touch by the word of whoever made it."""
+        return self.made_for.allowed
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What the whole task asked of the collision checker."""
+        return sum((segment.counts for segment in self.segments), self.choosing)
+
+    def service(self) -> PlannerService:
+        """A service for the beginning of the task; see ``MadeFor.service``."""
+        return self.made_for.service()
+
+    def within(self, made_for: MadeFor) -> SavedTask:
+        """The same motions in another world, in which the task takes, carries and leaves the same things."""
+        segments = [
+            replace(segment, scene=segment.scene and _carried_over(segment.scene, self.scene, made_for.scene))
+            for segment in self.segments
+        ]
+        return replace(self, made_for=made_for, segments=tuple(segments))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file; see ``save_plan``."""
+        save_plan(self, path)
+
+    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+        """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
+
+        Raises:
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        return self.service().view(self, port=port, block=block)
+
+    def document(self) -> dict[str, Any]:
+        """The content of the file, of plain JSON values.
+
+        Raises:
+            InvalidRequest: something in it has no place in a file.
+        """
+        return recorded("task", lambda: TaskRecord.of(self)).model_dump()
+
+
+def _carried_over(scene: Scene, first: Scene, other: Scene) -> Scene:
+    """What becomes of another scene by what has made a scene of the first one."""
+    if other == first:
+        return scene
+    unchanged = {obstacle.name for obstacle in set(first.obstacles) & set(scene.obstacles)}
+    new = [obstacle for obstacle in scene.obstacles if obstacle.name not in unchanged]
+    held = scene.attached if scene.attached != first.attached else other.attached
+    changed = (*first.obstacles, *new), held
+    gone = {item.name for items in changed for item in items} - unchanged
+    kept = [obstacle for obstacle in other.obstacles if obstacle.name not in gone]
+    return replace(other, obstacles=(*kept, *new), attached=held)
+
+
+# The files, defined.
+
+
+class StepRecord(Record):
+    """A ``MotionStep`` or ``JointStep``: metres or radians."""
+
+    kind: Literal["motion", "joint"]
+    size: float
+
+    @classmethod
+    def of(cls, step: EdgeStep | None) -> StepRecord | None:
+        """Its record, None of a rule of the caller's own."""
+        if type(step) is MotionStep:
+            return cls(kind="motion", size=step.distance)
+        return cls(kind="joint", size=step.angle) if type(step) is JointStep else None
+
+    @cached_property
+    def value(self) -> MotionStep | JointStep:
+        return MotionStep(self.size) if self.kind == "motion" else JointStep(self.size)
+
+
+def _shallow(sections: dict[str, Any]) -> dict[str, Any]:
+    layer: list[Any] = [sections]
+    for _ in range(MAX_DEPTH):
+        layer = [part for whole in layer if isinstance(whole, dict | list) for part in _parts(whole)]
+    if layer:
+        raise ValueError(f"at most {MAX_DEPTH} values within each other")
+    return sections
+
+
+def _parts(whole: dict[str, Any] | list[Any]) -> list[Any]:
+    return list(whole.values()) if isinstance(whole, dict) else whole
+
+
+class _Head(Record):
+    """What plans and tasks have in common."""
+
+    version: Literal[3]
+    made_with: Annotated[dict[Text, Text], at_most(100)]
+    robot: RobotRecord
+    scene: SceneRecord
+    allowed: PairList
+    edge_step: StepRecord | None
+
+    @cached_property
+    def made_for(self) -> MadeFor:
+        """What it was made for."""
+        step = None if self.edge_step is None else self.edge_step.value
+        return MadeFor(self.robot.value, self.scene.value, name_pairs(self.allowed), step)
+
+
+def _head(made_for: MadeFor, made_with: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        "version": VERSION,
+        "made_with": dict(made_with),
+        "robot": RobotRecord.of(made_for.robot),
+        "scene": SceneRecord.of(made_for.scene),
+        "allowed": [list(pair) for pair in made_for.allowed],
+        "edge_step": StepRecord.of(made_for.edge_step),
+    }
+
+
+Sections = Annotated[dict[str, JsonValue], AfterValidator(_shallow)]
+
+
+class PlanRecord(_Head):
+    """A plan file."""
+
+    format: Literal["planner-service/plan"]
+    request: RequestRecord | None
+    result: ResultRecord
+    sections: Sections
+
+    @classmethod
+    def of(cls, plan: SavedPlan) -> PlanRecord:
+        return cls(
+            format="planner-service/plan",
+            **_head(plan.made_for, plan.made_with),
+            request=None if plan.request is None else RequestRecord.of(plan.request),
+            result=ResultRecord.of(plan.result),
+            sections=dict(plan.sections),
+        )
+
+    @cached_property
+    def value(self) -> SavedPlan:
+        request = None if self.request is None else self.request.value
+        return SavedPlan(self.made_for, request, self.result.value, MappingProxyType(self.made_with), self.sections)
+
+
+class SegmentRecord(Record):
+    """One motion of a task; ``scene`` is null where the scene is as in the motion before, or at the start."""
+
+    name: Text
+    gripper_width: float | None
+    gripper: GripperMotionRecord | None
+    timing: TimingRecord | None
+    scene: WorldRecord | None
+    result: ResultRecord
+
+
+class TaskRecord(_Head):
+    """A task file."""
+
+    format: Literal["planner-service/task"]
+    task: Text
+    request: RequestRecord | None
+    ok: bool
+    failure: FailureRecord | None
+    counts: CountsRecord
+    choosing: CountsRecord
+    seconds: float
+    notes: Annotated[list[Text], at_most(MAX_SEGMENTS)]
+    segments: Annotated[list[SegmentRecord], at_most(MAX_SEGMENTS)]
+    sections: Sections
+
+    @classmethod
+    def of(cls, task: SavedTask) -> TaskRecord:
+        return cls(
+            format="planner-service/task",
+            **_head(task.made_for, task.made_with),
+            task=as_text(task.task),
+            request=None if task.request is None else RequestRecord.of(task.request),
+            ok=task.failure is None,
+            failure=None if task.failure is None else FailureRecord.of(task.failure),
+            counts=CountsRecord.of(task.counts),
+            choosing=CountsRecord.of(task.choosing),
+            seconds=task.seconds,
+            notes=[as_text(note) for note in task.notes[:MAX_SEGMENTS]],
+            segments=_segment_records(task),
+            sections=dict(task.sections),
+        )
+
+    @cached_property
+    def value(self) -> SavedTask:
+        task = SavedTask(
+            self.made_for,
+            self.task,
+            self._segments(),
+            self.choosing.value,
+            self.seconds,
+            None if self.failure is None else self.failure.value,
+            tuple(self.notes),
+            None if self.request is None else self.request.value,
+            MappingProxyType(self.made_with),
+            self.sections,
+        )
+        if self.ok != (task.failure is None):
+            raise InvalidRequest("ok", self.ok, "false with a failure, true without")
+        if task.counts != self.counts.value:
+            raise InvalidRequest("counts", str(self.counts.value), f"the sum over all motions, {task.counts}")
+        return task
+
+    def _segments(self) -> tuple[Segment, ...]:
+        first, gripper = self.scene.value, self.robot.value.gripper
+        scene, before = first, {obstacle.name: obstacle for obstacle in first.obstacles}
+        found = []
+        for k, record in enumerate(self.segments):
+            width = record.gripper_width
+            if gripper is not None and (width is None or not gripper.lower <= width <= gripper.upper):
+                expected = f"metres in [{gripper.lower:g}, {gripper.upper:g}]"
+                raise InvalidRequest(f"segments[{k}].gripper_width", width, expected)
+            try:
+                scene = scene if record.scene is None else record.scene.scene(first, before)
+            except InvalidRequest as error:
+                where = f"segments[{k}].scene"
+                raise InvalidRequest(where, None, error.expected, message=f"{where}: {error}") from None
+            grip = None if record.gripper is None else record.gripper.value
+            law = None if record.timing is None else record.timing.value
+            width = math.nan if width is None else width
+            found.append(Segment(record.name, record.result.value, width, scene, grip, law))
+        return tuple(found)
+
+
+def _segment_records(task: SavedTask) -> list[SegmentRecord]:
+    first = scene = task.made_for.scene
+    records = []
+    for segment in task.segments:
+        origin, before = segment.result.origin, scene
+        scene = (segment.scene or scene) if origin is None else origin.service.scene
+        records.append(
+            SegmentRecord(
+                name=segment.name,
+                gripper_width=None if math.isnan(segment.width) else segment.width,
+                gripper=None if segment.gripper is None else GripperMotionRecord.of(segment.gripper),
+                timing=None if segment.timing is None else TimingRecord.of(segment.timing),
+                scene=None if scene == before else WorldRecord.of(scene, first),
+                result=ResultRecord.of(segment.result),
+            )
+        )
+    return records
+
+
+# Writing and reading.
+
+
+def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str | os.PathLike[str]) -> None:
+    """Write a plan or a task, or the failure that is in their place; the file is there whole or not at all.
+
+    Raises:
+        InvalidRequest: a result that does not know its service (from a file or another process), or something that has
+            no place in a file.
+        InvalidFile: it cannot be written.
+    """
+    target = as_path("path", path)
+    text = json.dumps(_saved(plan).document(), indent=1, allow_nan=False) + "\n"
+    if len(text) > MAX_BYTES:  # of ASCII
+        raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
+    write_whole(target, text, OURS)
+
+
+def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan | SavedTask:
+    if isinstance(plan, SavedPlan | SavedTask):
+        return plan
+    if isinstance(plan, PlanResult):
+        if plan.origin is None:
+            expected = "SavedPlan(MadeFor.of(service), request, result): it does not know its service and request"
+            raise InvalidRequest("plan", "a result from a file or another process", expected)
+        return SavedPlan(MadeFor.of(plan.origin.service), plan.origin.request, plan)
+    if not isinstance(plan, TaskResult):
+        raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
+    first = plan.segments[0].service_before(plan.service) if plan.segments else plan.service
+    words = ", ".join(segment.name for segment in plan.segments) or "a task without a motion"
+    seconds = math.fsum(segment.result.seconds for segment in plan.segments)
+    made_for, asked = MadeFor.of(first), plan.request
+    return SavedTask(made_for, words, plan.segments, plan.choosing, seconds, plan.failure, plan.notes, asked)
+
+
+def load_plan(path: str | os.PathLike[str]) -> SavedPlan:
+    """The plan in a file, its path and trajectory bit for bit as they were saved.
+
+    Raises:
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
+    """
+    file = as_path("path", path)
+    return _plan(file, read_json(file))
+
+
+def load_task(path: str | os.PathLike[str]) -> SavedTask:
+    """The task in a file, its paths and trajectories bit for bit as they were saved.
+
+    Raises:
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
+    """
+    file = as_path("path", path)
+    return _task(file, read_json(file))
+
+
+def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
+    """Whichever of both is in a file; see ``load_plan`` and ``load_task``.
+
+    Raises:
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
+    """
+    file = as_path("path", path)
+    document = read_json(file)
+    task = isinstance(document, dict) and document.get("format") == TASK_FORMAT
+    return _task(file, document) if task else _plan(file, document)
+
+
+def _plan(file: Path, document: Any) -> SavedPlan:
+    found: SavedPlan = read_record(PlanRecord, document, file, _reading(file, document, PLAN_FORMAT)).value
+    return found
+
+
+def _task(file: Path, document: Any) -> SavedTask:
+    found: SavedTask = read_record(TaskRecord, document, file, _reading(file, document, TASK_FORMAT)).value
+    return found
+
+
+def _reading(file: Path, document: Any, kind: str) -> Reading:
+    """What a file's records are read with; InvalidFile at once if it is another file."""
+    content = document if isinstance(document, dict) else {}
+    found, version = content.get("format"), content.get("version")
+    if found != kind and (found in (PLAN_FORMAT, TASK_FORMAT) or "format" in content):
+        raise InvalidFile(file, [f"format: got {found!r:.100}; expected {kind!r}"])
+    if found == kind and isinstance(version, int) and version in (1, 2):
+        lacking = f"version: got {version}; expected {VERSION}: this file does not hold its robot and scene"
+        raise InvalidFile(file, [f"{lacking}; plan again: {command_of(content)}"])
+    robot = content.get("robot")
+    names = robot.get("joint_names") if isinstance(robot, dict) else None
+    return Reading(joints=len(names) if isinstance(names, list) else None)

@@ -1,0 +1,318 @@
+"""Robots as JSON objects: all that a robot is, so that it is built again without any other file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, Pose
+from planner_service.records.scene import PoseRecord, ShapeRecord, shape_record
+from planner_service.records.schema import (
+    Count,
+    FirstOnly,
+    Joints,
+    NamePair,
+    Numbers,
+    Record,
+    Text,
+    Vector3,
+    as_text,
+    at_most,
+)
+from planner_service.robot.kinematic_tree import Body, LinkShape
+from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
+
+__all__ = ["RobotRecord"]
+
+MAX_JOINTS = 1_000
+MAX_SHAPES = 50_000
+MAX_PAIRS = 100_000
+
+UNIT = 1e-6
+"""By which an axis or a direction may be off its length of 1."""
+
+Texts = Annotated[list[Text], FirstOnly(), at_most(MAX_SHAPES)]
+Pairs = Annotated[list[NamePair], FirstOnly(), at_most(MAX_PAIRS)]
+Matrix = Annotated[list[Numbers], FirstOnly(), at_most(4)]
+
+
+def _placement(field: str, rows: list[list[float]]) -> FloatArray:
+    """A rigid motion, 4 x 4."""
+    if [len(row) for row in rows] != [4, 4, 4, 4]:
+        raise InvalidRequest(field, rows, "a 4 x 4 matrix")
+    matrix = np.array(rows, dtype=np.float64)
+    try:
+        Pose.from_matrix(matrix)
+    except InvalidRequest as error:
+        raise InvalidRequest(field, rows, error.expected) from None
+    if np.abs(matrix[:3, 3]).max() > MAX_LENGTH:
+        raise InvalidRequest(field, rows, f"metres, at most {MAX_LENGTH:g} along each axis")
+    return matrix
+
+
+def _require_unit(field: str, values: list[float]) -> None:
+    if abs(sum(v * v for v in values) - 1.0) > UNIT:
+        raise InvalidRequest(field, values, "a unit vector")
+
+
+class LimitsRecord(Record):
+    """``JointLimits``."""
+
+    lower: Joints
+    upper: Joints
+    velocity: Joints
+    acceleration: Joints
+    jerk: Joints
+
+    @classmethod
+    def of(cls, limits: JointLimits) -> LimitsRecord:
+        return cls(
+            lower=limits.lower.tolist(),
+            upper=limits.upper.tolist(),
+            velocity=limits.velocity.tolist(),
+            acceleration=limits.acceleration.tolist(),
+            jerk=limits.jerk.tolist(),
+        )
+
+    @cached_property
+    def value(self) -> JointLimits:
+        given = (self.lower, self.upper, self.velocity, self.acceleration, self.jerk)
+        return JointLimits(*(np.array(values, dtype=np.float64) for values in given))
+
+
+class NamedPoseRecord(Record):
+    """A named configuration."""
+
+    name: Text
+    q: Joints
+
+
+class BodyRecord(Record):
+    """A ``Body``."""
+
+    name: Text
+    parent: Annotated[int, Field(ge=-1, le=MAX_JOINTS)]
+    placement: Matrix
+    axis: Vector3
+    prismatic: bool
+    q_index: Annotated[int, Field(ge=-1, le=MAX_JOINTS)]
+
+    @classmethod
+    def of(cls, body: Body) -> BodyRecord:
+        return cls(
+            name=body.name,
+            parent=body.parent,
+            placement=body.placement.tolist(),
+            axis=body.axis.tolist(),
+            prismatic=body.prismatic,
+            q_index=body.q_index,
+        )
+
+    @cached_property
+    def value(self) -> Body:
+        if self.parent >= 0:
+            _require_unit("axis", self.axis)
+        placement = _placement("placement", self.placement)
+        return Body(self.name, self.parent, placement, np.array(self.axis), self.prismatic, self.q_index)
+
+
+class LinkShapeRecord(Record):
+    """A ``LinkShape``."""
+
+    link: Text
+    body: Count
+    shape: ShapeRecord
+    pose: PoseRecord
+
+    @classmethod
+    def of(cls, item: LinkShape) -> LinkShapeRecord:
+        return cls(link=item.link, body=item.body, shape=shape_record(item.shape), pose=PoseRecord.of(item.pose))
+
+    @cached_property
+    def value(self) -> LinkShape:
+        return LinkShape(self.link, self.body, self.shape.value, self.pose.value)
+
+
+class ContactRecord(Record):
+    """An ``AllowedContact``."""
+
+    links: NamePair
+    reason: Text
+
+    @cached_property
+    def value(self) -> AllowedContact:
+        a, b = self.links
+        return AllowedContact((a, b), self.reason)
+
+
+class GripperRecord(Record):
+    """A ``Gripper``."""
+
+    joints: Texts
+    links: Texts
+    lower: float
+    upper: float
+    closed: Annotated[list[LinkShapeRecord], at_most(MAX_SHAPES)]
+    directions: Annotated[list[Vector3], FirstOnly()]
+    approach: Vector3
+    closing: Vector3
+
+    @classmethod
+    def of(cls, gripper: Gripper) -> GripperRecord:
+        return cls(
+            joints=list(gripper.joints),
+            links=list(gripper.links),
+            lower=gripper.lower,
+            upper=gripper.upper,
+            closed=[LinkShapeRecord.of(item) for item in gripper.closed],
+            directions=[list(direction) for direction in gripper.directions],
+            approach=list(gripper.approach),
+            closing=list(gripper.closing),
+        )
+
+    @cached_property
+    def value(self) -> Gripper:
+        if not 0.0 <= self.lower <= self.upper <= MAX_LENGTH:
+            raise InvalidRequest("lower", self.lower, f"0 <= lower <= upper = {self.upper:g} <= {MAX_LENGTH:g} m")
+        if len(self.directions) != len(self.closed):
+            raise InvalidRequest("directions", len(self.directions), f"{len(self.closed)}, one for each closed shape")
+        for k, direction in enumerate(self.directions):
+            _require_unit(f"directions[{k}]", direction)
+        _require_unit("approach", self.approach)
+        _require_unit("closing", self.closing)
+        if abs(math.fsum(a * b for a, b in zip(self.approach, self.closing, strict=True))) > UNIT:
+            raise InvalidRequest("closing", self.closing, f"square to approach = {self.approach}")
+        closed, directions = tuple(item.value for item in self.closed), tuple((x, y, z) for x, y, z in self.directions)
+        (x, y, z), (u, v, w) = self.approach, self.closing
+        names, extent = (tuple(self.joints), tuple(self.links)), (self.lower, self.upper)
+        return Gripper(*names, *extent, closed, directions, (x, y, z), (u, v, w))
+
+
+class RetreatRecord(Record):
+    """An ``ExemptRetreat``."""
+
+    pose: Text
+    to: Joints
+    pairs: Pairs
+    reason: Text
+
+    @classmethod
+    def of(cls, retreat: ExemptRetreat) -> RetreatRecord:
+        pairs = [list(pair) for pair in retreat.pairs]
+        return cls(pose=retreat.pose, to=retreat.to.tolist(), pairs=pairs, reason=as_text(retreat.reason))
+
+    @cached_property
+    def value(self) -> ExemptRetreat:
+        return ExemptRetreat(self.pose, np.array(self.to), tuple((a, b) for a, b in self.pairs), self.reason)
+
+
+class RobotRecord(Record):
+    """A ``Robot`` with its hash, which has to be that of its content."""
+
+    name: Text
+    hash: Text
+    joint_names: Annotated[list[Text], Field(min_length=1), at_most(MAX_JOINTS)]
+    limits: LimitsRecord
+    named_poses: Annotated[list[NamedPoseRecord], at_most(MAX_JOINTS)]
+    base_links: Texts
+    tool_frame: Text
+    tool_body: Count
+    tool_placement: Matrix
+    bodies: Annotated[list[BodyRecord], Field(min_length=2), at_most(MAX_JOINTS + 1)]
+    shapes: Annotated[list[LinkShapeRecord], at_most(MAX_SHAPES)]
+    allowed_contacts: Annotated[list[ContactRecord], at_most(MAX_PAIRS)]
+    gripper: GripperRecord | None
+    gripper_width: float
+    retreats: Annotated[list[RetreatRecord], at_most(MAX_JOINTS)]
+    inverse: Literal["numeric", "wxai"]
+    settle_time: Annotated[float, Field(ge=0.0, le=3600.0)]
+
+    @classmethod
+    def of(cls, robot: Robot) -> RobotRecord:
+        return cls(
+            name=robot.name,
+            hash=robot.hash,
+            joint_names=list(robot.joint_names),
+            limits=LimitsRecord.of(robot.limits),
+            named_poses=[NamedPoseRecord(name=name, q=q.tolist()) for name, q in robot.named_poses],
+            base_links=list(robot.base_links),
+            tool_frame=robot.tool_frame,
+            tool_body=robot.tool_body,
+            tool_placement=robot.tool_placement.tolist(),
+            bodies=[BodyRecord.of(body) for body in robot.bodies],
+            shapes=[LinkShapeRecord.of(item) for item in robot.shapes],
+            allowed_contacts=[
+                ContactRecord(links=list(contact.links), reason=as_text(contact.reason))
+                for contact in robot.allowed_contacts
+            ],
+            gripper=None if robot.gripper is None else GripperRecord.of(robot.gripper),
+            gripper_width=robot.gripper_width,
+            retreats=[RetreatRecord.of(retreat) for retreat in robot.retreats],
+            inverse="wxai" if robot.inverse == "wxai" else "numeric",
+            settle_time=robot.settle_time,
+        )
+
+    @cached_property
+    def value(self) -> Robot:
+        robot = Robot(
+            self.name,
+            tuple(self.joint_names),
+            self.limits.value,
+            tuple((pose.name, np.array(pose.q)) for pose in self.named_poses),
+            tuple(self.base_links),
+            self.tool_frame,
+            self.tool_body,
+            _placement("tool_placement", self.tool_placement),
+            tuple(body.value for body in self.bodies),
+            tuple(item.value for item in self.shapes),
+            tuple(contact.value for contact in self.allowed_contacts),
+            None if self.gripper is None else self.gripper.value,
+            self.gripper_width,
+            tuple(retreat.value for retreat in self.retreats),
+            self.inverse,
+            self.settle_time,
+        )
+        for field, found, expected in _contradictions(robot):
+            raise InvalidRequest(field, found, expected)
+        if robot.hash != self.hash:
+            raise InvalidRequest("hash", self.hash, f"that of the content, {robot.hash}")
+        return robot
+
+
+def _contradictions(robot: Robot) -> Iterator[tuple[str, object, str]]:
+    """What no robot can be: code that computes with its parts relies on how they refer to each other."""
+    n, bodies = robot.n, robot.bodies
+    if len(set(robot.joint_names)) != n:
+        yield "joint_names", robot.joint_names, "each joint once"
+    if [body.parent for body in bodies[:1]] != [-1] or any(not 0 <= b.parent < k for k, b in enumerate(bodies) if k):
+        yield "bodies", [body.parent for body in bodies], "parents before children, -1 of the first alone"
+    if [body.q_index for body in bodies[:1]] != [-1] or sorted(b.q_index for b in bodies[1:]) != list(range(n)):
+        yield "bodies", [body.q_index for body in bodies], f"one body for each of {n} joints, after the base"
+    if robot.tool_body >= len(bodies):
+        yield "tool_body", robot.tool_body, f"one of {len(bodies)} bodies"
+    poses = [name for name, _ in robot.named_poses]
+    if len(set(poses)) != len(poses) or "home" not in poses:
+        yield "named_poses", poses, 'each pose once, "home" among them'
+    body_of: dict[str, int] = {}
+    for k, item in enumerate(robot.shapes):
+        if item.body >= len(bodies) or body_of.setdefault(item.link, item.body) != item.body:
+            yield f"shapes[{k}].body", item.body, f"one of {len(bodies)} bodies, the same for all shapes of a link"
+    for k, retreat in enumerate(robot.retreats):
+        if retreat.pose not in poses:
+            yield f"retreats[{k}].pose", retreat.pose, "a named pose"
+    gripper = robot.gripper
+    if gripper is None:
+        if robot.gripper_width != 0.0:
+            yield "gripper_width", robot.gripper_width, "0 without a gripper"
+        return
+    if not gripper.lower <= robot.gripper_width <= gripper.upper:
+        yield "gripper_width", robot.gripper_width, f"metres in [{gripper.lower:g}, {gripper.upper:g}]"
+    fingers = tuple(item for item in robot.shapes if item.link in gripper.links)
+    if fingers != gripper.shapes(robot.gripper_width):
+        yield "gripper.closed", len(gripper.closed), "the fingers' shapes, standing as at gripper_width"

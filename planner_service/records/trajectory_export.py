@@ -1,0 +1,192 @@
+"""Trajectories for others: in the shape of a ROS message, and as a table of text."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import re
+from collections.abc import Sequence
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.files.reading import as_path
+from planner_service.files.writing import write_whole
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.trajectory import Trajectory
+from planner_service.planning.result import PlanResult
+from planner_service.tasks.result import Segment
+
+__all__ = ["OURS", "csv_text", "joint_trajectory", "task_csv_text", "task_trajectories", "write_csv"]
+
+OURS = re.compile(rb"t,(?:q_|motion,)|\s*\{\s*\"(?:header|joint_names|motions)\"")
+"""How exported trajectories begin."""
+
+SECOND = 1_000_000_000
+"""Nanoseconds."""
+
+MAX_SECONDS = 2**31
+"""A ROS duration counts its seconds in 32 bits."""
+
+
+def joint_trajectory(
+    motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float, *, frame_id: str = ""
+) -> dict[str, Any]:
+    """A trajectory every ``dt`` seconds and at its exact end, in the shape of ROS 2's trajectory_msgs/JointTrajectory.
+
+    Of plain JSON values: ``header``, ``joint_names`` and ``points`` with ``positions``, ``velocities``,
+    ``accelerations``, an empty ``effort`` and ``time_from_start``, which always grows; a time is rounded to the
+    nanosecond, the values are those before rounding. The header's stamp is 0: start when received.
+
+    Raises:
+        InvalidRequest: not one name for each joint, ``dt`` is not positive or gives more than a million points, or
+            the trajectory lasts longer than the message can say.
+        PlanningFailed: a result without a plan.
+    """
+    trajectory, names = _checked(motion, joint_names)
+    if not trajectory.duration < MAX_SECONDS:
+        raise InvalidRequest("trajectory", trajectory.duration, f"a duration below {MAX_SECONDS:,} s")
+    samples = trajectory.sample(dt)
+    times, rows = _growing([round(t * SECOND) for t in samples.t.tolist()])
+    values = [_plain(part[rows]) for part in samples[1:]]
+    return {
+        "header": {"stamp": _time(0), "frame_id": frame_id},
+        "joint_names": names,
+        "points": [
+            {"positions": q, "velocities": qd, "accelerations": qdd, "effort": [], "time_from_start": _time(t)}
+            for t, q, qd, qdd in zip(times, *values, strict=True)
+        ],
+    }
+
+
+def csv_text(motion: Trajectory | PlanResult, joint_names: Sequence[str], dt: float) -> str:
+    """A trajectory every ``dt`` seconds and at its exact end, as a table of comma-separated values under a head.
+
+    The columns are ``t``, then ``q_<joint>``, ``qd_<joint>`` and ``qdd_<joint>`` of all joints, in seconds, radians
+    (or metres) and their derivatives; every float has the digits that read back as the same bits.
+
+    Raises:
+        InvalidRequest: not one name for each joint, or ``dt`` is not positive or gives more than a million rows.
+        PlanningFailed: a result without a plan.
+    """
+    trajectory, names = _checked(motion, joint_names)
+    return _table(["t", *_columns(names)], _plain(np.column_stack(trajectory.sample(dt))))
+
+
+def task_csv_text(segments: Sequence[Segment], joint_names: Sequence[str], dt: float) -> str:
+    """The motions of a task in one table on one clock, each every ``dt`` seconds and at its exact end.
+
+    The columns are ``t``, ``motion`` and ``gripper_width``, then those of ``csv_text``. The clock counts motion only:
+    where ``motion`` changes, the arm is at rest, two rows have the same time, and a gripper whose width changes has to
+    be waited for.
+
+    Raises:
+        InvalidRequest: as of ``csv_text``, or there is no motion.
+        PlanningFailed: a motion without a plan.
+    """
+    rows: list[list[Any]] = []
+    for segment, begin in _on_one_clock(segments):
+        trajectory, names = _checked(segment.result, joint_names)
+        values = _plain(np.column_stack(trajectory.sample(dt)))
+        rows += [[begin + t, segment.name, _width(segment), *rest] for t, *rest in values]
+    return _table(["t", "motion", "gripper_width", *_columns(names)], rows)
+
+
+def task_trajectories(segments: Sequence[Segment], joint_names: Sequence[str], dt: float) -> dict[str, Any]:
+    """The motions of a task, of plain JSON values: ``motions``, each a ``joint_trajectory`` with its own time 0.
+
+    Beside its ``trajectory`` each has ``name``, ``gripper_width`` in metres during it (null without a gripper) and
+    ``begin``, seconds of motion before it. After a motion the arm is at rest; a gripper whose width changes is to be
+    waited for before the next.
+
+    Raises:
+        InvalidRequest: as of ``joint_trajectory``, or there is no motion.
+        PlanningFailed: a motion without a plan.
+    """
+    return {
+        "motions": [
+            {
+                "name": segment.name,
+                "begin": begin,
+                "gripper_width": _width(segment),
+                "trajectory": joint_trajectory(segment.result, joint_names, dt),
+            }
+            for segment, begin in _on_one_clock(segments)
+        ]
+    }
+
+
+def _on_one_clock(segments: Sequence[Segment]) -> list[tuple[Segment, float]]:
+    """The motions with the seconds of motion before each."""
+    if not segments:
+        raise InvalidRequest("segments", segments, "at least one motion")
+    durations = [segment.result.unwrap()[1].duration for segment in segments]
+    return list(zip(segments, accumulate(durations, initial=0.0), strict=False))
+
+
+def _width(segment: Segment) -> float | None:
+    return None if math.isnan(segment.width) else segment.width
+
+
+def _columns(names: Sequence[str]) -> list[str]:
+    return [f"{kind}_{name}" for kind in ("q", "qd", "qdd") for name in names]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    text = io.StringIO(newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(head)
+    table.writerows(rows)  # floats by repr
+    return text.getvalue()
+
+
+def write_csv(
+    motion: Trajectory | PlanResult, path: str | os.PathLike[str], joint_names: Sequence[str], dt: float
+) -> None:
+    """Write ``csv_text`` to a file, which is there whole or not at all.
+
+    Raises:
+        InvalidRequest: as of ``csv_text``.
+        PlanningFailed: a result without a plan.
+        InvalidFile: it cannot be written.
+    """
+    target = as_path("path", path)
+    write_whole(target, csv_text(motion, joint_names, dt), OURS)
+
+
+def _checked(motion: Trajectory | PlanResult, joint_names: Sequence[str]) -> tuple[Trajectory, list[str]]:
+    trajectory = motion.unwrap()[1] if isinstance(motion, PlanResult) else motion
+    if not isinstance(trajectory, Trajectory):
+        raise InvalidRequest("motion", motion, "a Trajectory or a PlanResult")
+    n = trajectory.path.n
+    good = isinstance(joint_names, (list, tuple)) and all(isinstance(name, str) and name for name in joint_names)
+    if not good or not len(joint_names) == len(set(joint_names)) == n:
+        raise InvalidRequest("joint_names", joint_names, f"{n} names, one for each joint")
+    return trajectory, list(joint_names)
+
+
+def _growing(times: list[int]) -> tuple[list[int], list[int]]:
+    """Times that grow by at least a nanosecond, and which of the given ones they are: the first and the last are in."""
+    last = len(times) - 1
+    rows = [0]
+    for k in range(1, last):
+        if times[rows[-1]] < times[k] < times[last]:
+            rows.append(k)
+    kept = [times[k] for k in rows]
+    if last > 0:
+        rows.append(last)
+        kept.append(max(times[last], kept[-1] + 1))
+    return kept, rows
+
+
+def _time(nanoseconds: int) -> dict[str, int]:
+    return {"sec": nanoseconds // SECOND, "nanosec": nanoseconds % SECOND}
+
+
+def _plain(rows: FloatArray) -> list[list[float]]:
+    values: list[list[float]] = (rows + 0.0).tolist()  # without the sign of -0.0
+    return values

@@ -1,0 +1,1 @@
+"""A new plan for an arm that is moving: where to leave the old motion, and how to join the new one."""

@@ -1,0 +1,323 @@
+"""Ways that leave what is left of an old path for a goal: along its waypoints where that is free, else searched.
+
+A way is the old curve, bit for bit, up to the blend in which it turns off. Where it may turn off depends on how fast
+the robot comes along: within the distance of a stop any turn can be driven, nearer only those that are slight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from planner_service.collision import CollisionChecker, Known
+from planner_service.collision.budget import CheckBudgetSpent
+from planner_service.geometry.shapes import FloatArray
+from planner_service.optimize import Optimise
+from planner_service.path.corner_blend import STEEPEST
+from planner_service.path.joint_path import JointPath
+from planner_service.planners import RRTConnect
+from planner_service.planning.accounting import NoPlan, StageBook
+from planner_service.planning.endpoints import GoalState
+from planner_service.planning.pipeline import fresh_seed
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Failure, Reason, Stage
+from planner_service.planning.tries import FIRST_TRIES
+from planner_service.replanning.splice import Handover
+from planner_service.roadmap import Roadmap
+from planner_service.search.edge_cache import SearchOracle, TieredOracle
+from planner_service.search.problem import Configuration, SearchProblem, joint_distance
+from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
+
+__all__ = ["Detours", "Place", "Way"]
+
+PLACES = (0.6, 1.05, 0.3, 0.1)
+"""Where to turn off, in distances of a stop, in the order in which they are tried."""
+
+BEYOND = (0.3, 0.8)
+"""How far beyond the old end to turn, in distances from there to the goal: a robot that is braking for a stop there
+cannot stop sooner, nor turn sharply, but can overshoot a little and turn on its way."""
+
+PART = 0.9
+"""Of the widest blend that the robot can be slow enough for."""
+
+NEAR = 1e-6
+"""Radians. What is that close to a waypoint is taken for it."""
+
+COINCIDING = 1e-9
+"""Radians between points that are taken for one."""
+
+ROOM = 1e-3
+"""Radians between two blends that leave room to turn off in between."""
+
+LEAST_BLEND = 1e-4
+"""Radians. Of a robot that follows a goal all moves are short, and corners slight."""
+
+FINEST = 0.002
+"""Metres between samples of edges that keep less: blends and edges that pass are then mostly proven, too."""
+
+LESS_PADDING = (1.0, 0.75, 0.5, 0.25, 0.125, 0.0)
+"""Parts of the asked padding tried where the old path is closer to something."""
+
+SEARCH_SHARE = 0.5
+"""Part of the states that searching may use."""
+
+
+Judge = SearchOracle | TieredOracle
+
+
+class Place(NamedTuple):
+    """Where to turn off: s, the index of the waypoint that is to be there, and where that is, (n,).
+
+    ``roomy`` says whether the old way keeps the full padding up to there.
+    """
+
+    s: float
+    waypoint: int
+    q: FloatArray
+    roomy: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A path that follows the old one up to waypoint ``leaves``, from which on it is its own; at s there.
+
+    ``searched`` says whether a part of it had to be, ``roomy`` whether the old way keeps the full padding so far.
+    """
+
+    path: JointPath
+    leaves: int
+    s: float
+    handover: Handover
+    searched: bool
+    roomy: bool
+
+
+class Detours:
+    """Ways from one path under way.
+
+    Args:
+        path: What is left of the old path.
+        ahead: Old waypoints beyond its end, (k, n), known from an earlier motion.
+    """
+
+    def __init__(
+        self, checker: CollisionChecker, request: PlanRequest, book: StageBook, old: tuple[JointPath, FloatArray]
+    ) -> None:
+        self._checker, self._request, self._book = checker, request, book
+        self._path, self._ahead = old
+        self._acceleration = checker.robot.limits.acceleration * request.acceleration_scale
+        self._states = max(1, int(request.max_checks * SEARCH_SHARE))
+
+    def places(self, handover: Handover, stop: float, goal: FloatArray, *, beyond: bool = True) -> Iterator[Place]:
+        """Where to turn off for a goal; ``stop`` is where a stop ends.
+
+        First where the old way keeps the full padding up to there, then where it is free at all, then straight
+        ``beyond`` its end.
+        """
+        if not handover.rate > 0.0:
+            yield self._place(handover.s, handover.s)
+            return
+        places: list[Place] = []
+        for part in PLACES:
+            place = self._place(min(handover.s + part * (stop - handover.s), self._path.length), handover.s)
+            if all(abs(place.s - other.s) > ROOM for other in places):
+                places.append(place)
+        full, bare = self._checker.variant(padding=self._request.padding), self._checker.variant(motion_step=FINEST)
+        wide = [place for place in places if self._free_up_to(handover.s, place.s, full)]
+        yield from (place._replace(roomy=True) for place in wide)
+        rest = [place for place in places if not any(place is other for other in wide)]
+        yield from (place for place in rest if self._free_up_to(handover.s, place.s, bare))
+        if beyond:
+            yield from self._beyond(goal)
+
+    def _beyond(self, goal: FloatArray) -> Iterator[Place]:
+        """Places straight beyond the old end."""
+        path, limits = self._path, self._checker.robot.limits
+        last = len(path.waypoints) - 1
+        if last == 0:
+            return
+        end, way = path.waypoints[-1], path(path.length, 1)
+        away = joint_distance(end.tolist(), goal.tolist())
+        for part in BEYOND:
+            q = end + way * (part * away)
+            if part * away > ROOM and np.all((q >= limits.lower) & (q <= limits.upper)):
+                yield Place(path.length + part * away, last, q)
+
+    def _place(self, s: float, since: float) -> Place:
+        """The nearest place from s on that is on a straight piece, or a waypoint whose blend begins after ``since``."""
+        path = self._path
+        index = int(np.flatnonzero(path.knots >= s - NEAR)[0])
+        begins, knot = float(path.knots[index] - path.blends[index]), float(path.knots[index])
+        if index and begins < since - NEAR < knot:  # within this blend
+            s, index = float(path.knots[index] + path.blends[index]), index + 1
+            begins, knot = float(path.knots[index] - path.blends[index]), float(path.knots[index])
+        if index and s < begins - NEAR:
+            after = float(path.knots[index - 1] + path.blends[index - 1])
+            if s > after:
+                return Place(s, index, path(s))
+            if begins - after > ROOM:
+                return Place((after + begins) / 2.0, index, path((after + begins) / 2.0))
+        return Place(knot, index, path.waypoints[index])
+
+    def _free_up_to(self, s: float, end: float, checker: CollisionChecker) -> bool:
+        """Whether the old polyline is free in between."""
+        knots = [s, *(k for k in self._path.knots.tolist() if s + NEAR < k < end - NEAR), end]
+        points = self._path(np.minimum(np.array(knots), self._path.length))
+        with self._book.during(Stage.STRAIGHT_LINE):
+            ends = [Known.NEITHER, *(Known.START for _ in points[1:])]
+            edges = zip(pairwise(points), ends, strict=False)
+            return all(checker.edge_is_free(a, b, known=known) for (a, b), known in edges)
+
+    def way(self, handover: Handover, place: Place, goal: GoalState, turn: int = 0) -> Way | None:
+        """A way that turns off there, its corners blended; None if there the robot would touch something.
+
+        Args:
+            turn: Another number, another search.
+
+        Raises:
+            NoPlan: none was found.
+        """
+        (s, index, q, roomy), old = place, self._path
+        least = self._padding(q)
+        if least is None:
+            return None
+        self._book.padding = self._request.padding
+        tight = self._checker.variant(padding=min(least, goal.padding))
+        oracle = self._oracle((q, goal.q), (least, goal.padding))
+        chain = [q, *old.waypoints[old.knots > s + NEAR], *self._ahead]
+        if len(chain) == 1 or chain[-1].tolist() != goal.q.tolist():
+            chain = [*(chain[:-1] if len(chain) > 1 else chain), goal.q]
+        points, searched = self._repaired(chain, oracle, turn)
+        points = _apart(self._shortened(points, oracle))
+        path = JointPath(
+            np.concatenate([old.waypoints[:index], points]), np.append(old.blends[:index], np.zeros(len(points)))
+        )
+        with self._book.during(Stage.POLISH) as entry:
+            sizes = np.full(len(path.waypoints), self._request.blend)
+            sizes[:index] = 0.0
+            reached = max(handover.s, float(path.knots[index - 1] + path.blends[index - 1])) if index else handover.s
+            sizes[index] = min(sizes[index], max(0.0, s - reached))
+            if index and handover.rate > 0.0 and len(points) > 1:
+                sizes[index] = min(sizes[index], self._passable(path, index, handover))
+            path = blended(path, tight.blend_is_free, sizes, least=LEAST_BLEND)
+            entry.length = path.length - s
+        return Way(path, index, s, handover, searched, roomy)
+
+    def _passable(self, path: JointPath, index: int, handover: Handover) -> float:
+        """How wide the blend at a corner may be at most for the robot to be slow enough when it begins.
+
+        A blend as wide as w is passed at a square of speed of w times something, and a narrower one leaves more way
+        to slow down: where that gains more, there is a widest.
+        """
+        u, v = path.on_pieces(path.pieces_at(path.knots[index - 1 : index + 1]), path.knots[index - 1 : index + 1], 1)
+        with np.errstate(divide="ignore"):
+            passing = float((self._acceleration / (STEEPEST * np.abs(v - u))).min())
+            braking = float((self._acceleration / np.abs(u)).min())
+        way = float(path.knots[index]) - handover.s
+        if passing >= 2.0 * braking:
+            return math.inf
+        return max(0.0, PART * (2.0 * braking * way - handover.rate * handover.rate) / (2.0 * braking - passing))
+
+    def _oracle(self, ends: tuple[FloatArray, FloatArray], paddings: tuple[float, float]) -> Judge:
+        """The oracle of a way between two ends that keep that much."""
+        roomy = SearchOracle(self._checker.variant(padding=self._request.padding), ends[:1], ends[1:])
+        tight: dict[Configuration, SearchOracle] = {}
+        for q, padding in zip(ends, paddings, strict=True):
+            if padding < self._request.padding:
+                checker = self._checker.variant(padding=padding, motion_step=max(padding, FINEST))
+                tight[tuple(q.tolist())] = SearchOracle(checker)
+        return TieredOracle(roomy, tight) if tight else roomy
+
+    def _padding(self, q: FloatArray) -> float | None:
+        """The widest padding of a short ladder with which q is free."""
+        ladder = [self._request.padding * part for part in LESS_PADDING]
+        with self._book.during(Stage.ENDPOINTS):
+            free = (p for p in ladder if self._checker.variant(padding=p).state_is_free(q))
+            return next(free, None)
+
+    def _repaired(self, chain: Sequence[FloatArray], oracle: Judge, turn: int) -> tuple[FloatArray, bool]:
+        """The chain with what is blocked of it searched anew, and whether there was any."""
+        out, at, last, searched = [chain[0]], 0, len(chain) - 1, False
+        while at < last:
+            with self._book.during(Stage.STRAIGHT_LINE):
+                there = at + 1 == last or oracle.state_is_free(chain[at + 1])
+                free = there and oracle.edge_is_free(chain[at], chain[at + 1], known=Known.BOTH)
+                later = [] if free else [k for k in range(at + 1, last) if oracle.state_is_free(chain[k])]
+            if free:
+                at += 1
+                out.append(chain[at])
+                continue
+            searched = True
+            later.append(last)
+            found = self._search(chain[at], np.array([chain[k] for k in later]), (oracle, turn))
+            out += list(found[1:])
+            at = next(k for k in later if chain[k].tolist() == found[-1].tolist())
+        return np.array(out), searched
+
+    def _search(self, start: FloatArray, goals: FloatArray, asked: tuple[Judge, int]) -> FloatArray:
+        """A path from the start to one of the goals, with fresh seeds if one gives up.
+
+        RRTConnect looks for it where the request's planner is no search, or a roadmap: its verdicts hold where all of
+        the padding is kept.
+
+        Raises:
+            NoPlan: none was found.
+        """
+        request, limits, ledger = self._request, self._checker.robot.limits, self._checker.ledger
+        (oracle, turn), planner = asked, request.planner
+        if isinstance(planner, Roadmap | Optimise):
+            planner = RRTConnect()
+        tries = FIRST_TRIES if request.retries is None else request.retries + 1
+        if planner.patience is None:
+            tries = 1
+        share = max(1, self._states // tries, planner.patience or 0)
+        with self._book.during(Stage.SEARCH) as entry:
+            entry.note = planner.name
+            for attempt in range(tries):
+                self._book.attempts += 1
+                seed = fresh_seed(request.seed, attempt + tries * turn)
+                problem = SearchProblem(start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll)
+                try:
+                    with self._checker.limited(states=share):
+                        found = planner.search(problem).waypoints
+                except CheckBudgetSpent:
+                    if ledger.room() == 0:
+                        raise
+                    continue
+                if found is not None:
+                    return found
+        detail = "no way from where the old one is left was found; whether there is one is unknown"
+        raise NoPlan(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, detail))
+
+    def _shortened(self, points: FloatArray, oracle: Judge) -> FloatArray:
+        if len(points) < 3:
+            return points
+        with self._book.during(Stage.SHORTCUT) as entry, suppress(CheckBudgetSpent):
+            points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
+            entry.length = _length(points)
+        with self._book.during(Stage.POLISH), suppress(CheckBudgetSpent):
+            points = pulled_in(points, oracle)
+            if self._request.blend > 0.0:
+                points = without_short_pieces(points, oracle)
+        return points
+
+
+def _apart(points: FloatArray) -> FloatArray:
+    """Points none of which all but coincides with the one before; the last stays."""
+    kept = [points[0]]
+    for q in points[1:]:
+        if joint_distance(kept[-1].tolist(), q.tolist()) <= COINCIDING:
+            kept.pop()
+        kept.append(q)
+    return np.array(kept)
+
+
+def _length(points: Sequence[FloatArray] | FloatArray) -> float:
+    """L2 length of a polyline."""
+    return math.fsum(joint_distance(a, b) for a, b in pairwise([q.tolist() for q in points]))

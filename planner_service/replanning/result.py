@@ -1,0 +1,208 @@
+"""What came of replanning, and the motion under way that it began with."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planner_service.certify import Certificate, ExemptInterval
+from planner_service.collision import CheckCounts
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, copied_in, number
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.planning.request import Goal, PlanRequest
+from planner_service.planning.result import Failure, PlanResult
+from planner_service.replanning.splice import Underway
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+from planner_service.timing.laws import ToppRa
+
+__all__ = ["MAX_CHECKS", "Old", "Outcome", "Replanned", "request_for", "underway"]
+
+MAX_CHECKS = 20_000
+"""States that replanning may judge unless a request says otherwise: some hundredths of a second."""
+
+PACE = ("velocity_scale", "acceleration_scale", "max_tool_speed")
+"""What a request and a pace both say of speed."""
+
+MAX_LATENCY = 10.0
+"""Seconds; more is a wrong unit."""
+
+OUTSIDE = 1e-6
+"""Radians by which a waypoint may lie outside a limit before a motion is another robot's."""
+
+
+class Outcome(enum.Enum):
+    """What came of replanning."""
+
+    NEW = "new motion"
+    """Another motion to the goal begins at the splice."""
+    KEPT = "old motion goes on"
+    """What is left of the old motion is free, and nothing better was found."""
+    STOP = "stop along the old curve"
+    """There is no way to the goal; the robot comes to rest on the old curve, which is proven that far."""
+    UNSAFE = "nothing is safe"
+    """Not even the earliest stop can be proven."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replanned:
+    """What to do from the splice on.
+
+    Until then the robot keeps to the old motion, and rests once that has ended. At ``splice`` seconds on the old
+    motion's clock the new one begins, at its own time 0: there position, velocity and acceleration are the same of
+    both, or the robot is at rest.
+
+    Attributes:
+        outcome: What came of it. Of all but UNSAFE there is a proven motion.
+        result: That motion, with what it cost. Its path begins at the waypoint before the robot, and what is
+            proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``; if
+            the old motion ends before the splice, what was left of it is proven apart. Of UNSAFE a failure.
+        splice: Seconds on the old motion's clock: ``at_time`` plus the latency; the old motion's end where less than a
+            nanoradian is left of it by then.
+        request: What to go on with: the request with the start at the splice, and the goal.
+        failure: Why there is no new motion to the goal; None if there is one.
+        ahead: Old waypoints beyond the end of a stop, shape (k, n): the next call tries them first.
+        stop: Of UNSAFE the earliest stop, which is not proven free.
+    """
+
+    outcome: Outcome
+    result: PlanResult
+    splice: float
+    request: PlanRequest
+    failure: Failure | None
+    ahead: FloatArray
+    stop: Trajectory | None = None
+
+    def __post_init__(self) -> None:
+        copied_in(self, "ahead")
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a proven motion, be it a stop."""
+        return self.outcome is not Outcome.UNSAFE
+
+    @property
+    def path(self) -> JointPath | None:
+        """That of the result."""
+        return self.result.path
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """That of the result: its time 0 is the splice."""
+        return self.result.trajectory
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """That of the result."""
+        return self.result.certificate
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What it asked of the collision checker."""
+        return self.result.counts
+
+
+@dataclass(frozen=True, eq=False)
+class Old:
+    """A motion under way, what was not judged on what is left of it, and where else it was to go.
+
+    Attributes:
+        made_in: Where it was planned; None if that is not known, of a motion from a file or another process.
+    """
+
+    underway: Underway
+    splice: float
+    exempt: tuple[ExemptInterval, ...]
+    ahead: FloatArray
+    made_in: Scene | None
+
+    @property
+    def end(self) -> FloatArray:
+        """Where it was to go in the end."""
+        end: FloatArray = (self.ahead if len(self.ahead) else self.underway.path.waypoints)[-1]
+        return end
+
+    @property
+    def arrives(self) -> bool:
+        """Whether it goes there, and does not stop before."""
+        return not len(self.ahead) and self.underway.end == self.underway.path.length
+
+
+def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, latency: float) -> Old:
+    """The motion that is to be left, checked.
+
+    Raises:
+        InvalidRequest: ``previous`` is no motion of this robot, or a time is out of range.
+    """
+    result = previous.result if isinstance(previous, Replanned) else previous
+    expected = "a plan of this robot that is being executed"
+    if not isinstance(result, PlanResult):
+        raise InvalidRequest("previous", previous, expected)
+    if result.path is None or result.trajectory is None:
+        raise InvalidRequest("previous", str(result.failure), expected)
+    path, trajectory = result.path, result.trajectory
+    made = None if result.origin is None else result.origin.service
+    lower, upper = robot.limits.lower, robot.limits.upper
+    if path.n != robot.n or not np.all((path.waypoints >= lower - OUTSIDE) & (path.waypoints <= upper + OUTSIDE)):
+        found = f"a motion of {path.n} joints" if path.n != robot.n else "a motion outside this robot's joint limits"
+        raise InvalidRequest("previous", found, expected)
+    if made is not None and made.robot.hash != robot.hash:
+        found = f"a motion of {made.robot.name}, {made.robot.hash[:12]}"
+        expected = f"one of {robot.name}, {robot.hash[:12]}, its gripper as wide open as then"
+        raise InvalidRequest("previous", found, expected)
+    duration = trajectory.duration
+    now = number("at_time", at_time, f"seconds on the old motion, from 0 to {duration:.6g}", 0.0, duration)
+    late = number("latency", latency, f"seconds from 0 to {MAX_LATENCY:g}", 0.0, MAX_LATENCY)
+    motion = Underway(trajectory, now, min(now + late, duration))
+    if motion.arrived:
+        motion = Underway(trajectory, now, duration)
+    passed = float(path.knots[len(path.waypoints) - len(motion.path.waypoints)])
+    exempt = [
+        replace(e, s_start=motion.moved(e.s_start), s_end=motion.moved(e.s_end))
+        for e in result.exempt
+        if e.s_end >= passed
+    ]
+    ahead = previous.ahead if isinstance(previous, Replanned) else np.zeros((0, robot.n))
+    return Old(motion, max(now + late, motion.splice), tuple(exempt), ahead, None if made is None else made.scene)
+
+
+def request_for(
+    previous: PlanResult | Replanned, old: Old, request: PlanRequest | None, goal: Goal | None
+) -> PlanRequest:
+    """What to go on with: of the request given, or the one before, all but the start and maybe the goal.
+
+    A plan's own law gives way to ``ToppRa``, and its states are limited to ``MAX_CHECKS``.
+
+    Raises:
+        InvalidRequest: its timing law cannot begin at speed.
+    """
+    start = old.underway.trajectory(old.underway.splice)
+    if isinstance(previous, Replanned):
+        goal = previous.request.goal if goal is None else goal
+        request = request or previous.request
+    goal = old.end if goal is None else goal
+    if request is None and isinstance(previous, PlanResult):
+        return replace(_request_of(previous), start=start, goal=goal)
+    if not isinstance(request, PlanRequest):
+        raise InvalidRequest("request", request, "a PlanRequest")
+    if not isinstance(request.timing, ToppRa):
+        raise InvalidRequest("request.timing", request.timing, "ToppRa(), the law that can begin at speed")
+    return replace(request, start=start, goal=goal)
+
+
+def _request_of(plan: PlanResult) -> PlanRequest:
+    """What a plan was asked, as far as it is known, for another motion at speed."""
+    origin = plan.origin
+    if origin is None:
+        return PlanRequest((), (), max_checks=MAX_CHECKS)
+    asked = origin.request
+    if asked is not None:
+        timing = asked.timing if isinstance(asked.timing, ToppRa) else ToppRa()
+        return replace(asked, timing=timing, max_checks=min(asked.max_checks, MAX_CHECKS))
+    pace, padding = origin.pace, max(plan.padding, PlanRequest((), ()).padding)
+    scales = {} if pace is None else {name: getattr(pace, name) for name in PACE}
+    return PlanRequest((), (), padding=padding, max_checks=MAX_CHECKS, **scales)

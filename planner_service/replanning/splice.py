@@ -1,0 +1,310 @@
+"""Going on from a motion that is under way: what is left of it, the quickest stop along it, and another way onwards.
+
+Whatever comes next begins with the old motion itself, the same curve under the same law, for at least ``HOLD`` seconds:
+so position, velocity and acceleration do not jump at the splice. From there on speed is another, and after that the
+way. A law that bounds acceleration, and not jerk, lets acceleration jump wherever its pieces meet: here, where the old
+law ends, never at the splice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise, product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.timing.laws import TimingFailed, ToppRa
+from planner_service.timing.limit_check import STANDING, TOLERANCE, LimitPeaks, peaks
+from planner_service.timing.segments import SpeedLimit
+
+if TYPE_CHECKING:
+    from planner_service.robot.model import JointLimits
+
+__all__ = ["HOLD", "Handover", "Underway"]
+
+HOLD = 0.0107
+"""Seconds from the splice on for which the old law goes on: a cycle of a slow controller. It is no whole number of
+milliseconds, so that the next splice hardly ever falls on the instant at which laws meet and acceleration jumps."""
+
+SHARES = (0.9985, 0.995, 0.98, 0.95)
+"""Parts of the limits that a law may use on blends, one after the other, until what it makes of them holds
+the limits between its grid points too: what has begun cannot be slowed down as a whole."""
+
+MARGINS = (0.0, 0.003, 0.01, 0.03, 0.1)
+"""Parts of what braking could do that are left on blends, for the same reason."""
+
+LATER = (0.0, 0.02, 0.05, 0.1)
+"""Seconds for which the old law goes on longer where nothing else is within the limits: on blends it may be at them."""
+
+INTERVALS = 24
+"""Of constant braking on a whole blend."""
+
+MEETING = 5e-10
+"""Where laws meet at a break of the path, s is taken for it that close to it."""
+
+RUN_IN = 1e-4
+"""Radians before a blend begins or ends within which no law takes over: there would be no way to change speed on."""
+
+SLIVER = 1e-12
+"""Seconds. A shorter piece of time is left out."""
+
+AT_REST = 1e-9
+"""Of the highest speed: slower is standing."""
+
+
+class Handover(NamedTuple):
+    """An instant from which another law may take over: its time, s and ds/dt."""
+
+    time: float
+    s: float
+    rate: float
+
+
+class _Row(NamedTuple):
+    """A piece of s(t): seconds, and four coefficients."""
+
+    seconds: float
+    c0: float
+    c1: float
+    c2: float
+    c3: float
+
+
+@dataclass(frozen=True, eq=False)
+class Underway:
+    """A motion under way at ``now`` (seconds on it), to be spliced at ``splice``, which is not earlier.
+
+    Attributes:
+        path: What is left of its path at ``now``, from the waypoint before on: arc lengths below are along it.
+    """
+
+    trajectory: Trajectory
+    now: float
+    splice: float
+
+    @cached_property
+    def _first(self) -> int:
+        """The last waypoint that is passed at ``now`` with its blend."""
+        path = self.trajectory.path
+        return int(np.flatnonzero(path.knots + path.blends <= float(self.trajectory.s(self.now)) + SLIVER)[-1])
+
+    @cached_property
+    def path(self) -> JointPath:
+        old, first = self.trajectory.path, self._first
+        blends = old.blends[first:].copy()
+        blends[0] = 0.0
+        return JointPath(old.waypoints[first:], blends)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the old motion has ended at the splice."""
+        return self.splice >= self.trajectory.duration
+
+    @property
+    def arrived(self) -> bool:
+        """Whether so little is left at the splice that no motion along it has numbers of its own."""
+        return self.s(self.splice) >= self.end
+
+    def s(self, t: float) -> float:
+        """Arc length at an instant of the old motion."""
+        return self.moved(float(self.trajectory.s(t)))
+
+    @property
+    def end(self) -> float:
+        """Arc length where the old motion ends."""
+        return self.moved(self.trajectory.end)
+
+    def moved(self, s: float) -> float:
+        """An arc length of the old path on what is left of it."""
+        there = min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
+        near = self.path.breaks[np.abs(self.path.breaks - there) <= MEETING]
+        return float(near[0]) if len(near) else there
+
+    def rows(self, until: float) -> list[_Row]:
+        """The old law from the splice on."""
+        law = self.trajectory
+        out = []
+        for k, (began, h) in enumerate(zip(law.knots.tolist(), law.durations.tolist(), strict=False)):
+            x, end = max(self.splice - began, 0.0), min(until - began, h)
+            if end - x > SLIVER:
+                c0, c1, c2, c3 = law.coefficients[k].tolist()
+                there = c0 + x * (c1 + x * (c2 + x * c3))
+                rate = max(c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0)
+                out.append(_Row(end - x, self.moved(there), rate, c2 + 3.0 * c3 * x, c3))
+        return out
+
+    def rest(self) -> Trajectory:
+        """The old motion from the splice on."""
+        return self._along(self.path, self.rows(self.trajectory.duration), self.end)
+
+    def _along(self, path: JointPath, rows: Sequence[_Row], end: float) -> Trajectory:
+        """What rows make of a path up to ``end``; where they begin is the splice."""
+        table = np.array(rows).reshape(-1, 5)
+        begin = float(table[0, 1]) if len(table) else end
+        return Trajectory(path, table[:, 0], table[:, 1:], self.trajectory.dilation, (begin, end))
+
+    def handovers(self) -> Iterator[Handover]:
+        """Where another law may take over: as soon as may be, then after each blend that is still ahead."""
+        law, path = self.trajectory, self.path
+        t = min(self.splice + HOLD, law.duration)
+        soon = self._rests[(self._rests >= t) & (self._rests <= t + HOLD)]
+        t = float(soon[0]) if len(soon) else t
+        s = self.s(t)
+        arrivals = np.array([self.moved(c0) for c0 in law.coefficients[:, 0].tolist()])
+        blended = path.blends > 0.0
+        ends = (path.knots + path.blends)[blended].tolist()
+        near = [x for x in sorted([*ends, *(path.knots - path.blends)[blended].tolist()]) if s < x <= s + RUN_IN]
+        later = [x for x in ends if x > s + RUN_IN]
+        if not near:
+            yield Handover(t, s, self._rate(t))
+        for x in [*near[-1:], *later]:
+            knots = law.knots[:-1][np.abs(arrivals - x) <= MEETING]
+            if len(knots):
+                yield Handover(float(knots[0]), x, self._rate(float(knots[0])))
+
+    @cached_property
+    def _rests(self) -> FloatArray:
+        """When the old motion rests, at its end for the last time."""
+        speeds = np.append(self.trajectory.coefficients[:, 1], 0.0)
+        rests: FloatArray = self.trajectory.knots[speeds <= AT_REST * speeds.max()]
+        return rests
+
+    def _rate(self, t: float) -> float:
+        rate, highest = float(self.trajectory.s(t, 1)), self.trajectory.coefficients[:, 1].max(initial=0.0)
+        return 0.0 if rate <= AT_REST * highest else rate
+
+    # -- the quickest stop
+
+    def braked(self, limits: JointLimits) -> Trajectory:
+        """The quickest stop along the old curve, within limits: with the least margin with which they hold.
+
+        Where the old law stops itself as quickly, at a corner or at its end, it is left to do so. The path ends with
+        the piece on which the robot stops.
+        """
+        begin = min(self.splice + HOLD, self.trajectory.duration)
+        rest = float(self._rests[self._rests >= begin][0])
+        for later, margin in product(LATER, MARGINS):
+            since = begin + later
+            if since >= rest:
+                break
+            braking = self._braking(self.s(since), self._rate(since), limits, margin)
+            if braking is None:
+                continue
+            rows, end = braking
+            found = self._along(self._up_to(end), [*self.rows(since), *rows], end)
+            if peaks(found, limits).highest <= 1.0 + TOLERANCE:
+                return found
+        end = self.s(rest)
+        return self._along(self._up_to(end), self.rows(rest), end)
+
+    def stop_from(self, handover: Handover, limits: JointLimits) -> float:
+        """About where a stop along the old curve ends that begins there."""
+        if not handover.rate > 0.0:
+            return handover.s
+        found = self._braking(handover.s, handover.rate, limits, 0.0)
+        return self.end if found is None else found[1]
+
+    def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> tuple[list[_Row], float] | None:
+        """Rows of a stop that begins at s, and where it ends; None if the old law rests before."""
+        path, rows = self.path, list[_Row]()
+        rest = min([k for k in path.knots[list(path.corners)].tolist() if k > s], default=self.end)
+        while s < min(rest, self.end):
+            piece = path.pieces_at(np.array([s]))
+            at = self._grid(s, int(piece[0]), min(rest, self.end))
+            slopes, bends = (path.on_pieces(np.repeat(piece, len(at)), at, order) for order in (1, 2))
+            for k, (a, b) in enumerate(pairwise(at.tolist())):
+                known = rate * rate, b - a
+                both = _window(slopes[k : k + 2], bends[k : k + 2], known, limits)
+                window = both or _window(slopes[k : k + 1], bends[k : k + 1], known, limits)
+                if window is None:
+                    return None
+                change = window[0] + margin * (window[1] - window[0])
+                square = rate * rate + 2.0 * change * (b - a)
+                if square <= 0.0:
+                    rows.append(_Row(rate / -change, a, rate, change / 2.0, 0.0))
+                    return rows, min(a + rate * rate / (-2.0 * change), b)
+                after = math.sqrt(square)
+                rows.append(_Row(2.0 * (b - a) / (rate + after), a, rate, change / 2.0, 0.0))
+                rate = after
+            s = float(at[-1])
+        return None
+
+    def _grid(self, s: float, piece: int, end: float) -> FloatArray:
+        """From s to the end of its piece, or an end before: in small steps on a blend."""
+        begins, ends = self.path.breaks[piece : piece + 2].tolist()
+        stop = min(ends, end)
+        steps = max(1, math.ceil(INTERVALS * (stop - s) / (ends - begins))) if self.path.blended[piece] else 1
+        return np.asarray(np.minimum(s + (stop - s) * (np.arange(steps + 1) / steps), stop))
+
+    def _up_to(self, s: float) -> JointPath:
+        """The path as far as the waypoint that follows s, or the one after if s is within a blend."""
+        path = self.path
+        last = int(np.flatnonzero(path.knots - path.blends >= s - SLIVER)[0])
+        if last == len(path.waypoints) - 1:
+            return path
+        blends = path.blends[: last + 1].copy()
+        blends[-1] = 0.0
+        return JointPath(path.waypoints[: last + 1], blends)
+
+    # -- another way
+
+    def onward(
+        self,
+        path: JointPath,
+        handover: Handover,
+        law: tuple[ToppRa, JointLimits],
+        *,
+        speed_limit: SpeedLimit | None = None,
+    ) -> tuple[Trajectory, LimitPeaks]:
+        """Along a path that is the old curve up to the handover at least: the old law up to there, then another.
+
+        Returns:
+            The motion from the splice on, and how close it comes to its limits, which it holds.
+
+        Raises:
+            TimingFailed: what comes after cannot be entered that fast, or there is no solution.
+        """
+        timing, limits = law
+        head = self.rows(handover.time)
+        for share in SHARES:
+            moving = (handover.s, handover.rate)
+            phases = timing.onward(path, limits, moving, speed_limit=speed_limit, blend_share=share)
+            rows = [_Row(p.duration, p.position, p.speed, p.acceleration / 2.0, p.jerk / 6.0) for p in phases]
+            try:
+                found = self._along(path, [*head, *rows], path.length)
+            except InvalidRequest as error:
+                raise TimingFailed(f"the laws do not meet ({error})") from error
+            ratios = peaks(found, limits)
+            if ratios.highest <= 1.0 + TOLERANCE:
+                return found, ratios
+        raise TimingFailed(f"limits are exceeded by {ratios.highest - 1.0:.2%}")
+
+
+def _window(
+    slopes: FloatArray, bends: FloatArray, known: tuple[float, float], limits: JointLimits
+) -> tuple[float, float] | None:
+    """The least and the largest d2s/dt2 within the limits at both ends of an interval; None if there is none.
+
+    Args:
+        slopes, bends: Derivatives of the path at both ends, (2, n), or at the first alone, (1, n).
+        known: The square of ds/dt at the first, and the length.
+    """
+    square, length = known
+    # at the second end the square is square + 2 length u
+    per_change = slopes + np.array([[0.0], [2.0 * length]])[: len(slopes)] * bends
+    fixed = bends * square
+    acceleration = np.broadcast_to(limits.acceleration, slopes.shape)
+    on = np.abs(per_change) > STANDING
+    if not np.any(on):
+        return None
+    a, b = (-acceleration[on] - fixed[on]) / per_change[on], (acceleration[on] - fixed[on]) / per_change[on]
+    low, high = float(np.minimum(a, b).max()), float(np.maximum(a, b).min())
+    return (low, high) if low <= high else None

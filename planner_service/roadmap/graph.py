@@ -1,0 +1,278 @@
+"""The geometry of a roadmap: milestones and the edges between them, whatever is known of these.
+
+A net only ever gains: its milestones and edges keep their numbers. What was grown at once is a ``Trunk``, for which
+more is worked out, once, than for the paths that were added one by one; nets that come from each other share it. What a
+net answers depends on its milestones and edges, on how many of them are its trunk's, and on nothing asked before.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, numbers, read_only
+from planner_service.search.problem import joint_distance
+
+__all__ = ["Neighbour", "Net", "Spots", "Trunk", "checked_edges", "motion"]
+
+IntArray = NDArray[np.int64]
+
+Neighbour = tuple[int, float, int]
+"""A milestone at the other end of an edge, the length of that edge, and its number."""
+
+SPACING = 0.1
+"""Metres of motion between places on an edge. With half of it the nearest place is no nearer: six joints are many."""
+
+MOST_ON_EDGES = 120_000
+"""Places on the edges of a trunk at most: beyond some ten thousand milestones these alone lie as close."""
+
+MOST_ON_ONE = 1_000
+"""Places on one edge at most; a robot's are a few metres long, those of a file may be anything."""
+
+
+class Trunk:
+    """Milestones and edges that were grown at once, and what is worked out for them when first asked for."""
+
+    def __init__(self, milestones: FloatArray, edges: IntArray, reach: FloatArray) -> None:
+        self.milestones, self.edges, self.reach = milestones, edges, reach
+        self._lists: dict[int, list[Neighbour]] = {}  # rows as they were asked for: lists are quicker than arrays
+
+    @cached_property
+    def _rows(self) -> tuple[list[int], IntArray, FloatArray, IntArray]:
+        """The edges at each milestone: where its rows begin; then other end, length and number of the edge of each."""
+        count = len(self.edges)
+        one, two = self.edges[:, 0], self.edges[:, 1]
+        at, other = np.concatenate([one, two]), np.concatenate([two, one])
+        order = np.lexsort((other, at))
+        starts = np.searchsorted(at[order], np.arange(len(self.milestones) + 1)).tolist()
+        number = np.concatenate([np.arange(count), np.arange(count)])[order]
+        return starts, other[order], lengths_of(self.milestones, self.edges)[number], number
+
+    def around(self, milestone: int) -> list[Neighbour]:
+        """What is joined to a milestone by edges; not to be changed."""
+        found = self._lists.get(milestone)
+        if found is None:
+            starts, other, lengths, number = self._rows
+            rows = slice(starts[milestone], starts[milestone + 1])
+            found = list(zip(other[rows].tolist(), lengths[rows].tolist(), number[rows].tolist(), strict=True))
+            self._lists[milestone] = found
+        return found
+
+    @cached_property
+    def components(self) -> list[int]:
+        """Which of the connected components each milestone is in, over edges of whatever verdict."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        count = len(self.milestones)
+        ends = (self.edges[:, 0], self.edges[:, 1])
+        graph = coo_array((np.ones(len(self.edges), dtype=np.int8), ends), shape=(count, count))
+        labels: list[int] = connected_components(graph, directed=False)[1].tolist() if count else []
+        return labels
+
+    @cached_property
+    def milestone_tree(self) -> Any:
+        """The milestones in metres of motion, to look up neighbours."""
+        return _tree_of(self.milestones * self.reach)
+
+    @cached_property
+    def spacing(self) -> float:
+        """Metres of motion between the places on an edge."""
+        a, b = self.milestones[self.edges[:, 0]], self.milestones[self.edges[:, 1]]
+        return max(SPACING, math.fsum(motion(a, b, self.reach).tolist()) / MOST_ON_EDGES)
+
+    @cached_property
+    def spots(self) -> Spots:
+        """The places on all edges."""
+        return Spots(self, np.arange(len(self.edges)), self.spacing)
+
+    @cached_property
+    def spot_tree(self) -> Any:
+        """These in metres of motion, to look up neighbours."""
+        return _tree_of(self.spots.q * self.reach)
+
+
+class Spots:
+    """Places along edges, evenly spaced: configurations (p, n), and the edge each is on, (p,)."""
+
+    def __init__(self, net: Net | Trunk, edges: IntArray, spacing: float) -> None:
+        ends = net.edges[edges]
+        a, b = net.milestones[ends[:, 0]], net.milestones[ends[:, 1]]
+        parts = np.clip(motion(a, b, net.reach) / spacing, 1, MOST_ON_ONE).astype(np.int64)
+        on = np.repeat(np.arange(len(edges)), parts - 1)
+        step = np.arange(len(on)) - np.repeat(np.cumsum(parts - 1) - (parts - 1), parts - 1) + 1
+        self.q = a[on] + (b - a)[on] * (step / parts[on])[:, None]
+        self.edge = edges[on]
+
+
+class Net:
+    """A trunk, and the paths added to it.
+
+    Attributes:
+        trunk: Its first milestones and edges.
+        milestones: Shape (N, n), read-only.
+        edges: Shape (E, 2), read-only: the two milestones of each edge, the smaller index first, each edge once.
+        reach: Metres that any point of the robot moves per unit of each joint at most, (n,): what an edge costs to
+            judge goes with the sum of ``reach * |dq|``.
+    """
+
+    def __init__(self, trunk: Trunk, milestones: FloatArray, edges: IntArray) -> None:
+        self.trunk, self.milestones, self.edges, self.reach = trunk, milestones, edges, trunk.reach
+        self._added: dict[int, tuple[Neighbour, ...]] = {}
+        self._merged: dict[int, int] = {}  # components that an added edge joined to others
+        self._note(range(len(trunk.edges), len(edges)))
+
+    @classmethod
+    def of(
+        cls, milestones: FloatArray, edges: IntArray, reach: FloatArray, grown: tuple[int, int] | None = None
+    ) -> Net:
+        """The net of some milestones and edges.
+
+        Args:
+            grown: How many of each are the trunk's; all if not given.
+
+        Raises:
+            InvalidRequest: there are not so many, or an edge of the trunk leads out of it.
+        """
+        count, many = (len(milestones), len(edges)) if grown is None else grown
+        if not (0 <= count <= len(milestones) and 0 <= many <= len(edges)) or (edges[:many] >= count).any():
+            raise InvalidRequest("grown", [count, many], "how many milestones and edges were grown at once")
+        return cls(Trunk(milestones[:count], edges[:many], reach), milestones, edges)
+
+    @property
+    def n(self) -> int:
+        """Joints."""
+        return int(self.milestones.shape[1])
+
+    @property
+    def grown(self) -> tuple[int, int]:
+        """How many milestones and edges are the trunk's."""
+        return len(self.trunk.milestones), len(self.trunk.edges)
+
+    @cached_property
+    def span(self) -> tuple[FloatArray, FloatArray]:
+        """The smallest and the largest value of each joint among the milestones, (n,) each."""
+        rows = self.milestones if len(self.milestones) else np.zeros((1, self.n))
+        return rows.min(axis=0), rows.max(axis=0)
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """L2 joint length of every edge, (E,): the bits of ``joint_distance``."""
+        return lengths_of(self.milestones, self.edges)
+
+    @cached_property
+    def added_spots(self) -> Spots:
+        """The places on edges that were added."""
+        return Spots(self, np.arange(len(self.trunk.edges), len(self.edges)), SPACING)
+
+    def around(self, milestone: int) -> list[Neighbour]:
+        """What is joined to a milestone by edges; not to be changed."""
+        found = self.trunk.around(milestone) if milestone < len(self.trunk.milestones) else []
+        return [*found, *self._added[milestone]] if milestone in self._added else found
+
+    def component(self, milestone: int) -> int:
+        """A number that milestones have in common between which there is a way over edges, blocked ones included."""
+        count = len(self.trunk.milestones)
+        known = self.trunk.components[milestone] if milestone < count else milestone + count
+        while known in self._merged:
+            known = self._merged[known]
+        return known
+
+    def with_path(self, points: FloatArray) -> tuple[Net, list[int], list[int]]:
+        """The net with the waypoints (k, n) of a path as milestones, where none is yet, and its pieces as edges.
+
+        Returns:
+            It, which milestones the waypoints are, and the numbers of the pieces.
+        """
+        count, new = len(self.milestones), []
+        path: list[int] = []
+        for q in points.tolist():
+            there = np.flatnonzero((self.milestones == np.array(q)).all(axis=1))
+            if len(there) == 0 and q not in new:
+                new.append(q)
+            path.append(int(there[0]) if len(there) else count + new.index(q))
+        steps = [(min(a, b), max(a, b)) for a, b in pairwise(path) if a != b]
+        number: dict[tuple[int, int], int] = {}
+        for a, b in steps:
+            known = next((row[2] for row in self.around(a) if row[0] == b), None) if b < count else None
+            if known is not None:
+                number[a, b] = known
+        joined = list(dict.fromkeys(step for step in steps if step not in number))
+        number.update({step: len(self.edges) + k for k, step in enumerate(joined)})
+        milestones = read_only(np.concatenate([self.milestones, np.array(new, dtype=np.float64).reshape(-1, self.n)]))
+        edges = _frozen(np.concatenate([self.edges, np.array(joined, dtype=np.int64).reshape(-1, 2)]))
+        return self._longer(milestones, edges), path, [number[step] for step in steps]
+
+    def _longer(self, milestones: FloatArray, edges: IntArray) -> Net:
+        """This net and more."""
+        net = Net(self.trunk, milestones, edges[: len(self.trunk.edges)])
+        net._added, net._merged, net.edges = dict(self._added), dict(self._merged), edges
+        net._note(range(len(self.edges), len(edges)))
+        return net
+
+    def _note(self, numbers: range) -> None:
+        """Take in edges that were added, by their numbers."""
+        for number in numbers:
+            a, b = self.edges[number].tolist()
+            length = joint_distance(self.milestones[a].tolist(), self.milestones[b].tolist())
+            self._added[a] = (*self._added.get(a, ()), (b, length, number))
+            self._added[b] = (*self._added.get(b, ()), (a, length, number))
+            one, two = self.component(a), self.component(b)
+            if one != two:
+                self._merged[two] = one
+
+
+def motion(a: FloatArray, b: FloatArray, reach: FloatArray) -> FloatArray:
+    """Metres that any point of a robot moves from configurations a (m, n) to b, (m, n) or (n,), at most; (m,)."""
+    total = np.zeros(len(a))
+    for joint, metres in enumerate(reach.tolist()):
+        total = total + metres * np.abs(b[..., joint] - a[:, joint])
+    return np.asarray(total)
+
+
+def lengths_of(milestones: FloatArray, edges: IntArray) -> FloatArray:
+    """L2 joint length of every edge, (E,), read-only."""
+    total = np.zeros(len(edges))
+    for column in milestones.T:
+        difference = column[edges[:, 1]] - column[edges[:, 0]]
+        total = total + difference * difference
+    return read_only(np.sqrt(total))
+
+
+def _tree_of(points: FloatArray) -> Any:
+    """The tree in which neighbours of points (m, n) are looked up."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
+def checked_edges(edges: ArrayLike, count: int) -> IntArray:
+    """Edges among ``count`` milestones as a user gives them: the smaller index first, sorted, each once; read-only.
+
+    Raises:
+        InvalidRequest: not rows of two different milestones that are there.
+    """
+    expected = "rows of two milestones each, shape (E, 2)"
+    given = numbers("edges", edges, expected)
+    if given.size and (given.ndim != 2 or given.shape[1] != 2 or not np.array_equal(given, np.floor(given))):
+        raise InvalidRequest("edges", edges, expected)
+    pairs = given.reshape(-1, 2)
+    wrong = ~((pairs >= 0) & (pairs < count)).all(axis=1) | (pairs[:, 0] == pairs[:, 1])
+    if wrong.any():
+        row = pairs[int(np.flatnonzero(wrong)[0])].tolist()
+        raise InvalidRequest("edges", row, f"two different milestones of {count}")
+    ends = np.sort(pairs.astype(np.int64), axis=1)
+    each = np.unique(ends[:, 0] * count + ends[:, 1])  # as rows, but sorted ten times as fast
+    return _frozen(np.stack(np.divmod(each, max(count, 1)), axis=1))
+
+
+def _frozen(edges: IntArray) -> IntArray:
+    edges = np.ascontiguousarray(edges, dtype=np.int64)
+    edges.flags.writeable = False
+    return edges

@@ -1,0 +1,1 @@
+"""Robots as immutable values, and the files they are read from."""

@@ -1,0 +1,326 @@
+"""Robots made from files: robot.toml with its URDF, or a URDF alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.geometry.shapes import FloatArray, number
+from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
+from planner_service.robot.srdf import Srdf, read_srdf
+from planner_service.robot.toml_reader import GripperEntry, RobotFile, read_robot_file
+from planner_service.robot.urdf_assembly import Assembly, assemble, compose, locked_positions, transform
+from planner_service.robot.urdf_model import Urdf, UrdfJoint
+from planner_service.robot.urdf_reader import read_urdf
+
+__all__ = ["Selection", "robot_from_file", "robot_from_urdf", "robot_of", "standing_joints"]
+
+HOME = "home"
+
+ACCELERATION = {"revolute": 3.141596, "prismatic": 0.5}
+"""rad/s^2 and m/s^2. URDF has no accelerations; these are the usual ones in MoveIt configurations, a convention."""
+JERK = {"revolute": 50.0, "prismatic": 10.0}
+"""rad/s^3 and m/s^3: our convention, full acceleration within about 60 ms."""
+
+ALONG = 1e-6
+"""By how much the cosine between an axis and a direction along it may fall short of 1: about 1.4 mrad."""
+
+
+def robot_from_file(path: Path) -> Robot:
+    """The robot of a robot.toml.
+
+    Raises:
+        InvalidFile: with every problem of the file, or of its URDF.
+        MissingDependency: its files come with a package that is not installed.
+    """
+    file = read_robot_file(path)
+    urdf = read_urdf(file.urdf, file.package_dirs, file.decompose)
+    problems = _disagreements(file, urdf)
+    if problems:
+        raise InvalidFile(path, problems)
+    fingers = file.gripper.joints if file.gripper else ()
+    locked = locked_positions(urdf, file.joints, {**file.locked, **dict.fromkeys(fingers, 0.0)})
+    assembly = assemble(file.urdf, urdf, file.joints, locked)
+    moving = [link for link in file.base_links if assembly.frames[link][0] != 0]
+    if moving:
+        raise InvalidFile(path, [f"base_links: {link} moves; expected a link fixed to the base" for link in moving])
+    tool_body, tool_placement = assembly.frames[file.tool_frame]
+    gripper = _gripper(file.gripper, urdf, assembly)
+    if gripper is not None:
+        _require_closing(path, gripper, tool_body, tool_placement)
+    robot = Robot(
+        name=file.name,
+        joint_names=file.joints,
+        limits=JointLimits(**{key: np.array(values) for key, values in file.limits.items()}),
+        named_poses=tuple((name, np.array(q)) for name, q in file.poses.items()),
+        base_links=file.base_links,
+        tool_frame=file.tool_frame,
+        tool_body=tool_body,
+        tool_placement=tool_placement,
+        bodies=assembly.bodies,
+        shapes=assembly.shapes,
+        allowed_contacts=tuple(AllowedContact(links, reason) for links, reason in file.allowed),
+        gripper=gripper,
+        retreats=tuple(ExemptRetreat(r.pose, np.array(r.to), r.pairs, r.reason) for r in file.retreats),
+        inverse=file.inverse,
+        settle_time=file.settle_time,
+    )
+    return robot if file.gripper is None else robot.with_gripper(file.gripper.width)
+
+
+def _disagreements(file: RobotFile, urdf: Urdf) -> list[str]:
+    """What robot.toml says that its URDF does not know or bear."""
+    links = {link.name for link in urdf.links}
+    movable = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
+    problems = []
+    fingers = file.gripper.joints if file.gripper else ()
+    for where, names in (("joints", file.joints), ("gripper.joints", fingers), ("locked_joints", tuple(file.locked))):
+        problems += [f"{where}: {name!r} is no movable joint of the URDF" for name in names if name not in movable]
+    used = [*file.joints, *fingers, *file.locked]
+    problems += [f"joint {name!r} is listed more than once" for name in sorted(set(used)) if used.count(name) > 1]
+    standing = locked_positions(urdf, file.joints, {**file.locked, **dict.fromkeys(fingers, 0.0)})
+    problems += _unaccounted(movable.values(), file.joints, standing)
+    named = [("tool_frame", file.tool_frame), *(("base_links", link) for link in file.base_links)]
+    named += [(f"allowed_contacts[{i}].links", link) for i, (pair, _) in enumerate(file.allowed) for link in pair]
+    named += [(f"retreat[{i}].pairs", link) for i, r in enumerate(file.retreats) for pair in r.pairs for link in pair]
+    problems += [f"{where}: {link!r} is no link of the URDF" for where, link in named if link not in links]
+    seen = [frozenset(pair) for pair, _ in file.allowed]
+    problems += [f"allowed_contacts: {' x '.join(sorted(p))} is listed twice" for p in set(seen) if seen.count(p) > 1]
+    problems += _loose_limits(file, movable) + _unjudged(urdf)
+    return problems + (_gripper_problems(file.gripper, movable) if file.gripper else [])
+
+
+def _unjudged(urdf: Urdf) -> list[str]:
+    return [] if urdf.shape_count else ["no link of the URDF has a collision shape: nothing could ever collide"]
+
+
+def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: Mapping[str, float]) -> list[str]:
+    problems = []
+    for joint in movable:
+        if joint.name in joints:
+            if joint.mimic is not None:
+                problems.append(
+                    f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: following is not supported"
+                )
+        elif joint.name not in standing and joint.mimic is not None:
+            problems.append(
+                f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: following a joint is not supported"
+            )
+        elif joint.name not in standing:
+            problems.append(f"movable joint {joint.name!r} is neither in joints, nor in the gripper, nor locked")
+    return problems
+
+
+def _loose_limits(file: RobotFile, movable: Mapping[str, UrdfJoint]) -> list[str]:
+    problems = []
+    for index, name in enumerate(file.joints):
+        if name in movable:
+            joint = movable[name]
+            low, high = file.limits["lower"][index], file.limits["upper"][index]
+            if low < joint.lower or high > joint.upper:
+                problems.append(
+                    f"limits.position: {name} [{low:g}, {high:g}] exceeds the URDF's [{joint.lower:g}, {joint.upper:g}]"
+                )
+            if file.limits["velocity"][index] > joint.velocity:
+                problems.append(f"limits.velocity: {name} exceeds the URDF's {joint.velocity:g}")
+    for name, position in file.locked.items():
+        if name in movable and not movable[name].lower <= position <= movable[name].upper:
+            problems.append(
+                f"locked_joints: {name} = {position:g} is outside [{movable[name].lower:g}, {movable[name].upper:g}]"
+            )
+    return problems
+
+
+def _gripper_problems(entry: GripperEntry, movable: Mapping[str, UrdfJoint]) -> list[str]:
+    problems = []
+    for name in entry.joints:
+        joint = movable.get(name)
+        if joint is None:
+            continue
+        if joint.kind != "prismatic":
+            problems.append(f"gripper.joints: {name} is {joint.kind}; expected prismatic")
+        if entry.upper / 2 > joint.upper or entry.lower / 2 < joint.lower:
+            problems.append(
+                f"gripper: [{entry.lower:g}, {entry.upper:g}] needs {name} beyond [{joint.lower:g}, {joint.upper:g}]"
+            )
+    return problems
+
+
+def _gripper(entry: GripperEntry | None, urdf: Urdf, assembly: Assembly) -> Gripper | None:
+    """The gripper, with the directions in which its fingers open; the assembly has it closed."""
+    if entry is None:
+        return None
+    directions: dict[str, tuple[float, float, float]] = {}
+    for joint in urdf.joints:
+        if joint.name in entry.joints:
+            R = compose(assembly.frames[joint.parent][1], transform(joint.xyz, joint.rpy))[:3, :3].tolist()
+            u, v, w = joint.axis
+            x, y, z = (row[0] * u + row[1] * v + row[2] * w for row in R)
+            directions |= dict.fromkeys(_downstream(urdf, joint.child), (x, y, z))
+    closed = tuple(item for item in assembly.shapes if item.link in directions)
+    along = tuple(directions[item.link] for item in closed)
+    links, axes = tuple(directions), (entry.approach, entry.closing)
+    return Gripper(entry.joints, links, entry.lower, entry.upper, closed, along, *axes)
+
+
+def _require_closing(path: Path, gripper: Gripper, tool_body: int, tool: FloatArray) -> None:
+    """Refuse a closing axis along which the fingers do not move."""
+    x, y, z = gripper.closing
+    axis = [float(row[0] * x + row[1] * y + row[2] * z) for row in tool[:3, :3]]  # in the tool's body
+    for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
+        if item.body == tool_body and abs(abs(u * axis[0] + v * axis[1] + w * axis[2]) - 1.0) > ALONG:
+            columns = tool[:3, :3].T.tolist()
+            there = ", ".join(f"{a * u + b * v + c * w:.3g}" for a, b, c in columns)
+            found = f"gripper.closing = {list(gripper.closing)}; {item.link} moves along [{there}] of the tool frame"
+            raise InvalidFile(path, [found])
+
+
+def _downstream(urdf: Urdf, link: str) -> list[str]:
+    links = [link]
+    for parent in links:  # grows while it is read
+        links += [joint.child for joint in urdf.joints if joint.parent == parent]
+    return links
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """What of a URDF becomes the robot; see ``Robot.from_urdf``."""
+
+    tool_frame: str | None = None
+    srdf: Path | None = None
+    joints: tuple[str, ...] | None = None
+    locked_joints: Mapping[str, float] = field(default_factory=dict)
+    decompose: Mapping[str, int] = field(default_factory=dict)
+
+
+def robot_from_urdf(path: Path, package_dirs: Sequence[Path], selection: Selection) -> Robot:
+    """See ``Robot.from_urdf``."""
+    return robot_of(path, read_urdf(path, package_dirs, selection.decompose), selection)
+
+
+def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
+    """The robot of the URDF that was read from ``path``; see ``Robot.from_urdf``."""
+    movable = _movable(urdf)
+    locked = standing_joints(urdf, selection)
+    names = tuple(name for name in movable if name not in locked) if selection.joints is None else selection.joints
+    joints = [movable[name] for name in names]
+    problems = _unaccounted(movable.values(), names, locked)
+    problems += [
+        f"joint {joint.name!r}: lower and upper are both {joint.lower:g}, it cannot move; lock it (locked_joints)"
+        for joint in joints
+        if joint.lower >= joint.upper
+    ]
+    problems += _unjudged(urdf)
+    if not joints:
+        problems.append("no joint moves")
+    if problems:
+        raise InvalidFile(path, problems)
+    srdf = Srdf() if selection.srdf is None else read_srdf(selection.srdf, urdf)
+    tool = _last_link(urdf) if selection.tool_frame is None else selection.tool_frame
+    assembly = assemble(path, urdf, names, locked)
+    if not isinstance(tool, str) or tool not in assembly.frames:
+        raise UnknownName("tool frame", tool, assembly.frames)
+    return Robot(
+        name=urdf.name,
+        joint_names=names,
+        limits=_urdf_limits(joints),
+        named_poses=_poses(joints, srdf.states),
+        base_links=tuple(link for link, (body, _) in assembly.frames.items() if body == 0),
+        tool_frame=tool,
+        tool_body=assembly.frames[tool][0],
+        tool_placement=assembly.frames[tool][1],
+        bodies=assembly.bodies,
+        shapes=assembly.shapes,
+        allowed_contacts=(*_adjacent(urdf, assembly), *srdf.contacts),
+    )
+
+
+def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
+    """Positions of the joints that do not move, the ones that mimic these among them.
+
+    Raises:
+        UnknownName: no such joint.
+        InvalidRequest: a joint both moves and is locked, or a position is outside its limits.
+    """
+    movable = _movable(urdf)
+    given = dict(selection.locked_joints)
+    for name, position in given.items():
+        if not isinstance(name, str) or name not in movable:
+            raise UnknownName("joint", name, movable)
+        lower, upper = movable[name].lower, movable[name].upper
+        expected = f"a position in [{lower:g}, {upper:g}]"
+        given[name] = number(f"locked_joints[{name!r}]", position, expected, lower, upper)
+    if selection.joints is None:
+        return locked_positions(urdf, (), given)
+    for name in selection.joints:
+        if not isinstance(name, str) or name not in movable:
+            raise UnknownName("joint", name, movable)
+        if name in given:
+            raise InvalidRequest(f"locked_joints[{name!r}]", given[name], "no joint that is in joints, too")
+    if not selection.joints or len(set(selection.joints)) != len(selection.joints):
+        raise InvalidRequest("joints", selection.joints, "at least one joint, and none twice")
+    others = [joint for name, joint in movable.items() if name not in selection.joints and joint.mimic is None]
+    return locked_positions(urdf, selection.joints, {joint.name: _rest(joint) for joint in others} | given)
+
+
+def _movable(urdf: Urdf) -> dict[str, UrdfJoint]:
+    return {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
+
+
+def _poses(
+    joints: Sequence[UrdfJoint], states: Mapping[str, Mapping[str, float]]
+) -> tuple[tuple[str, FloatArray], ...]:
+    """Home, and the states that say something of the moving joints; what a state leaves out stands as at home."""
+    home = {joint.name: _rest(joint) for joint in joints}
+    told = {name: {k: v for k, v in values.items() if k in home} for name, values in states.items()}
+    home |= told.pop(HOME, {})
+    poses = [(HOME, home), *((name, home | values) for name, values in told.items() if values)]
+    return tuple((name, np.array([values[joint.name] for joint in joints])) for name, values in poses)
+
+
+def _urdf_limits(joints: Sequence[UrdfJoint]) -> JointLimits:
+    def column(values: Iterable[float]) -> FloatArray:
+        return np.array(list(values))
+
+    return JointLimits(
+        lower=column(joint.lower for joint in joints),
+        upper=column(joint.upper for joint in joints),
+        velocity=column(joint.velocity for joint in joints),
+        acceleration=column(ACCELERATION[joint.kind] for joint in joints),
+        jerk=column(JERK[joint.kind] for joint in joints),
+    )
+
+
+def _rest(joint: UrdfJoint) -> float:
+    return 0.0 if joint.lower <= 0.0 <= joint.upper else (joint.lower + joint.upper) / 2
+
+
+def _last_link(urdf: Urdf) -> str:
+    """The last link of the longest chain; of several, the first in the file."""
+    above = {joint.child: joint.parent for joint in urdf.joints}
+
+    def depth(link: str) -> int:
+        count = 0
+        while link in above:
+            link, count = above[link], count + 1
+        return count
+
+    return max((link.name for link in urdf.links), key=depth)
+
+
+def _adjacent(urdf: Urdf, assembly: Assembly) -> tuple[AllowedContact, ...]:
+    """Each link with shapes and the nearest link above it that has some, if they move against each other."""
+    body_of = {item.link: item.body for item in assembly.shapes}
+    above = {joint.child: joint.parent for joint in urdf.joints}
+    contacts = []
+    for link, body in body_of.items():
+        parent = above.get(link)
+        while parent is not None and parent not in body_of:
+            parent = above.get(parent)
+        if parent is not None and body_of[parent] != body:
+            contacts.append(AllowedContact((parent, link), "adjacent"))
+    return tuple(contacts)

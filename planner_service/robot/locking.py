@@ -1,0 +1,146 @@
+"""A robot some of whose joints stand still: what they carry becomes part of what carries them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, replace
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.shapes import FloatArray, Pose, number
+from planner_service.robot.kinematic_tree import Body, LinkShape
+from planner_service.robot.model import ExemptRetreat, Gripper, JointLimits, Robot
+from planner_service.robot.urdf_assembly import compose
+
+__all__ = ["lock_joints"]
+
+Anchor = tuple[int, FloatArray | None]
+"""Which body of the new robot an old one belongs to, and T_new_old; None where the two are one and the same."""
+
+
+def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
+    """See ``Robot.locked``."""
+    positions = _checked(robot, joints)
+    if not positions:
+        return robot
+    kept = [index for index in range(robot.n) if index not in positions]
+    bodies, anchors = _merged(robot, positions, kept)
+    shapes = tuple(_moved(item, anchors) for item in robot.shapes)
+    standing = dict.fromkeys([*robot.base_links, *(item.link for item in shapes if item.body == 0)])
+    tool_body, offset = anchors[robot.tool_body]
+    on_the_way = any(index in positions for index in _joints_above(robot, robot.tool_body))
+    return replace(
+        robot,
+        joint_names=tuple(robot.joint_names[index] for index in kept),
+        limits=JointLimits(**{item.name: getattr(robot.limits, item.name)[kept] for item in fields(JointLimits)}),
+        named_poses=tuple((name, q[kept]) for name, q in robot.named_poses),
+        base_links=tuple(standing),
+        tool_body=tool_body,
+        tool_placement=robot.tool_placement if offset is None else compose(offset, robot.tool_placement),
+        bodies=bodies,
+        shapes=shapes,
+        gripper=robot.gripper and _moved_gripper(robot.gripper, anchors),
+        retreats=_kept_retreats(robot, positions, kept, shapes),
+        inverse="numeric" if on_the_way else robot.inverse,
+    )
+
+
+def _checked(robot: Robot, joints: Mapping[str, float]) -> dict[int, float]:
+    """Positions by the number of the joint."""
+    if not isinstance(joints, Mapping):
+        raise InvalidRequest("joints", joints, "positions by the names of joints")
+    positions = {}
+    for name, position in joints.items():
+        if name not in robot.joint_names:
+            raise UnknownName("joint", name, robot.joint_names)
+        index = robot.joint_names.index(name)
+        low, high = float(robot.limits.lower[index]), float(robot.limits.upper[index])
+        positions[index] = number(f"joints[{name!r}]", position, f"a position in [{low:g}, {high:g}]", low, high)
+    if len(positions) == robot.n:
+        raise InvalidRequest("joints", sorted(joints), f"at least one of the {robot.n} joints left to move")
+    return positions
+
+
+def _merged(robot: Robot, positions: Mapping[int, float], kept: list[int]) -> tuple[tuple[Body, ...], list[Anchor]]:
+    """The bodies that still move, after the base, and where each old one went."""
+    bodies = [robot.bodies[0]]
+    anchors: list[Anchor] = [(0, None)]
+    for body in robot.bodies[1:]:
+        parent, offset = anchors[body.parent]
+        placement = body.placement if offset is None else compose(offset, body.placement)
+        if body.q_index in positions:
+            anchors.append((parent, compose(placement, _motion(body, positions[body.q_index]))))
+        else:
+            anchors.append((len(bodies), None))
+            bodies.append(replace(body, parent=parent, placement=placement, q_index=kept.index(body.q_index)))
+    return tuple(bodies), anchors
+
+
+def _motion(body: Body, position: float) -> FloatArray:
+    """T_joint_body at a position: a slide along the axis, or a turn about it (Rodrigues)."""
+    T = np.eye(4)
+    if body.prismatic:
+        T[:3, 3] = body.axis * position
+        return T
+    x, y, z = body.axis.tolist()
+    s, k = math.sin(position), math.cos(position)
+    v = 1.0 - k
+    T[:3, :3] = [
+        [k + x * x * v, x * y * v - z * s, x * z * v + y * s],
+        [y * x * v + z * s, k + y * y * v, y * z * v - x * s],
+        [z * x * v - y * s, z * y * v + x * s, k + z * z * v],
+    ]
+    return T
+
+
+def _moved(item: LinkShape, anchors: list[Anchor]) -> LinkShape:
+    body, offset = anchors[item.body]
+    pose = item.pose if offset is None else Pose.from_matrix(compose(offset, item.pose.matrix))
+    return replace(item, body=body, pose=pose)
+
+
+def _moved_gripper(gripper: Gripper, anchors: list[Anchor]) -> Gripper:
+    directions = []
+    for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
+        offset = anchors[item.body][1]
+        if offset is not None:
+            u, v, w = (a * u + b * v + c * w for a, b, c in offset[:3, :3].tolist())
+        directions.append((u, v, w))
+    return replace(
+        gripper, closed=tuple(_moved(item, anchors) for item in gripper.closed), directions=tuple(directions)
+    )
+
+
+def _kept_retreats(
+    robot: Robot, positions: Mapping[int, float], kept: list[int], shapes: tuple[LinkShape, ...]
+) -> tuple[ExemptRetreat, ...]:
+    """The ways out whose pairs still move against each other exactly as they were meant to.
+
+    What a retreat exempts was looked at on one line of the joints between the two links: with one of these standing
+    anywhere else, nothing is known of it.
+    """
+    old, new = ({item.link: item.body for item in found} for found in (robot.shapes, shapes))
+    found = []
+    for retreat in robot.retreats:
+        rest = robot.pose(retreat.pose)
+        judged = tuple((a, b) for a, b in retreat.pairs if new[a] != new[b])
+        between = {
+            index
+            for a, b in judged
+            for index in set(_joints_above(robot, old[a])) ^ set(_joints_above(robot, old[b]))
+            if index in positions
+        }
+        if judged and all(float(rest[i]) == positions[i] == float(retreat.to[i]) for i in between):
+            found.append(replace(retreat, to=retreat.to[kept], pairs=judged))
+    return tuple(found)
+
+
+def _joints_above(robot: Robot, body: int) -> list[int]:
+    """The joints that move a body."""
+    found = []
+    while body > 0:
+        found.append(robot.bodies[body].q_index)
+        body = robot.bodies[body].parent
+    return found

@@ -1,0 +1,452 @@
+"""A robot as an immutable value: where its bodies are, how fast it may move, what of it may touch what."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from types import NoneType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.files.package_data import data_folder
+from planner_service.files.reading import as_path
+from planner_service.geometry.shapes import (
+    FloatArray,
+    Pose,
+    Shape,
+    copied_in,
+    finite_numbers,
+    instance,
+    items,
+    number,
+    numbers,
+    read_only,
+    text,
+    whole,
+)
+from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkShape
+from planner_service.robot.reach import reach_bounds
+
+__all__ = [
+    "AllowedContact",
+    "Body",
+    "ExemptRetreat",
+    "Gripper",
+    "JointLimits",
+    "LinkShape",
+    "Robot",
+    "load_robot",
+    "robot_names",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of the moving joints, each of shape (n,), in rad, s (m for a prismatic joint)."""
+
+    lower: FloatArray
+    upper: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            array = numbers(item.name, getattr(self, item.name), "finite numbers of shape (n,)")
+            if array.ndim != 1 or not np.all(np.isfinite(array)):
+                raise InvalidRequest(item.name, array, "finite numbers of shape (n,)")
+            object.__setattr__(self, item.name, array)
+        if len({len(getattr(self, item.name)) for item in fields(self)}) != 1:
+            raise InvalidRequest("limits", [len(getattr(self, item.name)) for item in fields(self)], "equal lengths")
+        if np.any(self.lower >= self.upper):
+            raise InvalidRequest("lower", self.lower, f"below upper = {self.upper}; lock a joint that does not move")
+        for name in ("velocity", "acceleration", "jerk"):
+            if np.any(getattr(self, name) <= 0.0):
+                raise InvalidRequest(name, getattr(self, name), "positive numbers")
+
+
+@dataclass(frozen=True)
+class AllowedContact:
+    """Two links that are not judged against each other, and why."""
+
+    links: tuple[str, str]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Gripper:
+    """A parallel gripper: its width is the gap between the pads, each finger standing at half of it.
+
+    Attributes:
+        joints: The finger joints.
+        links: The links these move, with collision shapes or without.
+        lower: Smallest width in metres.
+        upper: Largest width in metres.
+        closed: The shapes of ``links`` at width 0.
+        directions: For each of ``closed``, the unit direction in its body in which it opens.
+        approach: Unit vector in the tool frame that points from the palm to the fingertips: a grasp comes along it.
+        closing: Unit vector in the tool frame along which the fingers move, square to ``approach``.
+    """
+
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    lower: float
+    upper: float
+    closed: tuple[LinkShape, ...]
+    directions: tuple[tuple[float, float, float], ...]
+    approach: tuple[float, float, float]
+    closing: tuple[float, float, float]
+
+    def shapes(self, width: float) -> tuple[LinkShape, ...]:
+        """The finger shapes at ``width``, in the order of ``closed``."""
+        moved = []
+        for item, direction in zip(self.closed, self.directions, strict=True):
+            x, y, z = (p + width / 2 * d for p, d in zip(item.pose.position, direction, strict=True))
+            moved.append(replace(item, pose=Pose((x, y, z), item.pose.quaternion)))
+        return tuple(moved)
+
+
+@dataclass(frozen=True, eq=False)
+class ExemptRetreat:
+    """The one fixed way out of a named pose, straight to ``to`` (n,), on which ``pairs`` of links are not judged."""
+
+    pose: str
+    to: FloatArray
+    pairs: tuple[tuple[str, str], ...]
+    reason: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "to", read_only(self.to))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot, its gripper standing at ``gripper_width``; made by ``load_robot`` or ``Robot.from_urdf``.
+
+    Attributes:
+        joint_names: The n joints of q, in order.
+        named_poses: Name and q (n,) of each named pose, "home" among them.
+        base_links: Links that stand still; they are not judged against static obstacles.
+        tool_frame: The link whose frame is the tool's; it is fixed to body ``tool_body`` at ``tool_placement``,
+            4 x 4 T_body_tool.
+        bodies: Moving bodies, parents before children; the first is the fixed base.
+        shapes: Collision shapes of all links; links fixed to each other share a body.
+        gripper_width: Gap between the finger pads in metres; 0 without a gripper.
+        inverse: Which inverse kinematics fits: "wxai" or "numeric".
+        settle_time: Seconds the arm rings after a stop.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    limits: JointLimits
+    named_poses: tuple[tuple[str, FloatArray], ...]
+    base_links: tuple[str, ...]
+    tool_frame: str
+    tool_body: int
+    tool_placement: FloatArray
+    bodies: tuple[Body, ...]
+    shapes: tuple[LinkShape, ...]
+    allowed_contacts: tuple[AllowedContact, ...] = ()
+    gripper: Gripper | None = None
+    gripper_width: float = 0.0
+    retreats: tuple[ExemptRetreat, ...] = ()
+    inverse: str = "numeric"
+    settle_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "named_poses", tuple((name, read_only(q)) for name, q in self.named_poses))
+        object.__setattr__(self, "tool_placement", read_only(self.tool_placement))
+        copied_in(self, "joint_names", "base_links", "bodies", "shapes", "allowed_contacts", "retreats")
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: Path | str,
+        tool_frame: str | None = None,
+        srdf: Path | str | None = None,
+        package_dirs: Sequence[Path | str] = (),
+        locked_joints: Mapping[str, float] | None = None,
+        joints: Sequence[str] | None = None,
+        decompose: Mapping[str, int] | None = None,
+    ) -> Robot:
+        """Any arm whose URDF describes its collision geometry by boxes, cylinders, spheres and meshes.
+
+        A mesh (STL, OBJ, PLY, COLLADA) is judged as its solid convex hull, or as the pieces it is cut into.
+
+        A link and the next one above it that has shapes may touch; accelerations and jerks, which URDF does not know,
+        are stated conventions (``robot_source``), and so is the range of a continuous joint, a full turn either way;
+        home is zero where the limits allow it, else their middle.
+
+        Args:
+            tool_frame: The last link of the longest chain if None.
+            srdf: A file whose ``<disable_collisions>`` are allowed contacts, reasons included, and whose
+                ``<group_state>`` are named poses; what one leaves out stands as at home, which a state may be, too.
+            package_dirs: Folders besides the URDF's own in which meshes may lie; ``package://name/rest`` is
+                ``name/rest`` or ``rest`` in one of them.
+            locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic these follow.
+            joints: The joints of q, in this order: a part of a larger robot. Every other joint is locked, at zero if
+                its limits allow, else at their middle. If None, all that are not locked move, in the file's order.
+            decompose: Links whose meshes fill too much as hulls, and into how many convex pieces each mesh is cut at
+                most (extra ``decompose``).
+
+        Raises:
+            InvalidFile: the URDF or SRDF has problems; all of them are named. A joint that would have to follow one
+                that moves (``<mimic>``) is a problem: lock both.
+            UnknownName: no such tool frame or joint.
+            InvalidRequest: a position outside the limits of its joint, or a joint that is named twice.
+        """
+        from planner_service.robot.loading import Selection, robot_from_urdf
+
+        instance("tool_frame", tool_frame, (str, NoneType), "the name of a link, or None")
+        for field, given in (("locked_joints", locked_joints), ("decompose", decompose)):
+            instance(field, given, (Mapping, NoneType), "numbers by name, or None")
+        names = None if joints is None else items("joints", joints, str, "a sequence of names")
+        given_folders = items("package_dirs", package_dirs, object, "folders")
+        folders = tuple(as_path("package_dirs", folder) for folder in given_folders)
+        selection = Selection(
+            tool_frame,
+            None if srdf is None else as_path("srdf", srdf),
+            names,
+            dict(locked_joints or {}),
+            dict(decompose or {}),
+        )
+        return robot_from_urdf(as_path("path", path), folders, selection)
+
+    @property
+    def n(self) -> int:
+        """Number of joints in q."""
+        return len(self.joint_names)
+
+    @property
+    def poses(self) -> dict[str, FloatArray]:
+        """The named poses, each (n,)."""
+        return dict(self.named_poses)
+
+    @property
+    def home(self) -> FloatArray:
+        """The pose to start from, (n,)."""
+        return self.pose("home")
+
+    def pose(self, name: str) -> FloatArray:
+        """A named pose, (n,).
+
+        Raises:
+            UnknownName: there is none of that name.
+        """
+        poses = self.poses
+        if text("name", name) not in poses:
+            raise UnknownName("pose", name, poses)
+        return poses[name]
+
+    @cached_property
+    def _tree(self) -> BodyTree:
+        return BodyTree(self.bodies)
+
+    def body_poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
+        """World pose of every body as (r00, r01, r02, r10, ..., r22, x, y, z); q (n,) must be finite."""
+        try:
+            return self._tree.poses(q)
+        except (TypeError, ValueError, LookupError, ArithmeticError):  # no check before: planners ask this all the time
+            raise InvalidRequest("q", q, f"{self.n} finite numbers") from None
+
+    def body_poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
+        """World rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for Q (m, n): the bits of ``body_poses``.
+
+        Args:
+            portable: Bits that are the same on every processor instead, for what a path is made of.
+        """
+        return self._tree.poses_batch(Q, portable=portable)
+
+    def tool_pose(self, q: Sequence[float] | FloatArray) -> FloatArray:
+        """4 x 4 T_world_tool."""
+        return np.array([*self.tool_rows(finite_numbers("q", q, self.n)), [0.0, 0.0, 0.0, 1.0]])
+
+    def tool_rows(self, q: Sequence[float] | FloatArray) -> list[list[float]]:
+        """The first three rows of ``tool_pose``, by scalar arithmetic."""
+        a, b, c, d, e, f, g, h, i, x, y, z = self.body_poses(q)[self.tool_body]
+        columns = self._tool_columns
+        return [
+            [u * k[0] + v * k[1] + w * k[2] + at * k[3] for k in columns]
+            for u, v, w, at in ((a, b, c, x), (d, e, f, y), (g, h, i, z))
+        ]
+
+    @cached_property
+    def _tool_columns(self) -> list[list[float]]:
+        return [list(column) for column in self.tool_placement.T.tolist()]
+
+    def tool_jacobian(self, q: Sequence[float] | FloatArray) -> FloatArray:
+        """6 x n: linear velocity of the tool's origin, then angular, world axes (Pinocchio's LOCAL_WORLD_ALIGNED)."""
+        poses = self.body_poses(finite_numbers("q", q, self.n))
+        a, b, c, d, e, f, g, h, i, x, y, z = poses[self.tool_body]
+        u, v, w = self.tool_placement[:3, 3].tolist()
+        x, y, z = x + a * u + b * v + c * w, y + d * u + e * v + f * w, z + g * u + h * v + i * w
+        out = np.zeros((6, self.n))
+        index = self.tool_body
+        while index > 0:
+            body = self.bodies[index]
+            a, b, c, d, e, f, g, h, i, px, py, pz = poses[index]
+            u, v, w = body.axis.tolist()
+            ax, ay, az = a * u + b * v + c * w, d * u + e * v + f * w, g * u + h * v + i * w
+            if body.prismatic:
+                out[:, body.q_index] = (ax, ay, az, 0.0, 0.0, 0.0)
+            else:
+                rx, ry, rz = x - px, y - py, z - pz
+                out[:, body.q_index] = (ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx, ax, ay, az)
+            index = body.parent
+        return out
+
+    def reach(self, extra: Sequence[tuple[int, Shape, Pose]] = ()) -> FloatArray:
+        """(n,): metres that any point of the robot moves per radian of each joint, at most (1.0 for a prismatic joint).
+
+        Args:
+            extra: More shapes that ride along: body index, shape, T_body_shape.
+
+        Raises:
+            InvalidRequest: what is no such shape, or a body that is not there.
+        """
+        riding = items("extra", extra, tuple, "a list of (body index, shape, T_body_shape)")
+        for k, item in enumerate(riding):
+            if len(item) != 3:
+                raise InvalidRequest(f"extra[{k}]", item, "(body index, shape, T_body_shape)")
+            body, shape, pose = item
+            whole(f"extra[{k}][0]", body, 0, len(self.bodies) - 1)
+            instance(f"extra[{k}][1]", shape, Shape, "a convex shape")
+            instance(f"extra[{k}][2]", pose, Pose, "a Pose")
+        return read_only(np.maximum(self._own_reach, self._reach_of(riding))) if riding else self._own_reach
+
+    @cached_property
+    def _own_reach(self) -> FloatArray:
+        fingers = () if self.gripper is None else self.gripper.links
+        placed = [(item.body, item.shape, item.pose) for item in self.shapes if item.link in fingers]
+        return read_only(np.maximum(self._reach_without_fingers, self._reach_of(placed)))
+
+    @cached_property
+    def _reach_without_fingers(self) -> FloatArray:
+        fingers = () if self.gripper is None else self.gripper.links
+        return self._reach_of([(item.body, item.shape, item.pose) for item in self.shapes if item.link not in fingers])
+
+    def _reach_of(self, shapes: Sequence[tuple[int, Shape, Pose]]) -> FloatArray:
+        travel = np.maximum(np.abs(self.limits.lower), np.abs(self.limits.upper)).tolist()
+        return read_only(reach_bounds(self.bodies, travel, shapes))
+
+    def with_gripper(self, width: float) -> Robot:
+        """This robot with the finger pads ``width`` metres apart.
+
+        Raises:
+            InvalidRequest: no gripper, or ``width`` outside its range.
+        """
+        if self.gripper is None:
+            raise InvalidRequest("width", width, f"nothing: robot {self.name!r} has no gripper")
+        lower, upper = self.gripper.lower, self.gripper.upper
+        width = number("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m", lower, upper)
+        moved = iter(self.gripper.shapes(float(width)))
+        shapes = tuple(next(moved) if item.link in self.gripper.links else item for item in self.shapes)
+        moved_robot = replace(self, gripper_width=float(width), shapes=shapes)
+        object.__setattr__(moved_robot, "_reach_without_fingers", self._reach_without_fingers)
+        return moved_robot
+
+    def locked(self, joints: Mapping[str, float]) -> Robot:
+        """This robot with some of its joints standing still: one arm of two, a rail, a wrist.
+
+        Links that only locked joints moved are fixed to what carried these: those that still move are judged against
+        them, and against obstacles. Joint values, limits and named poses lose the entries of the locked joints; a
+        retreat remains if its pairs move against each other as before. Two links that stand still are not judged
+        against each other, nor against obstacles: whether they are free is for this robot to say, before.
+
+        Args:
+            joints: Positions in rad or m, by joint name.
+
+        Raises:
+            UnknownName: no such joint.
+            InvalidRequest: a position outside its limits, or no joint left to move.
+        """
+        from planner_service.robot.locking import lock_joints
+
+        return lock_joints(self, joints)
+
+    @cached_property
+    def links(self) -> frozenset[str]:
+        """The links that play a part: with shapes, at the base, in the gripper, the tool frame, or named in pairs."""
+        pairs = [*(contact.links for contact in self.allowed_contacts), *(p for r in self.retreats for p in r.pairs)]
+        fingers = () if self.gripper is None else self.gripper.links
+        shaped = (item.link for item in self.shapes)
+        return frozenset([*shaped, *self.base_links, *fingers, self.tool_frame, *(link for p in pairs for link in p)])
+
+    @cached_property
+    def link_pairs(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of links to judge against each other: with shapes, on different bodies, not allowed to touch."""
+        body_of = {item.link: item.body for item in self.shapes}
+        allowed = {frozenset(contact.links) for contact in self.allowed_contacts}
+        return tuple(
+            (a, b) for a, b in combinations(body_of, 2) if body_of[a] != body_of[b] and frozenset((a, b)) not in allowed
+        )
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of everything that can change an answer (reasons in words cannot); equal in every process."""
+        content = {
+            "name": self.name,
+            "joints": self.joint_names,
+            "limits": [getattr(self.limits, item.name).tolist() for item in fields(self.limits)],
+            "poses": [(name, q.tolist()) for name, q in sorted(self.named_poses, key=lambda pose: pose[0])],
+            "base": sorted(self.base_links),
+            "tool": (self.tool_frame, self.tool_body, self.tool_placement.tolist()),
+            "bodies": [
+                (b.name, b.parent, b.placement.tolist(), b.axis.tolist(), b.prismatic, b.q_index) for b in self.bodies
+            ],
+            "shapes": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in self.shapes],
+            "allowed": sorted(sorted(contact.links) for contact in self.allowed_contacts),
+            "gripper": self.gripper and _gripper_content(self.gripper),
+            "width": self.gripper_width,
+            "retreats": [(r.pose, r.to.tolist(), sorted(map(sorted, r.pairs))) for r in self.retreats],
+            "inverse": self.inverse,
+            "settle": self.settle_time,
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, {self.n} joints, {len(self.shapes)} shapes, gripper_width={self.gripper_width:g})"
+
+
+def _gripper_content(gripper: Gripper) -> dict[str, object]:
+    """What of a gripper can change an answer: how wide it opens and where to, and how it takes hold."""
+    return {
+        "joints": gripper.joints,
+        "range": (gripper.lower, gripper.upper),
+        "closed": [(s.link, s.body, repr(s.shape), repr(s.pose)) for s in gripper.closed],
+        "axes": (gripper.directions, gripper.approach, gripper.closing),
+    }
+
+
+def load_robot(name_or_path: str | Path) -> Robot:
+    """The robot of a robot.toml: one that comes with the package, by name, or any, by path.
+
+    Raises:
+        UnknownName: no robot of that name comes with the package.
+        InvalidFile: robot.toml or its URDF has problems; all of them are named.
+        MissingDependency: its files come with a package that is not installed; the message says what to install.
+    """
+    from planner_service.robot.loading import robot_from_file
+
+    if not isinstance(name_or_path, (str, os.PathLike)):
+        raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
+    path = as_path("robot", name_or_path)
+    name = str(name_or_path)
+    if not isinstance(name_or_path, str) or "/" in name or name.endswith(".toml"):
+        return robot_from_file(path)
+    if name not in robot_names():
+        raise UnknownName("robot", name, robot_names())
+    return robot_from_file(data_folder("robots") / name / "robot.toml")
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(path.parent.name for path in data_folder("robots").glob("*/robot.toml")))

@@ -1,0 +1,171 @@
+"""How far any point of the robot can be from each joint's axis: what turns joint steps into metres.
+
+If joint i moves by dq_i, no point moves farther than sum_i reach_i |dq_i|. The bound holds over all configurations,
+inside the limits or not (a sliding joint: within its travel): from the axis it goes from pivot to pivot, a pivot being
+a point on a later joint's axis. Such a point is fixed in the bodies on both sides of that joint, so every leg has one
+length whatever q is, and the legs add up to no less than the distance (triangle inequality). While the axes met are
+parallel to the first, only lengths across it count.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.robot.kinematic_tree import Body
+
+__all__ = ["Placed", "reach_bounds"]
+
+Placed = tuple[int, Shape, Pose]
+"""A shape in a body: body index, shape, T_body_shape."""
+Point = tuple[float, float, float]
+Ball = tuple[Point, float]
+
+ROUNDING = 1e-9
+"""Relative: far above the rounding of a few dozen operations, far below any length that matters."""
+RIM_SIDES = 32
+"""A cylinder's rim is replaced by a polygon around it; 32 sides overshoot its radius by 0.5 %."""
+PARALLEL = 1e-18
+"""Squared sine of the angle below which two axes count as parallel."""
+TILT = 1e-7
+"""A hundred such angles: more joints than any chain has."""
+
+
+def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterable[Placed]) -> list[float]:
+    """For each joint (in order of q) an upper bound of the distance of anything it moves from its axis.
+
+    A prismatic joint has 1.0: metres of motion per metre.
+
+    Args:
+        travel: Largest absolute position of each joint, in order of q; used for prismatic ones.
+    """
+    clouds: dict[int, list[Ball]] = {}
+    for body, shape, pose in shapes:
+        clouds.setdefault(body, []).extend(_hull(shape, pose))
+    out = [0.0] * (len(bodies) - 1)
+    for index, joint in enumerate(bodies[1:], start=1):
+        if joint.prismatic:
+            out[joint.q_index] = 1.0
+            continue
+        chains = [chain for chain in (_chain(bodies, index, other) for other in clouds) if chain]
+        far = max((_farthest(chain, bodies, travel, clouds[chain[-1]]) for chain in chains), default=0.0)
+        out[joint.q_index] = far * (1.0 + ROUNDING)
+    return out
+
+
+def _chain(bodies: Sequence[Body], first: int, last: int) -> list[int]:
+    """Bodies from ``first`` out to ``last``; empty when ``last`` does not hang on ``first``."""
+    chain = [last]
+    while chain[-1] > first:
+        chain.append(bodies[chain[-1]].parent)
+    return chain[::-1] if chain[-1] == first else []
+
+
+def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[float], cloud: Sequence[Ball]) -> float:
+    """Bound for the points of the last body of ``chain`` about the axis of its first."""
+    about: Point | None = _point(bodies[chain[0]].axis.tolist())
+    pivot: Point = (0.0, 0.0, 0.0)
+    total = 0.0
+    for index in chain[1:]:
+        body = bodies[index]
+        if body.prismatic:  # the pivot slides along with the body
+            total += travel[body.q_index]
+        else:
+            axis = _turn(body, _point(body.axis.tolist()))
+            onto = _nearest(_point(body.placement[:3, 3].tolist()), axis, pivot, about)
+            total += _across(_minus(onto, pivot), about)
+            pivot = onto
+            if about is not None and not _is_parallel(axis, about):
+                about = None
+        about = None if about is None else _turn_back(body, about)
+        pivot = _turn_back(body, _minus(pivot, _point(body.placement[:3, 3].tolist())))
+    return total + max(_across(_minus(point, pivot), about) + radius for point, radius in cloud)
+
+
+def _nearest(origin: Point, axis: Point, pivot: Point, about: Point | None) -> Point:
+    """The point of a line nearest to ``pivot``, measured across ``about`` unless the two are parallel."""
+    offset, along = _minus(origin, pivot), axis
+    if about is not None and not _is_parallel(axis, about):
+        offset, along = _reject(offset, about), _reject(axis, about)
+    t = -_dot(offset, along) / _dot(along, along)
+    return (origin[0] + t * axis[0], origin[1] + t * axis[1], origin[2] + t * axis[2])
+
+
+def _across(vector: Point, about: Point | None) -> float:
+    """Length of a vector, or of its part across ``about``.
+
+    ``about`` may be off the true axis by the angle that still counts as parallel, which tilts the part across by at
+    most that angle times the length: counted in, the result stays a bound.
+    """
+    length = math.sqrt(_dot(vector, vector))
+    if about is None:
+        return length
+    part = _reject(vector, about)
+    return min(length, math.sqrt(_dot(part, part)) + TILT * length)
+
+
+def _is_parallel(a: Point, b: Point) -> bool:
+    cross = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return _dot(cross, cross) < PARALLEL
+
+
+def _hull(shape: Shape, pose: Pose) -> list[Ball]:
+    """Balls whose convex hull holds the shape, in body coordinates."""
+    R, p = pose.rotation.tolist(), pose.position
+    return [
+        ((p[0] + _dot(R[0], v), p[1] + _dot(R[1], v), p[2] + _dot(R[2], v)), radius) for v, radius in _local_hull(shape)
+    ]
+
+
+def _local_hull(shape: Shape) -> list[Ball]:
+    if isinstance(shape, Box):
+        x, y, z = shape.half
+        return [((sx * x, sy * y, sz * z), 0.0) for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]
+    if isinstance(shape, Sphere):
+        return [((0.0, 0.0, 0.0), shape.radius)]
+    if isinstance(shape, Capsule):
+        return [((0.0, 0.0, end * shape.length / 2), shape.radius) for end in (-1, 1)]
+    if isinstance(shape, Cylinder):
+        corner = shape.radius / math.cos(math.pi / RIM_SIDES)
+        angles = [2.0 * math.pi * k / RIM_SIDES for k in range(RIM_SIDES)]
+        rim = [(corner * math.cos(angle), corner * math.sin(angle)) for angle in angles]
+        return [((x, y, end * shape.length / 2), 0.0) for x, y in rim for end in (-1, 1)]
+    if isinstance(shape, Mesh):
+        return [(_point(vertex), 0.0) for vertex in shape.vertices.tolist()]
+    raise BrokenInvariant(f"no hull is known for {type(shape).__name__}")
+
+
+def _point(values: Sequence[float]) -> Point:
+    x, y, z = values
+    return (x, y, z)
+
+
+def _minus(a: Point, b: Point) -> Point:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _reject(vector: Point, unit: Point) -> Point:
+    along = _dot(vector, unit)
+    return (vector[0] - along * unit[0], vector[1] - along * unit[1], vector[2] - along * unit[2])
+
+
+def _turn(body: Body, vector: Point) -> Point:
+    """From the joint frame of ``body`` into its parent's axes."""
+    R = body.placement.tolist()
+    return (_dot(R[0], vector), _dot(R[1], vector), _dot(R[2], vector))
+
+
+def _turn_back(body: Body, vector: Point) -> Point:
+    R = body.placement.tolist()
+    return (
+        R[0][0] * vector[0] + R[1][0] * vector[1] + R[2][0] * vector[2],
+        R[0][1] * vector[0] + R[1][1] * vector[1] + R[2][1] * vector[2],
+        R[0][2] * vector[0] + R[1][2] * vector[1] + R[2][2] * vector[2],
+    )

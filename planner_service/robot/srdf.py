@@ -1,0 +1,120 @@
+"""What an SRDF adds to a robot: pairs of links that may touch, and named poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from planner_service.errors import InvalidFile
+from planner_service.files.xml_reader import read_xml
+from planner_service.robot.model import AllowedContact
+from planner_service.robot.urdf_model import Urdf, UrdfJoint
+
+__all__ = ["Srdf", "read_srdf"]
+
+MAX_STATES = 500
+"""Named states."""
+ROUNDED = 1e-4
+"""rad or m by which a state may lie beyond a limit: that of a quarter turn written as 1.5708."""
+
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Srdf:
+    """What was read.
+
+    Attributes:
+        contacts: The ``<disable_collisions>``, reasons included.
+        states: Positions of joints by the name of their state; never of a fixed joint. A state that several groups
+            have under one name is one, unless they differ in a joint: then each has the name "group/state".
+    """
+
+    contacts: tuple[AllowedContact, ...] = ()
+    states: Mapping[str, Values] = field(default_factory=dict)
+
+
+def read_srdf(path: Path, urdf: Urdf) -> Srdf:
+    """The disabled pairs and group states of an SRDF for a robot.
+
+    Raises:
+        InvalidFile: with every problem found: unknown links or joints, states beyond limits, and so on.
+    """
+    root = read_xml(path, "robot")
+    problems: list[str] = []
+    contacts = _contacts(root, urdf, problems)
+    elements = root.findall("group_state")
+    if len(elements) > MAX_STATES:
+        problems.append(f"{len(elements)} group states; at most {MAX_STATES}")
+    states: dict[str, dict[str, Values]] = {}
+    for index, element in enumerate(elements[:MAX_STATES]):
+        name, group = element.get("name", ""), element.get("group", "")
+        if not name.strip() or not group.strip():
+            problems.append(f"group_state[{index}] {name!r} of group {group!r}; expected both to have a name")
+            continue
+        if group in states.setdefault(name, {}):
+            problems.append(f"group_state {name!r} of group {group!r} is given twice")
+        states[name][group] = _values(element, f"group_state {name!r}", urdf, problems)
+    if problems:
+        raise InvalidFile(path, problems)
+    return Srdf(contacts, _named(states))
+
+
+def _contacts(root: Element, urdf: Urdf, problems: list[str]) -> tuple[AllowedContact, ...]:
+    links = {link.name for link in urdf.links}
+    contacts = []
+    for index, element in enumerate(root.iter("disable_collisions")):
+        a, b = element.get("link1", ""), element.get("link2", "")
+        problems += [
+            f"disable_collisions[{index}]: {link!r} is no link of the URDF" for link in (a, b) if link not in links
+        ]
+        if a == b:
+            problems.append(f"disable_collisions[{index}]: {a!r} twice; expected two links")
+        contacts.append(AllowedContact((a, b), element.get("reason") or "disabled in the SRDF"))
+    return tuple(contacts)
+
+
+def _values(state: Element, where: str, urdf: Urdf, problems: list[str]) -> Values:
+    """The positions of a state's joints."""
+    joints = {joint.name: joint for joint in urdf.joints}
+    values: dict[str, float] = {}
+    for element in state.findall("joint"):
+        name, text = element.get("name", ""), element.get("value", "")
+        if name not in joints:
+            problems.append(f"{where}: {name!r} is no joint of the URDF")
+        elif name in values:
+            problems.append(f"{where}: {name!r} is given twice")
+        elif joints[name].kind != "fixed":
+            value = _position(joints[name], text)
+            low, high = joints[name].lower, joints[name].upper
+            if value is None:
+                problems.append(f"{where}: {name} = {text!r}; expected a number in [{low:g}, {high:g}]")
+            values[name] = value or 0.0
+    return values
+
+
+def _position(joint: UrdfJoint, text: str) -> float | None:
+    """The position, moved onto a limit that it exceeds by rounding only."""
+    try:
+        value = float(text) if "_" not in text else math.nan
+    except ValueError:
+        return None
+    if not joint.lower - ROUNDED <= value <= joint.upper + ROUNDED:
+        return None
+    return min(max(value, joint.lower), joint.upper)
+
+
+def _named(states: Mapping[str, Mapping[str, Values]]) -> dict[str, Values]:
+    """One entry a state, or one for each of its groups where these differ in a joint."""
+    out: dict[str, Values] = {}
+    for name, groups in states.items():
+        together: dict[str, float] = {}
+        agree = True
+        for values in groups.values():
+            agree &= all(together.get(joint, value) == value for joint, value in values.items())
+            together.update(values)
+        out.update({name: together} if agree else {f"{group}/{name}": values for group, values in groups.items()})
+    return out

@@ -1,0 +1,293 @@
+"""A strict reading of URDF: everything that later code believes about the text is checked here first.
+
+Other readers repair, drop or follow what they do not understand: a box with a NaN edge vanishes, swapped limits
+load, ``package://../`` is followed. ``read_urdf`` refuses instead, and names every problem of the file at once.
+What it returns can be written again as canonical text (``Urdf.xml``), the only text other libraries get to see.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.xml_reader import read_xml
+from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
+from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
+
+__all__ = ["read_urdf"]
+
+MAX_ELEMENTS = 500
+"""Links, and joints: a 3000-joint file exhausts the memory of a 4 GiB machine inside the kinematics library."""
+MAX_OFFSET = 1e3
+"""No joint of an arm sits a kilometre from its parent: a longer offset is a unit mistake."""
+CONTINUOUS_RANGE = 2.0 * math.pi
+"""A continuous joint is planned within one full turn to either side: bounded, and no seam at half a turn."""
+DEFAULT_VELOCITY = 1.0
+"""rad/s for a continuous joint whose file states no limit: slow enough for any arm."""
+
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+
+
+def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[str, int] | None = None) -> Urdf:
+    """The robot of a URDF file.
+
+    Args:
+        package_dirs: Folders besides the file's own in which a mesh may lie, or of which ``package://`` speaks.
+        decompose: Links whose meshes are cut into convex pieces instead of taking their hulls: how many, at most.
+
+    Raises:
+        InvalidFile: with every problem found.
+        MissingDependency: a mesh has to be cut, and coacd is not installed.
+    """
+    root = read_xml(path, "robot")
+    reader = _Reader((path.resolve().parent, *map(_resolved, package_dirs)), dict(decompose or {}))
+    urdf = reader.robot(root)
+    if reader.problems:
+        raise InvalidFile(path, reader.problems)
+    return urdf
+
+
+def _resolved(folder: Path) -> Path:
+    try:
+        return folder.resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, half a surrogate pair, a circle of links
+        raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
+
+
+class _Reader:
+    """Reads elements and remembers every problem; after a problem it goes on with a stand-in value."""
+
+    def __init__(self, folders: tuple[Path, ...], decompose: dict[str, int]) -> None:
+        self.shelf = MeshShelf(folders)
+        self.decompose = decompose
+        self.problems: list[str] = []
+
+    def robot(self, root: ElementTree.Element) -> Urdf:
+        link_elements, joint_elements = root.findall("link"), root.findall("joint")
+        for tag, elements in (("links", link_elements), ("joints", joint_elements)):
+            if len(elements) > MAX_ELEMENTS:
+                self.problems.append(f"{len(elements)} {tag}; at most {MAX_ELEMENTS}")
+                return Urdf("", "", (), ())
+        name = self.text(root, "name", "robot")
+        links = tuple(self.link(element) for element in link_elements)
+        for link in sorted(
+            map(str, self.decompose.keys() - {each.get("name") for each in root.findall("link[collision]")})
+        ):
+            self.problems.append(f"decompose: {link!r} is no link with a collision shape")
+        joints = tuple(self.joint(element) for element in joint_elements)
+        return Urdf(name, self.tree(links, joints), links, joints)
+
+    def link(self, element: ElementTree.Element) -> UrdfLink:
+        name = self.text(element, "name", "link")
+        collisions = []
+        for index, child in enumerate(element.findall("collision")):
+            where = f"link {name!r} collision[{index}]"
+            shapes = self.shapes(child, where, self.decompose.get(name, 1))
+            xyz, rpy = self.origin(child, where)
+            collisions += [UrdfCollision(shape, xyz, rpy) for shape in shapes]
+        return UrdfLink(name, tuple(collisions), self.inertial(element, name))
+
+    def shapes(self, collision: ElementTree.Element, where: str, most: int) -> tuple[Shape, ...]:
+        """The shape of a collision element, a mesh in up to so many pieces; nothing if there is a problem."""
+        geometry = self.one(collision, "geometry", where)
+        kinds = [] if geometry is None else list(geometry)
+        if len(kinds) != 1:
+            self.problems.append(f"{where}: <geometry> has {len(kinds)} shapes; expected exactly one")
+            return ()
+        kind = kinds[0]
+        try:
+            if kind.tag == "mesh":
+                one = (1.0, 1.0, 1.0)
+                scale = self.numbers(kind, "scale", 3, where, one) if "scale" in kind.attrib else one
+                name = kind.get("filename", "")
+                return (self.shelf.mesh(name, scale),) if most == 1 else self.shelf.pieces(name, scale, most)
+            if kind.tag == "box":
+                return (Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0))),)  # type: ignore[arg-type]
+            if kind.tag == "cylinder":
+                return (Cylinder(self.number(kind, "radius", where, 1.0), self.number(kind, "length", where, 1.0)),)
+            if kind.tag == "sphere":
+                return (Sphere(self.number(kind, "radius", where, 1.0)),)
+        except InvalidRequest as error:
+            self.problems.append(f"{where}: {error}" if kind.tag == "mesh" else f"{where}: {kind.tag} {error}")
+            return ()
+        self.problems.append(f"{where}: unknown geometry <{kind.tag}>; expected box, cylinder, sphere or mesh")
+        return ()
+
+    def inertial(self, link: ElementTree.Element, name: str) -> Inertial | None:
+        where = f"link {name!r} inertial"
+        element = self.one(link, "inertial", where)
+        if element is None:
+            return None
+        xyz, rpy = self.origin(element, where)
+        mass, inertia = self.one(element, "mass", where), self.one(element, "inertia", where)
+        if mass is None or inertia is None:
+            self.problems.append(f"{where}: expected <mass> and <inertia>")
+            return None
+        value = self.number(mass, "value", where, 1.0)
+        if value < 0.0:
+            self.problems.append(f"{where}: mass {value:g}; expected at least 0")
+        xx, xy, xz, yy, yz, zz = (
+            self.number(inertia, key, where, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        return Inertial(value, xyz, rpy, (xx, xy, xz, yy, yz, zz))
+
+    def joint(self, element: ElementTree.Element) -> UrdfJoint:
+        name = self.text(element, "name", "joint")
+        where = f"joint {name!r}"
+        kind = element.get("type", "")
+        if kind not in JOINT_TYPES:
+            self.problems.append(f"{where}: type {kind!r}; expected one of {', '.join(JOINT_TYPES)}")
+            kind = "fixed"
+        ends = []
+        for tag in ("parent", "child"):
+            end = self.one(element, tag, where)
+            ends.append("" if end is None else end.get("link", ""))
+            if not ends[-1]:
+                self.problems.append(f'{where}: expected <{tag} link="..."/>')
+        xyz, rpy = self.origin(element, where)
+        lower, upper, velocity, effort = self.limits(element, kind, where)
+        return UrdfJoint(
+            name=name,
+            kind="revolute" if kind == "continuous" else kind,
+            parent=ends[0],
+            child=ends[1],
+            xyz=xyz,
+            rpy=rpy,
+            axis=self.axis(element, kind, where),
+            lower=lower,
+            upper=upper,
+            velocity=velocity,
+            effort=effort,
+            mimic=self.mimic(element, where),
+        )
+
+    def axis(self, joint: ElementTree.Element, kind: str, where: str) -> Vector:
+        element = self.one(joint, "axis", where)
+        if element is None or kind == "fixed":
+            return (1.0, 0.0, 0.0)  # URDF's default
+        x, y, z = self.numbers(element, "xyz", 3, f"{where} axis", (1.0, 0.0, 0.0))
+        norm = math.sqrt(x * x + y * y + z * z)
+        if not 1e-6 < norm < math.inf:
+            self.problems.append(
+                f"{where}: axis {x:g} {y:g} {z:g} has no direction; expected a vector that is not zero"
+            )
+            return (1.0, 0.0, 0.0)
+        return (x / norm, y / norm, z / norm)
+
+    def limits(self, joint: ElementTree.Element, kind: str, where: str) -> tuple[float, float, float, float]:
+        """Lower, upper, velocity and effort."""
+        if kind == "fixed":
+            return (0.0, 0.0, 0.0, 0.0)
+        span = CONTINUOUS_RANGE if kind == "continuous" else 0.0
+        element = self.one(joint, "limit", where)
+        if element is None:
+            if kind != "continuous":
+                self.problems.append(f"{where}: a {kind} joint needs <limit lower upper velocity>")
+            return (-span, span, DEFAULT_VELOCITY, 0.0)
+        velocity = self.number(element, "velocity", f"{where} limit", 1.0)
+        if velocity <= 0.0:
+            self.problems.append(f"{where}: velocity {velocity:g}; expected more than 0")
+        effort = self.number(element, "effort", f"{where} limit", 0.0) if "effort" in element.attrib else 0.0
+        if effort < 0.0:
+            self.problems.append(f"{where}: effort {effort:g}; expected at least 0")
+        if kind == "continuous":
+            return (-span, span, velocity, effort)
+        lower = self.number(element, "lower", f"{where} limit", 0.0)
+        upper = self.number(element, "upper", f"{where} limit", lower)
+        if lower > upper:
+            self.problems.append(f"{where}: lower {lower:g} is above upper {upper:g}")
+        if max(abs(lower), abs(upper)) > MAX_OFFSET:
+            self.problems.append(f"{where}: limits {lower:g} .. {upper:g}; expected at most {MAX_OFFSET:g}")
+        return (lower, upper, velocity, effort)
+
+    def mimic(self, joint: ElementTree.Element, where: str) -> Mimic | None:
+        element = self.one(joint, "mimic", where)
+        if element is None:
+            return None
+        multiplier = (
+            self.number(element, "multiplier", f"{where} mimic", 1.0) if "multiplier" in element.attrib else 1.0
+        )
+        offset = self.number(element, "offset", f"{where} mimic", 0.0) if "offset" in element.attrib else 0.0
+        return Mimic(element.get("joint", ""), multiplier, offset)
+
+    def tree(self, links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...]) -> str:
+        """The root link; problems for doubled or missing names, several roots and cycles."""
+        for kind, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
+            self.problems += [f"{kind} {name!r} is defined {n} times" for name, n in Counter(names).items() if n > 1]
+        known = {link.name for link in links}
+        joint_names = {joint.name for joint in joints}
+        for joint in joints:
+            for end, link in (("parent", joint.parent), ("child", joint.child)):
+                if link and link not in known:
+                    self.problems.append(f"joint {joint.name!r}: {end} link {link!r} does not exist")
+            if joint.mimic is not None and joint.mimic.joint not in joint_names - {joint.name}:
+                self.problems.append(f"joint {joint.name!r}: mimics {joint.mimic.joint!r}, which is no other joint")
+        parents = Counter(joint.child for joint in joints)
+        self.problems += [f"link {name!r} has {n} parent joints; expected one" for name, n in parents.items() if n > 1]
+        roots = sorted(known - set(parents))
+        if len(roots) != 1:
+            found = ", ".join(roots) or "none: the joints form a cycle"
+            self.problems.append(f"expected exactly one root link; found {found}")
+        return self.reachable(roots[0], known, joints) if len(roots) == 1 else ""
+
+    def reachable(self, root: str, known: set[str], joints: tuple[UrdfJoint, ...]) -> str:
+        children: dict[str, list[str]] = {}
+        for joint in joints:
+            children.setdefault(joint.parent, []).append(joint.child)
+        seen, open_links = {root}, [root]
+        while open_links:
+            fresh = [child for child in children.get(open_links.pop(), []) if child not in seen]
+            seen.update(fresh)
+            open_links += fresh
+        if known - seen:
+            self.problems.append(f"links in a cycle, cut off from {root!r}: {', '.join(sorted(known - seen))}")
+        return root
+
+    def origin(self, element: ElementTree.Element, where: str) -> tuple[Vector, Vector]:
+        origin = self.one(element, "origin", where)
+        zero = (0.0, 0.0, 0.0)
+        if origin is None:
+            return zero, zero
+        read = {
+            key: self.numbers(origin, key, 3, f"{where} origin", zero) if key in origin.attrib else zero
+            for key in ("xyz", "rpy")
+        }
+        if max(abs(value) for key in read for value in read[key]) > MAX_OFFSET:
+            self.problems.append(f"{where}: origin {read['xyz']} {read['rpy']}; expected at most {MAX_OFFSET:g}")
+        return read["xyz"], read["rpy"]  # type: ignore[return-value]
+
+    def one(self, element: ElementTree.Element, tag: str, where: str) -> ElementTree.Element | None:
+        """The child of that tag, if there is one; several are a problem, as readers differ in which they take."""
+        found = element.findall(tag)
+        if len(found) > 1:
+            self.problems.append(f"{where}: <{tag}> is given {len(found)} times")
+        return found[0] if found else None
+
+    def text(self, element: ElementTree.Element, key: str, where: str) -> str:
+        value = element.get(key, "")
+        if not value or value != value.strip():
+            self.problems.append(f"<{where}> {key} = {value!r}; expected a name")
+        return value
+
+    def number(self, element: ElementTree.Element, key: str, where: str, stand_in: float) -> float:
+        return self.numbers(element, key, 1, where, (stand_in,))[0]
+
+    def numbers(
+        self, element: ElementTree.Element, key: str, count: int, where: str, stand_in: tuple[float, ...]
+    ) -> tuple[float, ...]:
+        text = element.get(key)
+        words = (text or "").split()
+        try:
+            values = tuple(float(word) for word in words if "_" not in word and word.isascii())
+        except ValueError:
+            values = ()
+        if len(words) == len(values) == count and all(math.isfinite(value) for value in values):
+            return values
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        self.problems.append(f"{where}: {key} = {text!r}; expected {wanted}")
+        return stand_in

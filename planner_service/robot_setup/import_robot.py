@@ -1,0 +1,343 @@
+"""A robot.toml worked out from a URDF: limits with sources, allowed contacts with reasons, ready to edit."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from planner_service.collision import CollisionChecker
+from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest
+from planner_service.files.reading import as_path, read_bytes
+from planner_service.files.writing import require_writable, write_whole
+from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
+from planner_service.geometry.mesh_formats import MAX_BYTES
+from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.shapes import copied_in, flag, instance, items
+from planner_service.robot.loading import ACCELERATION, JERK, Selection, robot_of, standing_joints
+from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.urdf_model import Urdf
+from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, DEFAULT_VELOCITY, read_urdf
+from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, PairFinding, contact_table
+from planner_service.scene.scene import Scene
+
+__all__ = ["ImportedRobot", "Source", "import_robot"]
+
+ROBOT_FILE = "robot.toml"
+MESHES = "meshes"
+"""The folder beside it for copies of meshes."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a robot comes from; as ``Robot.from_urdf`` takes it.
+
+    Raises:
+        InvalidRequest: a path is none.
+    """
+
+    urdf: Path
+    srdf: Path | None = None
+    tool_frame: str | None = None
+    package_dirs: tuple[Path, ...] = ()
+    locked_joints: Mapping[str, float] = field(default_factory=dict)
+    joints: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "urdf", as_path("urdf", self.urdf))
+        if self.srdf is not None:
+            object.__setattr__(self, "srdf", as_path("srdf", self.srdf))
+        folders = items("package_dirs", self.package_dirs, object, "folders")
+        object.__setattr__(self, "package_dirs", tuple(as_path("package_dirs", path) for path in folders))
+        instance("locked_joints", self.locked_joints, Mapping, "positions by joint name")
+        copied_in(self, "locked_joints", "joints")
+
+    @property
+    def selection(self) -> Selection:
+        """What of the URDF becomes the robot."""
+        return Selection(self.tool_frame, self.srdf, self.joints, self.locked_joints)
+
+    @property
+    def shelf(self) -> MeshShelf:
+        """Where its meshes are."""
+        return MeshShelf((self.urdf.resolve().parent, *(folder.resolve() for folder in self.package_dirs)))
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedRobot:
+    """What was written, and what was found on the way.
+
+    Attributes:
+        robot: As ``load_robot(path)`` gives it.
+        path: The robot.toml.
+        urdf: The copy of the URDF beside it.
+        meshes: The copies of the meshes; where the URDF was in place already, they are, too.
+        links: Links of the URDF, with shapes or without.
+        seconds: What it took.
+    """
+
+    robot: Robot
+    path: Path
+    urdf: Path
+    meshes: tuple[Path, ...]
+    links: int
+    table: ContactTable
+    seconds: float
+
+
+def import_robot(source: Source, out: Path | str, *, force: bool = False) -> ImportedRobot:
+    """Write robot.toml, and copies of the URDF and its meshes, into ``out``, which is made if only it is missing.
+
+    Nothing is put there before it was loaded from another place and found to be the same robot.
+
+    Args:
+        force: Replace files that are there.
+
+    Raises:
+        InvalidFile: the URDF or SRDF has problems, or ``out`` cannot be written.
+        UnknownName: no such tool frame or joint.
+        InvalidRequest: a file is there and ``force`` is not given, the URDF is there already but its meshes lie
+            elsewhere, or a joint is locked outside its limits.
+    """
+    begun = time.perf_counter()
+    instance("source", source, Source, "a Source")
+    flag("force", force)
+    folder = as_path("out", out)
+    toml, copy = folder / ROBOT_FILE, folder / source.urdf.name
+    text = read_bytes(source.urdf, MAX_XML_BYTES).decode("utf-8-sig", "replace")
+    root = read_xml(source.urdf, "robot")
+    urdf = read_urdf(source.urdf, source.package_dirs)
+    robot = robot_of(source.urdf, urdf, source.selection)
+    in_place = _is_there(copy) and copy.samefile(source.urdf)
+    meshes = _meshes_in_place(source, root, folder) if in_place else _meshes_to_copy(source, root)
+    if meshes and not in_place:
+        text = f"<!-- {ROBOT_FILE}'s URDF: its collision meshes are copies -->\n{_serialised(root)}\n"
+    files = {copy.name: text.encode(), **{name: read_bytes(path, MAX_BYTES) for name, path in meshes.items()}}
+    _require_place(folder, [toml] if in_place else [toml, *(folder / name for name in files)], force=force)
+    table = contact_table(robot)
+    robot = replace(robot, allowed_contacts=table.allowed)
+    files[ROBOT_FILE] = _text(robot, source, _Read(root, urdf), table).encode()
+    _require_same(robot, files, toml)
+    _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
+    copies = tuple(folder / name for name in meshes)
+    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), table, time.perf_counter() - begun)
+
+
+def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
+    return root.findall("link/collision/geometry/mesh")
+
+
+def _meshes_in_place(source: Source, root: ElementTree.Element, folder: Path) -> dict[str, Path]:
+    """The collision meshes of a URDF that stays where it is, by their paths in its folder."""
+    found = {}
+    for element in _mesh_elements(root):
+        path = source.shelf.path(element.get("filename", ""))
+        if not path.is_relative_to(folder.resolve()):
+            raise InvalidRequest("out", str(folder), f"another folder than the URDF's own: {path} has to be copied")
+        found[path.relative_to(folder.resolve()).as_posix()] = path
+    return found
+
+
+def _meshes_to_copy(source: Source, root: ElementTree.Element) -> dict[str, Path]:
+    """The collision meshes by the paths of their copies, which the elements are given as names."""
+    names: dict[Path, str] = {}
+    for element in _mesh_elements(root):
+        path = source.shelf.path(element.get("filename", ""))
+        if path not in names:
+            plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in path.name)
+            taken = {name.lower() for name in names.values()}
+            number = next(k for k in count() if _copy_name(plain, k).lower() not in taken)
+            names[path] = _copy_name(plain, number)
+        element.set("filename", names[path])
+    return {name: path for path, name in names.items()}
+
+
+def _copy_name(plain: str, number: int) -> str:
+    return f"{MESHES}/{f'{number}_' if number else ''}{plain}"
+
+
+def _serialised(root: ElementTree.Element) -> str:
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _require_place(folder: Path, files: Sequence[Path], *, force: bool) -> None:
+    """Return if the files can be put into the folder: asked before the work whose result would be lost."""
+    if len({path.name for path in files if path.parent == folder}) != sum(path.parent == folder for path in files):
+        raise InvalidRequest("urdf", ROBOT_FILE, f"another name than {ROBOT_FILE}, which will lie beside it")
+    if not _is_there(folder):
+        require_writable(folder)
+        return
+    for path in files:
+        if not force and _is_there(path):
+            raise InvalidRequest("out", str(path), "a folder without it; --force replaces it")
+        require_writable(path if _is_there(path.parent) else path.parent)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError as error:  # a name that is too long, a folder that nobody may look into
+        raise InvalidFile(path, [f"cannot be written: {error.strerror or error}"]) from None
+
+
+def _write(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Put the files into the folder; robot.toml comes last and names nothing that is missing."""
+    for name in sorted(files, key=lambda name: name == ROBOT_FILE):
+        path = folder / name
+        try:
+            folder.mkdir(exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InvalidFile(path.parent, [f"cannot be made: {error.strerror or error}"]) from None
+        write_whole(path, files[name])
+
+
+def _require_same(robot: Robot, files: Mapping[str, bytes], path: Path) -> None:
+    """Raise unless the files, side by side in an empty folder, load as that robot."""
+    with tempfile.TemporaryDirectory() as folder:
+        _write(Path(folder), files)
+        try:
+            loaded = load_robot(Path(folder) / ROBOT_FILE)
+        except InvalidFile as error:
+            raise InvalidFile(path, error.problems) from None
+    if loaded.hash != robot.hash:
+        raise BrokenInvariant(f"{path} would not be the robot that its URDF describes")
+
+
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """A URDF as it is, and as it was understood."""
+
+    root: ElementTree.Element
+    urdf: Urdf
+
+
+def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str:
+    """The whole robot.toml."""
+    limits = robot.limits
+    lines = [
+        f"# {robot.name}, imported from {source.urdf.name}: made to be edited.",
+        "# Angles in rad, lengths in m, times in s.",
+        f"name = {_quoted(robot.name)}",
+        f"urdf = {_quoted(source.urdf.name)}",
+        f"joints = {_list(map(_quoted, robot.joint_names))}",
+        f"tool_frame = {_quoted(robot.tool_frame)}"
+        + ("" if source.tool_frame else "   # the last link of the longest chain: is it the tool?"),
+        f"base_links = {_list(map(_quoted, robot.base_links))}   # not judged against obstacles that stand still",
+        'inverse_kinematics = "numeric"',
+        "settle_time = 0.0   # seconds the arm rings after a stop; no URDF says",
+        "",
+        *_poses(robot, table),
+        *_locked(source, read.urdf),
+    ]
+    position, velocity = _urdf_sources(robot, read.root)
+    lines += ["", "[limits.position]", f"lower = {_numbers(limits.lower.tolist())}"]
+    lines += [f"upper = {_numbers(limits.upper.tolist())}", f"source = {_quoted(position)}"]
+    for kind, values, words in (
+        ("velocity", limits.velocity, velocity),
+        ("acceleration", limits.acceleration, _convention(ACCELERATION, "^2", "usual in MoveIt configurations")),
+        ("jerk", limits.jerk, _convention(JERK, "^3", "full acceleration within about 60 ms")),
+    ):
+        lines += ["", f"[limits.{kind}]", f"values = {_numbers(values.tolist())}", f"source = {_quoted(words)}"]
+    return "\n".join(map(_printable, [*lines, "", *_contacts(robot, table)])) + "\n"
+
+
+def _poses(robot: Robot, table: ContactTable) -> list[str]:
+    """The named poses; those in which the robot collides with itself are marked."""
+    at_home = [" x ".join(f.links) for f in table.findings if f.at_home and not f.kind.allowed]
+    lines = ["[poses]"]
+    lines += [f"# home collides: {', '.join(at_home)}. Choose another, free one."] if at_home else []
+    checker = CollisionChecker(robot, Scene())
+    for name, q in robot.named_poses:
+        if name == "home":
+            lower, upper = robot.limits.lower, robot.limits.upper
+            rest = np.where((lower <= 0.0) & (upper >= 0.0), 0.0, (lower + upper) / 2)
+            whence = "zero where the limits allow it, else their middle" if (q == rest).all() else "from the SRDF"
+            lines.append(f"home = {_numbers(q.tolist())}   # {whence}")
+        else:
+            note = "" if checker.state_is_free(q) else ": collides with itself"
+            lines.append(f"{_quoted(name)} = {_numbers(q.tolist())}   # from the SRDF{note}")
+    return lines
+
+
+def _locked(source: Source, urdf: Urdf) -> list[str]:
+    """The joints that stand still, but for those that follow one of these."""
+    standing = standing_joints(urdf, source.selection)
+    follow = {joint.name for joint in urdf.joints if joint.mimic and joint.name not in source.locked_joints}
+    lines = [f"{_quoted(name)} = {float(at)!r}" for name, at in standing.items() if name not in follow]
+    return ["", "[locked_joints]   # they stand still; joints that mimic them follow", *lines] if lines else []
+
+
+def _urdf_sources(robot: Robot, root: ElementTree.Element) -> tuple[str, str]:
+    """Where position and velocity limits come from."""
+    endless = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
+    turning = [joint.get("name", "") for joint in endless if joint.get("name") in robot.joint_names]
+    silent = [joint.get("name", "") for joint in endless if joint.find("limit") is None]
+    silent = [name for name in silent if name in turning]
+    position = velocity = "URDF <limit>"
+    if turning:
+        position += f"; convention: {', '.join(turning)} continuous, {CONTINUOUS_RANGE:.4f} rad (a turn) either way"
+    if silent:
+        velocity += f"; convention: {DEFAULT_VELOCITY:g} rad/s for {', '.join(silent)}, which has none"
+    return position, velocity
+
+
+def _convention(values: Mapping[str, float], power: str, why: str) -> str:
+    turning, sliding = values["revolute"], values["prismatic"]
+    return f"convention: {turning!r} rad/s{power} ({sliding!r} m/s{power} sliding), {why}; URDF states none"
+
+
+_HEADS = {
+    ContactKind.ADJACENT: "adjacent: the next link with shapes above; in contact by design.",
+    ContactKind.GIVEN: "Taken from the SRDF, with its reasons; not worked out here.",
+    ContactKind.ALWAYS: "always: the shapes overlap all over a dense sweep of the joints between. Are they meant to?",
+    ContactKind.NEVER: "never: proven for the shapes of the URDF over the whole joint box, between samples too.",
+}
+
+
+def _contacts(robot: Robot, table: ContactTable) -> list[str]:
+    """The allowed contacts by kind, and as comments the pairs that are judged and collide somewhere."""
+    lines = ["# Who may touch whom. Pairs that are not listed are judged in every check."]
+    for kind, head in _HEADS.items():
+        found = table.of(kind)
+        lines += ["", f"# {head}"] if found else []
+        for item in found:
+            lines += ["[[allowed_contacts]]", f"links = {_list(map(_quoted, item.links))}"]
+            lines.append(f"reason = {_quoted(item.reason)}")
+    sometimes = sorted(table.of(ContactKind.SOMETIMES), key=lambda item: -item.share)
+    if sometimes:
+        lines += ["", f"# Judged, for they collide somewhere; with an example of {', '.join(robot.joint_names)}:"]
+        lines += [f"#   {_judged(item)}" for item in sometimes]
+    unproven = table.of(ContactKind.UNPROVEN)
+    lines += ["", "# Judged, for no proof was found:"] if unproven else []
+    return lines + [f"#   {' x '.join(item.links)}: {item.reason}" for item in unproven]
+
+
+def _judged(item: PairFinding) -> str:
+    example = "" if item.example is None else f", as at {', '.join(f'{value:.4f}' for value in item.example.tolist())}"
+    return f"{' x '.join(item.links)}: {item.reason}{example}{' (home, too)' if item.at_home else ''}"
+
+
+def _quoted(text: str) -> str:
+    """A TOML basic string."""
+    out = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in out) + '"'
+
+
+def _printable(line: str) -> str:
+    """A line whose comments cannot end early: names may hold a line break."""
+    return "".join(c if c.isprintable() else "?" for c in line)
+
+
+def _list(items: Iterable[str]) -> str:
+    return f"[{', '.join(items)}]"
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return _list(map(repr, values))

@@ -1,0 +1,1 @@
+"""Scenes as immutable values, and the files they are read from."""

@@ -1,0 +1,423 @@
+"""What stands around the robot and what it carries, as values, and the TOML files they are kept in.
+
+A scene file::
+
+    name = "example"                                    # optional, as is description = "..."
+
+    [[obstacle]]
+    name = "post"
+    cylinder = { radius = 0.03, length = 0.4 }          # or capsule = {...}, box = [x, y, z] (full lengths), sphere = r
+    position = [0.3, 0.0, 0.2]                          # of the shape's centre, in the robot's base frame, metres
+    quaternion_wxyz = [1.0, 0.0, 0.0, 0.0]              # optional
+
+    [[obstacle]]                                        # a mesh is judged as its solid convex hull, in its own frame
+    name = "cup"
+    mesh = { file = "cup.stl", scale = [0.001, 0.001, 0.001] }   # or mesh = "cup.stl", or mesh = { vertices = [...] };
+    position = [0.2, 0.1, 0.0]                          # pieces = 8 cuts it into as many convex ones (extra: decompose)
+
+    [[obstacle]]                                        # every cell of the grid that holds a point is solid
+    name = "bin"
+    cloud = { file = "scan.ply", resolution = 0.01 }    # PLY, NPZ or NPY; or heights = { file = "g.npz", cell = 0.01 }
+    position = [0.0, 0.0, 0.0]
+
+    [[obstacle]]                                        # several convex shapes as one object
+    name = "stool"
+    compound = [{ box = [0.3, 0.3, 0.02], position = [0.0, 0.0, 0.2] }, { cylinder = {...}, position = [...] }]
+    position = [0.3, 0.0, 0.0]
+
+    [[attached]]                                        # the same, with its pose in the tool frame,
+    touch_links = ["finger_left", "finger_right"]       # and the links that may touch it
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NoReturn
+
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.files.package_data import data_folder
+from planner_service.files.reading import as_path
+from planner_service.files.toml_reader import read_tables
+from planner_service.files.writing import write_whole
+from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere, instance, items, text
+from planner_service.scene.toml_reader import MAX_BYTES, SHAPE_KEYS, Table, pose_texts, shape_key, shape_text
+
+__all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
+
+OURS = re.compile(rb"(?:\s|#[^\n]*\n|(?:name|description)[ \t]*=[^\n]*\n)*(?:\[\[(?:obstacle|attached)\]\]|\Z)")
+"""How scene files begin."""
+
+MAX_NAME = 64
+KIND_SUFFIXES = (" (link)", " (object)")
+"""What tells a link and an object of one name apart in print; no object's own name ends so."""
+MAX_DESCRIPTION = 1000
+MAX_OBJECTS = 10_000
+"""A scene made by hand or from detections has far fewer; more would rather be a point cloud."""
+
+_KINDS: tuple[type[Solid], ...] = (Box, Sphere, Cylinder, Capsule, Mesh, Compound, PointCloud, HeightField)
+_ANY_KIND = "one of " + ", ".join(kind.__name__ for kind in _KINDS)
+_BODY_KEYS = ("name", *SHAPE_KEYS, "position", "quaternion_wxyz")
+
+
+def _checked_name(field_name: str, value: Any) -> str:
+    good = isinstance(value, str) and value.isprintable() and value == value.strip()
+    if not good or not 0 < len(value) <= MAX_NAME:
+        _refuse_text(field_name, value, f"1 to {MAX_NAME} printable characters, no space at the ends")
+    return str(value)
+
+
+def _check_description(value: Any) -> None:
+    if not isinstance(value, str) or len(value) > MAX_DESCRIPTION or not value.replace("\n", "").isprintable():
+        _refuse_text("description", value, f"at most {MAX_DESCRIPTION} printable characters and line ends")
+
+
+def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
+    shown = reprlib.repr(value)  # a file can hold a text of megabytes
+    raise InvalidRequest(field_name, value, expected, message=f"{field_name}: got {shown}; expected {expected}")
+
+
+def _check_body(name: str, shape: Any, pose: Any) -> None:
+    if _checked_name("name", name).endswith(KIND_SUFFIXES):
+        raise InvalidRequest("name", name, f"a name that does not end in {' or '.join(map(repr, KIND_SUFFIXES))}")
+    if not isinstance(shape, _KINDS):
+        raise InvalidRequest(f"shape of {name!r}", shape, _ANY_KIND)
+    if not isinstance(pose, Pose):
+        raise InvalidRequest(f"pose of {name!r}", pose, "a Pose")
+    if max(abs(v) for v in pose.position) > MAX_LENGTH:
+        raise InvalidRequest(f"position of {name!r}", pose.position, f"metres, at most {MAX_LENGTH:g} along each axis")
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A named shape that stands still in the world; ``pose`` is the shape's in the robot's base frame.
+
+    Raises:
+        InvalidRequest: the name is empty, longer than 64 characters, unprintable, has spaces at its
+            ends or ends in " (link)" or " (object)"; shape or pose is of another kind; the position is
+            beyond 1 km (a unit mistake).
+    """
+
+    name: str
+    shape: Solid
+    pose: Pose = field(default_factory=Pose)
+
+    def __post_init__(self) -> None:
+        _check_body(self.name, self.shape, self.pose)
+
+
+@dataclass(frozen=True)
+class Attached:
+    """A named shape that moves with the tool; ``pose`` is the shape's in the tool frame.
+
+    Args:
+        touch_links: Names of the robot's links that may touch it, as the fingers that hold it do; they have to have
+            collision shapes, which is checked once robot and scene meet.
+
+    Raises:
+        InvalidRequest: as for ``Obstacle``, or ``touch_links`` is one text, or names a link twice.
+    """
+
+    name: str
+    shape: Solid
+    pose: Pose
+    touch_links: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_body(self.name, self.shape, self.pose)
+        links = items("touch_links", self.touch_links, str, "a sequence of link names")
+        object.__setattr__(self, "touch_links", links)
+        for link in self.touch_links:
+            _checked_name("touch_links", link)
+        if len(set(self.touch_links)) != len(self.touch_links):
+            raise InvalidRequest("touch_links", self.touch_links, "each link once")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that can be hit besides the robot itself; a value, so every change is a new scene.
+
+    The order of the obstacles is kept and is part of what a scene is: they are judged in that order,
+    and counts may depend on it.
+
+    Raises:
+        InvalidRequest: a name is there twice (among obstacles and attached objects together), an
+            element is no ``Obstacle`` or ``Attached``, there are more than 10,000 of them, or
+            ``name`` or ``description`` has unprintable characters or is longer than 64 or 1000.
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    attached: tuple[Attached, ...] = ()
+    name: str = ""
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "obstacles", items("obstacles", self.obstacles, Obstacle, "a sequence of Obstacle"))
+        object.__setattr__(self, "attached", items("attached", self.attached, Attached, "a sequence of Attached"))
+        if len(self.names) > MAX_OBJECTS:
+            raise InvalidRequest("scene", len(self.names), f"at most {MAX_OBJECTS:,} obstacles and attached objects")
+        seen: set[str] = set()
+        for name in self.names:
+            if name in seen:
+                raise InvalidRequest("name", name, "each name once among obstacles and attached objects")
+            seen.add(name)
+        if text("name", self.name) != "":
+            _checked_name("name of the scene", self.name)
+        _check_description(self.description)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the obstacles, then those of the attached objects."""
+        return tuple(o.name for o in self.obstacles) + tuple(a.name for a in self.attached)
+
+    def obstacle(self, name: str) -> Obstacle:
+        """The obstacle of that name.
+
+        Raises:
+            UnknownName: there is none.
+        """
+        return self.obstacles[self._index(name)]
+
+    def with_obstacle(self, obstacle: Obstacle) -> Scene:
+        """This scene with one more obstacle, last in order.
+
+        Raises:
+            InvalidRequest: the name is taken.
+        """
+        return replace(self, obstacles=(*self.obstacles, obstacle))
+
+    def without(self, name: str) -> Scene:
+        """This scene without the obstacle of that name.
+
+        Raises:
+            UnknownName: there is none.
+        """
+        k = self._index(name)
+        return replace(self, obstacles=self.obstacles[:k] + self.obstacles[k + 1 :])
+
+    def moved(self, name: str, pose: Pose) -> Scene:
+        """This scene with that obstacle at another pose, in the same place in order.
+
+        Raises:
+            UnknownName: there is no such obstacle.
+        """
+        k = self._index(name)
+        there = replace(self.obstacles[k], pose=pose)
+        return replace(self, obstacles=(*self.obstacles[:k], there, *self.obstacles[k + 1 :]))
+
+    def with_attached(self, attached: Attached) -> Scene:
+        """This scene with one more object at the tool; an obstacle of that name has to go first.
+
+        Raises:
+            InvalidRequest: the name is taken.
+        """
+        return replace(self, attached=(*self.attached, attached))
+
+    def without_attached(self, name: str) -> Scene:
+        """This scene without the attached object of that name.
+
+        Raises:
+            UnknownName: there is none.
+        """
+        text("name", name)
+        left = tuple(a for a in self.attached if a.name != name)
+        if len(left) == len(self.attached):
+            raise UnknownName("attached object", name, (a.name for a in self.attached))
+        return replace(self, attached=left)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256, in hex, of names, shapes, poses and touch links, to the last bit and in order.
+
+        The scene's own name and description are left out: they change no verdict. Equal scenes
+        have equal hashes (-0.0 counts as 0.0); the same obstacles in another order have another.
+        """
+        content = {
+            "obstacles": [_canonical(o) for o in self.obstacles],
+            "attached": [[*_canonical(a), list(a.touch_links)] for a in self.attached],
+        }
+        return _digest(content)
+
+    @cached_property
+    def obstacle_hashes(self) -> Mapping[str, str]:
+        """SHA-256, in hex, of each obstacle's shape and pose, by its name: which of them two scenes have in common."""
+        return MappingProxyType({o.name: _digest(_canonical(o)) for o in self.obstacles})
+
+    @cached_property
+    def attached_hash(self) -> str:
+        """SHA-256, in hex, of all that is attached to the tool."""
+        return _digest([[*_canonical(a), list(a.touch_links)] for a in self.attached])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process, a scene leaves behind what it has worked out: views of it cannot be sent."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+    def _index(self, name: str) -> int:
+        text("name", name)
+        for k, obstacle in enumerate(self.obstacles):
+            if obstacle.name == name:
+                return k
+        raise UnknownName("obstacle", name, (o.name for o in self.obstacles))
+
+
+def _canonical(body: Obstacle | Attached) -> list[Any]:
+    numbers = (*body.pose.position, *body.pose.quaternion)
+    return [body.name, *_canonical_shape(body.shape), *map(_bits, numbers)]
+
+
+def _canonical_shape(shape: Solid) -> list[Any]:
+    """What makes a solid, to the last bit."""
+    kind = shape_key(shape)
+    if isinstance(shape, Compound):
+        return [
+            kind,
+            *([*_canonical_shape(part), *map(_bits, (*pose.position, *pose.quaternion))] for part, pose in shape.parts),
+        ]
+    if isinstance(shape, (Mesh, PointCloud, HeightField)):
+        return [kind, shape.digest]
+    sizes = shape.size if isinstance(shape, Box) else vars(shape).values()
+    return [kind, *map(_bits, sizes)]
+
+
+def _digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode("ascii")).hexdigest()
+
+
+def _bits(value: float) -> str:
+    return (value + 0.0).hex()  # + 0.0 drops the sign of -0.0
+
+
+def scene_names() -> tuple[str, ...]:
+    """The names of the scenes that come with the package, sorted."""
+    return tuple(sorted(path.stem for path in data_folder("scenes").glob("*.toml")))
+
+
+def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
+    """The scene that comes with the package under that name, or the one in a file.
+
+    A text without a folder and without ``.toml`` is a name, everything else a path.
+
+    Raises:
+        UnknownName: no scene of that name comes with the package.
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
+    """
+    instance("scene", name_or_path, (str, os.PathLike), "the name of a scene or the path of a file")
+    path = as_path("scene", name_or_path)
+    if isinstance(name_or_path, str) and path.name == name_or_path and path.suffix != ".toml":
+        if name_or_path not in scene_names():
+            raise UnknownName("scene", name_or_path, scene_names())
+        return _read_scene(data_folder("scenes") / f"{name_or_path}.toml")
+    return _read_scene(path)
+
+
+def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
+    """Write ``scene`` to a TOML file; ``load_scene`` gives back an equal one with an equal hash.
+
+    A mesh is written as the corners of its hull, a cloud as its cells, so that the file needs no other.
+
+    The file is there whole or not at all: after a failure an old file is as it was.
+
+    Raises:
+        InvalidRequest: the file would be too large to be loaded again.
+        InvalidFile: it cannot be written.
+    """
+    instance("scene", scene, Scene, "a Scene")
+    target = as_path("path", path)
+    told = {"name": scene.name, "description": scene.description}
+    top = [f"{key} = {_quoted(text)}" for key, text in told.items() if text]
+    parts = ["\n".join(top)] if top else []
+    parts += ["\n".join(["[[obstacle]]", *_body_lines(o)]) for o in scene.obstacles]
+    for a in scene.attached:
+        links = ", ".join(_quoted(link) for link in a.touch_links)
+        parts.append("\n".join(["[[attached]]", *_body_lines(a), f"touch_links = [{links}]"]))
+    content = "\n\n".join(parts) + "\n"
+    if len(content.encode()) > MAX_BYTES:
+        raise InvalidRequest("scene", f"{len(content.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
+    write_whole(target, content, OURS)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)  # its escapes are TOML's too
+
+
+def _body_lines(body: Obstacle | Attached) -> list[str]:
+    lines = [f"name = {_quoted(body.name)}", f"{shape_key(body.shape)} = {shape_text(body.shape)}"]
+    return [*lines, *pose_texts(body.pose)]
+
+
+def _read_scene(path: Path) -> Scene:
+    problems: list[str] = []
+    top = Table("", read_tables(path, MAX_BYTES), problems, MeshShelf((path.resolve().parent,)))
+    top.allow_only(("name", "description", "obstacle", "attached"))
+    name, description = top.text("name") or "", top.text("description") or ""
+    obstacles, attached = top.tables("obstacle"), top.tables("attached")
+    if len(obstacles) + len(attached) > MAX_OBJECTS:
+        top.problem(f"{len(obstacles) + len(attached):,} obstacles and attached objects; at most {MAX_OBJECTS:,}")
+        raise InvalidFile(path, problems)
+    standing = [_read_obstacle(_entry("obstacle", k, content, top)) for k, content in enumerate(obstacles, 1)]
+    carried = [_read_attached(_entry("attached", k, content, top)) for k, content in enumerate(attached, 1)]
+    _note_duplicates(top, [*obstacles, *attached])
+    top.attempt(lambda: Scene(name=name))
+    top.attempt(lambda: Scene(description=description))
+    if problems:
+        raise InvalidFile(path, problems)
+    return Scene(
+        tuple(o for o in standing if o is not None), tuple(a for a in carried if a is not None), name, description
+    )
+
+
+def _note_duplicates(top: Table, entries: Sequence[dict[str, Any]]) -> None:
+    counts: dict[str, int] = {}
+    for content in entries:
+        name = content.get("name")
+        if isinstance(name, str):
+            counts[name] = counts.get(name, 0) + 1
+    for name, count in counts.items():
+        if count > 1:
+            top.problem(
+                f"name {reprlib.repr(name)} is there {count} times; expected once among obstacles and attached objects"
+            )
+
+
+def _entry(kind: str, number: int, content: dict[str, Any], top: Table) -> Table:
+    name = content.get("name")
+    label = f" {name!r}" if isinstance(name, str) and len(name) <= MAX_NAME else ""
+    return top.inner(f"{kind} {number}{label}", content)
+
+
+def _read_body(table: Table) -> tuple[str, Solid, Pose] | None:
+    name, shape, pose = _read_name(table), table.solid(), table.pose()
+    return None if name is None or shape is None or pose is None else (name, shape, pose)
+
+
+def _read_obstacle(table: Table) -> Obstacle | None:
+    table.allow_only(_BODY_KEYS)
+    body = _read_body(table)
+    return None if body is None else Obstacle(*body)
+
+
+def _read_attached(table: Table) -> Attached | None:
+    table.allow_only((*_BODY_KEYS, "touch_links"))
+    body, links = _read_body(table), table.texts("touch_links")
+    return None if body is None else table.attempt(lambda: Attached(*body, links))
+
+
+def _read_name(table: Table) -> str | None:
+    if "name" not in table.content:
+        table.problem("name is missing")
+        return None
+    name = table.text("name")
+    if name is None:
+        return None
+    return table.attempt(lambda: _checked_name("name", name))

@@ -1,0 +1,55 @@
+"""Worlds described in URDF: links that are fixed to each other, as simulators take them."""
+
+from __future__ import annotations
+
+import os
+
+from planner_service.files.reading import as_path
+from planner_service.geometry.shapes import Pose
+from planner_service.robot.urdf_model import Urdf
+from planner_service.robot.urdf_reader import read_urdf
+from planner_service.scene.obstacle_list import ObstacleList
+from planner_service.scene.scene import Scene
+
+__all__ = ["read_urdf_scene"]
+
+
+def read_urdf_scene(path: str | os.PathLike[str]) -> Scene:
+    """The collision shapes of a URDF file whose joints are all fixed, in the file's order.
+
+    The frame of the root link is taken as the robot's base frame. A link of several shapes becomes the obstacles
+    ``link``, ``link#2``, ...; masses and visual shapes are left out.
+
+    Raises:
+        InvalidFile: with every problem found, those of the file itself before those of its use as a world: a joint
+            that can move, a name that is taken.
+    """
+    path = as_path("path", path)
+    urdf = read_urdf(path)
+    found = ObstacleList()
+    found.problems += [
+        f"joint {joint.name!r}: it can move ({joint.kind}); expected fixed, as nothing in a scene moves"
+        for joint in urdf.joints
+        if joint.kind != "fixed"
+    ]
+    stands = _link_poses(urdf)
+    for link in urdf.links:
+        for k, item in enumerate(link.collisions):
+            pose = stands[link.name] @ Pose.from_rpy(item.xyz, item.rpy)
+            where = f"link {link.name!r} collision[{k}]"
+            found.add(where, link.name if k == 0 else f"{link.name}#{k + 1}", item.shape, pose)
+    return found.scene(path, urdf.name)
+
+
+def _link_poses(urdf: Urdf) -> dict[str, Pose]:
+    """Where each link is in the root's frame, every joint taken as fixed."""
+    children: dict[str, list[tuple[str, Pose]]] = {}
+    for joint in urdf.joints:
+        children.setdefault(joint.parent, []).append((joint.child, Pose.from_rpy(joint.xyz, joint.rpy)))
+    stands, open_links = {urdf.root: Pose()}, [urdf.root]
+    while open_links:
+        parent = open_links.pop()
+        for child, pose in children.get(parent, []):
+            stands[child] = stands[parent] @ pose
+            open_links.append(child)
+    return stands

@@ -1,0 +1,1 @@
+"""Planners, the problem they search, and what a search reports."""

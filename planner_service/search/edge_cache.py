@@ -1,0 +1,180 @@
+"""The checker as a planner sees it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+
+from planner_service.collision import CollisionChecker, Known
+from planner_service.collision.checker import EdgeHit
+from planner_service.geometry.shapes import FloatArray
+from planner_service.search.problem import SELF, Configuration, joint_distance
+
+__all__ = ["SearchOracle", "TieredOracle"]
+
+TELLING_MOTIONS = 20
+"""Motions tried at an end, all in vain, before a user is told that it is boxed in."""
+
+
+NEAR_END = 0.2
+"""Radians from an end within which an edge keeps no more than that end does."""
+
+
+class SearchOracle:
+    """The checker as a planner sees it: padded, and remembering which edges it found free.
+
+    It also notes how motions at the ends of the problem fared, to tell a user which end is boxed in.
+    """
+
+    def __init__(
+        self, checker: CollisionChecker, starts: Iterable[FloatArray] = (), goals: Iterable[FloatArray] = ()
+    ) -> None:
+        self._checker = checker
+        self._edges: dict[tuple[Configuration, Configuration], bool] = {}
+        """Those not found to collide, in either direction, and whether all their samples were judged."""
+        self._starts: set[Configuration] = {tuple(start.tolist()) for start in starts}
+        self._goals: set[Configuration] = {tuple(goal.tolist()) for goal in goals}
+        self._ends = self._starts | self._goals
+        self._motions = {"start": Counter[bool](), "goal": Counter[bool]()}
+
+    @property
+    def states(self) -> int:
+        """States counted so far."""
+        return self._checker.ledger.states
+
+    @property
+    def last_hit(self) -> EdgeHit | None:
+        """The collision found last."""
+        return self._checker.last_hit
+
+    @property
+    def blocker(self) -> str | None:
+        """The obstacle that the last collision was with, ``SELF`` if it was with none; None before the first."""
+        hit = self._checker.last_hit
+        return None if hit is None else hit.b if hit.b in self._obstacles else SELF
+
+    @cached_property
+    def _obstacles(self) -> frozenset[str]:
+        return frozenset(obstacle.name for obstacle in self._checker.scene.obstacles)
+
+    def state_is_free(self, q: FloatArray | Configuration) -> bool:
+        """Whether q (n,) is free with the padding of the search."""
+        return self._checker.state_is_free(q)
+
+    def edge_is_free(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> bool:
+        """Whether the edge is free with the padding of the search."""
+        return self.edge_hit(q1, q2, known=known) is None
+
+    def edge_hit(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> EdgeHit | None:
+        """Where the edge collides with the padding of the search, None when it is free; a free edge is judged once."""
+        a, b = _tuple(q1), _tuple(q2)
+        key = (a, b) if a <= b else (b, a)
+        judged = self._edges.get(key)
+        if judged:
+            return None
+        if judged is None:
+            hit = self._checker.edge_hit(a, b, known=known)
+            self._note(a, b, free=hit is None)
+        else:
+            del self._edges[key]
+            hit = self._checker.edge_rest(a, b)
+        if hit is None:
+            self._edges[key] = True
+        return hit
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether a first look at a few samples of the edge finds no collision; ``edge_is_free`` judges the others."""
+        key = (q1, q2) if q1 <= q2 else (q2, q1)
+        if key in self._edges:
+            return True
+        free = self._checker.edge_seems_free(q1, q2, known=known)
+        if free:
+            self._edges[key] = False
+        if q1 in self._ends or q2 in self._ends:
+            self._note(q1, q2, free=free)
+        return free
+
+    def _note(self, a: Configuration, b: Configuration, *, free: bool) -> None:
+        """Remember how a motion fared, if it is one at an end."""
+        for end, configurations in (("start", self._starts), ("goal", self._goals)):
+            self._motions[end][free] += a in configurations or b in configurations
+
+    def boxed_in(self) -> str:
+        """Which end no motion could leave, as the end of a sentence; empty when both could be left."""
+        return "".join(
+            f"; none of the {tried[False]} motions tried at the {end} was free: it is boxed in"
+            for end, tried in self._motions.items()
+            if tried[False] >= TELLING_MOTIONS and not tried[True]
+        )
+
+
+class TieredOracle:
+    """An oracle that keeps less near the ends of a problem, which are closer to something than the rest is to come.
+
+    Args:
+        roomy: Judges what is no end, and edges but for their first 0.2 rad from such an end.
+        tight: For each of these ends its judge, and that of edges so far.
+    """
+
+    def __init__(self, roomy: SearchOracle, tight: Mapping[Configuration, SearchOracle]) -> None:
+        self._roomy, self._tight = roomy, dict(tight)
+
+    @property
+    def states(self) -> int:
+        """States counted so far."""
+        return self._roomy.states
+
+    def state_is_free(self, q: FloatArray | Configuration) -> bool:
+        """Whether q (n,) is free with the padding that it is to keep."""
+        return self._tight.get(_tuple(q), self._roomy).state_is_free(q)
+
+    def edge_is_free(
+        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
+    ) -> bool:
+        """Whether the edge is free with the padding that it is to keep."""
+        parts = self._parts(_tuple(q1), _tuple(q2), known)
+        return all(oracle.edge_is_free(a, b, known=ends) for oracle, a, b, ends in parts)
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether a first look at a few samples of the edge finds no collision."""
+        return all(oracle.edge_seems_free(a, b, known=ends) for oracle, a, b, ends in self._parts(q1, q2, known))
+
+    def _parts(
+        self, q1: Configuration, q2: Configuration, known: Known
+    ) -> list[tuple[SearchOracle, Configuration, Configuration, Known]]:
+        """What to ask whom about an edge, part by part."""
+        first, second = self._tight.get(q1), self._tight.get(q2)
+        length = joint_distance(q1, q2)
+        if length == 0.0 or (first is None and second is None):
+            return [(first or second or self._roomy, q1, q2, known)]
+        share = min(NEAR_END / length, 1.0 if first is None or second is None else 0.5)
+        points, judges = [q1, q2], [self._roomy]
+        if first is not None:
+            points.insert(1, _between(q1, q2, share))
+            judges.insert(0, first)
+        if second is not None:
+            points.insert(-1, _between(q1, q2, 1.0 - share))
+            judges.append(second)
+        parts = [(judge, a, b) for judge, a, b in zip(judges, points[:-1], points[1:], strict=True) if a != b]
+        return [
+            (
+                judge,
+                a,
+                b,
+                (known & Known.START if k == 0 else Known.NEITHER) | (known & Known.END if b == q2 else Known.NEITHER),
+            )
+            for k, (judge, a, b) in enumerate(parts)
+        ]
+
+
+def _between(a: Configuration, b: Configuration, share: float) -> Configuration:
+    return tuple(x + (y - x) * share for x, y in zip(a, b, strict=True))
+
+
+def _tuple(q: FloatArray | Configuration) -> Configuration:
+    return q if isinstance(q, tuple) else tuple(q.tolist())

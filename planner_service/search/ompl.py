@@ -1,0 +1,525 @@
+"""The one place that knows OMPL: a fresh planner per query, judged by our oracle, repeatable from its seed.
+
+OMPL draws every random generator's seed from one global source at construction. So each query
+reseeds that source and builds everything anew, under a process-wide lock; nothing survives it.
+
+An exception of the oracle is held back: from then on every answer is "not free" and the
+termination condition says stop, OMPL winds up within microseconds and hands over its best path if
+it has one, and only then does the exception leave. Anytime planners thereby keep what they found,
+and no exception unwinds through OMPL's own code.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite
+from typing import Any, TypeVar
+
+import numpy as np
+import ompl.base as ob
+import ompl.geometric as og
+import ompl.util as ou
+
+from planner_service.collision.budget import SearchStopped
+from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
+from planner_service.concurrency.fair_lock import Turns
+from planner_service.geometry.shapes import FloatArray
+from planner_service.search.problem import (
+    Configuration,
+    GlancingOracle,
+    SearchProblem,
+    SearchResult,
+    Space,
+    distances,
+    of_tuples,
+)
+
+__all__ = ["Setting", "grow", "solve", "solve_in_batches"]
+
+Setting = float | int | bool
+T = TypeVar("T")
+
+MAX_SAMPLES = 200_000
+"""Samples of one batch planner at most; its neighbourhoods would fill the memory first."""
+
+MAX_IDLE = 20_000
+"""Looks at the termination condition in a row without a new question, after which OMPL is taken to
+be going in circles (measured: BITstar 6,732 near its optimum, all others below 2,000)."""
+
+MAX_REPEATS = 200
+"""Known edges asked in a row without a look at the termination condition. OMPL 2.0.1's AORRTC extends a
+tree for ever over known edges once its bound on the length excludes the rest; a "no" frees it."""
+
+MAX_REFUTED = 3
+"""Paths with an edge that was not free after all, after which no edge is only looked at: where the samples of a first
+look are too far apart for a scene, thousands of such paths may follow each other."""
+
+UNTOLD = ("BITstar", "AORRTC")
+"""What these grew OMPL 2.0.1 does not tell: telling leaks the whole query, or gives nothing."""
+
+# OMPL's seed source is global to the process, and so are the turns that make queries repeatable.
+_turns = Turns()
+
+_SEEDS = 2**32 - 1
+
+
+def _renew_turns() -> None:
+    """In the child of a fork nobody will give back the turn that another thread of the parent held."""
+    global _turns
+    _turns = Turns()
+
+
+os.register_at_fork(after_in_child=_renew_turns)
+
+
+class _GoingInCircles(Exception):
+    """OMPL asks nothing new any more."""
+
+
+class _Judge:
+    """The oracle as OMPL calls it: nothing is judged twice, exceptions are held back.
+
+    Holds no OMPL object: nanobind's references are invisible to Python's collector, and a cycle
+    would keep the whole query for ever.
+    """
+
+    def __init__(self, space: Space, free: Iterable[Configuration] = (), *, glance: bool = False) -> None:
+        self._oracle: GlancingOracle = of_tuples(space.oracle)
+        self._glances = glance and hasattr(space.oracle, "edge_seems_free")
+        self._look = self._oracle.edge_seems_free if self._glances else self._oracle.edge_is_free
+        self._poll = space.poll
+        self._span = slice(0, len(space.lower))
+        self._free = set(free)
+        self._edges: dict[tuple[Configuration, Configuration], bool] = {}
+        self._idle = self._repeats = self._looks = self._refuted = 0
+        self.held: BaseException | None = None
+
+    @property
+    def states(self) -> int:
+        return self._oracle.states
+
+    def state(self, state: Any) -> bool:
+        try:
+            q = tuple(state[self._span])
+            del state  # see edge()
+            if q in self._free:
+                return True
+            if self.held is not None:
+                return False
+            self._idle = self._repeats = 0
+            free = bool(self._oracle.state_is_free(q))
+            if free:
+                self._free.add(q)
+        except BaseException as error:  # Ctrl-C is not to unwind through OMPL either
+            state = None  # noqa: F841 - nor may the traceback keep it
+            self.hold(error)
+            return False
+        return free
+
+    def edge(self, a: Configuration, b: Configuration) -> bool:
+        """The verdict as OMPL takes it.
+
+        No frame below OMPL keeps a state of OMPL's: a traceback would keep it alive beyond OMPL's
+        own use of that memory, and the next state at the same address would crash the process.
+        """
+        if self.held is not None:
+            return False
+        free = self._edges.get((a, b) if a <= b else (b, a))
+        if free is None:
+            try:
+                return self.between(a, b)
+            except BaseException as error:
+                self.hold(error)
+                return False
+        self._repeats += 1
+        if self._repeats > MAX_REPEATS:
+            self._repeats = 0
+            return False
+        return free
+
+    def between(self, a: Configuration, b: Configuration) -> bool:
+        """The verdict on one edge, from memory if it was judged before, in either direction."""
+        key = (a, b) if a <= b else (b, a)
+        free = self._edges.get(key)
+        if free is None:
+            self._idle = self._repeats = 0
+            known = KNOWN_ENDS[(a in self._free) + 2 * (b in self._free)]
+            free = self._edges[key] = bool(self._look(a, b, known=known))
+            if free:
+                self._free.add(a)
+                self._free.add(b)
+        return free
+
+    def confirmed(self, points: list[Configuration]) -> bool:
+        """Whether every piece of a path is free, of which some were only looked at so far; one that is not is kept."""
+        for a, b in pairwise(points):
+            if not self.between(a, b):
+                return False
+            if self._glances and not self._oracle.edge_is_free(a, b, known=Known.BOTH):
+                self._edges[_key(a, b)] = False
+                self._idle, self._looks = -self._looks, 0  # growing again asks nothing new for as long as it took
+                self._refute()
+                return False
+        return True
+
+    def free_graph(self) -> tuple[FloatArray, list[tuple[int, int]]]:
+        """The edges found free so far, with their ends as milestones (N, n)."""
+        free = [edge for edge, verdict in self._edges.items() if verdict]
+        numbers: dict[Configuration, int] = {}
+        edges = [(numbers.setdefault(a, len(numbers)), numbers.setdefault(b, len(numbers))) for a, b in free]
+        return np.array(list(numbers)).reshape(-1, self._span.stop), edges
+
+    def _refute(self) -> None:
+        """Note that a path had an edge that is not free; look no more, and no more trust looks, after too many."""
+        self._refuted += 1
+        if self._refuted == MAX_REFUTED:
+            self._look = self._oracle.edge_is_free
+            self._edges = {key: free for key, free in self._edges.items() if not free}
+
+    def over(self) -> bool:
+        """Whether a limit was reached, asking ``poll`` too: some planners spin without judging anything."""
+        self._idle += 1
+        self._looks += 1
+        self._repeats = 0
+        if self.held is None:
+            try:
+                self._poll()
+                if self._idle > MAX_IDLE:
+                    raise _GoingInCircles("OMPL asked nothing new any more")
+            except BaseException as error:
+                self.hold(error)
+        return self.held is not None
+
+    def hold(self, error: BaseException) -> None:
+        """Keep an exception until OMPL has come to its end."""
+        self.held = error
+
+    def release(self) -> BaseException | None:
+        """What was held back, without a reference here, which would be a cycle through its traceback."""
+        held, self.held = self.held, None
+        return held
+
+    def close(self) -> None:
+        """Let go of the oracle: OMPL's objects live as long as a traceback does, and they hold this judge."""
+        del self._oracle, self._look, self._poll
+
+
+class _Motions(ob.MotionValidator):  # type: ignore[misc]
+    """Hands whole edges to the judge; without it OMPL would sample them itself."""
+
+    def __init__(self, si: Any, judge: _Judge) -> None:
+        super().__init__(si)  # and no reference of our own to si: that would be a cycle
+        self._judge = judge
+        self._span = slice(0, si.getStateDimension())
+
+    def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
+        try:
+            a, b = tuple(first[self._span]), tuple(second[self._span])
+            del first, second  # see _Judge.edge
+            return self._judge.edge(a, b)
+        except BaseException as error:
+            first = second = None  # noqa: F841
+            self._judge.hold(error)
+            return False
+
+
+class _Run:
+    """One OMPL planner over fresh objects, alive inside ``_seeded`` only."""
+
+    def __init__(self, space: Space, judge: _Judge, planner: str, settings: dict[str, Setting]) -> None:
+        n = len(space.lower)
+        self.judge, self._n = judge, n
+        states, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
+        for joint in range(n):
+            bounds.setLow(joint, float(space.lower[joint]))
+            bounds.setHigh(joint, float(space.upper[joint]))
+        states.setBounds(bounds)
+        self._si = ob.SpaceInformation(states)
+        self._si.setStateValidityChecker(judge.state)
+        self._si.setMotionValidator(_Motions(self._si, judge))
+        self._si.setup()
+        self._problem = ob.ProblemDefinition(self._si)
+        self._problem.setOptimizationObjective(ob.PathLengthOptimizationObjective(self._si))
+        self._name, self._settings = planner, settings
+
+    def _state(self, q: Iterable[float]) -> Any:
+        state = self._si.allocState()
+        for joint, value in enumerate(q):
+            state[joint] = float(value)
+        return state
+
+    def between(self, start: FloatArray, goals: FloatArray) -> None:
+        """Pose the query."""
+        self._problem.addStartState(self._state(start))
+        targets = ob.GoalStates(self._si)
+        for goal in goals:
+            targets.addState(self._state(goal))
+        self._problem.setGoal(targets)
+        self.ready()
+
+    def ready(self) -> None:
+        """Make the planner. One that Ctrl-C comes to is set up all the same: AORRTC's destructor crashes without."""
+        planner: Any = None
+        try:
+            planner = getattr(og, self._name)(self._si)
+            for setter, value in self._settings.items():
+                getattr(planner, setter)(value)
+            planner.setProblemDefinition(self._problem)
+            planner.setup()
+        except BaseException:
+            if planner is not None:
+                planner.setProblemDefinition(self._problem)
+                planner.setup()
+            raise
+        self.planner = planner
+
+    def until(self, act: Callable[[Any], Any], enough: Callable[[Any], bool]) -> Any:
+        """``act`` with a condition that ends it when a limit is reached or ``enough(planner)``."""
+        # AORRTC keeps the condition, so the condition must not keep the planner: hence the box, emptied at the end.
+        judge, box = self.judge, [self.planner]
+        condition = ob.PlannerTerminationCondition(lambda: bool(judge.over() or (box and enough(box[0]))))
+        try:
+            return act(condition)
+        except Exception:
+            if judge.held is None:
+                raise
+            return None  # with no sample drawn at all, the batch planners' statistics fail: a stop like others
+        finally:
+            box.clear()
+
+    def path(self) -> list[Configuration]:
+        """The waypoints of an exact solution, empty without one."""
+        if not self._problem.hasExactSolution():
+            return []
+        path = self._problem.getSolutionPath()
+        return [tuple(path.getState(k)[0 : self._n]) for k in range(path.getStateCount())]
+
+    def roadmap(self) -> tuple[FloatArray, list[tuple[int, int]]]:
+        """Milestones (N, n), isolated ones left out by OMPL, and edges, each once with the smaller index first."""
+        data = ob.PlannerData(self._si)
+        self.planner.getPlannerData(data)
+        count = data.numVertices()
+        points = np.array([data.getVertex(k).getState()[0 : self._n] for k in range(count)]).reshape(count, self._n)
+        edges = {(min(k, m), max(k, m)) for k in range(count) for m in data.getEdges(k) if k != m}
+        return points, sorted(edges)
+
+
+def solve(
+    problem: SearchProblem, planner: str, settings: dict[str, Setting], *, checks: int | None = None
+) -> SearchResult:
+    """Search with the OMPL planner of that name until it has a path.
+
+    Args:
+        settings: OMPL's setters and their arguments.
+        checks: For anytime planners: once a path is known and this many states were judged, end with
+            the best path. None: end with the first.
+    """
+    judge = _Judge(problem, _ends(problem), glance=checks is None)
+    first = judge.states
+
+    def enough(planner: Any) -> bool:
+        return checks is not None and judge.states - first >= checks and isfinite(planner.bestCost().value())
+
+    try:
+        points = _path(problem, judge, planner, settings, problem.goals, enough)
+        while checks is None and points and judge.held is None and not judge.confirmed(_joined(problem, points)):
+            # The same seed and the same answers: what was grown grows again at once, up to the edge now known better.
+            points = _path(problem, judge, planner, settings, problem.goals, enough)
+        return _result(problem, judge, points)
+    finally:
+        judge.close()
+
+
+def solve_in_batches(problem: SearchProblem, planner: str, samples: int) -> SearchResult:
+    """Search with a batch planner, doubling its samples each time it tried every goal in vain.
+
+    One goal and one batch at a time: OMPL's own way to add samples to a batch reads beyond a vector
+    when there are several goals (measured: a segmentation fault).
+    """
+    judge = _Judge(problem, _ends(problem))
+    points: list[Configuration] = []
+    note = f"no path among {MAX_SAMPLES} samples"
+    try:
+        while not points and judge.held is None and samples <= MAX_SAMPLES:
+            settings: dict[str, Setting] = {"setNumSamples": samples, "setExtendedFMT": False}
+            for goal in problem.goals:
+                points = _path(problem, judge, planner, settings, goal[None], lambda _: False)
+                if points or judge.held is not None:
+                    note = ""
+                    break
+            samples *= 2
+        return _result(problem, judge, points, note=note)
+    finally:
+        judge.close()
+
+
+class _Surveyor(_Judge):
+    """A judge that remembers what stood in the way of edges."""
+
+    def __init__(self, space: Space) -> None:
+        super().__init__(space)
+        self.blocked: dict[tuple[Configuration, Configuration], str | None] = {}
+
+    def between(self, a: Configuration, b: Configuration) -> bool:
+        free = super().between(a, b)
+        if not free:
+            self.blocked.setdefault(_key(a, b), getattr(self._oracle, "blocker", None))
+        return free
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What growing a roadmap found.
+
+    Attributes:
+        milestones: Free configurations (N, n), those left out that joined to nothing.
+        free: The edges between them that are free, each once with the smaller index first.
+        blocked: Those that are not, and the obstacle that stood in the way, as ``SearchOracle.blocker`` has it.
+    """
+
+    milestones: FloatArray
+    free: list[tuple[int, int]]
+    blocked: dict[tuple[int, int], str | None]
+
+
+def grow(
+    space: Space,
+    planner: str,
+    settings: dict[str, Setting],
+    *,
+    size: tuple[int, int],
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> Survey:
+    """What the OMPL planner of that name finds while it grows a roadmap.
+
+    Args:
+        size: Milestones wanted, and states after which growing ends with fewer.
+        progress: Told now and then how many milestones there are, and how many are wanted.
+    """
+    milestones, max_checks = size
+    judge = _Surveyor(space)
+    first = judge.states
+
+    def enough(planner: Any) -> bool:
+        count = planner.milestoneCount()
+        if progress is not None:
+            progress(count, milestones)
+        return bool(count >= milestones or judge.states - first >= max_checks)
+
+    def grown() -> tuple[FloatArray, list[tuple[int, int]]]:
+        run = _Run(space, judge, planner, settings)
+        run.ready()  # growing before a problem is set would crash OMPL
+        run.until(run.planner.growRoadmapPtc, enough)
+        return run.roadmap()
+
+    try:
+        points, free = _seeded(seed, space.poll, grown)
+    finally:
+        judge.close()
+    held = judge.release()
+    if held is not None and not isinstance(held, _GoingInCircles):
+        try:
+            raise held
+        finally:
+            del held  # see _result
+    at = {tuple(q): k for k, q in enumerate(points.tolist())}
+    ends = {(at.get(a, -1), at.get(b, -1)): blocker for (a, b), blocker in judge.blocked.items()}
+    blocked = {(min(a, b), max(a, b)): blocker for (a, b), blocker in ends.items() if a >= 0 and b >= 0}
+    return Survey(points, free, blocked)
+
+
+def _seeded(seed: int, poll: Callable[[], None], act: Callable[[], T]) -> T:
+    """What ``act`` returns at the process's turn at OMPL, freshly seeded and silent; waiting for it can be stopped."""
+
+    def silent() -> T:
+        level = ou.getLogLevel()
+        try:
+            try:
+                ou.setLogLevel(ou.LOG_NONE)  # also of the claim that reseeding a used generator had no effect: it has
+                ou.RNG.setSeed(1 + int(seed) % _SEEDS)  # OMPL ignores 0
+                return act()
+            finally:
+                ou.setLogLevel(level)
+        finally:
+            ou.setLogLevel(level)  # Ctrl-C may have come before it was done
+
+    return _turns.taken(silent, poll)
+
+
+def _path(
+    problem: SearchProblem,
+    judge: _Judge,
+    planner: str,
+    settings: dict[str, Setting],
+    goals: FloatArray,
+    enough: Callable[[Any], bool],
+) -> list[Configuration]:
+    """The path OMPL found, empty if none."""
+
+    def found() -> list[Configuration]:
+        run = _Run(problem, judge, planner, settings)
+        run.between(problem.start, goals)
+        run.until(run.planner.solve, enough)
+        if problem.grown is not None:
+            problem.grown(*(judge.free_graph() if planner in UNTOLD else run.roadmap()))
+        return run.path()
+
+    return _seeded(problem.seed, problem.poll, found)
+
+
+def _ends(problem: SearchProblem) -> Iterable[Configuration]:
+    """Start and goals, which are known to be free."""
+    return map(tuple, [problem.start.tolist(), *problem.goals.tolist()])
+
+
+def _joined(problem: SearchProblem, points: list[Configuration]) -> list[Configuration]:
+    """A path of OMPL's, from exactly the start to exactly the goal it reaches."""
+    goal = problem.goals[_nearest(problem, points[-1])]
+    return _exact(points, tuple(problem.start.tolist()), tuple(goal.tolist()))
+
+
+def _nearest(problem: SearchProblem, q: Configuration) -> int:
+    """Which goal a path to q reaches."""
+    goals = problem.goals
+    return 0 if len(goals) == 1 else int(np.argmin(distances(goals, np.array(q))))
+
+
+def _result(problem: SearchProblem, judge: _Judge, points: list[Configuration], *, note: str = "") -> SearchResult:
+    held = judge.release()
+    if isinstance(held, _GoingInCircles):
+        held, note = None, f"ended early: {held}"
+    index = None
+    if points and (held is None or isinstance(held, SearchStopped)):
+        index = _nearest(problem, points[-1])
+        points = _joined(problem, points)
+        # OMPL promises free pieces; an edge is free only if the oracle said so of this very edge.
+        if not judge.confirmed(points):
+            index, note = None, "a piece of the path collides that OMPL had not asked about"
+    if held is not None and index is None:
+        try:
+            raise held
+        finally:
+            del held  # a frame of its own traceback: it would live until the garbage collector finds the cycle
+    return SearchResult(
+        waypoints=None if index is None else np.array(points),
+        goal_index=index,
+        note=note if held is None else f"stopped with a path in hand: {held}",
+        stopped=held.with_traceback(None) if isinstance(held, SearchStopped) else None,
+    )
+
+
+def _exact(points: list[Configuration], start: Configuration, goal: Configuration) -> list[Configuration]:
+    """``points`` from exactly ``start`` to exactly ``goal``, without repetitions."""
+    chain = [start]
+    for q in [*points[1:-1], goal]:
+        if q != chain[-1]:
+            chain.append(q)
+    return chain
+
+
+def _key(a: Configuration, b: Configuration) -> tuple[Configuration, Configuration]:
+    return (a, b) if a <= b else (b, a)

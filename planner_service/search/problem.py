@@ -1,0 +1,265 @@
+"""What a search is asked, what it may ask, and what it answers: the words planners share.
+
+A planner sees neither robot nor scene: only bounds, and an oracle that judges configurations and
+edges and counts what it judged. Tests give it discs in a plane instead.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.collision.budget import SearchStopped
+from planner_service.collision.edge_sampling import Known
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, read_only, whole
+
+__all__ = [
+    "SELF",
+    "Configuration",
+    "GlancingOracle",
+    "Oracle",
+    "Planner",
+    "SearchProblem",
+    "SearchResult",
+    "SearchSpace",
+    "Space",
+    "distances",
+    "joint_distance",
+    "of_tuples",
+    "require_seed",
+]
+
+SELF = ""
+"""What stood in the way where the robot met itself or what it carries: no obstacle."""
+
+Configuration = tuple[float, ...]
+
+
+class Oracle(Protocol):
+    """Judges and counts. It may raise out of any call when a limit is reached."""
+
+    @property
+    def states(self) -> int:
+        """Configurations judged so far."""
+
+    def state_is_free(self, q: FloatArray) -> bool:
+        """Whether configuration q (n,) is free."""
+
+    def edge_is_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
+        """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
+
+
+class GlancingOracle(Protocol):
+    """An oracle that can also look at an edge less closely than it judges it: for edges of which few will be used.
+
+    It takes configurations as tuples, as a search has them: arrays would be a large part of what an edge costs.
+    """
+
+    @property
+    def states(self) -> int:
+        """Configurations judged so far."""
+
+    def state_is_free(self, q: Configuration) -> bool:
+        """Whether configuration q is free."""
+
+    def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
+
+    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        """False if the edge collides; if True, ``edge_is_free`` has the last word, and judges only what is left."""
+
+
+class _OfArrays:
+    """An oracle that takes arrays, asked with tuples."""
+
+    def __init__(self, oracle: Oracle) -> None:
+        self._oracle = oracle
+
+    @property
+    def states(self) -> int:
+        return self._oracle.states
+
+    def state_is_free(self, q: Configuration) -> bool:
+        return self._oracle.state_is_free(np.array(q))
+
+    def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+        return self._oracle.edge_is_free(np.array(q1), np.array(q2), known=known)
+
+    edge_seems_free = edge_is_free
+
+
+def of_tuples(oracle: Oracle) -> GlancingOracle:
+    """The oracle itself if it can glance, and then takes tuples; else one that hands its arrays to it."""
+    if hasattr(oracle, "edge_seems_free"):  # isinstance of a Protocol takes longer than an edge
+        return oracle  # type: ignore[return-value]
+    return _OfArrays(oracle)
+
+
+def _never() -> None:
+    """The poll of a search without a time box."""
+
+
+class Space(Protocol):
+    """What growing a roadmap needs of a problem: everything but its ends."""
+
+    @property
+    def lower(self) -> FloatArray:
+        """Smallest joint values, shape (n,)."""
+
+    @property
+    def upper(self) -> FloatArray:
+        """Largest joint values, shape (n,)."""
+
+    @property
+    def oracle(self) -> Oracle:
+        """The judge."""
+
+    @property
+    def reach(self) -> FloatArray | None:
+        """What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all."""
+
+    @property
+    def poll(self) -> Callable[[], None]:
+        """Called often; raises when the time box is over or the call was cancelled."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSpace:
+    """Bounds and an oracle: where a roadmap may be grown.
+
+    Attributes:
+        lower: Smallest joint values, shape (n,).
+        upper: Largest joint values, shape (n,), each above ``lower``.
+        oracle: The judge.
+        poll: Called often; raises when the time box is over or the call was cancelled.
+        reach: What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    oracle: Oracle
+    poll: Callable[[], None] = _never
+    reach: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        lower, upper = _bounds(self.lower, self.upper)
+        object.__setattr__(self, "lower", lower)
+        object.__setattr__(self, "upper", upper)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchProblem:
+    """One query. The caller has judged start and goals, and found them free.
+
+    Attributes:
+        start: Shape (n,), within the bounds.
+        goals: Shape (k, n), k >= 1: reaching any of them will do.
+        lower: Smallest joint values, shape (n,).
+        upper: Largest joint values, shape (n,), each above ``lower``.
+        oracle: The judge.
+        seed: At least 0; equal problems with equal seeds have equal results.
+        poll: Called often, even while nothing is judged; raises when the time box is over or the
+            call was cancelled.
+        reach: What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all.
+        grown: Told of the milestones (N, n) and edges of each tree that the search gives up or ends with; None: nobody.
+
+    Raises:
+        InvalidRequest: shapes disagree, or a number is not finite or outside the bounds.
+    """
+
+    start: FloatArray
+    goals: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    oracle: Oracle
+    seed: int = 0
+    poll: Callable[[], None] = _never
+    reach: FloatArray | None = None
+    grown: Callable[[FloatArray, list[tuple[int, int]]], None] | None = None
+
+    def __post_init__(self) -> None:
+        lower, upper = _bounds(self.lower, self.upper)
+        start, goals = read_only(self.start), read_only(self.goals)
+        if start.shape != lower.shape:
+            raise InvalidRequest("start", start.tolist(), f"{lower.size} joint values")
+        if goals.ndim != 2 or len(goals) == 0 or goals.shape[1] != lower.size:
+            raise InvalidRequest("goals", goals.tolist(), f"at least one row of {lower.size} joint values")
+        for field, points in (("start", start[None]), ("goals", goals)):
+            # A NaN fails both comparisons, so it is refused here too.
+            if not ((points >= lower) & (points <= upper)).all():
+                raise InvalidRequest(
+                    field, points.tolist(), f"joint values within {lower.tolist()} and {upper.tolist()}"
+                )
+        require_seed(self.seed)
+        for name, array in (("start", start), ("goals", goals), ("lower", lower), ("upper", upper)):
+            object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What a search found.
+
+    Attributes:
+        waypoints: Shape (N, n), from the start to a goal, both to the last bit; each piece is an
+            edge the oracle found free. None if there is no path.
+        goal_index: Which goal the path reaches; None without a path.
+        note: What a user may want to know of how the search went.
+        stopped: The limit that ended an anytime planner while it held a path, or the query of a roadmap.
+    """
+
+    waypoints: FloatArray | None
+    goal_index: int | None = None
+    note: str = ""
+    stopped: SearchStopped | None = None
+
+
+class Planner(Protocol):
+    """Looks for a path among free edges."""
+
+    @property
+    def name(self) -> str:
+        """Lower case, as on the command line."""
+
+    @property
+    def patience(self) -> int | None:
+        """States to give a try at least before a fresh start with another seed is worth more; None: all there are."""
+
+    def search(self, problem: SearchProblem) -> SearchResult:
+        """A path, or a result without one. What the oracle and ``poll`` raise comes out unchanged, unless a path or
+        what a roadmap learned is in hand (``SearchResult.stopped``)."""
+
+
+def joint_distance(a: Iterable[float], b: Iterable[float]) -> float:
+    """L2 norm of ``b - a``, summed in joint order: equal bits on every CPU."""
+    total = 0.0
+    for x, y in zip(a, b, strict=True):
+        total += (y - x) * (y - x)
+    return math.sqrt(total)
+
+
+def distances(points: FloatArray, q: FloatArray) -> FloatArray:
+    """``joint_distance`` of every row of points (m, n) from q (n,), shape (m,)."""
+    total = np.zeros(len(points))
+    for column, value in zip(points.T, q, strict=True):
+        total = total + (value - column) * (value - column)
+    return np.asarray(np.sqrt(total))
+
+
+def require_seed(seed: int) -> None:
+    """Refuse what is not a whole number of at least 0."""
+    whole("seed", seed, 0, 2**128 - 1)
+
+
+def _bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    low, high = read_only(lower), read_only(upper)
+    if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
+        raise InvalidRequest("lower", low.tolist(), "as many joint values as upper, at least one")
+    if not (np.isfinite(low) & np.isfinite(high) & (low < high)).all():
+        raise InvalidRequest("upper", high.tolist(), f"finite joint values above {low.tolist()}")
+    return low, high

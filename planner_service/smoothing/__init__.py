@@ -1,0 +1,1 @@
+"""Shorter paths with rounded corners."""

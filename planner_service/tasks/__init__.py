@@ -1,0 +1,1 @@
+"""Pick, place and straight tool moves, made of several motions."""

@@ -1,0 +1,111 @@
+"""A whole pick-and-place: from home to the object, onto another one, and home again."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from planner_service.collision import CancelToken
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, Pose, instance
+from planner_service.grasping.grasps import middle_of, top_grasps
+from planner_service.planning.request import PlanRequest
+from planner_service.records.plan_file import MadeFor, SavedTask
+from planner_service.scene.scene import Obstacle, Scene
+from planner_service.service import PlannerService
+from planner_service.tasks.primitives import pick, place
+from planner_service.tasks.result import Handling, Segment
+
+__all__ = ["places_on", "plan_pick_place", "standing_on"]
+
+STANDING_GAP = 0.005
+"""Metres between an object and what it stands on, at most: scenes leave a millimetre, detections more."""
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def plan_pick_place(
+    service: PlannerService, target: str, onto: str, request: PlanRequest, *, cancel: CancelToken | None = None
+) -> SavedTask:
+    """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
+
+    Args:
+        request: Its start is where the robot starts and returns to; planner, timing, seed, scales, padding and limits
+            are used throughout, its goal is not. Its ``time_limit`` is for the pick, for the place and for the way
+            home, its ``max_checks`` for each motion.
+        cancel: Ends the task before its next check when cancelled from another thread.
+
+    Raises:
+        UnknownName: no such obstacle.
+        InvalidRequest: the robot has no gripper, or the object is too wide for it.
+    """
+    instance("service", service, PlannerService, "a PlannerService")
+    instance("request", request, PlanRequest, "a PlanRequest")
+    began, origin = time.perf_counter(), MadeFor.of(service)
+    scene = service.scene
+    obstacle, support = scene.obstacle(target), scene.obstacle(onto)
+    if target == onto:
+        raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
+    task = f"pick {target} from {scene.name or 'the scene'}, place on {onto}"
+    picking = Handling(support=standing_on(scene, target), request=request, cancel=cancel)
+    picked = pick(service, request.start, target, top_grasps(service.robot, obstacle), picking)
+    notes, segments = [f"pick: {note}" for note in picked.notes], list(picked.segments)
+    choosing, failure = picked.choosing, picked.failure
+    if picked.ok:
+        segments[0] = replace(segments[0], name="home -> pregrasp")
+        placing = Handling(support=onto, request=request, cancel=cancel)
+        placed = place(picked.service, picked.q, target, places_on(obstacle, support), placing)
+        notes += [f"place: {note}" for note in placed.notes]
+        segments += placed.segments
+        choosing, failure = choosing + placed.choosing, placed.failure
+        if placed.ok:
+            there = placed.service
+            home = there.plan(replace(request, start=placed.q, goal=request.start), cancel=cancel)
+            segments.append(Segment("retreat -> home", home, there.robot.gripper_width, there.scene))
+            failure = home.failure
+    asked, seconds = replace(request, goal=request.start), time.perf_counter() - began
+    return SavedTask(origin, task, tuple(segments), choosing, seconds, failure, tuple(notes), asked)
+
+
+def standing_on(scene: Scene, name: str) -> str | None:
+    """The obstacle whose top is within 5 mm of an object's underside and below its centre, None if there is none."""
+    target = instance("scene", scene, Scene, "a Scene").obstacle(name)
+    x, y, _ = middle_of(target)
+    bottom = -_reach(target, -UP)
+    gaps = {
+        other.name: abs(bottom - _reach(other, UP))
+        for other in scene.obstacles
+        if other.name != name and _spans(other, 0, x) and _spans(other, 1, y)
+    }
+    near = [(gap, found) for found, gap in gaps.items() if gap <= STANDING_GAP]
+    return min(near)[1] if near else None
+
+
+def places_on(target: Obstacle, support: Obstacle) -> tuple[Pose, ...]:
+    """Poses of an object with its underside on the middle of a support's top: turned as it is, then by quarters."""
+    for field, obstacle in (("target", target), ("support", support)):
+        instance(field, obstacle, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
+    x, y, _ = middle_of(support)
+    height = _reach(target, -UP) + target.pose.position[2]
+    top = _reach(support, UP)
+    quarters = (Pose(quaternion=(math.cos(k * math.pi / 4), 0.0, 0.0, math.sin(k * math.pi / 4))) for k in range(4))
+    found = []
+    for quarter in quarters:
+        turned = (quarter @ Pose(quaternion=target.pose.quaternion)).quaternion
+        u, v, _ = middle_of(Obstacle(target.name, target.shape, Pose(quaternion=turned)))
+        found.append(Pose((x - u, y - v, top + height), turned))
+    return tuple(found)
+
+
+def _reach(obstacle: Obstacle, direction: FloatArray) -> float:
+    """How far an obstacle extends from the base frame's origin in a direction, in metres."""
+    local = obstacle.pose.rotation.T @ direction
+    return float(direction @ np.asarray(obstacle.pose.position) + local @ obstacle.shape.support(local))
+
+
+def _spans(obstacle: Obstacle, axis: int, value: float) -> bool:
+    direction = np.eye(3)[axis]
+    return -_reach(obstacle, -direction) <= value <= _reach(obstacle, direction)

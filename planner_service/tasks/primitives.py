@@ -1,0 +1,460 @@
+"""Pick, place and straight tool moves: straight lines first, one honest check each, the planner where a check fails.
+
+A pick is: open, go before the object, straight in along the approach, close, straight out. Contact is
+meant there, and only there: the fingers may touch the object from the pregrasp on; once it is
+carried, it may touch its support while it is within ``support_gap`` of where it stood. The gripper's own opening
+and closing is proven as the arm's motions are.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planner_service.certify import GripperMotion
+from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.collision.budget import Cancelled
+from planner_service.collision.names import Names
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.shapes import FloatArray, Pose, instance, text
+from planner_service.grasping.grasps import width_across
+from planner_service.grasping.guards import LONGEST_APPROACH, grasp_objection, unwanted
+from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
+from planner_service.kinematics.inverse import ToolLine, inverse_kinematics, straight_tool_line
+from planner_service.planning.follow import AllowedStretch
+from planner_service.planning.request import PlanRequest, joint_vector
+from planner_service.planning.result import Failure, PlanResult, Reason, Stage
+from planner_service.planning.timing_stage import Pace
+from planner_service.robot.model import Gripper, Robot
+from planner_service.scene.scene import Attached, Obstacle
+from planner_service.service import PlannerService
+from planner_service.tasks.result import Handling, Segment, TaskResult
+
+__all__ = ["move_linear", "pick", "place"]
+
+USUAL_APPROACHES = (LONGEST_APPROACH, 0.09, 0.08)
+SHORT_APPROACHES = (0.06, 0.04, 0.02)
+"""Metres of straight motion before and after a contact, in the order tried; a short one is said in the notes."""
+
+FINGER_ROOM = 0.012
+"""Metres that each finger stands off the object when the gripper opens for it."""
+
+LINE_POINTS = 60
+"""Configurations found along a straight tool line, of which those are travelled that keep the tool on it."""
+
+Pair = tuple[str, str]
+
+
+def move_linear(
+    service: PlannerService,
+    start: ArrayLike,
+    goal: Pose | Sequence[float],
+    *,
+    points: int = LINE_POINTS,
+    pace: Pace | None = None,
+    padding: float = 0.0,
+    cancel: CancelToken | None = None,
+) -> PlanResult:
+    """A straight motion of the tool, checked once and timed.
+
+    Args:
+        start: Joint vector, shape (n,).
+        goal: The tool's pose at the end, or its displacement (x, y, z) in metres in the base frame
+            (the orientation is kept).
+        points: Configurations along the line, 50 to 100.
+        pace: The law s(t) along the line; ``Pace(Trapezoidal())`` if not given.
+        padding: Metres that pairs are to keep, as in ``PlannerService.follow``.
+        cancel: As in ``PlannerService.plan``.
+
+    Raises:
+        InvalidRequest: as ``PlannerService.follow`` and ``straight_tool_line`` say.
+    """
+    instance("service", service, PlannerService, "a PlannerService")
+    q = joint_vector("start", start, service.robot)
+    line = straight_tool_line(service.robot, q, goal, points=points)
+    if line.stopped is not None:
+        return PlanResult(None, None, _line_failure(line), ())
+    waypoints = thinned(service.robot, line.waypoints)
+    blends = line_blends(service.robot, waypoints)
+    return service.follow(waypoints, blends=blends, pace=pace, padding=padding, cancel=cancel)
+
+
+def _line_failure(line: ToolLine) -> Failure:
+    return Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, str(line.stopped))
+
+
+def pick(
+    service: PlannerService, q: ArrayLike, target: str, grasps: Sequence[Pose], handling: Handling | None = None
+) -> TaskResult:
+    """Take hold of an object: to the pregrasp, straight in, close, straight out.
+
+    The first grasp whose four motions all have a plan is used, over all inverse kinematics
+    solutions, with 8 to 10 cm of approach; only when no grasp has one, with less.
+
+    Args:
+        q: Where the robot stands, shape (n,).
+        target: The obstacle to take.
+        grasps: Tool poses, best first (``top_grasps`` suggests some).
+
+    Raises:
+        UnknownName: no such obstacle or support.
+        InvalidRequest: no grasp given, the robot has no gripper, or the object is too wide for it.
+    """
+    instance("service", service, PlannerService, "a PlannerService")
+    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
+    obstacle = service.scene.obstacle(target)
+    _require_poses("grasps", grasps)
+    if handling.support == target:
+        raise InvalidRequest("support", target, "what the object stands on, not the object itself")
+    return _Task(service, q, handling).result([_grasping(service, obstacle, grasp, handling) for grasp in grasps])
+
+
+def place(
+    service: PlannerService, q: ArrayLike, carried: str, poses: Sequence[Pose], handling: Handling | None = None
+) -> TaskResult:
+    """Set a carried object down: to above its place, straight in, open, straight out.
+
+    Args:
+        q: Where the robot stands, shape (n,).
+        carried: The attached object.
+        poses: Where the object may come to stand, in the base frame, best first.
+
+    Raises:
+        UnknownName: no such carried object or support.
+        InvalidRequest: no pose given, or the robot has no gripper.
+    """
+    instance("service", service, PlannerService, "a PlannerService")
+    handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
+    text("carried", carried)
+    held = next((a for a in service.scene.attached if a.name == carried), None)
+    if held is None:
+        raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])
+    _require_poses("poses", poses)
+    return _Task(service, q, handling).result([_placing(service, held, pose, handling) for pose in poses])
+
+
+def _require_poses(name: str, poses: object) -> None:
+    if not isinstance(poses, list | tuple) or not poses or not all(isinstance(pose, Pose) for pose in poses):
+        raise InvalidRequest(name, poses, "a list of at least one Pose")
+
+
+@dataclass(frozen=True)
+class _Touch:
+    """Pairs that may touch within so many metres of the contact (None: on all of the line), and why."""
+
+    pairs: tuple[Pair, ...]
+    within: float | None
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Contact:
+    """One place where the gripper closes or opens.
+
+    Attributes:
+        tool: The tool's pose there.
+        services: Makes what plans the way in and what plans the way out.
+        touches_in: Where contact is meant on the straight line in.
+        touches_out: Where contact is meant on the straight line out.
+        grip: What may touch while the gripper closes or opens there.
+        names: Of the three motions: to the line, along it in, along it out.
+        objection: Why a configuration there makes no sense, judged by the checker of the way in; empty if it does.
+    """
+
+    tool: Pose
+    services: Callable[[], tuple[PlannerService, PlannerService]]
+    objection: Callable[[CollisionChecker, FloatArray], str]
+    touches_in: tuple[_Touch, ...]
+    touches_out: tuple[_Touch, ...]
+    grip: _Touch
+    names: tuple[str, str, str]
+
+    @cached_property
+    def made(self) -> tuple[PlannerService, PlannerService]:
+        """The services, made when first needed: most grasps are out of reach before that."""
+        return self.services()
+
+
+def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: Handling) -> _Contact:
+    fingers, gripper = _fingers(service), _gripper(service)
+    width = width_across(target, grasp, gripper)
+    opening = _opening(service, width, handling)
+    pairs = _touching(service, fingers, target.name)
+
+    def services() -> tuple[PlannerService, PlannerService]:
+        held = Attached(target.name, target.shape, grasp.inverse() @ target.pose, touch_links=fingers)
+        scene = service.scene.without(target.name).with_attached(held)
+        return service.changed(gripper=opening), service.changed(gripper=width, scene=scene)
+
+    def objection(checker: CollisionChecker, q: FloatArray) -> str:
+        return grasp_objection(target, grasp, gripper) or unwanted(checker, q, pairs)
+
+    touch = _Touch(pairs, None, "the fingers may touch what they take")
+    lifting = _standing(service, target.name, handling)
+    return _Contact(grasp, services, objection, (touch,), lifting, touch, ("to pregrasp", "descend", "lift"))
+
+
+def _placing(service: PlannerService, held: Attached, pose: Pose, handling: Handling) -> _Contact:
+    opening = _opening(service, service.robot.gripper_width, handling)
+    names = Names(service.robot, service.scene)
+
+    def services() -> tuple[PlannerService, PlannerService]:
+        scene = service.scene.without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, pose))
+        return service, service.changed(gripper=opening, scene=scene)
+
+    def objection(checker: CollisionChecker, q: FloatArray) -> str:
+        if handling.support is None:
+            return ""
+        pair = (names.object(held.name), names.object(handling.support))
+        roomy = checker.variant(padding=handling.support_gap)
+        if all(pair != (contact.a, contact.b) for contact in roomy.contacts(q)):
+            return f"{held.name} would not come within {handling.support_gap * 1000:g} mm of {handling.support}"
+        return unwanted(checker, q, (pair,))
+
+    touch = _Touch(_touching(service, _fingers(service), held.name), None, "the fingers may touch what they leave")
+    lowering = _standing(service, held.name, handling)
+    return _Contact(
+        pose @ held.pose.inverse(), services, objection, lowering, (touch,), touch, ("transfer", "lower", "retreat")
+    )
+
+
+def _fingers(service: PlannerService) -> tuple[str, ...]:
+    """The finger links that can touch anything."""
+    shaped = {shape.link for shape in service.robot.shapes}
+    return tuple(link for link in _gripper(service).links if link in shaped)
+
+
+def _touching(service: PlannerService, fingers: tuple[str, ...], name: str) -> tuple[Pair, ...]:
+    """The labels of each finger and an object."""
+    names = Names(service.robot, service.scene)
+    return tuple((names.link(finger), names.object(name)) for finger in fingers)
+
+
+def _gripper(service: PlannerService) -> Gripper:
+    if service.robot.gripper is None:
+        raise InvalidRequest("robot", service.robot.name, "a robot with a gripper")
+    return service.robot.gripper
+
+
+def _opening(service: PlannerService, width: float, handling: Handling) -> float:
+    widest = _gripper(service).upper
+    if width > widest:
+        raise InvalidRequest("target", f"{width:.4f} m wide", f"an object at most {widest:.4f} m wide")
+    if handling.open_width is None:
+        return min(widest, width + 2 * FINGER_ROOM)
+    if handling.open_width < width:
+        raise InvalidRequest("open_width", handling.open_width, f"at least the object's width, {width:.4f} m")
+    return handling.open_width
+
+
+def _standing(service: PlannerService, name: str, handling: Handling) -> tuple[_Touch, ...]:
+    if handling.support is None:
+        return ()
+    names = Names(service.robot, service.scene)
+    standing, support = names.object(name), names.object(service.scene.obstacle(handling.support).name)
+    return (_Touch(((standing, support),), handling.support_gap, f"{standing} stands on {support}"),)
+
+
+class _Task:
+    """One pick or place under way: what it has tried and spent."""
+
+    def __init__(self, service: PlannerService, q: ArrayLike, handling: Handling) -> None:
+        self._service = service
+        self._start = joint_vector("q", q, service.robot)
+        limits = service.robot.limits
+        self._standing = np.clip(self._start, limits.lower, limits.upper)
+        self._handling = handling
+        self._template = replace(
+            handling.request or PlanRequest(self._start, self._start), start=self._start, goal=self._start
+        )
+        limit = self._template.time_limit
+        self._deadline = None if limit is None else time.monotonic() + limit
+        self._spent = CheckCounts()
+        self._tried: list[str] = []
+        self._grips: dict[tuple[bytes, float, float], GripperMotion] = {}
+        self._ended: Failure | None = None
+
+    def result(self, contacts: Sequence[_Contact]) -> TaskResult:
+        """The first contact whose motions all have a plan, with the longest approach that has one."""
+        start = self._start_trouble()
+        if start is not None:
+            return self._failed(start)
+        for number, contact, outward in self._lines(contacts):
+            try:
+                segments = self._motions(contact, outward)
+            except _NoMotion:
+                segments = ()
+            if segments:
+                length = _travel(self._service.robot, outward)[-1]
+                notes = (f"way {number} of {len(contacts)}, {length * 100:.0f} cm of straight line", *self._tried)
+                choosing = self._spent - sum((segment.counts for segment in segments), CheckCounts())
+                return TaskResult(segments, contact.made[1], outward[-1], None, choosing, notes, self._template)
+            if self._ended is not None:
+                return self._failed(self._ended)
+        detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
+        return self._failed(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
+
+    def _failed(self, failure: Failure) -> TaskResult:
+        return TaskResult((), self._service, self._start, failure, self._spent, tuple(self._tried), self._template)
+
+    def _start_trouble(self) -> Failure | None:
+        """Why no motion can begin here: found out before any grasp is looked at."""
+        result = self._service.plan(self._template, cancel=self._handling.cancel)
+        self._spent += result.counts
+        return result.failure
+
+    def _lines(self, contacts: Sequence[_Contact]) -> Iterator[tuple[int, _Contact, FloatArray]]:
+        """The straight lines out of every contact, numbered from 1, in the order of preference."""
+        x, y, z = _gripper(self._service).approach
+        for lengths in (USUAL_APPROACHES, SHORT_APPROACHES):
+            for number, contact in enumerate(contacts, start=1):
+                for q in self._fitting(number, contact, first=lengths is USUAL_APPROACHES):
+                    for length in lengths:
+                        back = contact.tool @ Pose((-length * x, -length * y, -length * z))
+                        line = straight_tool_line(self._service.robot, q, back, points=LINE_POINTS)
+                        if line.stopped is None:
+                            yield number, contact, self._thinned(line.waypoints)
+                        else:
+                            self._tried.append(f"way {number} with {length * 100:.0f} cm: {line.stopped}")
+
+    def _thinned(self, waypoints: FloatArray) -> FloatArray:
+        """As few of the waypoints as the line needs, and the last at which object and support may touch."""
+        away = _travel(self._service.robot, waypoints)
+        gap = max(k for k, metres in enumerate(away) if metres <= self._handling.support_gap)
+        return thinned(self._service.robot, waypoints, keep=(gap,))
+
+    def _fitting(self, number: int, contact: _Contact, *, first: bool) -> list[FloatArray]:
+        """Configurations at a contact that make sense there; why there are none is noted the ``first`` time."""
+        robot, seed = self._service.robot, self._template.seed
+        solutions = inverse_kinematics(robot, contact.tool, seed=seed, still=self._standing)
+        refused = ["out of reach"] if len(solutions) == 0 else []
+        fitting = []
+        for q in solutions:
+            checker = contact.made[0].checker
+            before = checker.counts
+            objection = contact.objection(checker, q)
+            self._spent += checker.counts - before
+            if objection:
+                refused.append(objection)
+            else:
+                fitting.append(q)
+        if first:
+            self._tried += [f"way {number}: {reason}" for reason in refused]
+        return fitting
+
+    def _motions(self, contact: _Contact, outward: FloatArray) -> tuple[Segment, ...]:
+        """The three motions and what the gripper does between them, the cheapest to refuse first.
+
+        Raises:
+            _NoMotion: one of them has no plan.
+        """
+        before, after = contact.made
+        inward, (going, into, out) = outward[::-1], contact.names
+        away = _travel(before.robot, outward)
+        opening = self._gripper_motion(self._service, self._standing, before.robot.gripper_width, None)
+        grip = self._gripper_motion(before, outward[0], after.robot.gripper_width, contact.grip)
+        line_in = self._followed(into, before, inward, _stretches(contact.touches_in, away, inward=True))
+        line_out = self._followed(out, after, outward, _stretches(contact.touches_out, away, inward=False))
+        request = replace(self._template, goal=inward[0], time_limit=self._share_of_time())
+        to = self._having_plan(going, before.plan(request, cancel=self._handling.cancel))
+        open_width, law = before.robot.gripper_width, self._handling.line_timing
+        return (
+            Segment(going, to, open_width, before.scene, opening),
+            Segment(into, line_in, open_width, before.scene, timing=law),
+            Segment(out, line_out, after.robot.gripper_width, after.scene, grip, law),
+        )
+
+    def _gripper_motion(
+        self, service: PlannerService, q: FloatArray, width: float, touch: _Touch | None
+    ) -> GripperMotion | None:
+        """The gripper going from the width it has to another one; None if it has it already. Looked at once.
+
+        Raises:
+            _NoMotion: it is not proven free.
+        """
+        now = service.robot.gripper_width
+        if width == now:
+            return None
+        key = (q.tobytes(), now, width)
+        if key not in self._grips:
+            touching, reason = ((), "") if touch is None else (touch.pairs, touch.reason)
+            cancel = self._handling.cancel
+            try:
+                found = service.certify_gripper(q, now, width, touching=touching, reason=reason, cancel=cancel)
+            except Cancelled as cancelled:
+                self._ended = Failure(Stage.CERTIFY, Reason.PREEMPTED, str(cancelled))
+                raise _NoMotion from cancelled
+            self._grips[key] = found
+            self._spent += CheckCounts(distances=found.certificate.distances)
+            self._tried += [found.refused] if found.refused else []
+        if self._grips[key].refused:
+            raise _NoMotion
+        return self._grips[key]
+
+    def _followed(
+        self, name: str, service: PlannerService, waypoints: FloatArray, contacts: tuple[AllowedStretch, ...]
+    ) -> PlanResult:
+        result = service.follow(
+            waypoints,
+            contacts=contacts,
+            blends=np.minimum(line_blends(service.robot, waypoints), self._template.blend),
+            pace=Pace.of(self._template, self._handling.line_timing),
+            padding=self._template.padding,
+            cancel=self._handling.cancel,
+        )
+        return self._having_plan(name, result)
+
+    def _share_of_time(self) -> float | None:
+        """Seconds for the next search: half of what is left, so that other ways get their turn.
+
+        Raises:
+            _NoMotion: no time is left.
+        """
+        if self._deadline is None:
+            return None
+        left = self._deadline - time.monotonic()
+        if left <= 0.0:
+            detail = f"the time limit of {self._template.time_limit:g} s passed; {'; '.join(self._tried[:6])}"
+            self._ended = Failure(Stage.SEARCH, Reason.TIMED_OUT, detail)
+            raise _NoMotion
+        return left / 2.0
+
+    def _having_plan(self, name: str, result: PlanResult) -> PlanResult:
+        """The same if it has one; its cost is recorded either way, and a cancelled one ends the task.
+
+        Raises:
+            _NoMotion: it has none.
+        """
+        self._spent += result.counts
+        if result.failure is None:
+            return result
+        self._tried.append(f"{name}: {result.failure.detail}")
+        self._ended = result.failure if result.failure.reason is Reason.PREEMPTED else None
+        raise _NoMotion
+
+
+class _NoMotion(Exception):
+    """One of the motions of a way has no plan; why not was noted."""
+
+
+def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:
+    """Metres that the tool's origin has come from the first waypoint at each."""
+    places = [[row[3] for row in robot.tool_rows(q)] for q in waypoints]
+    return [math.dist(places[0], place) for place in places]
+
+
+def _stretches(touches: tuple[_Touch, ...], away: Sequence[float], *, inward: bool) -> tuple[AllowedStretch, ...]:
+    """Where on the line pairs may touch, given each waypoint's metres ``away`` from the contact."""
+    last = len(away) - 1
+    found = []
+    for touch in touches:
+        reach = last if touch.within is None else max(k for k, metres in enumerate(away) if metres <= touch.within)
+        first, end = (last - reach, last) if inward else (0, reach)
+        found.append(AllowedStretch(first, end, touch.pairs, touch.reason))
+    return tuple(found)

@@ -1,0 +1,168 @@
+"""What picking and placing take and give: how to handle an object, and the motions that came of it."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, field
+from types import NoneType
+from typing import TYPE_CHECKING
+
+from planner_service.certify import GripperMotion
+from planner_service.collision import CancelToken, CheckCounts
+from planner_service.geometry.shapes import FloatArray, copied_in, instance, number
+from planner_service.planning.request import PlanRequest, require_timing
+from planner_service.planning.result import Failure, PlanResult
+from planner_service.scene.scene import Scene
+from planner_service.service import PlannerService
+from planner_service.timing.laws import Timing
+
+if TYPE_CHECKING:
+    from planner_service.view import Viewer
+
+__all__ = ["MAX_SUPPORT_GAP", "Handling", "Segment", "TaskResult"]
+
+MAX_SUPPORT_GAP = 0.05
+"""Metres of a lift or of a lowering, at most, within which an object and its support may touch."""
+
+
+@dataclass(frozen=True)
+class Handling:
+    """How an object is taken or set down.
+
+    Attributes:
+        support: What the object stands on before a pick, or on after a place: an obstacle's name.
+        support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
+        open_width: The gripper's opening around the object; 12 mm of room for each finger if None.
+        request: Planner, timing, seed, scales, padding and limits are taken from here; its start and goal are not. Its
+            ``time_limit`` is for the whole pick or place, its ``max_checks`` for each motion.
+        line_timing: The law along the straight tool lines; the request's if None.
+        cancel: Ends the task before its next check when cancelled from another thread.
+    """
+
+    support: str | None = None
+    support_gap: float = 0.005
+    open_width: float | None = None
+    request: PlanRequest | None = None
+    line_timing: Timing | None = None
+    cancel: CancelToken | None = None
+
+    def __post_init__(self) -> None:
+        instance("support", self.support, (str, NoneType), "the name of an obstacle, or None")
+        number("support_gap", self.support_gap, f"metres in [0, {MAX_SUPPORT_GAP:g}]", 0.0, MAX_SUPPORT_GAP)
+        if self.open_width is not None:
+            number("open_width", self.open_width, "metres in [0, 1], or None", 0.0, 1.0)
+        instance("request", self.request, (PlanRequest, NoneType), "a PlanRequest, or None")
+        if self.line_timing is not None:
+            require_timing(self.line_timing)
+        instance("cancel", self.cancel, (CancelToken, NoneType), "a CancelToken, or None")
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One motion of a task, by name.
+
+    Attributes:
+        width: The gripper's opening in metres during it; NaN or 0 without a gripper.
+        scene: What stands around the robot, and what it carries, during it. If None, those of the service that planned
+            it, or, where that is unknown, of the motion before.
+        gripper: How it comes to that opening, the arm standing at the motion's start; None if it has it already.
+        timing: Its timing law, where that is another one than the task's request names.
+    """
+
+    name: str
+    result: PlanResult
+    width: float
+    scene: Scene | None = None
+    gripper: GripperMotion | None = None
+    timing: Timing | None = None
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What the motion asked of the collision checker, its gripper's proof included."""
+        if self.gripper is None:
+            return self.result.counts
+        return self.result.counts + CheckCounts(distances=self.gripper.certificate.distances)
+
+    def service_before(self, before: PlannerService) -> PlannerService:
+        """The same as ``service_after``, its gripper as it stands until the motion's own opening or closing begins."""
+        service = self.service_after(before)
+        return service if self.gripper is None else service.changed(gripper=self.gripper.start)
+
+    def service_after(self, before: PlannerService) -> PlannerService:
+        """What plans for the robot and the scene as they are during this motion.
+
+        Args:
+            before: For the motion before it, or for the beginning of the task.
+
+        Raises:
+            InvalidRequest: the width is outside the gripper's range.
+        """
+        origin = self.result.origin
+        if origin is not None:
+            return origin.service
+        scene = before.scene if self.scene is None else self.scene
+        moved = before.robot.gripper is not None and before.robot.gripper_width != self.width
+        if not moved and scene == before.scene:
+            return before
+        return before.changed(gripper=self.width if moved else None, scene=scene)
+
+
+@dataclass(frozen=True, eq=False)
+class TaskResult:
+    """What a pick or a place came to.
+
+    Attributes:
+        segments: The motions, in order.
+        service: Plans what follows: the robot with its gripper as it now stands, the scene as it now is.
+        q: Where the robot ends, shape (n,).
+        failure: None if every segment has a plan.
+        choosing: What looking for a workable grasp or placement cost, beyond the segments.
+        notes: What was chosen, and what was tried and left.
+        request: What all motions were asked to keep: planner, timing, scales, limits; its goal means nothing.
+    """
+
+    segments: tuple[Segment, ...]
+    service: PlannerService
+    q: FloatArray
+    failure: Failure | None = None
+    choosing: CheckCounts = field(default_factory=CheckCounts)
+    notes: tuple[str, ...] = ()
+    request: PlanRequest | None = None
+
+    def __post_init__(self) -> None:
+        copied_in(self, "segments", "q", "notes")
+
+    @property
+    def ok(self) -> bool:
+        """Whether every segment has a plan."""
+        return self.failure is None
+
+    @property
+    def counts(self) -> CheckCounts:
+        """What the whole task asked of the collision checker."""
+        return sum((segment.counts for segment in self.segments), self.choosing)
+
+    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+        """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
+
+        Raises:
+            MissingDependency: the extra ``view`` is not installed.
+        """
+        return self.service.view(self, port=port, block=block)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the motions, or how far there are plans, to a JSON file with the robot and the scene of each.
+
+        Raises:
+            InvalidRequest: something in it has no place in a file.
+            InvalidFile: it cannot be written.
+        """
+        from planner_service.records.plan_file import save_plan
+
+        save_plan(self, path)
+
+    @property
+    def duration(self) -> float:
+        """Seconds of motion, the gripper's own not included."""
+        return math.fsum(s.result.trajectory.duration for s in self.segments if s.result.trajectory is not None)

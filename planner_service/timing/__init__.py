@@ -1,0 +1,1 @@
+"""Time laws: how fast an arm may go along a path."""

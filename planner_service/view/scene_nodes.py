@@ -1,0 +1,169 @@
+"""Robots and scenes as nodes of a viser scene: drawn once, then moved link by link."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+
+from planner_service.collision.names import Kind, Owner, owner_of
+from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Attached, Obstacle, Scene
+from planner_service.view.still.composition import TOUCHING
+from planner_service.view.triangles import GROUND, TOOL, Colour, Solid, placements, robot_solids, scene_solids
+
+__all__ = ["Figure", "Props", "colours_of"]
+
+AMBER: Colour = (235, 165, 30)
+
+
+def _add(scene: Any, path: str, solid: Solid, colour: Colour, opacity: float) -> Any:
+    return scene.add_mesh_simple(
+        path,
+        solid.vertices.astype(np.float32),
+        solid.faces.astype(np.uint32),
+        color=colour,
+        opacity=None if opacity >= 1.0 else opacity,
+        flat_shading=True,
+        side="double" if opacity >= 1.0 else "front",
+        cast_shadow=opacity >= 1.0,
+        receive_shadow=opacity >= 1.0,
+    )
+
+
+class Figure:
+    """A robot that is drawn, or the ghost of one.
+
+    Args:
+        scene: viser's scene.
+        root: The node below which it is drawn.
+        ghost: Its one colour; None for those of its links.
+    """
+
+    def __init__(self, scene: Any, root: str, robot: Robot, *, ghost: Colour | None = None) -> None:
+        self._robot = robot
+        self._root = scene.add_frame(root, show_axes=False)
+        self._solids = {solid.name: solid for solid in robot_solids(robot)}
+        opacity = 1.0 if ghost is None else 0.28
+        links = [*self._solids, TOOL]
+        self._frames = {link: scene.add_frame(f"{root}/{k}", show_axes=False) for k, link in enumerate(links)}
+        self._meshes = {
+            name: _add(scene, f"{root}/{k}/shape", solid, ghost or solid.colour, opacity)
+            for k, (name, solid) in enumerate(self._solids.items())
+        }
+        self.tool = f"{root}/{len(links) - 1}"
+        self._where: dict[str, FloatArray] = {}
+        self._painted: dict[str, Colour] = {}
+
+    def wear(self, robot: Robot) -> None:
+        """Draw it with its gripper as that robot's."""
+        if robot is self._robot or robot.gripper_width == self._robot.gripper_width:
+            return
+        self._robot = robot
+        for solid in robot_solids(robot):
+            if not np.array_equal(solid.vertices, self._solids[solid.name].vertices):
+                self._solids[solid.name] = solid
+                self._meshes[solid.name].vertices = solid.vertices.astype(np.float32)
+
+    def stand(self, q: FloatArray) -> None:
+        """Move it to q (n,); what has not moved is left alone."""
+        for link, T in placements(self._robot, q).items():
+            before = self._where.get(link)
+            if before is not None and np.array_equal(before, T):
+                continue
+            self._where[link], frame = T, self._frames[link]
+            pose = Pose.from_matrix(T)
+            frame.position, frame.wxyz = pose.position, pose.quaternion
+
+    def paint(self, colours: dict[Owner, Colour]) -> None:
+        """Give some links another colour, the others their own."""
+        for name, solid in self._solids.items():
+            wanted = colours.get(Owner(Kind.LINK, name), solid.colour)
+            if self._painted.get(name, solid.colour) != wanted:
+                self._painted[name] = self._meshes[name].color = wanted
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is drawn."""
+        return bool(self._root.visible)
+
+    @visible.setter
+    def visible(self, value: bool) -> None:
+        if self._root.visible != value:
+            self._root.visible = value
+
+
+class Props:
+    """The obstacles, with their names, and what the robot carries.
+
+    Args:
+        scene: viser's scene.
+        tool: The node of the frame that carries.
+    """
+
+    def __init__(self, scene: Any, tool: str) -> None:
+        self._scene, self._tool = scene, tool
+        self._things: dict[str, Obstacle | Attached] = {}
+        self._nodes: dict[str, tuple[Any, Any]] = {}
+        self._colours: dict[tuple[str, bool], Colour] = {}
+        self._painted: dict[str, Colour] = {}
+        self._labels = True
+        self._count = 0
+
+    def show(self, scene: Scene) -> None:
+        """Draw the things of a scene; those that are drawn already stay."""
+        standing: dict[str, Obstacle | Attached] = {obstacle.name: obstacle for obstacle in scene.obstacles}
+        things = standing | {held.name: held for held in scene.attached}
+        gone = [name for name, thing in self._things.items() if things.get(name) != thing]
+        for name in gone:
+            for node in self._nodes.pop(name):
+                node.remove()
+            self._painted.pop(name, None)
+        fresh = {name for name, thing in things.items() if name not in self._nodes}
+        if fresh:
+            for solid in scene_solids(scene):
+                if solid.name in fresh:
+                    self._draw(solid)
+        self._things = things
+
+    def _draw(self, solid: Solid) -> None:
+        self._count += 1
+        colour = self._colours.setdefault((solid.name, solid.frame is None), solid.colour)
+        root = f"/scene/{self._count}" if solid.frame is None else f"{self._tool}/{self._count}"
+        low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
+        middle = (low + high) / 2.0
+        if solid.colour == GROUND:  # its middle is below the robot
+            middle = 0.9 * np.array([high[0], low[1], 0.0]) + 0.1 * middle
+        top = (middle[0], middle[1], high[2]) if solid.frame is None else tuple(middle)
+        mesh = _add(self._scene, f"{root}/shape", solid, colour, solid.opacity)
+        label = self._scene.add_label(
+            f"{root}/name", solid.name, position=top, anchor="bottom-center", font_screen_scale=0.75,
+            visible=self._labels and solid.frame is None,
+        )  # fmt: skip
+        self._nodes[solid.name] = mesh, label
+
+    def paint(self, colours: dict[Owner, Colour]) -> None:
+        """Give some things another colour, the others their own."""
+        for name, (mesh, _) in self._nodes.items():
+            own = self._colours[name, isinstance(self._things[name], Obstacle)]
+            wanted = colours.get(Owner(Kind.OBJECT, name), own)
+            if self._painted.get(name, own) != wanted:
+                self._painted[name] = mesh.color = wanted
+
+    def label(self, shown: bool) -> None:
+        """Show the names of obstacles, or hide them."""
+        if shown == self._labels:
+            return
+        self._labels = shown
+        for name, (_, label) in self._nodes.items():
+            label.visible = shown and isinstance(self._things[name], Obstacle)
+
+
+def colours_of(
+    bad: Collection[tuple[str, str]], meant: Collection[tuple[str, str]], robot: Robot
+) -> dict[Owner, Colour]:
+    """Red for what touches and must not, amber for what may."""
+    told = {name: AMBER for pair in meant for name in pair} | {name: TOUCHING for pair in bad for name in pair}
+    return {owner_of(name, robot): colour for name, colour in told.items()}

@@ -1,0 +1,1 @@
+"""Still pictures, drawn without a display."""

@@ -1,0 +1,210 @@
+"""What a picture shows and from where: robots opaque or faint, obstacles, lines, names, and the eye's place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.collision.names import Names
+from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+from planner_service.view.still.camera import Camera
+from planner_service.view.still.lettering import CAPTION, Caption, Mark, lettered, place_of
+from planner_service.view.still.paint import Drawing, Line, paint, placed
+from planner_service.view.still.sights import Sights
+from planner_service.view.triangles import (
+    TOOL,
+    Colour,
+    IntArray,
+    Solid,
+    is_ground,
+    placements,
+    robot_solids,
+    scene_solids,
+)
+
+__all__ = ["GOAL", "START", "TOOL_PATH", "TOUCHING", "WAY", "Kind", "Stand", "View", "picture", "tool_path"]
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a robot is drawn: the colour that stands for it, and its opacity."""
+
+    colour: Colour
+    opacity: float
+
+
+START = Kind((192, 200, 211), 1.0)
+"""Opaque, in the colours of its links, which differ a little."""
+
+WAY = Kind((84, 140, 220), 0.26)
+GOAL = Kind((58, 168, 104), 0.66)
+
+TOUCHING: Colour = (218, 44, 44)
+TOOL_PATH: Colour = (20, 84, 190)
+AXES: tuple[Colour, ...] = ((214, 52, 52), (46, 150, 70), (40, 90, 210))
+AXIS, BELOW = 0.08, 18.0
+"""Metres of the axes of a frame, and pixels below its origin for its name."""
+
+TINT = 0.72
+"""How much of its colour a ghost has from what it stands for."""
+
+TOUCHED, REACHED = 0.55, 0.9
+"""Opacity of an obstacle that is touched, so that what is in it is seen (a table half of it, or all of the picture is
+red), and of a ghost's link that touches it."""
+
+MOVED = 0.001
+"""Metres: a ghost's links that are within that of where they were at the start are not drawn again."""
+
+POINTS = 200
+"""Of a tool path."""
+
+GRID: Colour = (214, 220, 228)
+CELLS, MOST_CELLS = (0.1, 0.2, 0.5, 1.0, 10.0, 100.0, 1000.0), 16
+"""Metres between the lines of the floor, and how many of these all that is in view spans at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """The robot at q (n,), which need not be within its limits; ``touching`` are the labels of what to draw red."""
+
+    q: FloatArray
+    kind: Kind = START
+    touching: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a picture shows.
+
+    Attributes:
+        stands: The first is drawn opaque.
+        lines: Tool paths.
+        frames: Goals of the tool for which there is no configuration, drawn as axes.
+    """
+
+    robot: Robot
+    scene: Scene
+    stands: tuple[Stand, ...]
+    lines: tuple[Line, ...] = ()
+    frames: tuple[Pose, ...] = ()
+
+
+def tool_path(robot: Robot, path: JointPath) -> Line:
+    """The way of the tool frame's origin along a path."""
+    places = path(path.length * (np.arange(POINTS) / (POINTS - 1)))
+    return Line(np.array([[row[3] for row in robot.tool_rows(q)] for q in places]), TOOL_PATH, 3.2)
+
+
+def _axes_at(pose: Pose) -> tuple[Line, ...]:
+    """The axes of a frame as short lines: x red, y green, z blue."""
+    T = pose.matrix
+    return tuple(Line(np.stack([T[:3, 3], T[:3, 3] + AXIS * T[:3, k]]), AXES[k], 4.0) for k in range(3))
+
+
+def picture(view: View, caption: Caption, size: tuple[int, int]) -> Image:
+    """The picture of a view with names and a caption, (height, width, 3) of ``size`` (width, height)."""
+    touching = frozenset[str]().union(*(stand.touching for stand in view.stands))
+    names = Names(view.robot, view.scene)
+    solids = [replace(solid, name=names.object(solid.name)) for solid in scene_solids(view.scene)]
+    links = [replace(solid, name=names.link(solid.name)) for solid in robot_solids(view.robot)]
+    obstacles = [solid for solid in solids if solid.frame is None]
+    riding = [*links, *(solid for solid in solids if solid.frame is not None)]
+    robots = [_robot_at(view.robot, riding, stand) for stand in view.stands]
+    red = [_reddened(o) for o in obstacles if o.name in touching]
+    lines = (*view.lines, *(line for frame in view.frames for line in _axes_at(frame)))
+    sights = Sights([solid for robot in robots for solid in robot], obstacles, lines)
+    drawing = Drawing(
+        (*robots[0], *(o for o in obstacles if o.name not in touching)),
+        (*_ghosts(view, robots), *((o,) for o in red)),
+        lines,
+        () if any(is_ground(solid.vertices) for solid in obstacles) else _floor(sights.points),
+    )
+    inner = (size[0], size[1] - CAPTION)
+    camera = sights.camera(inner)
+    image, owners = paint(drawing, camera, inner)
+    struck = [s for stand, robot in zip(view.stands, robots, strict=True) for s in robot if s.name in stand.touching]
+    goals = [_pixel(camera, np.array(frame.position)) for frame in view.frames]
+    marks = [
+        *(Mark("goal", (x, y + BELOW), GOAL.colour) for x, y in goals),
+        *_marks([*struck, *red], camera),
+        *_visible_marks(drawing.solids, len(robots[0]), owners),
+    ]
+    return lettered(image, marks, caption)
+
+
+def _reddened(obstacle: Solid) -> Solid:
+    opacity = TOUCHED / 2 if is_ground(obstacle.vertices) else TOUCHED
+    return replace(obstacle, colour=TOUCHING, opacity=opacity)
+
+
+def _robot_at(robot: Robot, riding: Sequence[Solid], stand: Stand) -> list[Solid]:
+    """The robot and what it carries in the world, red where it touches."""
+    poses = placements(robot, stand.q)
+    out = []
+    for solid in riding:
+        colour = TOUCHING if solid.name in stand.touching else _tinted(solid.colour, stand.kind)
+        out.append(replace(placed(solid, poses[solid.frame or TOOL]), colour=colour, opacity=stand.kind.opacity))
+    return out
+
+
+def _tinted(colour: Colour, kind: Kind) -> Colour:
+    if kind is START:
+        return colour
+    r, g, b = (round(c + TINT * (k - c)) for c, k in zip(colour, kind.colour, strict=True))
+    return (r, g, b)
+
+
+def _ghosts(view: View, robots: Sequence[Sequence[Solid]]) -> list[tuple[Solid, ...]]:
+    """The stands but the first, without what has hardly moved; links that touch apart, as they are seen better."""
+    out = []
+    for stand, robot in zip(view.stands[1:], robots[1:], strict=True):
+        moved = [
+            solid
+            for solid, before in zip(robot, robots[0], strict=True)
+            if float(np.abs(solid.vertices - before.vertices).max()) > MOVED
+        ]
+        out.append(tuple(solid for solid in moved if solid.name not in stand.touching))
+        out.append(tuple(replace(solid, opacity=REACHED) for solid in robot if solid.name in stand.touching))
+    return [group for group in out if group]
+
+
+def _floor(points: FloatArray) -> tuple[Line, ...]:
+    """A grid beneath points (k, 3)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    cell = next(size for size in CELLS if float(np.max(high - low)) <= MOST_CELLS * size or size == CELLS[-1])
+    x, y = ([cell * k for k in range(math.floor(low[a] / cell) - 1, math.ceil(high[a] / cell) + 2)] for a in range(2))
+    z = float(low[2])
+    rows = [[(x[0], at, z), (x[-1], at, z)] for at in y] + [[(at, y[0], z), (at, y[-1], z)] for at in x]
+    return tuple(Line(np.array(row), GRID, 1.0, hidden=0.0) for row in rows)
+
+
+def _marks(solids: Sequence[Solid], camera: Camera) -> list[Mark]:
+    """Names in red at the middles of solids, each once."""
+    out: dict[str, Mark] = {}
+    for solid in solids:
+        middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
+        out.setdefault(solid.name, Mark(solid.name, _pixel(camera, middle), TOUCHING))
+    return list(out.values())
+
+
+def _pixel(camera: Camera, point: FloatArray) -> tuple[float, float]:
+    """Where a point in view is in the picture."""
+    x, y, _ = camera.pixels(camera.seen(point)).tolist()
+    return x, y
+
+
+def _visible_marks(solids: Sequence[Solid], first: int, owners: IntArray) -> list[Mark]:
+    """Names of solids from the one numbered ``first`` on, those that are seen most before others."""
+    areas = np.bincount(owners[owners >= 0], minlength=len(solids)).tolist()
+    order = sorted(range(first, len(solids)), key=lambda k: (-areas[k], k))
+    places = [(solids[k].name, place_of(owners, k)) for k in order]
+    return [Mark(name, at) for name, at in places if at is not None]

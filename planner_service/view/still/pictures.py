@@ -1,0 +1,192 @@
+"""A still picture of a plan, a task or a configuration as a PNG file, without a display or a browser.
+
+::
+
+    from planner_service.view.still.pictures import draw_plan
+
+    draw_plan(service, request, service.plan(request), "plan.png")
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import re
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.collision import CheckCounts, CollisionChecker, Contact
+from planner_service.files.reading import as_path
+from planner_service.files.writing import write_whole
+from planner_service.geometry.shapes import Pose, instance
+from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.planning.accounting import in_words
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import PlanResult, Reason
+from planner_service.records.plan_file import SavedTask
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Scene
+from planner_service.service import PlannerService
+from planner_service.view.still.composition import (
+    GOAL,
+    START,
+    TOOL_PATH,
+    TOUCHING,
+    WAY,
+    Kind,
+    Stand,
+    View,
+    picture,
+    tool_path,
+)
+from planner_service.view.still.lettering import Caption
+from planner_service.view.triangles import Colour
+
+__all__ = ["OURS", "draw_check", "draw_plan", "draw_task", "write_png"]
+
+OURS = re.compile(rb"\x89PNG")
+"""How pictures begin."""
+
+Image = NDArray[np.uint8]
+Key = tuple[Colour, str]
+
+SIZE = (1280, 800)
+"""Pixels, width and height, of every picture."""
+
+ON_THE_WAY = 4
+"""Robots between start and goal."""
+
+
+def draw_plan(service: PlannerService, request: PlanRequest, result: PlanResult, file: str | os.PathLike[str]) -> None:
+    """A picture of a plan: robot at the start, faint on the way, green at the goal, and its tool path.
+
+    Of a failure: start and goal, with what touches there in red.
+
+    Raises:
+        InvalidFile: the file cannot be written.
+    """
+    robot, scene = service.robot, service.scene
+    view, caption = _failed(robot, scene, request, result) if result.path is None else _planned(service, result)
+    write_png(file, picture(view, caption, SIZE))
+
+
+def draw_task(service: PlannerService, task: SavedTask, file: str | os.PathLike[str]) -> None:
+    """A picture of a task in the scene it begins in: the robot there, faint where motions end, and its tool path.
+
+    Raises:
+        InvalidFile: the file cannot be written.
+    """
+    robot, ok = service.robot, task.failure is None
+    results = [segment.result for segment in task.segments]
+    paths = [result.path for result in results if result.path is not None]
+    timed = [result.trajectory.duration for result in results if result.trajectory is not None]
+    stands = [Stand(path(0.0)) for path in paths[:1]] + [Stand(path(path.length), WAY) for path in paths[:-1]]
+    caption = Caption(
+        f"{robot.name}: {task.task}{'' if ok else ': no plan'}",
+        (
+            _joined(f"{math.fsum(timed):.2f} s of motion in {len(timed)} parts", _counted(task.counts)),
+            _proof(results) if ok else str(task.failure),
+        ),
+        _keys((START, WAY), tool=True),
+    )
+    lines = tuple(tool_path(robot, path) for path in paths)
+    view = View(robot, service.scene, tuple(stands) or (Stand(robot.home),), lines)
+    write_png(file, picture(view, caption, SIZE))
+
+
+def draw_check(checker: CollisionChecker, q: ArrayLike, file: str | os.PathLike[str]) -> None:
+    """A picture of a configuration q (n,), what touches in red.
+
+    Raises:
+        InvalidRequest: as ``checker.contacts`` does, which is asked.
+        InvalidFile: the file cannot be written.
+    """
+    instance("checker", checker, CollisionChecker, "a CollisionChecker")
+    file = as_path("file", file)
+    robot, scene = checker.robot, checker.scene
+    contacts, clearance = checker.contacts(q), checker.clearance(q)
+    room = "nothing to touch" if clearance == math.inf else f"clearance: at least {clearance * 1000:.1f} mm"
+    verdict = "colliding" if contacts else "free"
+    words = _joined(*map(str, contacts)) if contacts else room
+    caption = Caption(f"{_where(robot, scene)}: {verdict}", (words,), _keys((), contacts))
+    stand = Stand(np.asarray(q, dtype=np.float64), START, _names(contacts))
+    write_png(file, picture(View(robot, scene, (stand,)), caption, SIZE))
+
+
+def write_png(file: str | os.PathLike[str], image: Image) -> None:
+    """Write a picture (height, width, 3); the file is there whole or not at all.
+
+    Raises:
+        InvalidFile: it cannot be written.
+    """
+    from PIL import Image as Pictures
+
+    content = io.BytesIO()
+    Pictures.fromarray(image).save(content, "PNG", optimize=True)
+    write_whole(as_path("file", file), content.getvalue(), OURS)
+
+
+def _planned(service: PlannerService, result: PlanResult) -> tuple[View, Caption]:
+    robot, (path, trajectory) = service.robot, result.unwrap()
+    places = [path(path.length * k / (ON_THE_WAY + 1)) for k in range(ON_THE_WAY + 2)]
+    kinds = [START, *[WAY] * ON_THE_WAY, GOAL]
+    unit = "" if any(body.prismatic for body in robot.bodies) else " rad"
+    moved = f"{trajectory.duration:.2f} s of motion", f"path {path.length:.2f}{unit}"
+    words = (_joined(*moved, _counted(result.counts)), _proof([result]))
+    caption = Caption(f"{_where(robot, service.scene)}: planned", words, _keys((START, WAY, GOAL), tool=True))
+    stands = tuple(Stand(q, kind) for q, kind in zip(places, kinds, strict=True))
+    return View(robot, service.scene, stands, (tool_path(robot, path),)), caption
+
+
+def _failed(robot: Robot, scene: Scene, request: PlanRequest, result: PlanResult) -> tuple[View, Caption]:
+    """Start and goals of a plan that there is not, and why."""
+    failure = result.failure
+    contacts = () if failure is None else failure.contacts
+    at_start = failure is not None and failure.reason is Reason.START_IN_COLLISION
+    stands = [Stand(np.asarray(request.start, dtype=np.float64), START, _names(contacts if at_start else ()))]
+    poses = [goal for goal in request.goals(robot) if isinstance(goal, Pose | PoseGoal)]
+    frames = tuple(goal.pose if isinstance(goal, PoseGoal) else goal for goal in poses)
+    joint_goals = [goal for goal in request.goals(robot) if not isinstance(goal, Pose | PoseGoal)]
+    stands += [Stand(goal, GOAL, _names(() if at_start else contacts)) for goal in joint_goals]
+    words = "" if failure is None else failure.detail
+    reason = "" if failure is None else f" ({failure.reason.value})"
+    kinds = [stand.kind for stand in stands]
+    title = f"{_where(robot, scene)}: no plan{reason}"
+    caption = Caption(title, (words, _counted(result.counts)), _keys(kinds, contacts))
+    return View(robot, scene, tuple(stands), frames=frames), caption
+
+
+def _where(robot: Robot, scene: Scene) -> str:
+    return f"{robot.name} in {scene.name or 'a scene'}"
+
+
+def _names(contacts: Iterable[Contact]) -> frozenset[str]:
+    return frozenset(name for contact in contacts for name in (contact.a, contact.b))
+
+
+MEANINGS = ((START, "start"), (WAY, "on the way"), (GOAL, "goal"))
+
+
+def _keys(kinds: Sequence[Kind], contacts: Sequence[Contact] = (), *, tool: bool = False) -> tuple[Key, ...]:
+    """What the colours mean."""
+    keys = [(kind.colour, meaning) for kind, meaning in MEANINGS if kind in kinds]
+    keys += [(TOOL_PATH, "tool path")] if tool else []
+    return (*keys, *([(TOUCHING, "touching")] if contacts else []))
+
+
+def _joined(*parts: str) -> str:
+    return " \u00b7 ".join(filter(None, parts))
+
+
+def _counted(counts: CheckCounts) -> str:
+    return f"judged: states {counts.states:,}, edges {counts.edges:,}, distances {counts.distances:,}"
+
+
+def _proof(results: Iterable[PlanResult]) -> str:
+    """What is proven of motions, in words."""
+    proofs = [result.certificate for result in results if result.certificate is not None and result.ok]
+    least = min((proof.clearance for proof in proofs), default=None)
+    return "" if least is None else f"proven: {in_words(least)}, between samples too"

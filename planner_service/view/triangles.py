@@ -1,0 +1,261 @@
+"""What is judged, as triangles to draw: links of a robot, obstacles, carried objects, and where the links are.
+
+Every solid is closed, its triangles counter-clockwise seen from outside. Round shapes are drawn by polyhedra whose
+corners lie on them; boxes, hulls and cells are drawn as they are judged.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry.composite import Compound, HeightField, PointCloud
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere, read_only
+from planner_service.robot.kinematic_tree import BodyPose
+from planner_service.robot.model import Robot
+from planner_service.scene.scene import Attached, Obstacle, Scene
+
+__all__ = ["TOOL", "Colour", "IntArray", "Solid", "is_ground", "placements", "robot_solids", "scene_solids"]
+
+Colour = tuple[int, int, int]
+"""Red, green, blue: 0 to 255."""
+
+IntArray = NDArray[np.int64]
+
+TOOL = ""
+"""The frame of what is carried: the robot's tool frame. No link has an empty name."""
+
+LINKS: tuple[Colour, ...] = ((214, 219, 226), (158, 172, 190))
+"""Colours of the links, in turn."""
+
+OBSTACLES: tuple[Colour, ...] = (
+    *((238, 196, 140), (202, 186, 224), (232, 178, 170), (216, 208, 148)),
+    *((210, 184, 162), (178, 198, 198), (222, 190, 208), (196, 196, 172)),
+)
+"""Colours of the obstacles, in turn for each first word of their names."""
+
+NAMED: Mapping[str, Colour] = MappingProxyType(
+    {
+        "red": (222, 92, 84),
+        "green": (94, 176, 104),
+        "blue": (78, 128, 216),
+        "yellow": (238, 206, 84),
+        "orange": (240, 158, 76),
+        "white": (244, 244, 244),
+        "black": (84, 88, 94),
+    }
+)
+"""Of an obstacle whose name begins with one of these."""
+
+GROUND: Colour = (236, 233, 226)
+CARRIED: Colour = (240, 130, 50)
+
+WIDE, HIGH = 0.9, 0.1
+"""Metres: what is at least so long both ways, lower than a quarter of that, and no higher above the robot's base is
+ground."""
+
+ROUND = 48
+"""Sides of what is round."""
+
+MAX_BOXES = 6_000
+"""Of a cloud or a height field; a larger one is drawn in coarser cells, that hold its own."""
+
+Triangles = tuple[FloatArray, IntArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed surface to draw.
+
+    Attributes:
+        name: Of the link, the obstacle or the carried object.
+        vertices: Corners (k, 3) in metres, in ``frame``.
+        faces: Triangles (m, 3) as rows of ``vertices``, counter-clockwise seen from outside.
+        colour: Red, green, blue: 0 to 255.
+        opacity: 0 to 1.
+        frame: The key of ``placements`` that it moves with; None for the world.
+    """
+
+    name: str
+    vertices: FloatArray
+    faces: IntArray
+    colour: Colour
+    opacity: float
+    frame: str | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", read_only(self.vertices))
+        faces = np.array(self.faces, dtype=np.int64)
+        faces.flags.writeable = False
+        object.__setattr__(self, "faces", faces)
+
+
+def robot_solids(robot: Robot) -> tuple[Solid, ...]:
+    """The links that are judged, one solid for each, in its frame as ``placements`` has it."""
+    shapes: dict[str, list[tuple[Shape, Pose]]] = {}
+    for item in robot.shapes:
+        shapes.setdefault(item.link, []).append((item.shape, item.pose))
+    return tuple(
+        Solid(link, *_union(_convex(shape, pose) for shape, pose in placed), LINKS[k % len(LINKS)], 1.0, link)
+        for k, (link, placed) in enumerate(shapes.items())
+    )
+
+
+def scene_solids(scene: Scene) -> tuple[Solid, ...]:
+    """The obstacles, in the world, then what is carried, in the frame ``TOOL``.
+
+    Clouds and height fields of more than ``MAX_BOXES`` boxes are drawn in coarser cells, which hold all that is judged.
+    """
+    families: dict[str, Colour] = {}
+    standing = []
+    for o in scene.obstacles:
+        vertices, faces = _placed(o)
+        colour = GROUND if is_ground(vertices) else _colour_of(o.name, families)
+        standing.append(Solid(o.name, vertices, faces, colour, 1.0, None))
+    return (*standing, *(Solid(a.name, *_placed(a), CARRIED, 1.0, TOOL) for a in scene.attached))
+
+
+def _colour_of(name: str, families: dict[str, Colour]) -> Colour:
+    """The colour it is called by, or that of a name with the same first word (the parts of a shelf), or the next."""
+    first = re.split(r"[\W\d_]", name.lower())[0]
+    return NAMED.get(first) or families.setdefault(first, OBSTACLES[len(families) % len(OBSTACLES)])
+
+
+def placements(robot: Robot, q: ArrayLike) -> dict[str, FloatArray]:
+    """World poses (4, 4) of the frames that solids move with: of every link with shapes, and ``TOOL``; q is (n,).
+
+    A link's frame is that of the body it belongs to: of the joint that moves it.
+    """
+    values = np.asarray(q, dtype=np.float64)
+    bodies = [_matrix(pose) for pose in robot.body_poses(values)]
+    return {**{item.link: bodies[item.body] for item in robot.shapes}, TOOL: robot.tool_pose(values)}
+
+
+def _matrix(pose: BodyPose) -> FloatArray:
+    a, b, c, d, e, f, g, h, i, x, y, z = pose
+    return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], [0.0, 0.0, 0.0, 1.0]])
+
+
+def is_ground(vertices: FloatArray) -> bool:
+    """Whether a solid with these corners (k, 3) in the world is a table or a floor to stand on: wide, flat and low."""
+    x, y, z = (vertices.max(axis=0) - vertices.min(axis=0)).tolist()
+    return bool(min(x, y) >= WIDE and z < min(x, y) / 4 and vertices[:, 2].max() <= HIGH)
+
+
+def _placed(body: Obstacle | Attached) -> Triangles:
+    """The triangles of an obstacle in the world, or of what is carried in the tool frame."""
+    shape = body.shape
+    if isinstance(shape, Compound):
+        return _moved(_union(_convex(part, pose) for part, pose in shape.parts), body.pose)
+    if isinstance(shape, PointCloud):
+        return _moved(_boxes(*_cloud_boxes(shape)), body.pose)
+    if isinstance(shape, HeightField):
+        return _moved(_boxes(*_column_boxes(shape)), body.pose)
+    return _convex(shape, body.pose)
+
+
+def _moved(triangles: Triangles, pose: Pose) -> Triangles:
+    (x, y, z), faces = triangles[0].T, triangles[1]
+    turned = [a * x + b * y + c * z + at for (a, b, c), at in zip(pose.rotation_rows, pose.position, strict=True)]
+    return np.stack(turned, axis=-1), faces
+
+
+def _union(parts: Iterable[Triangles]) -> Triangles:
+    vertices, faces, count = [], [], 0
+    for corners, triangles in parts:
+        vertices.append(corners)
+        faces.append(triangles + count)
+        count += len(corners)
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def _convex(shape: Shape, pose: Pose) -> Triangles:
+    if isinstance(shape, Box):
+        half = np.array([shape.half])
+        return _moved(_boxes(-half, half), pose)
+    if isinstance(shape, Mesh):
+        return _moved((shape.vertices, shape.faces.astype(np.int64)), pose)
+    if isinstance(shape, Sphere):
+        return _moved(_lathe(_arc(shape.radius, 0.0, -1.0, 1.0)), pose)
+    if isinstance(shape, Cylinder):
+        h = shape.length / 2
+        return _moved(_lathe([(0.0, -h), (shape.radius, -h), (shape.radius, h), (0.0, h)]), pose)
+    if isinstance(shape, Capsule):
+        h = shape.length / 2
+        return _moved(_lathe([*_arc(shape.radius, -h, -1.0, 0.0), *_arc(shape.radius, h, 0.0, 1.0)]), pose)
+    raise BrokenInvariant(f"a {type(shape).__name__} has no triangles")
+
+
+def _arc(radius: float, z: float, low: float, high: float) -> list[tuple[float, float]]:
+    """(distance from the axis, height) along a ball's outline, from ``low`` to ``high`` quarter turns of latitude."""
+    count = round((high - low) * ROUND / 4)
+    angles = [math.pi / 2 * (low + (high - low) * k / count) for k in range(count + 1)]
+    return [(0.0 if abs(a) > 1.57 else radius * math.cos(a), z + radius * math.sin(a)) for a in angles]
+
+
+def _lathe(outline: list[tuple[float, float]]) -> Triangles:
+    """What turns about z: from its outline's (distance, height), upwards, beginning and ending on the axis."""
+    turn = [(math.cos(2 * math.pi * k / ROUND), math.sin(2 * math.pi * k / ROUND)) for k in range(ROUND)]
+    rings = [[(r * c, r * s, z) for c, s in turn] for r, z in outline[1:-1]]
+    bottom, top = len(rings) * ROUND, len(rings) * ROUND + 1
+    corners = [*(corner for ring in rings for corner in ring), (0.0, 0.0, outline[0][1]), (0.0, 0.0, outline[-1][1])]
+    here = np.arange(ROUND)
+    after, last = (here + 1) % ROUND, (len(rings) - 1) * ROUND
+    pole, peak = np.full(ROUND, bottom), np.full(ROUND, top)
+    faces = [np.stack([pole, after, here], axis=-1), np.stack([peak, last + here, last + after], axis=-1)]
+    for base in range(0, last, ROUND):
+        above = base + ROUND
+        faces.append(np.stack([base + here, base + after, above + after], axis=-1))
+        faces.append(np.stack([base + here, above + after, above + here], axis=-1))
+    return np.array(corners), np.concatenate(faces).astype(np.int64)
+
+
+SIDES = np.array(
+    [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2],
+     [1, 3, 7], [1, 7, 5]]
+)  # fmt: skip
+"""Triangles of a box; bits 0, 1, 2 of a corner's number say whether it is high in x, y, z."""
+
+
+def _boxes(low: FloatArray, high: FloatArray) -> Triangles:
+    """Boxes along the axes, from their corners (k, 3)."""
+    bits = np.array([[number >> axis & 1 for axis in range(3)] for number in range(8)], dtype=bool)
+    corners = np.where(bits, high[:, None], low[:, None]).reshape(-1, 3)
+    return corners, (8 * np.arange(len(low))[:, None, None] + SIDES).reshape(-1, 3).astype(np.int64)
+
+
+def _cloud_boxes(cloud: PointCloud) -> tuple[FloatArray, FloatArray]:
+    if len(cloud.pieces.shapes) <= MAX_BOXES:
+        return _piece_boxes(cloud)
+    cells, edge = cloud.cells, cloud.resolution
+    while len(cells) > MAX_BOXES:
+        cells, edge = np.unique(cells // 2, axis=0), 2 * edge
+    low = cells.astype(np.float64)
+    return low * edge, (low + 1.0) * edge
+
+
+def _column_boxes(field: HeightField) -> tuple[FloatArray, FloatArray]:
+    if len(field.pieces.shapes) <= MAX_BOXES:
+        return _piece_boxes(field)
+    heights, edge = field.heights, field.cell
+    while np.count_nonzero(heights > field.floor) > MAX_BOXES:
+        even = np.pad(heights, [(0, size % 2) for size in heights.shape], constant_values=field.floor)
+        rows = np.maximum(even[::2], even[1::2])
+        heights, edge = np.maximum(rows[:, ::2], rows[:, 1::2]), 2 * edge
+    place = np.argwhere(heights > field.floor)
+    low = np.column_stack([place * edge, np.full(len(place), field.floor)])
+    return low, np.column_stack([(place + 1) * edge, heights[heights > field.floor]])
+
+
+def _piece_boxes(solid: PointCloud | HeightField) -> tuple[FloatArray, FloatArray]:
+    half = np.array([shape.half for shape in solid.pieces.shapes if isinstance(shape, Box)])
+    centres = solid.pieces.frames[:, :3, 3]
+    return centres - half, centres + half

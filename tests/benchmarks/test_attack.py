@@ -1,0 +1,127 @@
+"""The attack campaign finds what is wrong, makes it small and runs it again; what it once found stays mended."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmarks.attack import running
+from benchmarks.attack.domain import described
+from benchmarks.attack.harness import Case, Part, Wrong, read_finding, rng_of
+from benchmarks.attack.jail import Jail
+from benchmarks.attack.running import PARTS, main, maker, replayed, run_part
+from planner_service import InvalidRequest
+
+ROOT = Path(__file__).parents[2]
+STORED = sorted((ROOT / "tests" / "attack").glob("*.json"))
+
+
+class Broken(Part):
+    """An attack on something that fails in every way, by what is in its case."""
+
+    name = "api"
+    what = "nothing"
+    lists = ("items",)
+    limit = 0.3
+
+    def draw(self, rng: np.random.Generator) -> Case:
+        return {"items": rng.choice(["fine", "refused", self.bad], 20).tolist()}
+
+    bad = "untyped"
+
+    def run(self, case: Case) -> None:
+        for item in case["items"]:
+            self.harm(item)
+
+    def harm(self, item: str) -> None:
+        if item == "untyped":
+            raise KeyError(item)
+        if item == "wrong":
+            raise Wrong("two and two are four")
+        if item == "crash":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if item == "hang":
+            while True:
+                pass
+        if item == "sleep":
+            time.sleep(60)
+        if item == "memory":
+            bytearray(8_000_000_000)
+        if item == "leftover":
+            Path("half.tmp").touch()
+        if item == "root" and os.access("/", os.W_OK):
+            raise Wrong("an attacker has no rights")
+
+
+def of(bad: str) -> Callable[[], Part]:
+    return type("Broken", (Broken,), {"bad": bad})
+
+
+@pytest.mark.parametrize("bad", ["untyped", "wrong", "crash", "hang", "sleep", "memory"])
+def test_whatever_harm_an_input_does_is_found_made_small_and_done_again(
+    bad: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "maker", lambda name: of(bad))
+    kind = {"sleep": "hang"}.get(bad, bad)
+    summary, (finding, *others) = run_part("api", 3, 5.0, 3)
+    assert (finding.kind, others, finding.minimised) == (kind, [], True)
+    assert finding.case == {"items": [bad]}
+    assert summary.found[kind] >= 1
+    assert summary.inputs >= 1
+    assert replayed(finding)[0] == kind
+
+
+def test_what_an_attack_leaves_behind_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "maker", lambda name: of("leftover"))
+    _, (finding,) = run_part("api", 3, 5.0, 3)
+    assert (finding.kind, finding.detail) == ("leftover", "half.tmp")
+
+
+def test_an_attacker_may_neither_write_where_it_likes_nor_leave_its_folder_behind() -> None:
+    with Jail(of("root")) as jail:
+        outcome, _ = jail.ask({"items": ["root"]})
+        assert outcome.kind == "passed"
+        folder = jail.folder
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_an_attack_draws_the_same_inputs_for_the_same_seed(name: str) -> None:
+    part = maker(name)()
+    assert part.name == name
+    assert part.draw(rng_of(4, 7)) == part.draw(rng_of(4, 7))
+
+
+def test_findings_are_stored_and_replayed_by_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(running, "maker", lambda name: of("untyped"))
+    arguments = ["api", "--minutes", "0.05", "--inputs", "3", "--out", str(tmp_path)]
+    assert main(arguments, Console(width=200)) == 1
+    file = tmp_path / "finding-api-0.json"
+    assert read_finding(file).case == {"items": ["untyped"]}
+    assert main(["replay", str(file)], Console(width=200)) == 1
+    assert main(["table", str(tmp_path)], Console(width=200)) == 0
+    assert "api" in capsys.readouterr().out
+    with pytest.raises(InvalidRequest, match="no stored finding"):
+        main(["replay", str(ROOT / "README.md")], Console(width=200))
+
+
+def test_what_was_found_once_does_no_harm_any_more() -> None:
+    told = {file.name: replayed(read_finding(file)) for file in STORED}
+    assert {name: how for name, how in told.items() if how[0] not in ("passed", "refused")} == {}
+
+
+@pytest.mark.parametrize("page", ["attack.md", "limitations.md"])
+def test_the_pages_tell_the_domain_that_is_drawn_from(page: str) -> None:
+    text: Any = (ROOT / "docs" / page).read_text("utf-8")
+    inside = text.split("<!-- domain: begin -->")[1].split("<!-- domain: end -->")[0]
+    assert inside.strip() == described().strip()

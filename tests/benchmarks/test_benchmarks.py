@@ -1,0 +1,673 @@
+"""What the benchmarks measure on, measure against and write down."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Sequence
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmarks import __main__ as command
+from benchmarks.baselines import plain_ompl
+from benchmarks.baselines.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
+from benchmarks.baselines.pairwise import PairwiseFcl
+from benchmarks.harness import stored
+from benchmarks.harness.report import Promise, Report, Row, p50, p95, show, write_json
+from benchmarks.studies import (
+    agreement,
+    backends,
+    differential,
+    latency,
+    panda,
+    proven,
+    proven_tables,
+    scaling,
+    speed,
+    tasks,
+    toy,
+)
+from benchmarks.studies.problems import public_problems
+from benchmarks.studies.states import STEPS, run_lesson
+from benchmarks.worlds import drawn, queries, sheets
+from benchmarks.worlds.queries import SCENES, Region
+from planner_service import (
+    Box,
+    CollisionChecker,
+    JointPath,
+    JointStep,
+    MotionStep,
+    PlannerService,
+    PlanRequest,
+    SCurve,
+    Stage,
+    ToppRa,
+    load_robot,
+    load_scene,
+)
+from planner_service.certify import Certificate, Refusal
+from planner_service.collision.native_kernel import instruction_sets
+from planner_service.errors import UnknownName
+from planner_service.geometry.shapes import FloatArray
+from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import SearchProblem, joint_distance
+from planner_service.timing.limit_check import peaks
+
+
+def checker_of(scene: str) -> CollisionChecker:
+    return CollisionChecker(load_robot(queries.ROBOT), load_scene(scene))
+
+
+# --- queries
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_stored_queries_are_what_their_seed_gives(scene: str) -> None:
+    assert queries.text_of(queries.draw(scene)) == queries.stored_text(scene)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_scene_has_twenty_queries_whose_ends_are_free_and_whose_straight_line_is_mostly_blocked(scene: str) -> None:
+    checker, here = checker_of(scene), queries.load(scene)
+    assert len(here) == queries.PER_SCENE == 20
+    assert all(checker.state_is_free(q) for query in here for q in (query.start, query.goal))
+    assert [checker.edge_is_free(query.start, query.goal) for query in here] == [query.straight for query in here]
+    assert sum(not query.straight for query in here) >= 18
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_query_leads_from_one_region_of_a_pair_to_the_other(scene: str) -> None:
+    robot = load_robot(queries.ROBOT)
+
+    def inside(region: Region, q: FloatArray) -> bool:
+        tip = robot.tool_pose(q)[:3, 3].tolist()
+        ranges = (region.x, region.y, region.z)
+        return all(low - 1e-5 <= v <= high + 1e-5 for v, (low, high) in zip(tip, ranges, strict=True))
+
+    for query in queries.load(scene):
+        ends = (query.start, query.goal)
+        sides = [pair for regions in SCENES[scene] for pair in (regions, regions[::-1])]
+        assert any(inside(a, ends[0]) and inside(b, ends[1]) for a, b in sides), query.name
+
+
+def test_other_seeds_give_other_queries_and_more_queries_begin_with_the_same() -> None:
+    five = queries.draw("post", 5)
+    assert [q.start.tolist() for q in queries.draw("post", 3)] == [q.start.tolist() for q in five[:3]]
+    assert queries.draw("post", 1, seed=1)[0].start.tolist() != five[0].start.tolist()
+
+
+# --- the lesson
+
+
+def test_the_toy_counts_what_the_lesson_counts() -> None:
+    run = Toy.run(7)
+    assert (run.checks, run.growth, run.shortcut) == (18_793, 1_136, 17_657)
+    assert (len(run.raw), len(run.short)) == (49, 3)
+    assert length_of(run.raw) == pytest.approx(7.1951, abs=5e-5)
+    assert length_of(run.short) == pytest.approx(6.5525, abs=5e-5)
+
+
+def test_the_toy_reproduces_the_exercise() -> None:
+    rows = [toy.exercise(Toy.run(seed)) for seed in range(50)]
+    table = {key: (p50(row[key] for row in rows), p95(row[key] for row in rows)) for key in rows[0]}
+    assert {key: tuple(map(round, table[key])) for key in table if "checks" in key} == {
+        "growth checks": (925, 1278),
+        "shortcut checks": (16_830, 19_944),
+        "total checks": (17_644, 20_821),  # 17,644.5, rounded to even
+    }
+    lengths = {"raw length": (7.591, 8.498), "shortcut length": (6.490, 6.832)}
+    seconds = {"raw seconds": (15.71, 17.71), "shortcut seconds": (4.171, 4.890)}
+    for key, published in {**lengths, **seconds}.items():
+        assert table[key] == pytest.approx(published, abs=5e-3 if "raw s" in key else 5e-4)
+
+
+def test_the_straight_line_of_the_toy_is_blocked_at_its_155th_of_317_checks() -> None:
+    line = samples(Toy.START, Toy.GOAL)
+    disc = Toy()
+    assert joint_distance(Toy.START.tolist(), Toy.GOAL.tolist()) == pytest.approx(6.3032, abs=5e-5)
+    assert len(line) == 317
+    assert not disc.edge_is_free(Toy.START, Toy.GOAL)
+    assert disc.checks == 155
+
+
+def test_samples_include_both_ends_and_are_at_most_a_fiftieth_apart() -> None:
+    a, b = np.array([0.0, 1.0, -1.0]), np.array([0.3, 0.9, -0.5])
+    line = samples(a, b)
+    assert (line[0].tolist(), line[-1].tolist()) == (a.tolist(), b.tolist())
+    assert max(joint_distance(p, q) for p, q in pairwise(line)) <= 0.02 + 1e-12
+    assert len(samples(a, a)) == 2
+
+
+class Discs:
+    """Judges configurations of two joints against a disc, one by one, and counts them."""
+
+    def __init__(self) -> None:
+        self.toy = Toy()
+
+    @property
+    def states(self) -> int:
+        return self.toy.checks
+
+    def state_is_free(self, q: FloatArray) -> bool:
+        return not self.toy.collides(q.tolist())
+
+    def edge_is_free(self, q1: FloatArray, q2: FloatArray, **_: object) -> bool:
+        raise AssertionError("the lesson asks about states only")
+
+
+def test_the_lesson_grows_a_path_of_short_free_edges_from_start_to_goal() -> None:
+    oracle, box = Discs(), np.full(2, math.pi)
+    problem = SearchProblem(Toy.START, Toy.GOAL[None], -box, box, oracle, seed=7)
+    path = Lesson().search(problem).waypoints
+    assert path is not None
+    assert (path[0].tolist(), path[-1].tolist()) == (Toy.START.tolist(), Toy.GOAL.tolist())
+    assert max(joint_distance(a, b) for a, b in pairwise(path)) <= STEP + 1e-12
+    assert all(Toy().edge_is_free(a, b) for a, b in pairwise(path))
+    assert oracle.states == 1_136  # as the toy of the same seed: the same draws and the same checks
+    assert len(path) == 49
+
+
+def test_the_lesson_says_so_when_it_gives_up() -> None:
+    class Walled(Discs):
+        def state_is_free(self, q: FloatArray) -> bool:
+            return super().state_is_free(q) and abs(float(q[0])) > 0.2
+
+    box = np.full(2, math.pi)
+    result = Lesson().search(SearchProblem(Toy.START, Toy.GOAL[None], -box, box, Walled()))
+    assert result.waypoints is None
+    assert "2000 rounds" in result.note
+
+
+def test_shortcutting_from_memory_counts_as_walking_every_edge_again() -> None:
+    query = queries.load("bin")[0]
+    checker, walker = checker_of("bin"), checker_of("bin")
+    limits = checker.robot.limits
+    problem = SearchProblem(query.start, query.goal[None], limits.lower, limits.upper, SearchOracle(checker))
+    grown = Lesson().search(problem).waypoints
+    assert grown is not None
+    before = checker.counts.states
+    remembered = VertexShortcut(checker).shorten(grown, 0)
+    rng = np.random.default_rng([0, 1])
+    walked = cut_vertices(list(grown), rng, lambda a, b: all(walker.state_is_free(q) for q in samples(a, b)))
+    assert checker.counts.states - before == walker.counts.states
+    assert remembered.tolist() == np.array(walked).tolist()
+
+
+def test_a_run_of_the_lesson_counts_everything_and_ends_where_it_should() -> None:
+    query, checker = queries.load("shelf")[0], checker_of("shelf")
+    run = run_lesson(checker, query)
+    assert run.states == run.growth + run.shortcut == checker.counts.states
+    assert run.path is not None
+    assert (run.path[0].tolist(), run.path[-1].tolist()) == (query.start.tolist(), query.goal.tolist())
+
+
+# --- speed
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_checker_judges_every_pair_that_there_is(scene: str) -> None:
+    baseline = PairwiseFcl(load_robot(queries.ROBOT), load_scene(scene))
+    assert baseline.pair_count == len(baseline.self_pairs) + len(baseline.scene_pairs)
+    assert checker_of(scene).pair_count == baseline.pair_count > 0
+    assert len(baseline.self_pairs) == 171
+    assert len(baseline.scene_pairs) == 26 * len(load_scene(scene).obstacles)
+
+
+def test_pair_by_pair_and_the_checker_give_the_same_verdicts() -> None:
+    checker, baseline = checker_of("bin"), PairwiseFcl(load_robot(queries.ROBOT), load_scene("bin"))
+    limits = checker.robot.limits
+    Q = limits.lower + (limits.upper - limits.lower) * np.random.default_rng(5).random((200, 6))
+    verdicts = [checker.state_is_free(q) for q in Q]
+    assert verdicts == [baseline.state_is_free(q) for q in Q.tolist()]
+    assert 20 < sum(verdicts) < 180
+
+
+def test_an_asked_edge_lists_the_states_that_are_judged_in_their_order() -> None:
+    checker = CollisionChecker(load_robot(queries.ROBOT), load_scene("post"), edge_step=MotionStep(0.010))
+    baseline = PairwiseFcl(checker.robot, checker.scene)
+    edges = speed.asked_edges(checker, "post")
+    assert {edge.free for edge in edges} == {True, False}
+    for edge in edges[:40]:
+        before, states = checker.counts.states, edge.states(checker)
+        assert checker.edge_is_free(edge.q1, edge.q2, known=edge.known) == edge.free
+        hit = baseline.first_collision(states)
+        assert checker.counts.states - before == (len(states) if hit is None else hit + 1)
+
+
+# --- reports and the command
+
+
+def test_percentiles_are_interpolated() -> None:
+    values = [1.0, 2.0, 3.0, 4.0]
+    assert p50(values) == 2.5
+    assert p95(values) == pytest.approx(3.85)
+
+
+def promising(*kept: bool) -> Report:
+    return Report("some", ({"row": 1},), (), tuple(Promise(f"promise {k}", "1", k_) for k, k_ in enumerate(kept)))
+
+
+def test_one_broken_promise_is_shown_and_breaks_the_whole() -> None:
+    out = StringIO()
+    assert show([promising(True), promising(True)], Console(file=out))
+    assert not show([promising(True), promising(True, False)], Console(file=out))
+    assert "BROKEN" in out.getvalue()
+
+
+def test_rows_and_promises_are_written_for_machines(tmp_path: Path) -> None:
+    write_json([promising(True)], tmp_path / "out.json")
+    content = json.loads((tmp_path / "out.json").read_text("utf-8"))
+    promise = {"text": "promise 0", "measured": "1", "kept": True}
+    assert content == {"some": {"rows": [{"row": 1}], "promises": [promise]}}
+
+
+def called(monkeypatch: pytest.MonkeyPatch, arguments: Sequence[str]) -> int:
+    monkeypatch.setattr(sys, "argv", ["benchmarks", *arguments])
+    return command.main()
+
+
+def test_the_command_measures_prints_and_writes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(monkeypatch, ["toy", "--json", str(tmp_path / "toy.json")]) == 0
+    assert "18,793" in capsys.readouterr().out
+    assert len(json.loads((tmp_path / "toy.json").read_text("utf-8"))["toy"]["rows"]) == 50
+
+
+def test_the_command_refuses_what_it_cannot_do_before_it_measures(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(toy, "run", lambda: pytest.fail("it is measured"))
+    assert called(monkeypatch, ["toy", "--json", str(tmp_path / "nowhere" / "toy.json")]) == 2
+    assert "has to be there" in capsys.readouterr().out
+    assert called(monkeypatch, ["differential", "--robot", "wxia"]) == 2
+    assert "did you mean 'wxai'" in capsys.readouterr().out
+    for arguments, told in (
+        (["toy", "--seed", "3"], "argument --seed: toy has none"),
+        (["toy", "--write"], "argument --write: toy stores nothing"),
+        (["agreement", "--states", "0"], "argument --states: got '0'; expected a whole number from 1"),
+        (["differential", "--seed", "-1"], "argument --seed: got '-1'; expected a whole number from 0"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            called(monkeypatch, arguments)
+        assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["toy"], ["check"]])
+def test_ctrl_c_ends_every_command_without_a_traceback(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(toy, "run", interrupted)
+    monkeypatch.setattr("benchmarks.harness.gate.load_suite", interrupted)
+    assert called(monkeypatch, arguments) == 130
+    assert capsys.readouterr().out == "interrupted\n"
+
+
+def test_few_states_are_compared_in_the_kinds_there_are() -> None:
+    assert [promise for promise in agreement.run("planar2", 1).promises if not promise.kept] == []
+
+
+def test_a_clear_table_pick_and_place_keeps_its_promises() -> None:
+    assert [promise for promise in tasks.run().promises if not promise.kept] == []
+
+
+def test_changed_queries_are_told_and_stored_only_when_asked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(queries, "FOLDER", tmp_path)
+    monkeypatch.setattr(queries, "SCENES", {"post": SCENES["post"]})
+    assert called(monkeypatch, ["queries"]) == 1
+    assert "python -m benchmarks queries --write" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
+    assert called(monkeypatch, ["queries", "--write"]) == 0
+    assert called(monkeypatch, ["queries"]) == 0
+    assert [query.name for query in queries.load("post")][-1] == "post-19"
+
+
+def test_the_golden_file_reads_back_as_what_was_written() -> None:
+    row = {"outcome": "planned", "stages": {"search": [1, 2, 3]}, "waypoints": 2, "path": "ab"}
+    content = {"step": {"p50_p95": {"bin": {"search": [1.0, 1.0]}}, "queries": {"bin-00": row}}}
+    assert json.loads(stored.text_of(content)) == content
+
+
+def test_steps_are_named_after_what_they_are() -> None:
+    assert list(STEPS) == ["JointStep(0.02)", "MotionStep(0.010)"]
+    assert list(STEPS.values()) == [JointStep(0.02), MotionStep(0.010)]
+
+
+# --- the curves themselves
+
+
+def test_drawn_scenes_and_queries_are_the_same_each_time_and_have_something_in_the_way() -> None:
+    scene = drawn.draw_scene(3)
+    assert scene.hash == drawn.draw_scene(3).hash != drawn.draw_scene(4).hash
+    asked, checker = list(drawn.draw_queries(3, scene)), CollisionChecker(load_robot(queries.ROBOT), scene)
+    assert [q.start.tolist() for q in asked] == [q.start.tolist() for q in drawn.draw_queries(3, scene)]
+    assert len(asked) == drawn.PER_SCENE
+    assert all(checker.state_is_free(q) for query in asked for q in (query.start, query.goal))
+    assert not any(checker.edge_is_free(query.start, query.goal) for query in asked)
+
+
+@pytest.fixture(scope="module")
+def shelf() -> proven.World:
+    return proven.World.of("shelf", load_scene("shelf"), queries.load("shelf")[:1])
+
+
+@pytest.fixture(scope="module")
+def judged(shelf: proven.World) -> tuple[Row, JointPath]:
+    row, result = proven.measured(shelf, shelf.queries[0])
+    assert result.path is not None
+    return row, result.path
+
+
+def test_the_independent_checker_walks_a_curve_in_steps_that_bound_the_motion(
+    shelf: proven.World, judged: tuple[Row, JointPath]
+) -> None:
+    path = judged[1]
+    walked = shelf.second.along(path, path.length, 0.002)
+    assert walked[[0, -1]].tolist() == path.waypoints[[0, -1]].tolist()
+    assert (np.abs(np.diff(walked, axis=0)) * shelf.second.reach).sum(axis=1).max() <= 0.002
+    whole = float((path.travel(path.length) * shelf.second.reach).sum())
+    assert whole / 0.002 <= len(walked) <= 1.3 * whole / 0.002 + 2
+
+
+def test_the_independent_checker_finds_a_touch_in_the_middle_of_a_curve(shelf: proven.World) -> None:
+    query = shelf.queries[0]
+    line = JointPath(np.array([query.start, query.goal]))  # blocked, and free at both ends
+    touch = shelf.second.curve_touch(line, line.length, 0.002)
+    assert touch is not None
+    assert shelf.second.touching(touch.q)
+
+
+def test_samples_of_a_path_are_at_most_a_step_apart_and_include_all_breaks(judged: tuple[Row, JointPath]) -> None:
+    path = judged[1]
+    s = sheets.samples(path, 0.05)
+    assert np.diff(s).min() > 0.0
+    assert np.diff(s).max() <= 0.05 + 1e-12
+    assert np.isin(path.breaks, s).all()
+
+
+def test_sampled_peaks_come_close_to_the_exact_ones_from_below(judged: tuple[Row, JointPath]) -> None:
+    limits = load_robot(queries.ROBOT).limits
+    trajectory = SCurve().time_path(judged[1], limits)
+    found = peaks(trajectory, limits)
+    exact = np.array([found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio])
+    sampled = np.array(proven.sampled_peaks(trajectory, limits))
+    assert (sampled <= exact * (1.0 + 1e-12)).all()
+    assert (sampled >= exact * 0.999).all()
+
+
+def test_rates_by_the_chain_rule_are_the_differences_of_a_motion(judged: tuple[Row, JointPath]) -> None:
+    trajectory = ToppRa().time_path(judged[1], load_robot(queries.ROBOT).limits)
+    on_blends = np.flatnonzero(trajectory.path.blended[trajectory.geometry])
+    t = trajectory.knots[on_blends] + 0.4 * trajectory.durations[on_blends]
+    h = 0.01 * trajectory.durations[on_blends].min()
+    for order, rate in enumerate(proven.rates(trajectory, t)):
+        differences = (trajectory(t + h, order) - trajectory(t - h, order)) / (2.0 * h)
+        assert np.abs(rate - differences).max() <= 1e-4 * np.abs(rate).max()
+
+
+def site(world: proven.World, path: JointPath, **changes: Any) -> sheets.Site:
+    parts = {"name": "here", "robot": world.service.robot, "scene": world.scene, "path": path}
+    return sheets.Site(**{**parts, "touches": lambda *_: True, **changes})
+
+
+def test_sheets_that_samples_miss_are_planted_and_each_is_caught(
+    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sheets, "STEPS", (0.1,))
+    (row,) = proven.planted(shelf, shelf.queries[0], judged[1])
+    assert row["missed"] == sheets.MISSES
+    assert row["tried"] > row["touched"] == row["caught"] >= row["missed"]
+
+
+def test_a_certificate_that_overlooks_a_sheet_has_not_caught_it(
+    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sheets, "Certifier", lambda robot, scene: shelf.certifier)
+    found = sheets.plant(site(shelf, judged[1]), 0.1)
+    assert found.touched > found.caught == 0
+
+
+def test_a_refusal_that_names_another_pair_has_not_caught_the_sheet(
+    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refused = Certificate(-math.inf, 1, 0.0, refusal=Refusal(0.0, 1.0, 0.5, "link_4", "board", "too close"))
+    monkeypatch.setattr(sheets, "Certifier", lambda *_: SimpleNamespace(certify=lambda path: refused))
+    found = sheets.plant(site(shelf, judged[1]), 0.1)
+    assert found.touched > found.caught == 0
+
+
+def test_a_sheet_that_nothing_touches_counts_as_tried_only(shelf: proven.World, judged: tuple[Row, JointPath]) -> None:
+    asked: list[object] = []
+    found = sheets.plant(site(shelf, judged[1], touches=lambda *given: asked.append(given)), 0.1)
+    assert asked
+    assert vars(found) == {"tried": sheets.TRIES, "touched": 0, "missed": 0, "caught": 0}
+
+
+def broken_by(row: Row, planting: Row | None = None) -> list[str]:
+    """The promises that are broken when all queries come out like ``row``."""
+    sheet = {"query": "q", "tried": 90, "touched": 40, "missed": 30, "caught": 40} | (planting or {})
+    rows = [{**row, "world": name} for name in proven_tables.NAMES]
+    rows.append({"world": "drawn", "query": "lost", "failure": "CHECK_BUDGET_EXHAUSTED"})
+    planted = [{**sheet, "step": step} for step in sheets.STEPS]
+    assert len(proven_tables.all_tables(rows, planted)) == 7
+    return [promise.text for promise in proven_tables.all_promises(rows, planted) if not promise.kept]
+
+
+def good(row: Row) -> Row:
+    """The row with motion times that keep the promises of shelf and clutter."""
+    shares = (("toppra", 0.7), ("s-curve", 0.8))
+    return row | {law: row[law] | {"duration": share, "stops": 1.0} for law, share in shares}
+
+
+def test_a_measured_query_keeps_every_promise(judged: tuple[Row, JointPath]) -> None:
+    assert broken_by(good(judged[0])) == []
+
+
+def over(law: str, by: str, kind: str) -> Any:
+    return lambda row: row | {law: row[law] | {by: row[law][by] | {kind: 1.0 + 2e-6}}}
+
+
+@pytest.mark.parametrize(
+    ("change", "promise"),
+    [
+        (lambda row: row | {"touch": "link_4 x board"}, "curves in collision"),
+        (lambda row: row | {"off_path": 1e-15}, "the timed curve"),
+        (lambda row: row | {"clearance": row["sampled_gap"] + 6e-6}, "no certificate states more"),
+        (over("toppra", "peaks", "acceleration"), "toppra: 0 violations"),
+        (over("toppra", "sampled", "velocity"), "toppra: 0 violations"),
+        (over("s-curve", "peaks", "jerk"), "s-curve: 0 violations"),
+        (over("s-curve", "sampled", "jerk"), "no sample of a motion"),
+        (lambda row: row | {"toppra": row["toppra"] | {"duration": 0.76}}, "toppra blended"),
+        (lambda row: row | {"s-curve": row["s-curve"] | {"duration": 0.91}}, "s-curve blended"),
+        (lambda row: row | {"distances": row["plain"] * 0.51}, "bounds of plain bisection"),
+    ],
+)
+def test_a_worse_figure_breaks_its_promise(judged: tuple[Row, JointPath], change: Any, promise: str) -> None:
+    assert any(promise in text for text in broken_by(change(good(judged[0]))))
+
+
+@pytest.mark.parametrize("planting", [{"caught": 39}, {"missed": 19}])
+def test_a_sheet_let_pass_or_too_few_missed_break_a_promise(judged: tuple[Row, JointPath], planting: Row) -> None:
+    assert len(broken_by(good(judged[0]), planting)) == len(sheets.STEPS)
+
+
+def test_an_uncertified_stored_query_breaks_a_promise_and_a_drawn_one_does_not(judged: tuple[Row, JointPath]) -> None:
+    rows = [{**good(judged[0]), "world": name} for name in proven_tables.NAMES]
+    planted = [{"query": "q", "tried": 9, "touched": 40, "missed": 30, "caught": 40, "step": s} for s in sheets.STEPS]
+    for world, kept in (("drawn", True), ("bin", False)):
+        lost = {"world": world, "query": "lost", "failure": "NOT_CERTIFIED"}
+        assert all(p.kept for p in proven_tables.all_promises([*rows, lost], planted)) == kept
+
+
+# --- the kernel, for speed and for its answers
+
+
+def test_edges_are_judged_at_their_end_and_then_by_bisection() -> None:
+    assert plain_ompl.fractions(1).ravel().tolist() == [1.0]
+    assert plain_ompl.fractions(4).ravel().tolist() == [1.0, 0.5, 0.25, 0.75]
+    assert sorted(plain_ompl.fractions(37).ravel().tolist()) == [k / 37 for k in range(1, 38)]
+
+
+@pytest.mark.parametrize("kind", [plain_ompl.ONE_BY_ONE, *plain_ompl.BATCHED])
+def test_all_ways_to_ask_coal_say_of_an_edge_what_the_checker_says(kind: str) -> None:
+    robot, scene = load_robot(queries.ROBOT), load_scene("bin")
+    checker = CollisionChecker(robot, scene, edge_step=JointStep(0.05))
+    edges, verdicts = plain_ompl.coal_edges(robot, scene)[kind], []
+    for a, b in backends.edges_of(checker, 60, seed=4):
+        verdicts.append(checker.edge_is_free(a, b))
+        samples = a + (b - a) * plain_ompl.fractions(checker.segments(a, b))
+        assert edges.edge_is_free(np.concatenate([a[None], samples])) == verdicts[-1]
+        assert edges.state_is_free(a.tolist()) == checker.state_is_free(a)
+    assert 10 < sum(verdicts) < 50
+
+
+@pytest.fixture(scope="module")
+def sped() -> list[Row]:
+    return list(panda.rows_of(public_problems().problems[::25], turns=1))
+
+
+def test_both_sides_of_the_panda_searches_find_a_path_with_the_same_settings(sped: list[Row]) -> None:
+    for row in sped:
+        assert list(row["ms"]) == [panda.OURS, plain_ompl.ONE_BY_ONE, *plain_ompl.BATCHED]
+        assert all(length is not None for length in row["raw"].values())
+        assert row["same"]
+        assert (row["plan"]["certified"], row["plan"]["rejected"]) == (True, None)
+
+
+def test_the_promises_of_the_panda_problems_are_kept_by_good_figures_and_broken_by_each_bad_one(
+    sped: list[Row],
+) -> None:
+    plan: Row = {"certified": True, "rejected": None, "search and shortcut ms": 3.0, "length": 4.5}
+    row = {"problem": "p", "ms": {panda.OURS: 1.0, "other": 3.5}, "raw": {panda.OURS: 8.0}, "plan": plan}
+    bad = [
+        {"raw": {panda.OURS: None}},
+        {"plan": plan | {"rejected": "link x box"}},
+        {"ms": {panda.OURS: 1.0, "other": 2.9}},
+        {"ms": {panda.OURS: 2.1, "other": 9.0}},
+        {"plan": plan | {"search and shortcut ms": 8.1}},
+        {"plan": plan | {"length": 4.9}},
+    ]
+    assert [promise.text for promise in panda.promises([row]) if not promise.kept] == []
+    for k, change in enumerate(bad):
+        kept = [promise.kept for promise in panda.promises([row | change])]
+        assert kept == [number != k for number in range(len(bad))]
+    assert len(panda.promises(sped)) == len(bad)
+
+
+REDUCED = {"wxai bin": (360, 24), "panda_mbm shelf": (360, 24), "planar2 pins": (600, 60)}
+
+
+@pytest.mark.parametrize("name", differential.CASES)
+def test_a_reduced_run_finds_no_difference_between_fcl_and_the_kernel_in_any_instruction_set(name: str) -> None:
+    states, edges = REDUCED[name]
+    report = differential.run(name.split()[0], states, edges, seed=1)
+    assert [row["words"] for row in report.rows if row["differences"]] == []
+    counts = [sum(row["number"] for row in report.rows if row["what"] == what) for what in ("states", "edges")]
+    assert counts == [states, edges]
+    assert all(0 < row["colliding"] < row["number"] for row in report.rows if row["kind"] == "near contact")
+    assert [promise.kept for promise in report.promises] == [bool(instruction_sets())]
+
+
+@pytest.mark.parametrize("wrong", [-0.003, -0.0003])
+def test_a_wrong_margin_is_a_difference_near_contact(wrong: float) -> None:
+    robot, scene = backends.case("wxai bin")
+    made = differential.kernels(robot, scene, wrong)
+    made["numpy"] = CollisionChecker(robot, scene, edge_step=JointStep(0.02), backend="numpy")
+    found = differential.compare(made, differential.questions(robot, scene, 600, 60, seed=1))
+    assert [tally.differences > 0 for (kind, _), tally in found.items() if kind == "near contact"] == [
+        bool(instruction_sets())
+    ] * 2
+
+
+def test_other_seeds_ask_other_states_and_the_same_seed_the_same() -> None:
+    robot, scene = backends.case("planar2 pins")
+    asked = [list(differential.questions(robot, scene, 30, 3, seed)) for seed in (1, 1, 2)]
+    first, again, other = ([block[1].tolist() for block in blocks] for blocks in asked)
+    assert first == again != other
+    assert [kind for kind, *_ in asked[0]] == list(differential.KINDS)
+
+
+def test_a_robot_that_is_not_compared_is_refused() -> None:
+    with pytest.raises(UnknownName, match="ur5"):
+        differential.run("ur5")
+
+
+def test_boxes_spread_over_the_workspace_leave_the_same_edges_free() -> None:
+    robot = load_robot(queries.ROBOT)
+    for size, scene in zip((10, 60), scaling.spread_scenes(robot, (10, 60)), strict=True):
+        assert len(scene.obstacles) == size
+        checker = CollisionChecker(robot, scene)
+        assert all(checker.edge_is_free(a, b) for a, b in scaling.free_edges(robot))
+        assert math.fsum(math.prod(o.shape.size) for o in scene.obstacles) == pytest.approx(scaling.VOLUME)  # type: ignore[union-attr]
+
+
+def test_a_scene_cut_into_pieces_fills_the_same_space() -> None:
+    robot, whole = load_robot(queries.ROBOT), load_scene("bin")
+    pieces = scaling.cut(whole, 80)
+    assert len(pieces.obstacles) == 80
+    volume = [
+        math.fsum(math.prod(o.shape.size) for o in scene.obstacles if isinstance(o.shape, Box))
+        for scene in (whole, pieces)
+    ]
+    assert volume[1] == pytest.approx(volume[0], rel=1e-12)
+    checkers = [CollisionChecker(robot, scene) for scene in (whole, pieces)]
+    for q in backends.states_of(checkers[0], 300, seed=6):
+        assert checkers[0].state_is_free(q) == checkers[1].state_is_free(q)
+
+
+def test_scenes_of_more_boxes_are_measured_and_a_steep_rise_breaks_the_promise() -> None:
+    spread, pieces = list(scaling.spread_rows((10, 30), plans=False)), list(scaling.bin_rows((10, 30)))
+    assert [row["boxes"] for row in spread] == [10, 30]
+    assert all(row["same"] for row in pieces)
+    for ratio in (2.9, 3.1):
+        rows = [spread[0], spread[0] | {"boxes": 1_000, "us": [ratio * us for us in spread[0]["us"]]}]
+        assert [promise.kept for promise in scaling.promises(rows, pieces)] == [ratio < 3.0, True]
+
+
+def test_plans_and_straight_lines_are_timed_and_slow_ones_break_their_promise() -> None:
+    plans = list(latency.plan_rows(("bin",), 2, 1, ("JointStep(0.02)",)))
+    straight = list(latency.straight_rows(("shelf",), 2, 1))
+    assert [len(row["ms"]) for row in plans] == [2]
+    assert [len(row["ms"]["whole"]) for row in straight] == [2, 2]
+    good = [[row | {"ms": [15.0] * 19 + [60.0]} for row in plans]]
+    good.append([row | {"ms": {"decided": [0.9]}} for row in straight])
+    assert all(promise.kept for promise in latency.promises(*good))
+    slow = [plans[0] | {"ms": [15.1, 15.1]}], [row | {"ms": {"decided": [1.0]}} for row in straight]
+    assert not any(promise.kept for promise in latency.promises(*slow))
+
+
+def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
+    service = PlannerService(queries.ROBOT, "post")
+    for a, b in latency.free_lines(service.checker, 3):
+        result = service.plan(PlanRequest(a, b))
+        assert result.ok
+        assert result.stage(Stage.SEARCH).counts.states == 0
+
+
+@pytest.mark.parametrize(("asked", "code"), [("all", 1), ("view", 2)])
+def test_what_cannot_be_measured_is_told_and_ends_nothing_else(
+    asked: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("benchmarks.__main__.MEASURES", ("view", "queries_of_a_test"))
+    monkeypatch.setattr("tests.support.chromium.executable", lambda: None)
+    other = ModuleType("benchmarks.queries_of_a_test")
+    other.run = lambda: Report("other", (), (), (Promise("it is measured", "yes", True),))  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, other.__name__, other)
+    monkeypatch.setattr(sys, "argv", ["benchmarks", asked])
+    assert command.main() == code
+    told = capsys.readouterr().out
+    assert "PLANNER_SERVICE_CHROMIUM: got None; expected the path of a Chromium" in told
+    assert ("it is measured" in told) == (asked == "all")

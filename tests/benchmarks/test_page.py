@@ -1,0 +1,477 @@
+"""The page: everything that was run is on it, nothing in a row can break it, and it needs nothing but itself."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from html.parser import HTMLParser
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from benchmarks.harness.rows import Results, Row, line_of
+from benchmarks.pages import page
+from benchmarks.pages.page_builds import builds
+from benchmarks.pages.page_numbers import Sheet, paces, sheets_of
+from benchmarks.pages.page_tables import (
+    Cell,
+    Sheaf,
+    environments,
+    failures,
+    failures_in_short,
+    overall,
+    rejects,
+    statements,
+)
+from benchmarks.pages.pictures import pictures_of
+from planner_service.errors import InvalidFile, InvalidRequest
+
+HEADER: dict[str, Any] = {
+    "version": 1,
+    "suite": "some",
+    "environment": {
+        "python": "3.12.1",
+        "platform": "Linux",
+        "cpu": "a <fast> one",
+        "cores": 2,
+        "versions": {"ompl": "2.0.1"},
+        "commit": "abc123",
+        "instruction_set": "avx2",
+    },
+    "command": ["run", "--suite", "some"],
+}
+FREE = {"step": 0.01, "verdict": "free", "depth": None, "pair": None}
+
+
+def row(problem: int = 0, tool: str = "planner_service", planner: str = "rrtconnect", **changes: Any) -> Row:
+    """A row with a path; numbers differ by problem."""
+    made: Row = {"suite": "some", "problem": f"box/{problem}", "kind": "box", "robot": "arm", "tool": tool}
+    made |= {"planner": planner, "seed": 0, "ok": True, "failure": None, "detail": ""}
+    counts = {"states": 100 * (problem + 1), "edges": 3, "distances": 0}
+    made |= {"checks": {"search": counts, "shortcut": counts | {"states": 50}}}
+    made |= {
+        "seconds": {"search": 0.01 * (problem + 1), "timing": 0.005},
+        "total_seconds": 0.01 * (problem + 1) + 0.005,
+    }
+    made |= {
+        "cpu_seconds": 0.01 * (problem + 1) + 0.005,
+        "raw_length": 9.0,
+        "length": 5.0 + problem,
+        "duration": 2.5,
+        "clearance": 0.004,
+    }
+    made |= {"peaks": None, "path_hash": "00", "audit": FREE}
+    return {**made, **changes}
+
+
+def failed(problem: int = 0, reason: str = "TIMED_OUT", detail: str = "out of time", **changes: Any) -> Row:
+    """A row without a path."""
+    nothing = dict.fromkeys(("raw_length", "length", "duration", "clearance", "path_hash"))
+    unasked = {"step": None, "verdict": "not_asked", "depth": None, "pair": None}
+    told: Row = {"ok": False, "failure": reason, "detail": detail, "audit": unasked}
+    return {**row(problem), **told, **nothing, **changes}
+
+
+def colliding(problem: int = 0, depth: float = 0.0125, **changes: Any) -> Row:
+    """A row that the independent checker refuses."""
+    audit = {"step": 0.005, "verdict": "colliding", "depth": depth, "pair": ["hand", "shelf"]}
+    return {**row(problem), "audit": audit, "clearance": -depth, **changes}
+
+
+def sheet(*found: Row) -> Sheet:
+    (made,) = sheets_of([Results(HEADER, found)])
+    return made
+
+
+def many() -> tuple[Row, ...]:
+    """Two planners of ours, a peer that is faster, one that is refused, and one that is not there."""
+    found = [row(k, planner=planner) for k in range(8) for planner in ("rrtconnect", "prm")]
+    quick = {"seconds": {"search": 0.001}, "cpu_seconds": 0.001, "checks": {}, "duration": None, "length": 4.0}
+    found += [row(k, "fast", "rrt", **quick) for k in range(8)]
+    found += [colliding(k, tool="loose", planner="rrt", checks={}, cpu_seconds=1.0) for k in range(7)]
+    found += [failed(7, tool="loose", planner="rrt", checks={})]
+    found += [
+        failed(k, "not_installed", "no compiler", tool="gone", planner="x", checks={}, seconds={}) for k in range(8)
+    ]
+    return tuple(found)
+
+
+class Closed(HTMLParser):
+    """Notes what is opened and not closed."""
+
+    void = ("meta", "br", "hr", "img", "link")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.wrong: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, key, value or "") for key, value in attrs]
+        if tag not in self.void:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.attributes += [(tag, key, value or "") for key, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
+
+
+@pytest.fixture(scope="module")
+def made() -> str:
+    return page.page_of([sheet(*many())])
+
+
+# --- the page
+
+
+def test_every_contender_failure_and_refusal_is_on_the_page(made: str) -> None:
+    text = re.sub(r"<svg.*?</svg>", "", made, flags=re.DOTALL)
+    for told in ("planner_service rrtconnect", "planner_service prm", "fast rrt", "loose rrt", "gone x"):
+        assert f"<th>{told}" in text
+    for told in ("out of time", "TIMED_OUT", "no compiler", "box/7 seed 0", "hand × shelf", "12.50", "abc123", "2.0.1"):
+        assert told in text
+
+
+def test_the_page_is_whole_and_needs_nothing_from_elsewhere(made: str) -> None:
+    parser = Closed()
+    parser.feed(made)
+    parser.close()
+    assert (parser.open, parser.wrong) == ([], [])
+    linked = [
+        (tag, key, value) for tag, key, value in parser.attributes if key in ("href", "src", "xlink:href", "data")
+    ]
+    assert [each for each in linked if not each[2].startswith("#")] == []
+    urls = set(re.findall(r"(?:https?:)?//[^\"'\s>]+", made))
+    assert urls <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}  # names of namespaces
+    assert "@import" not in made
+    assert "<script" not in made
+
+
+def test_no_name_on_the_page_is_there_twice(made: str) -> None:
+    parser = Closed()
+    parser.feed(made)
+    ids = [value for _, key, value in parser.attributes if key == "id"]
+    assert len(ids) == len(set(ids)) > 0
+    asked = {value[1:] for _, key, value in parser.attributes if key in ("href", "xlink:href")}
+    assert asked <= set(ids)
+
+
+def test_what_rows_say_is_text_and_never_markup() -> None:
+    evil = '<script>alert("x")</script>&"\''
+    rows = (
+        {**row(0, planner=evil, kind=evil, suite=evil), "problem": evil},
+        failed(1, evil, evil, planner=evil, kind=evil, suite=evil),
+        colliding(
+            2, planner=evil, suite=evil, audit={**FREE, "verdict": "colliding", "depth": 0.1, "pair": [evil, "a"]}
+        ),
+        row(0, tool=evil, suite=evil, versions={evil: evil}),
+    )
+    made = page.page_of([sheet(*rows)])
+    assert "<script" not in made
+    assert made.count("&lt;script&gt;") >= 10
+    parser = Closed()
+    parser.feed(made)
+    assert (parser.open, parser.wrong) == ([], [])
+
+
+def test_refusals_are_marked_as_bad_news_and_clean_results_are_not() -> None:
+    refused, clean = overall(sheet(colliding(), row(1))), overall(sheet(row(), row(1)))
+    assert [cell.text for cell in refused.rows[0] if cell.bad] == ["1/2"]
+    assert [cell for cell in clean.rows[0] if cell.bad] == []
+    assert "class=bad" in refused.html()
+
+
+def test_a_peer_that_was_not_run_has_no_numbers() -> None:
+    table = overall(sheet(row(), failed(0, "not_installed", "why", tool="gone")))
+    assert [cell.text for cell in table.rows[1]] == ["gone rrtconnect", "not run", *["–"] * 7]
+    assert [group.name for group in sheet(*many()).present if group.tool == "gone"] == []
+
+
+def test_failures_are_charged_in_counts_and_times() -> None:
+    cells = {head.text: cell.text for head, cell in zip(*_of_one(row(0), failed(9)), strict=True)}
+    assert cells["solved"] == "1/2"
+    assert cells["states"] == "600 / 1,005"  # 150 and 1,050
+    assert cells["ms"] == "60 / 101"
+
+
+def _of_one(*found: Row) -> tuple[tuple[Cell, ...], tuple[Cell, ...]]:
+    table = overall(sheet(*found))
+    return table.heads, table.rows[0]
+
+
+def test_failures_alike_are_one_line_with_every_place() -> None:
+    table = failures(sheet(failed(0), failed(1), failed(2, "NOT_CERTIFIED", "touches")))
+    assert table is not None
+    assert [[cell.text for cell in cells] for cells in table.rows] == [
+        ["rrtconnect", "TIMED_OUT", "out of time", "box/0 seed 0, box/1 seed 0"],
+        ["rrtconnect", "NOT_CERTIFIED", "touches", "box/2 seed 0"],
+    ]
+    assert failures(sheet(row())) is None
+    assert rejects(sheet(row())) is None
+
+
+def test_in_short_failures_are_counted_by_reason() -> None:
+    table = failures_in_short(sheet(failed(0), failed(1, detail="other"), failed(2, "NOT_CERTIFIED", "touches")))
+    assert table is not None
+    assert [[cell.text for cell in cells] for cells in table.rows] == [
+        ["rrtconnect", "2", "TIMED_OUT", "box/0 seed 0: out of time"],
+        ["rrtconnect", "1", "NOT_CERTIFIED", "box/2 seed 0: touches"],
+    ]
+    assert failures_in_short(sheet(row())) is None
+
+
+def test_refusals_say_whether_the_path_or_the_motion_was_refused() -> None:
+    audits = {"path": FREE, "motion": {**FREE, "verdict": "colliding", "depth": 0.02, "pair": ["a", "b"]}}
+    table = rejects(sheet(colliding(0, 0.001), colliding(1, 0.02, audits=audits)))
+    assert table is not None
+    told = [[cell.text for cell in cells][1:5] for cells in table.rows]
+    assert told == [
+        ["box/1 seed 0", "motion", "hand × shelf", "20.00"],
+        ["box/0 seed 0", "path or motion", "hand × shelf", "1.00"],
+    ]
+
+
+# --- who is faster
+
+
+def test_a_faster_peer_is_said_to_be_faster_with_what_its_results_are_worth() -> None:
+    told = [sentence for sentence in statements(sheet(*many())) if sentence.text.startswith("fast rrt")]
+    assert [sentence.theirs for sentence in told] == [True]
+    assert "fast rrt is faster than planner_service rrtconnect" in told[0].text
+    assert "refuses 0 of its 8 results" in told[0].text
+    slower = next(sentence for sentence in statements(sheet(*many())) if sentence.text.startswith("loose rrt"))
+    assert "is slower" in slower.text
+    assert "refuses 7 of its 7 results" in slower.text
+
+
+def test_peers_are_compared_on_problems_that_both_solved() -> None:
+    ours = [row(k, cpu_seconds=1.0) for k in range(8)] + [failed(8, cpu_seconds=0.001)]
+    theirs = [row(k, "peer", cpu_seconds=4.0) for k in range(1, 9)]
+    (pace,) = paces(sheet(*ours, *theirs))
+    assert (pace.units, pace.unit, pace.ratio.value, pace.faster, pace.verdict) == (7, "problems", 4.0, 0, "slower")
+
+
+def test_of_few_problems_runs_are_compared_and_of_few_runs_nothing_is_said() -> None:
+    ours = [row(0, seed=seed, cpu_seconds=1.0 + seed) for seed in range(6)]
+    theirs = [row(0, "peer", seed=seed, cpu_seconds=3.0 * (1.0 + seed)) for seed in range(6)]
+    (pace,) = paces(sheet(*ours, *theirs))
+    assert (pace.units, pace.unit, pace.verdict) == (6, "runs", "slower")
+    assert pace.ratio.value == pytest.approx(3.0)
+    (pace,) = paces(sheet(*ours[:5], *theirs[:5]))
+    assert (pace.units, pace.verdict) == (5, "not shown")
+
+
+def test_where_times_overlap_no_difference_is_shown() -> None:
+    ours = [row(k, cpu_seconds=1.0) for k in range(8)]
+    theirs = [row(k, "peer", cpu_seconds=0.5 if k % 2 else 2.0) for k in range(8)]
+    (pace,) = paces(sheet(*ours, *theirs))
+    assert pace.verdict == "not shown"
+    assert pace.faster == 4
+
+
+def test_the_time_of_the_path_alone_leaves_out_set_up_proof_and_timing() -> None:
+    ours = {"search": 0.01, "polish": 0.01, "certify": 5.0, "timing": 5.0}
+    theirs = {"setup": 9.0, "search": 0.04}
+    found = [row(k, seconds=ours, cpu_seconds=10.02) for k in range(3)]
+    found += [row(k, "peer", seconds=theirs, cpu_seconds=0.04) for k in range(3)]
+    (pace,) = paces(sheet(*found))
+    assert pace.planning is not None
+    assert pace.planning.value == pytest.approx(2.0)
+    assert pace.ratio.value == pytest.approx(0.04 / 10.02)
+
+
+def test_a_side_that_does_not_tell_its_stages_is_compared_as_a_whole() -> None:
+    rows = [row(k, tool="lesson", planner="lesson", seconds={}, cpu_seconds=0.001) for k in range(6)]
+    made = sheet(*map(row, range(6)), *rows)
+    (pace,) = paces(made)
+    assert (pace.peer, pace.planning, pace.verdict) == ("lesson", None, "faster")
+    (told,) = statements(made)
+    assert "For the path alone" not in told.text
+    assert [cell.text for cell in overall(made).rows[1]][5] == "–"
+
+
+def test_shorter_paths_of_a_peer_are_admitted() -> None:
+    told = [sentence.text for sentence in statements(sheet(*many())) if sentence.theirs]
+    assert any(
+        text.startswith("Shorter paths than ours") and "fast rrt (4.00 rad to our 8.50 rad" in text for text in told
+    )
+    assert statements(sheet(row(), row(1, planner="prm"))) == []
+
+
+def test_a_row_in_two_files_counts_once_and_suites_are_apart() -> None:
+    other = row(0, suite="other")
+    sheets = sheets_of([Results(HEADER, (row(0), row(1), other)), Results(HEADER, (row(0), row(2)))])
+    assert [(each.suite, len(each.groups[0].rows)) for each in sheets] == [("some", 3), ("other", 1)]
+    assert sheets[0].groups[0].name == "rrtconnect"
+
+
+# --- pictures
+
+
+Pictures = list[tuple[str, str, str]]
+
+
+@pytest.fixture(scope="module")
+def drawn() -> Pictures:
+    return list(pictures_of(sheet(*many())))
+
+
+def test_every_picture_is_valid_xml_in_the_colours_of_the_page(drawn: Pictures) -> None:
+    found = {name: picture for name, _, picture in drawn}
+    assert set(found) == {
+        *("box-states", "box-ms", "box-length", "box-duration", "ecdf-states", "ecdf-ms", "profile-states"),
+        *("profile-ms", "stages-states", "stages-ms", "clearance-length"),
+    }
+    for picture in found.values():
+        root = ElementTree.fromstring(picture)
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert "viewBox" in root.attrib
+        assert "currentColor" in picture
+        assert not re.search(r"#010203|#040506|#000000|<metadata|<!DOCTYPE", picture)
+
+
+def test_pictures_name_everybody_who_is_in_them(drawn: Pictures) -> None:
+    found = {name: "".join(ElementTree.fromstring(text).itertext()) for name, _, text in drawn}
+    for name in ("box-ms", "ecdf-ms", "profile-ms", "stages-ms", "clearance-length"):
+        for who in ("planner_service rrtconnect", "planner_service prm", "fast rrt", "loose rrt"):
+            assert who in found[name], (name, who)
+        assert "gone" not in found[name]
+    assert "fast rrt" not in found["box-states"]
+
+
+def test_the_same_rows_give_the_same_pictures(drawn: Pictures) -> None:
+    assert list(pictures_of(sheet(*many()))) == drawn
+
+
+@pytest.mark.parametrize(
+    "rows", [(failed(),), (row(),), (failed(0, "not_installed", "x", checks={}),), (row(checks={}),)]
+)
+def test_few_rows_are_a_page_too(rows: tuple[Row, ...]) -> None:
+    assert "</html>" in page.page_of([sheet(*rows)])
+
+
+# --- the command
+
+
+def results_file(folder: Path, *found: Row) -> Path:
+    path = folder / "some.jsonl"
+    path.write_text("".join(map(line_of, [{"header": HEADER}, *found])), "utf-8")
+    return path
+
+
+def test_the_command_writes_the_page(tmp_path: Path) -> None:
+    said, out = StringIO(), tmp_path / "report.html"
+    assert page.main([str(results_file(tmp_path, row())), "-o", str(out)], Console(file=said, width=200)) == 0
+    assert out.read_text("utf-8").startswith("<!DOCTYPE html>")
+    assert "1 rows of some" in said.getvalue()
+
+
+def test_the_command_renews_the_generated_part_of_a_text_and_nothing_else(tmp_path: Path) -> None:
+    text = tmp_path / "benchmarks.md"
+    text.write_text("# Ours\n\n<!-- generated: some -->\nyesterday\n<!-- end of some -->\n\nThe end.\n", "utf-8")
+    results = results_file(tmp_path, *many())
+    for _ in range(2):
+        assert page.main([str(results), "--markdown", str(text)], Console(file=StringIO())) == 0
+        told = text.read_text("utf-8")
+        assert told.startswith("# Ours\n\n<!-- generated: some -->\n")
+        assert told.endswith("<!-- end of some -->\n\nThe end.\n")
+        assert told.count("| planner_service rrtconnect |") == 1
+        assert "yesterday" not in told
+        assert "fast rrt is faster" in told
+        assert "`python -m benchmarks run --suite some`" in told
+
+
+def test_a_text_without_the_part_is_refused(tmp_path: Path) -> None:
+    text = tmp_path / "benchmarks.md"
+    text.write_text("<!-- generated: some -->\n", "utf-8")
+    results = results_file(tmp_path, row())
+    with pytest.raises(InvalidFile, match="<!-- end of some --> is missing"):
+        page.main([str(results), "--markdown", str(text)], Console(file=StringIO()))
+    assert text.read_text("utf-8") == "<!-- generated: some -->\n"
+
+
+def test_a_command_that_would_write_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        page.main([str(results_file(tmp_path, row()))], Console(file=StringIO()))
+    assert "nothing to write" in capsys.readouterr().err
+
+
+def test_cells_of_a_markdown_table_cannot_break_it() -> None:
+    table = Sheaf("t", (Cell("a"), Cell("b")), ((Cell("x | y\nz", "<b>"), Cell("1", "[2, 3] [4]", bad=True)),))
+    assert table.markdown() == "| a | b |\n| --- | ---: |\n| x \\| y z &lt;b&gt; | **1 \\[2, 3] \\[4]** |\n"
+
+
+def test_rows_survive_the_way_through_a_file(tmp_path: Path) -> None:
+    lines = results_file(tmp_path, *many()).read_text("utf-8").splitlines()
+    assert [json.loads(line) for line in lines[1:]] == list(many())
+
+
+def test_results_without_a_row_are_no_page(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRequest, match="at least one row"):
+        page.main([str(results_file(tmp_path)), "-o", str(tmp_path / "report.html")], Console(file=StringIO()))
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_nothing_is_written_where_one_of_both_files_cannot_be(tmp_path: Path) -> None:
+    text, results = tmp_path / "benchmarks.md", results_file(tmp_path, row())
+    before = "<!-- generated: some -->\n<!-- end of some -->\n"
+    text.write_text(before, "utf-8")
+    out = tmp_path / "nowhere" / "report.html"
+    with pytest.raises(InvalidFile, match="nowhere has to be there"):
+        page.main([str(results), "--markdown", str(text), "-o", str(out)], Console(file=StringIO()))
+    assert text.read_text("utf-8") == before
+    text.write_bytes(b"\xff" + before.encode())
+    with pytest.raises(InvalidFile, match="not UTF-8: byte 0xff at 0"):
+        page.main([str(results), "--markdown", str(text)], Console(file=StringIO()))
+
+
+def test_commands_are_shown_so_that_they_can_be_repeated() -> None:
+    command = ["run", "--suite", "my suite.toml", "--planner", "prm:milestones=200"]
+    (made,) = sheets_of([Results({**HEADER, "command": command}, (row(),))])
+    shown = dict(environments(made))["command"]
+    assert shown == "python -m benchmarks run --suite 'my suite.toml' --planner prm:milestones=200"
+
+
+# --- what is built before
+
+
+def test_building_and_asking_are_told_apart() -> None:
+    size = {"states": 1_000, "edges": 9, "distances": 0, "milestones": 5, "joined": 6, "cpu_seconds": 0.5}
+    growing = {"roadmap": {"states": 1_000, "edges": 9, "distances": 0}}
+    once = [row(k, planner="roadmap", checks={"search": counted(20)}, built=size) for k in range(4)]
+    each = [row(k, planner="prm", checks=growing | {"search": counted(20)}) for k in range(4)]
+    trees = [row(k, checks={"search": counted(120)}) for k in range(4)]
+    (sheet,) = sheets_of([Results(HEADER, (*trees, *once, *each))])
+    found = builds(sheet)
+    assert found is not None
+    told = {line[0].text: [cell.text for cell in line[1:]] for line in found.rows}
+    assert told["roadmap"][:4] == ["1 for 4 plans", "1,000", "500", "20.0 / 20.0"]
+    assert told["roadmap"][-1] == "10"
+    assert told["prm"][:2] == ["each plan", "1,000"]
+    assert told["prm"][3] == "20.0 / 20.0"
+    assert (told["prm"][-1], told["rrtconnect"][0]) == ("–", "–")
+    assert "Building and asking" in page.page_of([sheet])
+    assert "| built |" in page.filled("<!-- generated: some -->\n<!-- end of some -->\n", [sheet], Path("a.md"))
+
+
+def counted(states: int) -> dict[str, int]:
+    return {"states": states, "edges": 1, "distances": 0}
+
+
+def test_a_roadmap_that_saves_nothing_never_pays_and_without_any_there_is_no_table() -> None:
+    size = {"states": 1_000, "edges": 9, "distances": 0, "milestones": 5, "joined": 6, "cpu_seconds": 0.5}
+    (sheet,) = sheets_of([Results(HEADER, (row(0), row(0, planner="roadmap", built=size)))])
+    found = builds(sheet)
+    assert found is not None
+    assert found.rows[0][-1].text == "never"
+    (plain,) = sheets_of([Results(HEADER, (row(0),))])
+    assert builds(plain) is None
+    assert "Building and asking" not in page.page_of([plain])

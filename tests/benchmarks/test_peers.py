@@ -1,0 +1,526 @@
+"""Peers: what they are given, what becomes of whatever they do, and what is said where they cannot be run."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import sys
+import types
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from benchmarks.baselines.peers import running
+from benchmarks.baselines.peers.adapter_protocol import Answer, matrix_of
+from benchmarks.baselines.peers.catalogue import PEERS, Peer, peer_named
+from benchmarks.baselines.peers.child import Child, Reply
+from benchmarks.baselines.peers.environments import Environment, environments_folder, interpreter
+from benchmarks.baselines.peers.jobs import Task, job_of, placed_robot
+from benchmarks.baselines.peers.running import Run, row_of, run_into, tasks_of
+from benchmarks.harness import rows
+from benchmarks.harness.environment import environment
+from benchmarks.harness.suite import Motion
+from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.shapes import Shape
+
+ROOT = Path(__file__).parents[2]
+ADAPTERS = sorted((ROOT / "benchmarks" / "baselines" / "peers").glob("*_adapter.py"))
+
+FAKE = """
+import os, signal, sys, time
+from benchmarks.baselines.peers.adapter_protocol import serve
+
+class Fake:
+    def __init__(self, job):
+        print("noise while loading")
+        if job["settings"].get("broken"):
+            raise RuntimeError("no such robot")
+        self.job = job
+
+    def solve(self, problem, seed, answer):
+        name = problem["problem"]
+        if name == "noisy":
+            print("noise on the answers' channel")
+            os.write(1, b"and below Python\\n")
+        if name == "raises":
+            raise ValueError("cannot do cones")
+        if name == "crashes":
+            print("about to fall", flush=True)
+            os.kill(os.getpid(), signal.SIGSEGV)
+        if name == "hangs":
+            with open("hanging.pid", "w") as file:
+                file.write(str(os.getpid()))
+            time.sleep(600)
+        with answer.stage("search"):
+            answer.raw = [problem["start"], problem["start"], problem["goals"][0]]
+        answer.checks["search"] = 7
+        answer.waypoints = [problem["start"], problem["goals"][0]]
+
+serve(("numpy",), Fake)
+"""
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return load_robot("panda_mbm")
+
+
+def motion(name: str = "near/0", obstacles: tuple[Obstacle, ...] = ()) -> Motion:
+    """From home a little to the side."""
+    home = load_robot("panda_mbm").home
+    return Motion(name, "near", "panda_mbm", Scene(obstacles=obstacles), home, (home + 0.1,))
+
+
+def fake(tmp_path: Path, script: str = FAKE, seconds: float = 60.0) -> Child:
+    (tmp_path / "fake.py").write_text(script, "utf-8")
+    return Child((sys.executable, str(tmp_path / "fake.py")), dict(os.environ), tmp_path, problem_seconds=seconds)
+
+
+def job(*names: str, **settings: Any) -> dict[str, Any]:
+    problems = [{"problem": name, "seed": 0, "start": [0.0], "goals": [[1.0]], "obstacles": []} for name in names]
+    return {"version": 1, "robot": {}, "settings": settings, "time_limit": 1.0, "problems": problems}
+
+
+# --- whatever a peer does, each problem has a reply
+
+
+def test_what_a_peer_prints_does_not_get_among_its_answers(tmp_path: Path) -> None:
+    replies = list(fake(tmp_path).replies(job("good", "noisy")))
+    assert [reply.failure for reply in replies] == [None, None]
+    assert replies[1].answer is not None
+    assert replies[1].answer["waypoints"] == [[0.0], [1.0]]
+    assert replies[1].versions == {"numpy": np.__version__}
+    assert "noise" in (tmp_path / "stderr.txt").read_text("utf-8")
+
+
+def test_an_exception_is_the_answer_to_its_problem_alone(tmp_path: Path) -> None:
+    first, second = fake(tmp_path).replies(job("raises", "good"))
+    assert first.answer is not None
+    assert second.answer is not None
+    assert first.answer["error"] == "ValueError: cannot do cones"
+    assert first.answer["waypoints"] is None
+    assert second.answer["error"] == ""
+
+
+def test_a_crash_is_told_with_what_was_printed_last_and_the_rest_goes_on(tmp_path: Path) -> None:
+    replies = list(fake(tmp_path).replies(job("good", "crashes", "good")))
+    assert [reply.failure for reply in replies] == [None, "crashed", None]
+    assert replies[1].detail == "ended by SIGSEGV; last printed: about to fall"
+
+
+def test_who_hangs_is_ended_and_the_rest_goes_on(tmp_path: Path) -> None:
+    replies = list(fake(tmp_path, seconds=2.0).replies(job("hangs", "good")))
+    assert [reply.failure for reply in replies] == ["hung", None]
+    assert replies[0].detail.startswith("silent for 2 s, ended")
+    assert replies[0].waited >= 2.0
+    pid = int((tmp_path / "hanging.pid").read_text("utf-8"))
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        ("gibberish", "said b'gibberish\\n', which is no answer"),
+        ("[1, 2]", "said b'[1, 2]\\n'"),
+        ('{"problem": "other", "seed": 0}', "instead of p"),
+        ('{"problem": "p", "seed": 0, "cpu_seconds": NaN}', "which is no answer"),
+    ],
+)
+def test_what_is_no_answer_is_told(tmp_path: Path, said: str, why: str) -> None:
+    script = f"print('{{\"ready\": {{}}}}')\nprint({said!r}, flush=True)\nimport time\ntime.sleep(600)\n"
+    (reply,) = fake(tmp_path, script).replies(job("p"))
+    assert reply.failure == "garbled"
+    assert why in reply.detail
+
+
+def test_who_never_gets_ready_has_no_answer_to_any_problem(tmp_path: Path) -> None:
+    replies = list(fake(tmp_path).replies(job("a", "b", broken=True)))
+    assert [reply.failure for reply in replies] == ["crashed", "crashed"]
+    assert "before the first problem" in replies[1].detail
+    assert "no such robot" in replies[1].detail
+
+
+def test_who_begins_otherwise_is_not_ready(tmp_path: Path) -> None:
+    (reply,) = fake(tmp_path, "print('{\"hello\": 1}', flush=True)\n").replies(job("a"))
+    assert (reply.failure, "does not say that it is ready" in reply.detail) == ("garbled", True)
+
+
+# --- rows
+
+
+def run_of(*motions: Motion) -> Run:
+    peer = PEERS["mplib"]
+    return Run(peer, "rrtconnect", "near", load_robot("panda_mbm"), tuple(Task(each, 0) for each in motions))
+
+
+def replied(problem: Motion, **answer: Any) -> Reply:
+    said = {"cpu_seconds": 0.5, "seconds": {"setup": 9.0, "search": 0.25, "shortcut": 0.5}, "checks": {"search": 7}}
+    path = [problem.start.tolist(), problem.goals[0].tolist()]
+    told = {"problem": problem.id, "seed": 0, "waypoints": path, "raw": path, **said, **answer}
+    return Reply({"problem": problem.id, "seed": 0}, told, {"mplib": "0.2.1"})
+
+
+def test_a_free_path_is_a_row_that_can_be_read_back(tmp_path: Path) -> None:
+    problem = motion()
+    row = row_of(run_of(problem), replied(problem), problem)
+    assert (row["ok"], row["failure"], row["total_seconds"], row["cpu_seconds"]) == (True, None, 0.75, 0.5)
+    assert row["checks"] == {"search": {"states": 7, "edges": 0, "distances": 0}}
+    assert row["length"] == row["raw_length"] == pytest.approx(0.1 * 7**0.5)
+    assert row["audit"] == {"step": 0.005, "verdict": "free", "depth": None, "pair": None}
+    assert row["clearance"] > 0.0
+    header = {"version": 1, "suite": "near", "environment": environment(), "command": []}
+    with rows.appending(tmp_path / "x.jsonl", rows.Results(header, ())) as put:
+        put(row)
+    assert rows.read(tmp_path / "x.jsonl").rows == (row,)
+
+
+def test_a_path_into_something_is_refused_with_who_and_how_deep() -> None:
+    problem = motion(obstacles=(Obstacle("cloud", Box((4.0, 4.0, 0.2)), Pose((0.0, 0.0, 0.6))),))
+    row = row_of(run_of(problem), replied(problem), problem)
+    assert row["ok"]
+    assert row["audit"]["verdict"] == "colliding"
+    assert "cloud" in row["audit"]["pair"]
+    assert row["audit"]["depth"] > 0.01
+    assert row["clearance"] == pytest.approx(-row["audit"]["depth"])
+
+
+def test_a_motion_that_leaves_its_free_path_is_refused() -> None:
+    problem = motion()
+    away = problem.start + np.array([0.0, 0.0, 0.0, 2.6, 0.0, 0.0, 0.0])  # the elbow past its end
+    samples = [problem.start.tolist(), away.tolist(), problem.goals[0].tolist()]
+    answer = {"times": [0.0, 1.0, 2.0], "samples": samples, "velocities": [[0.0] * 7, [4.35] * 7, [0.0] * 7]}
+    row = row_of(run_of(problem), replied(problem, **answer), problem)
+    assert row["audits"]["path"]["verdict"] == "free"
+    assert row["audits"]["motion"]["verdict"] == row["audit"]["verdict"] == "outside_limits"
+    assert row["audit"]["pair"] == ["panda_joint4", "limit"]
+    assert row["duration"] == 2.0
+    assert row["peaks"] == {"velocity": 2.0, "acceleration": None, "jerk": None}
+
+
+@pytest.mark.parametrize(("end", "failure"), [(0, "wrong_start"), (-1, "wrong_goal")])
+def test_a_path_from_or_to_elsewhere_is_a_failure(end: int, failure: str) -> None:
+    problem = motion()
+    path = [problem.start.tolist(), problem.goals[0].tolist()]
+    path[end][3] += 0.01
+    row = row_of(run_of(problem), replied(problem, waypoints=path), problem)
+    assert (row["ok"], row["failure"]) == (False, failure)
+    assert "0.01 rad" in row["detail"]
+
+
+def test_no_path_is_a_row_with_its_reason() -> None:
+    problem = motion()
+    row = row_of(run_of(problem), replied(problem, waypoints=None, error="Timeout"), problem)
+    assert (row["ok"], row["failure"], row["detail"]) == (False, "no_path", "Timeout")
+    assert row["audit"]["verdict"] == "not_asked"
+
+
+@pytest.mark.parametrize("path", [[[0.0]], "x", [], [[float("inf")] * 7], [[0.0] * 7, [0.0]]])
+def test_what_is_no_path_of_this_robot_is_none(path: Any) -> None:
+    problem = motion()
+    assert row_of(run_of(problem), replied(problem, waypoints=path), problem)["failure"] == "no_path"
+
+
+def test_silence_is_charged_what_it_took() -> None:
+    problem = motion()
+    reply = Reply({"problem": problem.id, "seed": 0}, None, {}, "hung", "silent for 30 s, ended", 30.0)
+    row = row_of(run_of(problem), reply, problem)
+    assert (row["failure"], row["total_seconds"]) == ("hung", 30.0)
+
+
+def test_a_peer_that_is_not_there_has_rows_that_say_so_and_no_row_twice(tmp_path: Path) -> None:
+    run, out, said = run_of(motion("near/0"), motion("near/1")), tmp_path / "results" / "x.jsonl", StringIO()
+    for _ in range(2):
+        run_into(run, out, Environment.of(run.peer, tmp_path), Console(file=said))
+    found = rows.read(out)
+    assert [row["problem"] for row in found.rows] == ["near/0", "near/1"]
+    assert {(row["failure"], row["detail"]) for row in found.rows} == {("not_installed", "not installed")}
+    assert found.header["settings"]["range"] == 0.1
+
+
+def test_rows_of_another_environment_are_not_mixed_in(tmp_path: Path) -> None:
+    run, out = run_of(motion()), tmp_path / "x.jsonl"
+    run_into(run, out, Environment.of(run.peer, tmp_path), Console(file=StringIO()))
+    out.write_text(out.read_text("utf-8").replace('"cores":', '"cores":1'), "utf-8")
+    with pytest.raises(InvalidRequest, match="another environment or commit"):
+        run_into(run, out, Environment.of(run.peer, tmp_path), Console(file=StringIO()))
+
+
+def test_rows_of_another_suite_or_with_other_settings_are_not_mixed_in(tmp_path: Path) -> None:
+    run, out = run_of(motion()), tmp_path / "x.jsonl"
+    environment, console = Environment.of(run.peer, tmp_path), Console(file=StringIO())
+    run_into(run, out, environment, console)
+    before = out.read_bytes()
+    with pytest.raises(InvalidRequest, match="of another suite"):
+        run_into(replace(run, suite="far"), out, environment, console)
+    with pytest.raises(InvalidRequest, match="another time limit"):
+        run_into(replace(run, time_limit=5.0), out, environment, console)
+    with pytest.raises(InvalidRequest, match="'foo'; expected one of rrtconnect"):
+        run_into(replace(run, planner="foo"), out, environment, console)
+    assert out.read_bytes() == before
+
+
+def test_once_a_peer_is_installed_rows_that_say_it_is_not_are_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, out, said = run_of(motion("near/0"), motion("near/1")), tmp_path / "x.jsonl", StringIO()
+    environment = Environment.of(run.peer, tmp_path)
+    run_into(run, out, environment, Console(file=said, width=200))
+    assert "python -m benchmarks peers install mplib" in said.getvalue()
+    environment.folder.mkdir()
+    state = {"state": "installed", "requirements": list(environment.peer.requirements)}
+    (environment.folder / "state.json").write_text(json.dumps(state), "utf-8")
+    made: list[str] = []
+
+    def answered(run: Run, _: Environment, todo: Sequence[Task]) -> Iterator[rows.Row]:
+        made.extend(task.problem.id for task in todo)
+        yield from (row_of(run, replied(task.problem), task.problem) for task in todo)
+
+    monkeypatch.setattr(running, "_rows", answered)
+    for _ in range(2):
+        run_into(run, out, environment, Console(file=said, width=200))
+    assert made == ["near/0", "near/1"]
+    assert [(row["problem"], row["ok"]) for row in rows.read(out).rows] == [("near/0", True), ("near/1", True)]
+    assert "2 of 2 rows are in" in said.getvalue()
+
+
+# --- jobs
+
+
+def test_a_job_has_the_robots_files_with_its_own_limits_and_pairs(panda: Robot, tmp_path: Path) -> None:
+    placed = placed_robot(panda, tmp_path)
+    limit = ElementTree.parse(placed["urdf"]).find("./joint[@name='panda_joint1']/limit")
+    assert limit is not None
+    assert float(limit.get("velocity", "0")) == panda.limits.velocity[0] == placed["velocity"][0]
+    disabled = ElementTree.parse(placed["srdf"]).findall("disable_collisions")
+    pairs = {frozenset((each.get("link1"), each.get("link2"))) for each in disabled}
+    assert pairs == {frozenset(contact.links) for contact in panda.allowed_contacts}
+    assert pairs == {frozenset(pair) for pair in placed["disabled_pairs"]}
+    meshes = {mesh.get("filename") for mesh in ElementTree.parse(placed["urdf"]).iter("mesh")}
+    assert all((tmp_path / str(mesh)).is_file() for mesh in meshes)
+
+
+def test_a_job_is_json_with_every_shape_a_peer_may_know(tmp_path: Path) -> None:
+    shapes: tuple[Shape, ...] = (Box((1.0, 2.0, 3.0)), Sphere(0.1), Cylinder(0.1, 0.5), Capsule(0.2, 0.6))
+    turned = Pose((1.0, 2.0, 3.0), (0.5, 0.5, 0.5, 0.5))
+    problem = motion(obstacles=tuple(Obstacle(f"o{k}", shape, turned) for k, shape in enumerate(shapes)))
+    made = job_of(PEERS["mplib"], "rrtconnect", {}, [Task(problem, 3)], 5.0)
+    (told,) = json.loads(json.dumps(made))["problems"]
+    assert [body["kind"] for body in told["obstacles"]] == ["box", "sphere", "cylinder", "capsule"]
+    pose = {"position": [1.0, 2.0, 3.0], "quaternion_wxyz": [0.5, 0.5, 0.5, 0.5]}
+    assert told["obstacles"][2] == {"name": "o2", "kind": "cylinder", "radius": 0.1, "length": 0.5} | pose
+    assert (told["problem"], told["seed"], made["settings"]) == ("near/0", 3, {"range": 0.1})
+    assert np.allclose(matrix_of(told["obstacles"][2]), turned.matrix)
+
+
+def test_what_no_job_can_hold_is_refused_by_name() -> None:
+    hull = Mesh(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    problem = motion(obstacles=(Obstacle("hull", hull),))
+    with pytest.raises(InvalidRequest, match="obstacle hull"):
+        job_of(PEERS["mplib"], "rrtconnect", {}, [Task(problem, 0)], 5.0)
+
+
+def test_robots_with_joints_that_stand_still_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRequest, match="all of whose joints are planned with"):
+        placed_robot(load_robot("wxai"), tmp_path)
+    with pytest.raises(InvalidRequest, match="in its own folder"):
+        placed_robot(load_robot("ur5"), tmp_path)
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(UnknownName, match="did you mean 'roboplan'"):
+        peer_named("robplan")
+    with pytest.raises(InvalidRequest, match="rrtconnect-auto-range"):
+        job_of(PEERS["mplib"], "prm", {}, [], 1.0)
+    with pytest.raises(InvalidRequest, match="motions of one robot"):
+        tasks_of("pick_place", range(1))
+
+
+def test_some_problems_are_spread_over_the_suite() -> None:
+    robot, tasks = tasks_of("panda", range(2), 7)
+    assert robot.name == "panda_mbm"
+    assert len({task.problem.kind for task in tasks}) == 7
+    assert [task.seed for task in tasks] == [0] * 7 + [1] * 7
+
+
+# --- adapters
+
+
+@pytest.mark.parametrize("source", ADAPTERS, ids=lambda path: path.stem)
+def test_adapters_import_nothing_of_ours_but_how_to_talk(source: Path) -> None:
+    tree = ast.parse(source.read_text("utf-8"))
+    names = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    names |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    ours = {name for name in names if name and name.partition(".")[0] in ("planner_service", "benchmarks", "tests")}
+    assert ours == {"benchmarks.baselines.peers.adapter_protocol"}
+
+
+def test_how_to_talk_needs_the_standard_library_alone() -> None:
+    tree = ast.parse((ROOT / "benchmarks" / "baselines" / "peers" / "adapter_protocol.py").read_text("utf-8"))
+    names = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    names |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    assert {str(name).partition(".")[0] for name in names} <= sys.stdlib_module_names
+
+
+@pytest.mark.parametrize("peer", PEERS.values(), ids=lambda peer: peer.name)
+def test_every_peer_is_pinned_and_has_an_adapter(peer: Peer) -> None:
+    assert all(re.fullmatch(r"[\w-]+==[\d.]+", each) for each in peer.requirements)
+    assert (ROOT / (peer.adapter.replace(".", "/") + ".py")) in ADAPTERS
+    assert peer.planners
+
+
+def test_vamps_angles_are_turns_about_fixed_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    vamp = types.ModuleType("vamp")
+    made: list[tuple[Any, ...]] = []
+    adders = types.SimpleNamespace(add_cuboid=made.append, add_capsule=made.append)
+    vamp.__dict__["Environment"] = lambda: adders
+    for shape in ("Cuboid", "Cylinder", "Capsule"):
+        vamp.__dict__[shape] = lambda *given, shape=shape: (shape, *given)
+    path = types.SimpleNamespace(numpy=lambda: [[0.0], [1.0]])
+    halton = types.SimpleNamespace(reset=lambda: None, skip=lambda count: made.append(("skip", count)))
+    robot = types.SimpleNamespace(halton=lambda: halton, simplify=lambda *given: types.SimpleNamespace(path=path))
+    plan = lambda *given: types.SimpleNamespace(solved=True, path=path)  # noqa: E731
+    vamp.__dict__["configure_robot_and_planner_with_kwargs"] = lambda *given, **rest: (robot, plan, None, None)
+    monkeypatch.setitem(sys.modules, "vamp", vamp)
+    monkeypatch.delitem(sys.modules, "benchmarks.baselines.peers.vamp_adapter", raising=False)
+    from benchmarks.baselines.peers import vamp_adapter
+
+    turn = Pose((0.0, 0.0, 0.0), tuple(np.array([1.0, 0.3, -0.2, 0.5]) / np.sqrt(1.38)))
+    bodies = (Obstacle("crate", Box((0.2, 0.4, 0.6)), turn), Obstacle("can", Cylinder(0.1, 0.5), turn))
+    told = job_of(PEERS["vamp"], "rrtc", {"name": "panda_mbm"}, [Task(motion(obstacles=bodies), 2)], 1.0)
+    answer = Answer()
+    vamp_adapter.Vamp(told).solve(told["problems"][0], 2, answer)
+    cuboid = next(each for each in made if each[0] == "Cuboid")
+    x, y, z = cuboid[2]
+    about = {
+        0: lambda a: np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]]),
+        1: lambda a: np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]),
+        2: lambda a: np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]),
+    }
+    assert np.allclose(about[2](z) @ about[1](y) @ about[0](x), turn.matrix[:3, :3])
+    assert cuboid[3] == [0.1, 0.2, 0.3]
+    assert ("skip", 2000) in made
+    assert ("Capsule", [0.0, 0.0, 0.0], cuboid[2], 0.1, 0.5) in made
+    assert answer.waypoints == [[0.0], [1.0]]
+    with pytest.raises(ValueError, match="no ur5"):
+        vamp_adapter.Vamp(told | {"robot": {"name": "ur5"}})
+
+
+# --- environments
+
+
+def script(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{text}\n", "utf-8")
+    path.chmod(0o755)
+    return path
+
+
+def test_the_interpreter_is_one_that_runs_as_what_it_is_called(tmp_path: Path) -> None:
+    script(tmp_path / "shims" / "python3.12", "echo 'not installed' >&2; exit 127")
+    right = script(tmp_path / "real" / "python3.11", "echo 3.11")
+    path = os.pathsep.join(str(tmp_path / name) for name in ("shims", "real"))
+    assert interpreter(PEERS["mplib"], {"PATH": path}) == right
+    with pytest.raises(InvalidRequest, match=r"python3\.12 or python3\.11 or python3\.10"):
+        interpreter(PEERS["mplib"], {"PATH": str(tmp_path / "shims")})
+
+
+def test_an_installation_that_fails_says_why_from_then_on(tmp_path: Path) -> None:
+    broken = script(tmp_path / "python", "echo 'Collecting things'; echo 'error: no compiler' >&2; exit 1")
+    environment = Environment.of(PEERS["vamp"], tmp_path / "peers")
+    assert environment.state == "not installed"
+    assert environment.install(broken) == "venv failed: error: no compiler"
+    assert environment.state == "venv failed: error: no compiler"
+    assert not environment.ready
+
+
+def test_what_is_no_environment_is_never_removed(tmp_path: Path) -> None:
+    environment = Environment.of(PEERS["vamp"], tmp_path)
+    environment.folder.mkdir()
+    (environment.folder / "thesis.txt").write_text("years of work", "utf-8")
+    with pytest.raises(InvalidRequest, match="an environment of a peer"):
+        environment.install(Path(sys.executable))
+    assert (environment.folder / "thesis.txt").is_file()
+
+
+def test_an_environment_of_other_versions_is_not_ready(tmp_path: Path) -> None:
+    environment = Environment.of(PEERS["vamp"], tmp_path)
+    environment.folder.mkdir()
+    state = {"state": "installed", "requirements": list(environment.peer.requirements)}
+    (environment.folder / "state.json").write_text(json.dumps(state), "utf-8")
+    assert environment.ready
+    (environment.folder / "state.json").write_text(json.dumps(state | {"requirements": ["vamp==1"]}), "utf-8")
+    assert environment.state == "installed for other versions; install it again"
+
+
+def test_a_folder_that_cannot_be_made_and_a_note_that_is_none_are_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", "utf-8")
+    with pytest.raises(InvalidRequest, match=r"\$PLANNER_SERVICE_PEERS names the folder"):
+        Environment.of(PEERS["vamp"], tmp_path / "file").install(Path(sys.executable))
+    environment = Environment.of(PEERS["vamp"], tmp_path)
+    environment.folder.mkdir()
+    (environment.folder / "state.json").write_text("[]", "utf-8")
+    assert environment.state == "not installed"
+
+
+def test_environments_are_outside_the_checkout(tmp_path: Path) -> None:
+    assert environments_folder({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "planner-service" / "peers"
+    assert environments_folder({"PLANNER_SERVICE_PEERS": str(tmp_path)}) == tmp_path
+    with pytest.raises(InvalidRequest, match="PLANNER_SERVICE_PEERS"):
+        environments_folder({"PLANNER_SERVICE_CACHE": ""})
+
+
+def test_nothing_of_ours_is_seen_in_a_peers_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", "/ours")
+    environment = Environment.of(PEERS["tesseract"], tmp_path)
+    assert "PYTHONPATH" not in environment.surroundings()
+    (environment.folder / "lent").mkdir(parents=True)
+    assert environment.surroundings()["LD_LIBRARY_PATH"].startswith(str(environment.folder / "lent"))
+
+
+def test_the_command_lists_what_there_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLANNER_SERVICE_PEERS", str(tmp_path))
+    said = StringIO()
+    assert running.main(["list"], Console(file=said, width=200)) == 0
+    assert all(name in said.getvalue() for name in PEERS)
+    assert said.getvalue().count("not installed") == len(PEERS)
+
+
+def test_the_command_fails_where_an_installation_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLANNER_SERVICE_PEERS", str(tmp_path / "peers"))
+    broken, said = script(tmp_path / "python", "echo 'error: nothing works' >&2; exit 1"), StringIO()
+    assert running.main(["install", "vamp", "--python", str(broken)], Console(file=said, width=200)) == 1
+    assert "error: nothing works" in said.getvalue()
+
+
+def test_the_command_writes_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PLANNER_SERVICE_PEERS", str(tmp_path / "peers"))
+    out = tmp_path / "vamp.jsonl"
+    asked = ["run", "--peer", "vamp", "--planner", "fcit", "--problems", "2", "--seeds", "1:3", "--out", str(out)]
+    assert running.main(asked, Console(file=StringIO())) == 0
+    assert rows.read(out).header["command"] == ["peers", *asked]
+    assert [(row["planner"], row["seed"]) for row in rows.read(out).rows] == [("fcit", 1)] * 2 + [("fcit", 2)] * 2
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--problems", "0"), ("--problems", "-3"), ("--problems", "x"), ("--time-limit", "abc"), ("--time-limit", "nan")],
+)
+def test_a_number_that_is_none_is_refused_with_what_would_be(
+    option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["run", "--peer", "vamp", option, value, "--out", str(tmp_path / "x.jsonl")]
+    with pytest.raises(SystemExit, match="2"):
+        running.main(asked, Console(file=StringIO()))
+    assert f"argument {option}: got {value!r}; expected" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

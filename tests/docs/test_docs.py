@@ -1,0 +1,188 @@
+"""The pages of docs/: what they show is what happens, their links lead somewhere, and nothing public is left out."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from typer.testing import CliRunner
+
+import planner_service
+from planner_service.cli.commands import app
+from planner_service.files import json_reader as json_file
+from planner_service.files import toml_reader as toml_file
+from planner_service.files import xml_reader as xml_file
+from planner_service.geometry import mesh
+from planner_service.geometry import mesh_formats as mesh_file
+from planner_service.geometry import mesh_paths as mesh_path
+from planner_service.geometry import point_files as grid_file
+from planner_service.records import plan_file, problem_set
+from planner_service.records import schema as record
+from planner_service.roadmap import roadmap_file
+from planner_service.robot import toml_reader as robot_file
+from planner_service.robot import urdf_reader as urdf
+from planner_service.scene import moveit_scene, scene
+from planner_service.scene import toml_reader as scene_file
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+RUN_HERE = (
+    "index.md",
+    "concepts.md",
+    "counting.md",
+    "choosing.md",
+    "timing.md",
+    "inside.md",
+    "lesson.md",
+    "robots-and-scenes.md",
+)
+"""Pages whose Python and commands are run below; other pages are with the tests of what they are about."""
+
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+SECONDS = re.compile(r" +(?:in )?[\d.,]+(?: s)?$")
+"""What a line of a command's table ends with."""
+
+
+def exactly(text: str) -> list[str]:
+    return [line.rstrip() for line in text.splitlines()]
+
+
+def without_seconds(text: str) -> list[str]:
+    return [SECONDS.sub("", line) for line in exactly(text)]
+
+
+def printed_by(command: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """What a line of a page prints; nothing if it is not one of ours to run."""
+    if command.startswith("planner-service "):
+        done = CliRunner(env={"COLUMNS": "100"}).invoke(app, command.removeprefix("planner-service "))
+        assert (command, done.exit_code) == (command, 0)
+        return done.stdout
+    if command.startswith("python examples/"):
+        runpy.run_path(str(ROOT / command.split()[1]), run_name="__main__")
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", RUN_HERE)
+def test_what_a_page_shows_is_what_happens(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(ROOT / "examples" / "desk_arm.urdf", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    printed, lines, shown = "", exactly, 0
+    for language, content in BLOCK.findall((DOCS / name).read_text(encoding="utf-8")):
+        if language == "text":
+            assert lines(content) == lines(printed)
+            printed, shown = "", shown + 1
+        elif language == "python":
+            exec(compile(content, name, "exec"), names)
+            printed, lines = capsys.readouterr().out, exactly
+        elif language == "console":
+            commands = re.findall(r"^\$ (.*?)(?: +#.*)?$", content, flags=re.MULTILINE)
+            printed, lines = "".join(printed_by(command, capsys) for command in commands), without_seconds
+    assert shown >= 1
+
+
+class Page(HTMLParser):
+    """What a built page links to, what it loads, and the places in it that can be linked to."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.loaded: list[str] = []
+        self.ids: list[str] = []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.append(value)
+            elif name == "href" and value:
+                (self.links if tag == "a" else self.loaded).append(value)
+            elif name == "src" and value:
+                self.loaded.append(value)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, Page]:
+    """The pages of the site, built strictly: a link, an anchor or a page that is missing is an error."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return {path: Page(path) for path in sorted(folder.rglob("*.html"))}
+
+
+def test_every_link_leads_to_a_page_and_a_place_in_it(site: dict[Path, Page]) -> None:
+    astray, followed = [], 0
+    for path, page in site.items():
+        for link in page.links:
+            parts = urlsplit(link)
+            if parts.scheme or path.name == "404.html":  # that page is served from anywhere, and its links are absolute
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            place = unquote(parts.fragment)
+            found = target.exists() and (not place or place in site[target].ids)
+            astray += [] if found else [f"{path.name}: {link}"]
+            followed += 1
+    assert astray == []
+    assert followed > 1000
+
+
+def test_pages_load_nothing_from_elsewhere(site: dict[Path, Page]) -> None:
+    assert {url for page in site.values() for url in page.loaded if urlsplit(url).netloc} == set()
+    text = "".join(path.read_text(encoding="utf-8") for path in site)
+    assert re.findall(r"(?:@import|url\()[^)]*https?://", text) == []
+
+
+def test_the_reference_has_every_public_name_once(site: dict[Path, Page]) -> None:
+    public = {f"planner_service.{name}" for name in planner_service.__all__}
+    told = [place for path, page in site.items() if path.parent.name == "api" for place in page.ids if place in public]
+    assert sorted(told) == sorted(public)
+
+
+def test_what_the_reference_explains_are_single_names(site: dict[Path, Page]) -> None:
+    pages = [path for path in site if path.parent.name == "api"]
+    text = "".join(path.read_text(encoding="utf-8") for path in pages)
+    told = re.findall(r'field-body">\s*<b><code>(?:<[^>]+>)*([^<]+)', text)
+    assert len(told) > 100
+    assert [name for name in told if not re.fullmatch(r"\*{0,2}\w+", name)] == []
+
+
+CAPS: dict[str, tuple[int, ...]] = {
+    "`robot.toml`": (robot_file.MAX_BYTES, toml_file.MAX_KEY_PARTS),
+    "Scene (TOML)": (scene_file.MAX_BYTES, scene.MAX_OBJECTS, toml_file.MAX_KEY_PARTS),
+    "MoveIt `.scene`": (moveit_scene.MAX_BYTES, scene.MAX_OBJECTS, moveit_scene.MAX_LINE),
+    "URDF, SRDF": (xml_file.MAX_XML_BYTES, *[urdf.MAX_ELEMENTS] * 2, xml_file.MAX_ELEMENTS, xml_file.MAX_DEPTH),
+    "Mesh (STL, OBJ, PLY, COLLADA)": (
+        *(mesh_file.MAX_BYTES, mesh_file.MAX_VERTICES, mesh_file.MAX_TRIANGLES),
+        *(mesh.MAX_HULL, xml_file.MAX_DEPTH),
+    ),
+    "Point cloud": (mesh_file.MAX_BYTES, grid_file.MAX_POINTS),
+    "All meshes and clouds of one robot or scene": (mesh_path.MAX_TOTAL,),
+    "Plan or task (JSON)": (
+        *(json_file.MAX_BYTES, json_file.MAX_PARTS, json_file.MAX_KEYS),
+        *(plan_file.MAX_SEGMENTS, record.MAX_WAYPOINTS, plan_file.MAX_DEPTH),
+    ),
+    "Problem set (JSON)": (
+        *(json_file.MAX_BYTES, problem_set.MAX_PROBLEMS),
+        *(problem_set.MAX_GOALS, scene.MAX_OBJECTS),
+    ),
+    "Roadmap": (roadmap_file.MAX_BYTES,),
+}
+
+
+def test_the_caps_of_files_are_those_in_force() -> None:
+    table = (DOCS / "limitations.md").read_text(encoding="utf-8").split("## Files\n")[1].split("\n## ")[0]
+    rows = dict(re.findall(r"^\| ([^|]+) \| (.*) \|$", table, flags=re.MULTILINE))
+    told = {kind: tuple(int(n.replace(",", "")) for n in re.findall(r"\d[\d,]*\d|\d", rows[kind])) for kind in CAPS}
+    assert told == CAPS
+    assert len(rows) == len(CAPS) + 1  # the head; the line below it has no spaces

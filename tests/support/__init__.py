@@ -1,0 +1,1 @@
+"""Arms, worlds and browsers that tests share."""

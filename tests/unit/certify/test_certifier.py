@@ -1,0 +1,496 @@
+"""What the certificate proves, refuses and is asked for, where the answer has a closed form."""
+
+from __future__ import annotations
+
+import ast
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auditor.checker import IndependentChecker, tables_of
+from benchmarks.baselines.plain_bisection import plain_bisection_bounds
+from planner_service.certify import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
+from planner_service.certify import interval_proof as proof_tree
+from planner_service.collision import CollisionChecker, JointStep
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.shapes import Box, Pose, Sphere
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+
+ROOT = Path(__file__).parents[3]
+PLANAR = load_robot("planar2")
+WXAI = load_robot("wxai")
+DISCS = load_scene("discs")
+OPEN = Scene()
+LESSON = np.array([[0.0, 0.0], [math.pi / 2, -math.pi / 2]])
+"""Link 2 of the planar arm sweeps through the lesson's disc on this line, and through nothing else."""
+SWEEP = np.array([[-0.5, 0.0], [0.5, 0.0]])
+"""The outstretched planar arm turns about its shoulder."""
+RIM = math.hypot(1.5, 0.01)
+"""Radius of the circle on which the outermost points of the outstretched planar arm move."""
+BALL = 0.05
+MICRON = 1e-6
+
+SLIDER = """<robot name="slider">
+  <link name="rail"/>
+  <link name="cart"><collision><geometry><box size="0.1 0.2 0.2"/></geometry></collision></link>
+  <link name="boom"><collision>
+    <origin xyz="0.2 0 0"/><geometry><box size="0.3 0.02 0.02"/></geometry>
+  </collision></link>
+  <joint name="slide" type="prismatic">
+    <parent link="rail"/><child link="cart"/><origin xyz="0 0 0.5" rpy="0 0 0.3"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="1" velocity="1" effort="1"/>
+  </joint>
+  <joint name="swing" type="revolute">
+    <parent link="cart"/><child link="boom"/><origin xyz="0 0 0.3"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-2" upper="2" velocity="1" effort="1"/>
+  </joint>
+</robot>"""
+"""A cart that slides along a rail, with a boom that swings about an oblique axis above it."""
+
+TWINS = """<robot name="twins">
+  <link name="base"/>
+  <link name="torso"><collision><geometry><cylinder radius="0.05" length="0.4"/></geometry></collision></link>
+  <link name="left"><collision>
+    <origin xyz="0.25 0 0"/><geometry><box size="0.5 0.04 0.04"/></geometry>
+  </collision></link>
+  <link name="right"><collision>
+    <origin xyz="0.25 0 0"/><geometry><box size="0.5 0.04 0.04"/></geometry>
+  </collision></link>
+  <joint name="waist" type="revolute">
+    <parent link="base"/><child link="torso"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/>
+  </joint>
+  <joint name="left_shoulder" type="revolute">
+    <parent link="torso"/><child link="left"/><origin xyz="0 0.2 0.3"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/>
+  </joint>
+  <joint name="right_shoulder" type="revolute">
+    <parent link="torso"/><child link="right"/><origin xyz="0 -0.2 0.3"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" velocity="1" effort="1"/>
+  </joint>
+</robot>"""
+"""Two arms on one torso, in one plane: turned inwards alike they cross."""
+
+
+def built(tmp_path: Path, urdf: str) -> Robot:
+    path = tmp_path / "robot.urdf"
+    path.write_text(urdf, "utf-8")
+    return Robot.from_urdf(path)
+
+
+def ball_beyond(gap: float, angle: float = 0.123) -> Scene:
+    """A ball that the outstretched planar arm passes at a distance of exactly ``gap``."""
+    far = RIM + gap + BALL
+    return Scene((Obstacle("ball", Sphere(BALL), Pose((far * math.cos(angle), far * math.sin(angle), 0.0))),))
+
+
+def sheet_at(angle: float, radius: float = 1.45) -> Scene:
+    """A sheet of 2 mm across the way of the outstretched planar arm, which meets its edge first."""
+    place = (radius * math.cos(angle), radius * math.sin(angle), 0.0)
+    return Scene((Obstacle("sheet", Box((0.05, 0.002, 0.05)), Pose.from_rpy(place, (0.0, 0.0, angle))),))
+
+
+def refused(certificate: Certificate) -> Refusal:
+    assert certificate.refusal is not None
+    assert not certificate.certified
+    assert certificate.clearance == -math.inf
+    return certificate.refusal
+
+
+def test_a_free_curve_is_certified_and_its_clearance_is_the_gap_at_most() -> None:
+    found = certify(PLANAR, ball_beyond(0.02), SWEEP)
+    assert found.certified
+    assert 0.5 * 0.02 < found.clearance <= 0.02
+
+
+def test_clearance_is_in_whole_nanometres() -> None:
+    clearance = certify(PLANAR, ball_beyond(0.02), SWEEP).clearance * 1e9
+    assert abs(clearance - round(clearance)) < 1e-4
+
+
+@pytest.mark.parametrize("gap", [10 * MICRON, 100 * MICRON, 0.001, 0.03])
+def test_a_gap_of_ten_microns_is_certified(gap: float) -> None:
+    found = certify(PLANAR, ball_beyond(gap), SWEEP)
+    assert found.certified
+    assert MARGIN <= found.clearance <= gap
+
+
+@pytest.mark.parametrize("gap", [MICRON, 0.0, -MICRON, -10 * MICRON, -0.001, -0.02])
+def test_a_gap_of_one_micron_is_refused_and_so_is_every_overlap(gap: float) -> None:
+    refusal = refused(certify(PLANAR, ball_beyond(gap), SWEEP))
+    assert {refusal.a, refusal.b} == {"forearm", "ball"}
+    at = 0.5 + 0.123  # the ball meets the rim up to 0.02 rad before and after
+    assert refusal.s_start - 0.05 <= at <= refusal.s_end + 0.05
+
+
+@pytest.mark.parametrize("padding", [0.001, 0.02, 0.1])
+def test_padding_is_the_distance_that_is_proven(padding: float) -> None:
+    near, far = ball_beyond(padding + MICRON), ball_beyond(padding + 10 * MICRON)
+    assert certify(PLANAR, far, SWEEP, padding=padding).clearance >= padding + MARGIN - 1e-9
+    refused(certify(PLANAR, near, SWEEP, padding=padding))
+
+
+def test_a_refusal_is_a_sentence() -> None:
+    refusal = refused(certify(PLANAR, DISCS, LESSON))
+    assert str(refusal).startswith("forearm x lesson_disc is not proven apart from s = ")
+    assert " mm" in str(refusal)
+    at_the_rim = 0.123 - math.atan2(0.01, 1.5)
+    tight = str(refused(certify(PLANAR, ball_beyond(1.5 * MICRON), [[at_the_rim, 0.0]])))
+    assert tight.endswith("at s = 0 a gap of 0.0015 mm is proven; more than 0.0020 mm is needed")
+
+
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
+def test_a_sheet_between_the_samples_is_refused_by_its_name(step: float) -> None:
+    scene, way = sheet_at(0.33), [np.zeros(2), np.array([1.0, 0.0])]
+    assert CollisionChecker(PLANAR, scene, edge_step=JointStep(step)).edge_is_free(*way)
+    refusal = refused(certify(PLANAR, scene, way))
+    assert (refusal.a, refusal.b) == ("forearm", "sheet")
+    assert refusal.s_start <= 0.345
+    assert refusal.s_end >= 0.315
+
+
+def test_a_sheet_is_refused_wherever_it_stands() -> None:
+    rng = np.random.default_rng(4)
+    for angle, radius in zip(rng.uniform(-0.45, 0.45, 40), rng.uniform(0.2, 1.5, 40), strict=True):
+        scene = sheet_at(angle, radius)
+        second = IndependentChecker(ROOT / "robots" / "planar2", tables_of(scene))
+        assert not second.path_is_free(SWEEP, 0.0002)
+        refused(certify(PLANAR, scene, SWEEP))
+
+
+def test_a_curve_that_starts_in_collision_is_refused_at_its_start() -> None:
+    touching = LESSON[0] + 0.5 * (LESSON[1] - LESSON[0])
+    refusal = refused(certify(PLANAR, DISCS, [touching, LESSON[0]]))
+    assert (refusal.s_start, refusal.s_end, refusal.b) == (0.0, 0.0, "lesson_disc")
+    length = JointPath(np.array([LESSON[0], touching])).length
+    assert refused(certify(PLANAR, DISCS, [LESSON[0], touching])).s_end == length
+
+
+def test_one_configuration_is_certified_by_itself() -> None:
+    certifier = Certifier(PLANAR, ball_beyond(0.02, 0.0))
+    found = certifier.certify(JointPath(np.zeros((1, 2))))
+    assert found.certified
+    assert found.distances == len(certifier.listed.pairs)
+    assert 0.02 - 1e-5 < found.clearance <= 0.02 + 4e-5  # the rim stands 33 um beyond the axis
+    assert not certify(PLANAR, ball_beyond(-0.02, 0.0), np.zeros((1, 2))).certified
+
+
+def test_a_blend_is_judged_as_the_curve_it_is() -> None:
+    corner = np.array([[-0.4, 0.0], [0.3, 0.0], [0.3, 0.7]])
+    blended = JointPath(corner, np.array([0.0, 0.6, 0.0]))
+    at_the_corner = ball_beyond(-0.001, 0.3)  # stretched out, the arm points there at the corner only
+    refused(certify(PLANAR, at_the_corner, corner))
+    assert certify(PLANAR, at_the_corner, blended).certified
+    shoulder, elbow = blended(0.7)
+    x = math.cos(shoulder) + 0.5 * math.cos(shoulder + elbow)
+    y = math.sin(shoulder) + 0.5 * math.sin(shoulder + elbow)
+    assert refused(certify(PLANAR, Scene((Obstacle("pin", Sphere(0.001), Pose((x, y, 0.0))),)), blended)).b == "pin"
+
+
+def lesson_stretch() -> tuple[float, float]:
+    """Where on the lesson's line link 2 is nearer than the proof's margin to the disc, in s, by the checker."""
+    checker, path = CollisionChecker(PLANAR, DISCS), JointPath(LESSON)
+    s = np.linspace(0.0, path.length, 20_001)
+    hits = s[[not checker.state_is_free(q) for q in path(s)]]
+    return float(hits[0]), float(hits[-1])
+
+
+def test_an_exempt_stretch_is_not_judged_and_the_certificate_names_it() -> None:
+    enters, leaves = lesson_stretch()
+    stretch = ExemptInterval(enters - 0.01, leaves + 0.01, (("lesson_disc", "forearm"),), "meant")
+    found = certify(PLANAR, DISCS, LESSON, exempt=[stretch])
+    assert found.certified
+    assert found.exempt == (stretch,)
+    assert (
+        str(stretch) == f"not judged from s = {enters - 0.01:.3f} to {leaves + 0.01:.3f}: lesson_disc x forearm (meant)"
+    )
+
+
+@pytest.mark.parametrize(("late", "early"), [(0.01, 0.0), (0.0, 0.01)], ids=["starts late", "ends early"])
+def test_outside_an_exempt_stretch_its_pairs_are_judged(late: float, early: float) -> None:
+    enters, leaves = lesson_stretch()
+    pairs = (("lesson_disc", "forearm"),)
+    stretch = ExemptInterval(enters - 0.01 + 2 * late, leaves + 0.01 - 2 * early, pairs, "meant")
+    refusal = refused(certify(PLANAR, DISCS, LESSON, exempt=[stretch]))
+    assert {refusal.a, refusal.b} == set(pairs[0])
+
+
+def test_other_pairs_are_judged_on_an_exempt_stretch() -> None:
+    length = JointPath(LESSON).length
+    other = ExemptInterval(0.0, length, (("lesson_disc", "upper_arm"), ("forearm", "far_disc")), "meant")
+    refused(certify(PLANAR, DISCS, LESSON, exempt=[other]))
+    whole = ExemptInterval(0.0, length, (("lesson_disc", "forearm"),), "meant")
+    assert certify(PLANAR, DISCS, LESSON, exempt=[whole]).certified
+
+
+def test_exempt_stretches_that_meet_are_one() -> None:
+    enters, leaves = lesson_stretch()
+    pairs = (("lesson_disc", "forearm"),)
+    spans = [(enters - 0.01, enters + 0.1), (enters + 0.1, leaves - 0.1), (leaves - 0.2, leaves + 0.01)]
+    assert certify(PLANAR, DISCS, LESSON, exempt=[ExemptInterval(*span, pairs, "") for span in spans]).certified
+    gapped = [ExemptInterval(*span, pairs, "") for span in (spans[0], spans[2])]
+    refused(certify(PLANAR, DISCS, LESSON, exempt=gapped))
+
+
+def test_an_exempt_point_exempts_nothing_but_a_path_of_one_point() -> None:
+    at = sum(lesson_stretch()) / 2
+    point = ExemptInterval(at, at, (("lesson_disc", "forearm"),), "meant")
+    refused(certify(PLANAR, DISCS, LESSON, exempt=[point]))
+    here = ExemptInterval(0.0, 0.0, (("lesson_disc", "forearm"),), "meant")
+    assert certify(PLANAR, DISCS, [JointPath(LESSON)(at)], exempt=[here]).certified
+
+
+def test_the_retreat_out_of_sleep_needs_its_exempt_pairs() -> None:
+    retreat = WXAI.retreats[0]
+    path = JointPath(np.array([WXAI.pose(retreat.pose), retreat.to]))
+    whole = ExemptInterval(0.0, path.length, retreat.pairs, retreat.reason)
+    assert certify(WXAI, OPEN, path, exempt=[whole]).certified
+    assert certify(WXAI, OPEN, path, allowed=retreat.pairs).certified
+    for pair in retreat.pairs:
+        rest = tuple(other for other in retreat.pairs if other != pair)
+        refusal = refused(certify(WXAI, OPEN, path, exempt=[ExemptInterval(0.0, path.length, rest, "")]))
+        assert {refusal.a, refusal.b} == set(pair)
+
+
+def test_what_is_held_is_judged_against_obstacles_and_the_hand() -> None:
+    ball = Attached("held", Sphere(0.02), Pose((0.1, 0.0, 0.0)))
+    turn = np.array([[-0.5, 0.0], [0.5, 0.0]])
+    ring = Scene((Obstacle("post", Sphere(0.01), Pose((1.6, 0.0, 0.0))),), (ball,))
+    refusal = refused(certify(PLANAR, ring, turn))
+    assert (refusal.a, refusal.b) == ("held", "post")
+    inside = Scene((), (Attached("held", Sphere(0.02), Pose((-0.1, 0.0, 0.0))),))
+    touched = Scene((), (Attached("held", Sphere(0.02), Pose((-0.1, 0.0, 0.0)), ("forearm",)),))
+    refused(certify(PLANAR, inside, turn))
+    assert certify(PLANAR, touched, turn).certified
+
+
+def test_allowed_pairs_are_not_judged() -> None:
+    assert certify(PLANAR, DISCS, LESSON, allowed=[("forearm", "lesson_disc")]).certified
+    assert certify(PLANAR, DISCS, LESSON, allowed=[("lesson_disc", "forearm")]).certified
+    assert not certify(PLANAR, DISCS, LESSON, allowed=[("upper_arm", "lesson_disc")]).certified
+
+
+def test_nothing_to_judge_is_certified_with_infinite_clearance() -> None:
+    found = certify(PLANAR, OPEN, SWEEP)
+    assert (found.certified, found.clearance, found.distances) == (True, math.inf, 0)
+
+
+@pytest.mark.parametrize(("gap", "free"), [(10 * MICRON, True), (MICRON, False)])
+def test_a_sliding_joint_is_proven_to_its_last_microns(tmp_path: Path, gap: float, free: bool) -> None:
+    robot = built(tmp_path, SLIDER)
+    away = 0.8 + 0.05 + gap + 0.01  # the rail points 0.3 rad to the left; the wall is 20 mm thick
+    pose = Pose.from_rpy((away * math.cos(0.3), away * math.sin(0.3), 0.5), (0.0, 0.0, 0.3))
+    wall = Scene((Obstacle("wall", Box((0.02, 0.3, 0.3)), pose),))
+    found = certify(robot, wall, [[-0.7, 0.3], [0.8, -0.4]])
+    assert found.certified == free
+    if found.refusal:
+        assert (found.refusal.a, found.refusal.b) == ("cart", "wall")
+
+
+def test_two_arms_of_one_torso_are_judged_against_each_other(tmp_path: Path) -> None:
+    robot = built(tmp_path, TWINS)
+    outwards, inwards, aside = [0.0, 0.4, -0.4], [0.5, -1.0, 1.0], [2.5, 0.4, -0.4]
+    refusal = refused(certify(robot, OPEN, [outwards, inwards]))
+    assert {refusal.a, refusal.b} == {"left", "right"}
+    alike = certify(robot, OPEN, [[-2.0, -1.0, -1.0], [2.0, 1.0, 1.0]])
+    assert alike.certified
+    turned = certify(robot, OPEN, [outwards, aside])
+    assert turned.certified
+    pairs = len(Certifier(robot, OPEN).listed.pairs)
+    assert turned.distances == 3 * pairs  # the waist moves all alike: their spheres, and both ends, are the proof
+
+
+def test_the_same_call_gives_the_same_certificate() -> None:
+    certifier = Certifier(WXAI, load_scene("bin"))
+    path = JointPath(np.array([WXAI.home, WXAI.home + 0.2, WXAI.home + np.array([0.4, 0.1, -0.1, 0.3, 0.0, 0.5])]))
+    first = certifier.certify(path)
+    certifier.certify(JointPath(np.array([WXAI.home, WXAI.home - 0.1])))
+    assert certifier.certify(path) == first == Certifier(WXAI, load_scene("bin")).certify(path)
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_waypoints_that_all_but_coincide_do_no_harm(apart: float) -> None:
+    way = np.array([SWEEP[0], [0.1, 0.0], [0.1 + apart, 0.0], [0.1 + apart, apart], SWEEP[1]])
+    assert certify(PLANAR, ball_beyond(0.001), way).certified
+    refused(certify(PLANAR, ball_beyond(-0.001), way))
+
+
+def test_a_corner_that_turns_back_is_proven_on_both_ways() -> None:
+    way = np.array([[-0.4, 0.0], [0.1, 0.0], [-0.4, 0.0]])
+    assert certify(PLANAR, ball_beyond(10 * MICRON, 0.123), way).certified
+    refused(certify(PLANAR, ball_beyond(-MICRON, 0.1), way))
+
+
+def test_every_bound_is_charged_before_it_is_asked_and_counted_once() -> None:
+    asked: list[int] = []
+    found = Certifier(PLANAR, DISCS).certify(JointPath(np.array([[0.0, 0.0], [-0.5, 0.3]])), charge=asked.append)
+    assert sum(asked) == found.distances > 0
+
+
+def test_what_charge_raises_comes_out() -> None:
+    class Enough(Exception):
+        pass
+
+    def stop(bounds: int) -> None:
+        raise Enough
+
+    certifier = Certifier(PLANAR, DISCS)
+    with pytest.raises(Enough):
+        certifier.certify(JointPath(LESSON), charge=stop)
+
+
+def test_a_curve_that_needs_too_many_bounds_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(proof_tree, "MAX_BOUNDS", 5)
+    refusal = refused(certify(PLANAR, ball_beyond(10 * MICRON), SWEEP))
+    assert refusal.detail.endswith("bounds did not suffice")
+    assert refusal.spent
+    assert refusal.s_start <= refusal.s <= refusal.s_end
+
+
+def test_open_pairs_alone_cost_less_than_all_of_them() -> None:
+    certifier = Certifier(WXAI, load_scene("bin"))
+    path = JointPath(np.array([WXAI.home, WXAI.home + np.array([0.8, 0.1, -0.1, 0.3, 0.2, 0.5])]))
+    assert plain_bisection_bounds(certifier, path) > 3 * certifier.certify(path).distances
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"path": JointPath(np.zeros((1, 3)))}, "path: got 3; expected a path of 2 joints"),
+        (
+            {"path": JointPath(np.array([[0.0, 0.0], [3.2, 0.0]]))},
+            r"waypoints\[1\]\[0\]: got 3\.2; expected shoulder in",
+        ),
+        ({"padding": -0.001}, "padding: got -0.001"),
+        ({"padding": 0.11}, "padding: got 0.11"),
+        ({"padding": math.nan}, "padding: got nan"),
+        ({"exempt": [ExemptInterval(0.0, 1.1, (), "")]}, "exempt: got"),
+        ({"exempt": ExemptInterval(0.0, 0.1, (), "")}, "exempt: got .* expected a list of ExemptInterval"),
+        ({"exempt": [(0.0, 0.1)]}, r"exempt\[0\]: got"),
+        ({"exempt": None}, "exempt: got None"),
+        ({"path": "straight on"}, "path: got 'straight on'"),
+    ],
+)
+def test_a_mistake_is_named(arguments: dict[str, Any], told: str) -> None:
+    certifier = Certifier(PLANAR, DISCS)
+    with pytest.raises(InvalidRequest, match=told):
+        certifier.certify(**{"path": JointPath(SWEEP), **arguments})
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ((-0.1, 0.1, ()), "s_start: got -0.1"),
+        ((0.2, 0.1, ()), "s_end: got 0.1; expected a number >= 0.2"),
+        ((0.0, math.nan, ()), "s_end: got nan"),
+        (("a", 0.1, ()), "s_start: got 'a'"),
+        ((0.0, 0.1, (("forearm",),)), r"pairs: got \('forearm',\)"),
+        ((0.0, 0.1, (("forearm", "forearm"),)), "pairs of two different"),
+        ((0.0, 0.1, None), "pairs: got None"),
+    ],
+)
+def test_an_impossible_exempt_stretch_is_refused(values: Any, told: str) -> None:
+    with pytest.raises(InvalidRequest, match=told):
+        ExemptInterval(values[0], values[1], values[2], "")
+
+
+@pytest.mark.parametrize("allowed", ["ab", [("forearm",)], [("forearm", "base", "x")], None, [1], {"forearm": "base"}])
+def test_allowed_pairs_that_are_no_pairs_of_names_are_refused(allowed: Any) -> None:
+    with pytest.raises(InvalidRequest, match="allowed: got"):
+        Certifier(PLANAR, DISCS, allowed=allowed)
+
+
+def test_an_exempt_stretch_may_end_a_rounding_beyond_the_path() -> None:
+    pairs = (("forearm", "lesson_disc"),)
+    length = JointPath(LESSON).length
+    assert certify(PLANAR, DISCS, LESSON, exempt=[ExemptInterval(0.0, length + 1e-12, pairs, "")]).certified
+
+
+def test_thousands_of_far_obstacles_cost_one_bound_for_each_pair() -> None:
+    rng = np.random.default_rng(0)
+    directions = rng.standard_normal((3000, 3))
+    places = 4.0 * directions / np.linalg.norm(directions, axis=1)[:, None]
+    far = tuple(Obstacle(f"far_{k}", Sphere(0.1), Pose((x, y, z))) for k, (x, y, z) in enumerate(places.tolist()))
+    certifier = Certifier(PLANAR, Scene((*far, *DISCS.obstacles)))
+    path = np.array([[0.0, 0.0], [-0.6, 0.3]])
+    near, found = Certifier(PLANAR, DISCS).certify(path), certifier.certify(path)
+    assert found.certified
+    assert found.clearance <= near.clearance
+    assert found.distances == near.distances + 2 * len(far)
+
+
+def test_no_batch_of_bounds_is_so_large_that_a_caller_could_not_stop_it() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-0.4, 0.4, (2500, 3)) + np.array([1.95, 0.0, 0.0])
+    near = tuple(Obstacle(f"near_{k}", Sphere(0.001), Pose((x, y, z))) for k, (x, y, z) in enumerate(places.tolist()))
+    batches: list[int] = []
+    Certifier(PLANAR, Scene(near)).certify(JointPath(SWEEP), charge=batches.append)
+    assert max(batches[1:]) <= proof_tree.BATCH
+    assert len(batches) > 3
+
+
+def test_rounding_over_a_limit_is_no_mistake() -> None:
+    over = np.array([[0.0, 0.0], [0.0, PLANAR.limits.upper[1] + 1e-10]])
+    assert certify(PLANAR, OPEN, over).certified
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
+    stretch = ExemptInterval(0.0, 0.1, (("forearm", "lesson_disk"),), "")
+    with pytest.raises(UnknownName, match="did you mean 'lesson_disc'"):
+        certify(PLANAR, DISCS, SWEEP, exempt=[stretch])
+    with pytest.raises(UnknownName, match="did you mean 'forearm'"):
+        certify(PLANAR, DISCS, SWEEP, allowed=[("fourarm", "lesson_disc")])
+    held = Scene((), (Attached("held", Sphere(0.01), Pose(), ("fourarm",)),))
+    with pytest.raises(UnknownName, match="unknown touch link"):
+        Certifier(PLANAR, held)
+
+
+def own_modules() -> dict[str, ast.Module]:
+    found = (ROOT / "planner_service" / "certify").glob("*.py")
+    return {path.stem: ast.parse(path.read_text("utf-8")) for path in found}
+
+
+def test_the_proof_shares_no_code_with_the_search() -> None:
+    may = {"errors", "geometry", "mesh", "composite", "robot", "locking", "scene", "path", "certify"} | {
+        f"certify.{name}" for name in own_modules()
+    }
+    assert len(own_modules()) > 3
+    for tree in own_modules().values():
+        froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        ours = {node.module for node in froms if node.module and node.module.startswith("planner_service")}
+        assert {f"planner_service.{name}" for name in may} >= ours
+        assert "planner_service" not in {
+            a.name.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names
+        }
+
+
+def test_the_compiled_proof_includes_nothing_of_the_search() -> None:
+    sources = list((ROOT / "planner_service" / "certify" / "native").iterdir())
+    lines = [line for path in sources for line in path.read_text("utf-8").splitlines()]
+    ours = {line.split('"')[1] for line in lines if line.startswith('#include "')}
+    assert len(sources) > 5
+    assert ours <= {path.name for path in sources}
+    assert not [line for line in lines if "kernel" in line]
+
+
+def test_the_proof_asks_the_robot_for_data_only() -> None:
+    methods = {
+        "body_poses",
+        "body_poses_batch",
+        "tool_pose",
+        "tool_jacobian",
+        "reach",
+        "link_pairs",
+        "_tree",
+        "with_gripper",
+    }
+    for tree in own_modules().values():
+        assert {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)} & methods == set()
+        shape_methods = {"support", "grown"}
+        calls = {n.func.attr for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Attribute)}
+        assert calls & shape_methods == set()

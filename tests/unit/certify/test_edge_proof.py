@@ -1,0 +1,237 @@
+"""The verdict on a straight edge, and clearances of configurations: true, tight, and refused what makes no sense."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auditor.checker import IndependentChecker
+from benchmarks.studies.backends import case, edges_of
+from planner_service.certify import MARGIN, Certifier, EdgeProof, EdgeVerdict
+from planner_service.certify.certifier import Backend
+from planner_service.certify.prover import instruction_sets
+from planner_service.collision import CollisionChecker, JointStep
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import Box, Pose, Sphere
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import load_robot
+from planner_service.scene.scene import Obstacle, Scene, load_scene
+from tests.unit.certify.test_certifier import DISCS, LESSON, PLANAR, RIM, SWEEP, WXAI, ball_beyond, sheet_at
+
+ROOT = Path(__file__).parents[3]
+BACKENDS: list[Backend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
+MICRON = 1e-6
+COAL = 5e-6
+"""Metres to which Coal's distance is right where it is positive."""
+
+
+def verdict(scene: Scene, edge: Any, **options: Any) -> EdgeProof:
+    """What both backends say, which is the same."""
+    found = [Certifier(PLANAR, scene, backend=backend).certify_edge(*np.array(edge), **options) for backend in BACKENDS]
+    assert found[1:] == found[:-1]
+    return found[0]
+
+
+@pytest.mark.parametrize("gap", [10 * MICRON, 0.001, 0.03])
+def test_an_edge_that_passes_at_ten_microns_is_free(gap: float) -> None:
+    found = verdict(ball_beyond(gap), SWEEP)
+    assert (found.verdict, found.free, found.colliding) == (EdgeVerdict.FREE, True, False)
+    assert (found.a, found.b) == ("", "")
+
+
+@pytest.mark.parametrize("gap", [-10 * MICRON, -0.001, -0.02])
+def test_an_edge_that_overlaps_by_ten_microns_collides_and_says_where(gap: float) -> None:
+    found = verdict(ball_beyond(gap), SWEEP)
+    assert (found.verdict, found.free, found.colliding) == (EdgeVerdict.COLLIDING, False, True)
+    assert {found.a, found.b} == {"forearm", "ball"}
+    assert not CollisionChecker(PLANAR, ball_beyond(gap)).state_is_free(JointPath(SWEEP)(found.s))
+
+
+@pytest.mark.parametrize("gap", [MICRON, 0.0, -MICRON])
+def test_an_edge_that_touches_is_undecided(gap: float) -> None:
+    assert verdict(ball_beyond(gap), SWEEP).verdict is EdgeVerdict.UNDECIDED
+
+
+@pytest.mark.parametrize("padding", [0.001, 0.02, 0.1])
+def test_padding_is_what_a_free_edge_keeps_and_a_colliding_one_does_not(padding: float) -> None:
+    gaps = (padding + 10 * MICRON, padding, padding - 10 * MICRON)
+    found = [verdict(ball_beyond(gap), SWEEP, padding=padding).verdict for gap in gaps]
+    assert found == [EdgeVerdict.FREE, EdgeVerdict.UNDECIDED, EdgeVerdict.COLLIDING]
+
+
+def test_boxes_that_overlap_by_less_than_the_margin_do_not_collide() -> None:
+    """Flat faces: the edge is one configuration at which the end of the arm is so far inside a block."""
+
+    def block(depth: float) -> Scene:
+        return Scene((Obstacle("block", Box((0.2, 0.2, 0.2)), Pose((1.5 - depth + 0.1, 0.0, 0.0))),))
+
+    still = np.zeros((2, 2))
+    found = [verdict(block(depth), still).verdict for depth in (-10 * MICRON, 0.5 * MICRON, 0.005)]
+    assert found == [EdgeVerdict.FREE, EdgeVerdict.UNDECIDED, EdgeVerdict.COLLIDING]
+
+
+def test_a_collision_at_either_end_is_found() -> None:
+    inside = np.array([0.123, 0.0])
+    for edge in ((inside, inside - 0.6), (inside - 0.6, inside), (inside, inside)):
+        assert verdict(ball_beyond(-0.0002), edge).colliding
+
+
+def test_a_sheet_between_the_samples_collides_wherever_it_stands() -> None:
+    rng = np.random.default_rng(4)
+    for angle, radius in zip(rng.uniform(-0.45, 0.45, 12), rng.uniform(0.2, 1.5, 12), strict=True):
+        found = verdict(sheet_at(angle, radius), SWEEP)
+        assert found.colliding
+        assert "sheet" in (found.a, found.b)
+
+
+def test_the_edge_of_the_lesson_collides_with_its_disc() -> None:
+    found = verdict(DISCS, LESSON)
+    assert (found.colliding, {found.a, found.b}) == (True, {"forearm", "lesson_disc"})
+
+
+def test_nothing_to_judge_is_free() -> None:
+    assert verdict(Scene(), SWEEP).free
+
+
+@pytest.mark.parametrize(("name", "undecided"), [("wxai bin", 0), ("wxai clutter", 0), ("panda shelf", 0)])
+def test_verdicts_are_those_of_a_dense_sampling(name: str, undecided: int) -> None:
+    robot, scene = case(name)
+    certifier, checker = Certifier(robot, scene), CollisionChecker(robot, scene, edge_step=JointStep(0.002))
+    told = []
+    for a, b in edges_of(checker, 150, seed=21):
+        found = certifier.certify_edge(a, b)
+        told.append(found.verdict)
+        if found.free:
+            assert checker.edge_is_free(a, b)
+        elif found.colliding:
+            assert not checker.state_is_free(JointPath(np.array([a, b]))(found.s))
+        if len(told) == 20 and not instruction_sets():  # the reference takes some milliseconds for each
+            break
+    assert told.count(EdgeVerdict.UNDECIDED) == undecided
+    assert {EdgeVerdict.FREE, EdgeVerdict.COLLIDING} <= set(told)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(
+    ("ends", "told"),
+    [
+        (([0.0, 0.0, 0.0], [0.1, 0.0]), r"q1: got \(3,\); expected 2 joint values"),
+        (([0.0, 0.0], [[0.1, 0.0]]), r"q2: got \(1, 2\)"),
+        (([0.0, 0.0], [0.1, math.nan]), r"q2\[1\]: got nan; expected elbow in"),
+        (([3.2, 0.0], [0.1, 0.0]), r"q1\[0\]: got 3\.2; expected shoulder in"),
+        (([0.0, 0.0], "up"), "q2: got 'up'"),
+        (([True, False], [0.0, 0.0]), "q1: got"),
+        ((np.array(["up", "down"]), np.zeros(2)), "q1: got"),
+        ((np.zeros(2), np.array([None, 0.0])), "q2: got"),
+        ((np.ma.masked_less([0.5, 0.0], 0.5), np.zeros(2)), "q1: got"),  # type: ignore[no-untyped-call]
+    ],
+)
+def test_ends_that_make_no_sense_are_refused_by_name(backend: Backend, ends: Any, told: str) -> None:
+    certifier = Certifier(PLANAR, DISCS, backend=backend)
+    with pytest.raises(InvalidRequest, match=told):
+        certifier.certify_edge(*ends)
+
+
+@pytest.mark.parametrize("padding", [-0.001, 0.11, math.nan])
+def test_a_padding_that_makes_no_sense_is_refused(padding: float) -> None:
+    certifier = Certifier(PLANAR, DISCS)
+    with pytest.raises(InvalidRequest, match="padding: got"):
+        certifier.certify_edge(SWEEP[0], SWEEP[1], padding=padding)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_ends_may_be_lists_single_precision_or_slices(backend: Backend) -> None:
+    certifier, table = Certifier(PLANAR, DISCS, backend=backend), np.zeros((2, 6))
+    table[:, ::3] = LESSON
+    expected = certifier.certify_edge(*LESSON)
+    assert expected.colliding
+    assert certifier.certify_edge(*LESSON.tolist()) == expected
+    assert certifier.certify_edge(*table[:, ::3]) == expected
+    assert certifier.certify_edge(*LESSON.astype(np.float32)).colliding
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("kind", [">f8", np.longdouble, [("kind", "i1"), ("value", "f8")]], ids=str)
+def test_numbers_in_another_order_or_longer_or_spread_unevenly_are_taken(backend: Backend, kind: Any) -> None:
+    certifier, table = Certifier(PLANAR, DISCS, backend=backend), np.zeros((2, 2), dtype=kind)
+    ends = table["value"] if table.dtype.names else table
+    ends[:] = LESSON
+    assert certifier.certify_edge(*ends) == certifier.certify_edge(*LESSON)
+
+
+def test_rounding_over_a_limit_is_no_mistake() -> None:
+    over = [[0.0, 0.0], [0.0, PLANAR.limits.upper[1] + 1e-10]]
+    assert verdict(Scene(), over).free
+
+
+# --- clearances
+
+
+def test_a_clearance_is_the_gap_where_it_has_a_closed_form() -> None:
+    certifier = Certifier(PLANAR, ball_beyond(0.02, 0.0))
+    straight = math.hypot(RIM - 0.01, 0.0)
+    found = certifier.clearances([[0.0, 0.0], [1.5, 0.0]])
+    assert found[0] <= 0.02 + (RIM - straight)
+    assert found[0] == pytest.approx(0.02 + RIM - 1.5, abs=1e-6)
+    assert found[1] > 0.5
+
+
+def test_clearances_are_no_more_than_coal_says_and_close_to_it() -> None:
+    certifier, rng = Certifier(WXAI, load_scene("bin")), np.random.default_rng(22)
+    second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / "bin.toml")
+    Q = rng.uniform(WXAI.limits.lower, WXAI.limits.upper, (60, 6))
+    gaps = np.array([min(second.gaps(q).values()) for q in Q])
+    found = certifier.clearances(Q)
+    free = gaps > 0.0
+    assert 5 < free.sum() < 60
+    assert (found[free] <= gaps[free] + COAL).all()
+    assert np.median(gaps[free] - found[free]) < COAL
+    assert (found[gaps < -COAL] < 0.0).all()
+
+
+def test_an_overlap_has_a_negative_clearance() -> None:
+    found = Certifier(PLANAR, ball_beyond(-0.01, 0.0)).clearances([[0.0, 0.0]])
+    assert -0.05 < found[0] <= -0.0099
+
+
+def test_without_pairs_or_configurations_there_is_nothing_near() -> None:
+    for backend in BACKENDS:
+        assert Certifier(PLANAR, Scene(), backend=backend).clearances(SWEEP).tolist() == [math.inf] * 2
+        assert Certifier(PLANAR, DISCS, backend=backend).clearances(np.zeros((0, 2))).shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("Q", "told"),
+    [
+        ([0.0, 0.0], r"Q: got \(2,\); expected configurations of shape \(m, 2\)"),
+        ([[0.0, 0.0, 0.0]], r"Q: got \(1, 3\)"),
+        ([[0.0, 0.0], [0.0, math.inf]], r"Q\[1\]\[1\]: got inf; expected elbow in"),
+        ([[math.nan, 0.0]], r"Q\[0\]\[0\]: got nan"),
+        ("here", "Q: got 'here'"),
+    ],
+)
+def test_configurations_that_make_no_sense_are_refused(Q: Any, told: str) -> None:
+    certifier = Certifier(PLANAR, DISCS)
+    with pytest.raises(InvalidRequest, match=told):
+        certifier.clearances(Q)
+
+
+def test_a_clearance_of_more_than_padding_and_margin_is_what_a_still_edge_proves() -> None:
+    certifier, rng = Certifier(load_robot("ur5"), load_scene("bin")), np.random.default_rng(23)
+    limits = certifier.robot.limits
+    Q = rng.uniform(limits.lower, limits.upper, (40, 6))
+    for q, gap in zip(Q, certifier.clearances(Q).tolist(), strict=True):
+        found = certifier.certify_edge(q, q)
+        if gap > MARGIN:
+            assert found.free
+        if found.colliding:
+            assert gap < 0.0
+
+
+def test_a_ball_in_a_ball_collides() -> None:
+    scene = Scene((Obstacle("ball", Sphere(0.2), Pose((1.2, 0.0, 0.0))),))
+    assert verdict(scene, [[0.0, 0.0], [0.05, 0.0]]).colliding

@@ -1,0 +1,217 @@
+"""The gripper's own opening and closing: proven between widths, too, or refused with the pair and the width."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner_service import (
+    Attached,
+    Box,
+    CancelToken,
+    CollisionChecker,
+    Handling,
+    InvalidRequest,
+    Obstacle,
+    PlannerService,
+    Pose,
+    Scene,
+    UnknownName,
+    load_robot,
+    load_scene,
+    pick,
+    place,
+    top_grasps,
+)
+from planner_service.certify import certify_gripper
+from planner_service.collision.budget import Cancelled
+from planner_service.geometry.shapes import FloatArray
+from planner_service.records.plan_file import load_task
+from planner_service.records.recertify import recertify
+
+CUBE = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, 0.0215)))
+ROBOTS = ("wxai", "wxai_dual", "wxai_mesh", "panda")
+
+
+def in_tool(name: str, q: FloatArray, at: tuple[float, float, float]) -> Pose:
+    return Pose.from_matrix(load_robot(name).tool_pose(q)) @ Pose(at)
+
+
+def plate(y: float) -> Obstacle:
+    """A thin plate across the way of the left finger, ``y`` metres beside the middle of the hand at home."""
+    return Obstacle("plate", Box((0.02, 0.001, 0.02)), in_tool("wxai", load_robot("wxai").home, (-0.02, y, 0.0)))
+
+
+def test_a_thin_plate_between_the_widths_is_found_although_both_ends_are_free() -> None:
+    robot, scene = load_robot("wxai"), load_scene("bin").with_obstacle(plate(0.027))
+    ends = [CollisionChecker(robot.with_gripper(width), scene).state_is_free(robot.home) for width in (0.0, 0.08)]
+    found = certify_gripper(robot, scene, robot.home, (0.0, 0.08))
+    assert ends == [True, True]
+    assert not found.certificate.certified
+    assert (
+        "the gripper cannot open from 0.0 to 80.0 mm: finger_left x plate are not proven apart at a width of"
+        in found.refused
+    )
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_is_certified_is_free_at_every_width_and_the_clearance_is_a_lower_bound(name: str) -> None:
+    robot, draw = load_robot(name), np.random.default_rng(7)
+    assert robot.gripper is not None
+    widths = np.linspace(robot.gripper.lower, robot.gripper.upper, 40)
+    alone, verdicts = CollisionChecker(robot, Scene()).clearance(robot.home), []
+    for _ in range(12):
+        at = np.array(robot.gripper.closing) * draw.uniform(-0.09, 0.09) + draw.uniform(-0.03, 0.03, 3)
+        block = Obstacle("block", Box((0.012, 0.012, 0.012)), in_tool(name, robot.home, tuple(at.tolist())))
+        scene = Scene(obstacles=(block,))
+        found = certify_gripper(robot, scene, robot.home, (widths[0], widths[-1]))
+        assert found == certify_gripper(robot, scene, robot.home, (widths[0], widths[-1]), backend="numpy")
+        others = dict.fromkeys(shape.link for shape in robot.shapes if shape.link not in robot.gripper.links)
+        allowed = [(link, "block") for link in others]
+        gaps = [
+            CollisionChecker(robot.with_gripper(float(w)), scene, allowed=allowed).clearance(robot.home) for w in widths
+        ]
+        verdicts.append(found.certificate.certified)
+        if found.certificate.certified:
+            assert min(gaps) > 0.0
+            assert min(found.certificate.clearance, alone) <= min(gaps) + 1e-9
+        else:
+            assert min(gaps) < 0.0015  # the fingers of 40 widths are 1 mm apart
+    assert {True, False} == set(verdicts)
+
+
+def test_a_motion_that_ends_where_it_began_is_judged_at_that_width() -> None:
+    robot, scene = load_robot("wxai"), load_scene("bin").with_obstacle(plate(0.027))
+    assert certify_gripper(robot, scene, robot.home, (0.08, 0.08)).certificate.certified
+    assert not certify_gripper(robot, scene, robot.home, (0.05, 0.05)).certificate.certified
+
+
+def test_fingers_may_touch_what_they_close_on_and_nothing_else() -> None:
+    service = PlannerService("wxai", load_scene("table").with_obstacle(CUBE))
+    task = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
+    grip = task.segments[2].gripper
+    assert grip is not None
+    assert grip.certificate.certified
+    assert {pair for e in grip.certificate.exempt for pair in e.pairs} == {
+        ("finger_left", "block"),
+        ("finger_right", "block"),
+    }
+    q = task.segments[1].result.unwrap()[0].waypoints[-1]
+    again = service.certify_gripper(q, grip.start, grip.end)
+    assert "x block are not proven apart" in again.refused
+
+
+def test_what_is_held_counts_unless_the_fingers_may_touch_it() -> None:
+    robot, q = load_robot("wxai"), load_robot("wxai").home
+    held = Attached("bar", Box((0.02, 0.03, 0.02)), Pose(), touch_links=("finger_left", "finger_right"))
+    assert certify_gripper(robot, Scene(attached=(held,)), q, (0.03, 0.08)).certificate.certified
+    loose = replace(held, touch_links=("finger_left",))
+    assert "finger_right x bar" in certify_gripper(robot, Scene(attached=(loose,)), q, (0.03, 0.08)).refused
+
+
+def test_a_task_tells_what_its_gripper_does_and_counts_the_proof() -> None:
+    service = PlannerService("wxai", load_scene("table").with_obstacle(CUBE))
+    task = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
+    first, none, grip = (segment.gripper for segment in task.segments)
+    assert first is not None
+    assert grip is not None
+    assert none is None
+    assert (first.name, first.start, grip.start) == ("gripper closes", 0.08, first.end)
+    assert first.end == pytest.approx(0.069)
+    assert grip.end == pytest.approx(0.045)
+    proofs = first.certificate.distances + grip.certificate.distances
+    motions = sum(segment.result.counts.distances for segment in task.segments)
+    assert task.counts.distances == motions + proofs + task.choosing.distances
+
+
+def test_a_pick_whose_gripper_cannot_open_says_which_pair_and_at_what_width() -> None:
+    robot = load_robot("wxai").with_gripper(0.0)
+    service = PlannerService(robot, load_scene("bin").with_obstacle(plate(0.027)))
+    grasps = top_grasps(robot, service.scene.obstacle("blue_block"))
+    task = pick(service, robot.home, "blue_block", grasps, Handling(support="bin_floor"))
+    assert task.failure is not None
+    assert "the gripper cannot open from 0.0 to 69.0 mm: finger_left x plate are not" in task.failure.detail
+    assert task.counts.distances > 0
+
+
+def test_a_place_goes_where_the_gripper_can_open() -> None:
+    """A post stands just beside the first place: the closed fingers come by, the opening ones would hit it."""
+    scene = load_scene("table").with_obstacle(CUBE)
+    service = PlannerService("wxai", scene)
+    taken = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
+    poses = [Pose((0.28, -0.10, 0.0215)), Pose((0.20, -0.16, 0.0215))]
+    free = place(taken.service, taken.q, "block", poses, Handling(support="table"))
+    assert free.notes[0].startswith("way 1 of 2")
+    q = free.segments[1].result.unwrap()[0].waypoints[-1]
+    fingers = Pose.from_matrix(service.robot.tool_pose(q)) @ Pose((0.0, 0.044, 0.0))
+    post = Obstacle("post", Box((0.004, 0.004, 0.04)), Pose((*fingers.position[:2], 0.0205)))
+    here = taken.service.with_scene(taken.service.scene.with_obstacle(post))
+    put = place(here, taken.q, "block", poses, Handling(support="table"))
+    assert put.notes[0].startswith("way 2 of 2")
+    assert any(re.search(r"gripper cannot open from 45.0 to 69.0 mm: finger_\w+ x post", note) for note in put.notes), (
+        put.notes
+    )
+
+
+def test_a_cancelled_proof_ends() -> None:
+    service, token = PlannerService("wxai", "bin"), CancelToken()
+    token.cancel()
+    with pytest.raises(Cancelled):
+        service.certify_gripper(service.robot.home, 0.0, 0.08, cancel=token)
+
+
+@pytest.mark.parametrize(
+    ("robot", "q", "widths", "pairs", "error", "message"),
+    [
+        ("ur5", [0.0] * 6, (0.0, 0.1), (), InvalidRequest, "robot: got 'ur5'; expected a robot with a gripper"),
+        ("wxai", None, (0.0, 0.1), (), InvalidRequest, r"width: got 0.1; expected a gap .* in \[0, 0.08\]"),
+        ("wxai", None, (math.nan, 0.08), (), InvalidRequest, "width: got nan"),
+        ("wxai", [9.0] * 6, (0.0, 0.08), (), InvalidRequest, "q: .* expected 6 joint values within the limits of wxai"),
+        ("wxai", [0.0], (0.0, 0.08), (), InvalidRequest, "q: .* expected 6 joint values"),
+        ("wxai", None, (0.0, 0.08), (("finger_left", "blue"),), UnknownName, "unknown .* 'blue'"),
+    ],
+)
+def test_bad_input_names_what_is_wrong(
+    robot: str, q: object, widths: tuple[float, float], pairs: tuple[tuple[str, str], ...], error: type, message: str
+) -> None:
+    service = PlannerService(robot, "bin")
+    with pytest.raises(error, match=message):
+        service.certify_gripper(service.robot.home if q is None else q, *widths, touching=pairs)  # type: ignore[arg-type]
+
+
+def test_a_task_is_proven_again_with_the_gripper_as_it_stands() -> None:
+    service = PlannerService("wxai", load_scene("bin").with_obstacle(plate(0.027)))
+    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
+    task = pick(service, service.robot.home, "blue_block", grasps, Handling(support="bin_floor"))
+    proven = recertify(task, service)
+    assert proven.certified
+    told = [(motion.gripper.start, motion.gripper.end) for motion in proven.motions if motion.gripper is not None]
+    assert told == [(s.gripper.start, s.gripper.end) for s in task.segments if s.gripper is not None]
+    closed = recertify(task, service.changed(gripper=0.0))
+    assert not closed.certified
+    assert any("cannot open from 0.0 to 69.0 mm: finger_left x plate" in text for text in closed.objections)
+
+
+def test_the_motion_of_the_gripper_is_saved_and_read(tmp_path: Path) -> None:
+    service = PlannerService("wxai", load_scene("table").with_obstacle(CUBE))
+    task = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
+    task.save(tmp_path / "task.json")
+    read = load_task(tmp_path / "task.json")
+    assert [segment.gripper for segment in read.segments] == [segment.gripper for segment in task.segments]
+    assert read.counts == task.counts
+    assert read.robot.hash == service.robot.hash  # its gripper stands as it did before
+    assert [m.gripper for m in recertify(read).motions] == [m.gripper for m in recertify(task).motions]
+    assert recertify(read).motions[0].gripper is not None
+
+
+def test_a_gripper_is_proven_for_pairs_and_tokens_only() -> None:
+    service = PlannerService("wxai", "table")
+    with pytest.raises(InvalidRequest, match="touching: got 5"):
+        service.certify_gripper(service.robot.home, 0.0, 0.05, touching=5)  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match="cancel: got 5"):
+        service.certify_gripper(service.robot.home, 0.0, 0.05, cancel=5)  # type: ignore[arg-type]

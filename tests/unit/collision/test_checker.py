@@ -1,0 +1,458 @@
+"""The checker's answers where they are known in closed form, what it refuses, and what it keeps away from FCL."""
+
+from __future__ import annotations
+
+import ast
+import math
+from itertools import product, repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from auditor.checker import IndependentChecker
+from planner_service.collision import CheckCounts, CollisionChecker, MotionStep
+from planner_service.collision import fcl as fcl_module
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+
+NANO = 1.1e-9  # clearances and depths are whole nanometres, rounded to the safe side
+ROOT = Path(__file__).parents[3]
+FINGERS = ("finger_left", "finger_right")
+LINK_RADIUS = 0.01
+LESSON_GOAL = np.array([math.pi / 2, -math.pi / 2])
+"""From (0, 0) to here link 2 of the lesson's arm sweeps through the lesson's disc."""
+CONTACT = 2e-6
+"""Metres: nearer to contact than this FCL's answer is undefined."""
+
+PLANAR = load_robot("planar2")
+WXAI = load_robot("wxai")
+DISCS = load_scene("discs")
+KINDS: tuple[Shape, ...] = (Box((0.02, 0.02, 0.02)), Sphere(0.01), Cylinder(0.01, 0.02), Capsule(0.01, 0.02))
+
+
+def planar(scene: Scene = DISCS) -> CollisionChecker:
+    return CollisionChecker(PLANAR, scene)
+
+
+def link_gap(q: Any, link: int, disc: tuple[float, float, float], half_width: float = LINK_RADIUS) -> float:
+    """Gap between a link of the planar arm (a rectangle in the plane) and a disc (x, y, radius); -radius inside."""
+    shoulder, elbow = float(q[0]), float(q[1])
+    x, y, angle, length = (0.0, 0.0, shoulder, 1.0)
+    if link == 2:
+        x, y, angle, length = math.cos(shoulder), math.sin(shoulder), shoulder + elbow, 0.5
+    u, v = math.cos(angle), math.sin(angle)
+    along = (disc[0] - x) * u + (disc[1] - y) * v
+    across = abs((disc[1] - y) * u - (disc[0] - x) * v)
+    return math.hypot(max(-along, along - length, 0.0), max(across - half_width, 0.0)) - disc[2]
+
+
+def discs_of(scene: Scene) -> list[tuple[float, float, float]]:
+    return [(*o.pose.position[:2], o.shape.radius) for o in scene.obstacles if isinstance(o.shape, Cylinder)]
+
+
+def planar_gap(q: Any, scene: Scene = DISCS) -> float:
+    return min(link_gap(q, link, disc) for link in (1, 2) for disc in discs_of(scene))
+
+
+def ball_above_box(gap: float) -> tuple[CollisionChecker, FloatArray]:
+    """The arm at home holding a ball 0.1 m ahead of its tool, and a small table ``gap`` below that ball."""
+    ball = Attached("ball", Sphere(0.02), Pose((0.1, 0.0, 0.0)))
+    x, y, z = (WXAI.tool_pose(WXAI.home) @ np.array([0.1, 0.0, 0.0, 1.0]))[:3].tolist()
+    table = Obstacle("small_table", Box((0.04, 0.04, 0.02)), Pose((x, y, z - 0.02 - 0.01 - gap)))
+    return CollisionChecker(WXAI, Scene((table,), (ball,))), WXAI.home
+
+
+def nested(inner: Shape, outer: Shape) -> CollisionChecker:
+    """The planar arm holding ``inner`` 0.2 m beyond its tip, at q = 0 in the very middle of ``outer``."""
+    held = Attached("held", inner, Pose((0.2, 0.0, 0.0)))
+    return planar(Scene((Obstacle("around", outer, Pose((1.7, 0.0, 0.0))),), (held,)))
+
+
+def test_verdicts_among_discs_are_those_of_plane_geometry() -> None:
+    checker, rng, free = planar(), np.random.default_rng(1), 0
+    for q in rng.uniform(-math.pi, math.pi, (1500, 2)):
+        gap = planar_gap(q)
+        if abs(gap) > CONTACT:
+            assert checker.state_is_free(q) == (gap > 0.0)
+            free += gap > 0.0
+    assert 100 < free < 1400
+
+
+def test_clearance_among_discs_is_the_distance_in_the_plane() -> None:
+    checker, rng = planar(), np.random.default_rng(2)
+    for q in rng.uniform(-math.pi, math.pi, (200, 2)):
+        if planar_gap(q) > 0.0:
+            assert checker.clearance(q) == pytest.approx(planar_gap(q), abs=NANO)
+
+
+def test_verdicts_of_the_independent_checker_are_those_of_plane_geometry() -> None:
+    second = IndependentChecker(ROOT / "robots" / "planar2", ROOT / "scenes" / "discs.toml")
+    rng = np.random.default_rng(3)
+    for q in rng.uniform(-math.pi, math.pi, (500, 2)):
+        if abs(planar_gap(q)) > CONTACT:
+            assert second.free(q) == (planar_gap(q) > 0.0)
+
+
+def test_the_independent_checker_refuses_a_path_and_a_motion_through_the_disc_and_names_the_pair() -> None:
+    second = IndependentChecker(ROOT / "robots" / "planar2", ROOT / "scenes" / "discs.toml")
+    line = np.array([[0.0, 0.0], LESSON_GOAL])
+    found = second.path_touch(line)
+    assert found is not None
+    assert (found.a, found.b) == ("forearm", "lesson_disc")
+    assert found.q[0] / LESSON_GOAL[0] == pytest.approx(0.29005, abs=5e-4)
+    assert not second.trajectory_is_free(lambda t: np.outer(t / 3.0, LESSON_GOAL), 3.0)
+    assert second.trajectory_is_free(lambda t: np.outer(t / 3.0, 0.29 * LESSON_GOAL), 3.0)
+    assert second.path_is_free(0.29 * line)
+    outside = second.touch([4.0, 0.0])
+    assert outside is not None
+    assert (outside.a, outside.b) == ("shoulder", "limit")
+
+
+def test_the_lesson_s_midpoint_is_hit_by_link_2_and_not_by_the_tip() -> None:
+    disc = discs_of(DISCS)[0]
+    middle = LESSON_GOAL / 2
+    tip = PLANAR.tool_pose(middle)[:2, 3]
+    assert math.dist(tip, disc[:2]) - disc[2] == pytest.approx(0.00147, abs=1e-5)  # the tip alone would pass
+    assert link_gap(middle, 2, disc, half_width=0.0) == pytest.approx(-0.0429, abs=5e-5)
+    checker = planar()
+    (contact,) = checker.contacts(middle)
+    assert (contact.a, contact.b) == ("forearm", "lesson_disc")
+    assert contact.depth == pytest.approx(0.0429 + LINK_RADIUS, abs=5e-5)  # our links are 10 mm thick to either side
+    assert str(contact) == "forearm x lesson_disc (at most 52.9 mm deep)"
+    assert checker.clearance(middle) == pytest.approx(-contact.depth, abs=1e-12)
+
+
+@pytest.mark.parametrize(("half_width", "enters", "leaves"), [(0.0, 0.29716, 0.53989), (LINK_RADIUS, 0.29005, 0.54960)])
+def test_link_2_collides_on_one_stretch_of_the_lesson_s_line(half_width: float, enters: float, leaves: float) -> None:
+    disc = discs_of(DISCS)[0]
+    for s, side in ((enters, -1), (leaves, 1)):
+        assert link_gap((s + side * 2e-5) * LESSON_GOAL, 2, disc, half_width) > 0.0
+        assert link_gap((s - side * 2e-5) * LESSON_GOAL, 2, disc, half_width) < 0.0
+    if half_width == LINK_RADIUS:  # the arm as it is modelled
+        checker = planar()
+        line = np.linspace(0.0, 1.0, 201)
+        hit = [s for s in line if not checker.state_is_free(s * LESSON_GOAL)]
+        assert hit == [s for s in line if enters < s < leaves]
+
+
+def test_link_1_stays_clear_of_the_lesson_s_disc() -> None:
+    gaps = [link_gap(s * LESSON_GOAL, 1, discs_of(DISCS)[0]) for s in np.linspace(0.0, 1.0, 1001)]
+    assert min(gaps) == pytest.approx(0.103, abs=1e-4)
+
+
+def test_the_lesson_s_cartesian_midpoint_is_in_the_disc() -> None:
+    disc = discs_of(DISCS)[0]
+    tips = [PLANAR.tool_pose(q)[:2, 3] for q in (np.zeros(2), LESSON_GOAL)]
+    assert tips[0] == pytest.approx([1.5, 0.0], abs=1e-15)
+    assert tips[1] == pytest.approx([0.5, 1.0], abs=1e-15)
+    assert math.dist((tips[0] + tips[1]) / 2, disc[:2]) - disc[2] == pytest.approx(-0.0086, abs=5e-5)
+
+
+@pytest.mark.parametrize("gap", [1e-5, 1e-3, 0.02])
+def test_a_ball_above_a_table_is_free_and_its_clearance_is_the_gap(gap: float) -> None:
+    checker, q = ball_above_box(gap)
+    assert checker.state_is_free(q)
+    assert checker.contacts(q) == ()
+    assert checker.clearance(q) == pytest.approx(gap, abs=NANO)
+
+
+@pytest.mark.parametrize("depth", [1e-5, 1e-3, 0.01])
+def test_a_ball_in_a_table_collides_as_deep_as_it_is_lowered(depth: float) -> None:
+    checker, q = ball_above_box(-depth)
+    assert not checker.state_is_free(q)
+    (contact,) = checker.contacts(q)
+    assert (contact.a, contact.b) == ("ball", "small_table")
+    assert contact.depth == pytest.approx(depth, abs=NANO)
+    assert checker.clearance(q) == pytest.approx(-depth, abs=NANO)
+
+
+def test_padding_is_the_distance_that_must_be_kept() -> None:
+    checker, q = ball_above_box(0.005)
+    assert checker.variant(padding=0.00499).state_is_free(q)
+    assert not checker.variant(padding=0.00501).state_is_free(q)
+    assert checker.state_is_free(q)
+
+
+def test_asleep_link_2_meets_link_5_and_link_4_and_nothing_else() -> None:
+    checker = CollisionChecker(WXAI, load_scene("table"))
+    contacts = checker.contacts(WXAI.pose("sleep"))
+    assert [{c.a, c.b} for c in contacts] == [{"link_2", "link_5"}, {"link_2", "link_4"}]
+    assert contacts[0].depth > contacts[1].depth > 0.0
+    (retreat,) = WXAI.retreats
+    assert checker.variant(allowed=retreat.pairs).state_is_free(WXAI.pose("sleep"))
+    assert not checker.variant(allowed=retreat.pairs[:1]).state_is_free(WXAI.pose("sleep"))
+
+
+@pytest.mark.parametrize("name", ["home", "ready", "upright"])
+@pytest.mark.parametrize("scene", ["empty", "table"])
+def test_named_poses_are_free_with_room_to_spare(name: str, scene: str) -> None:
+    checker = CollisionChecker(WXAI, load_scene(scene))
+    assert checker.state_is_free(WXAI.pose(name))
+    assert checker.clearance(WXAI.pose(name)) > 0.001
+
+
+def test_the_pairs_of_the_bin_are_405() -> None:
+    assert CollisionChecker(WXAI, load_scene("bin")).pair_count == 405
+    assert planar().pair_count == 8
+
+
+def test_the_fixed_base_is_not_judged_against_what_stands_around_it() -> None:
+    around = Obstacle("plinth", Box((0.2, 0.2, 0.02)), Pose((0.0, 0.0, 0.005)))
+    assert CollisionChecker(WXAI, Scene((around,))).state_is_free(WXAI.home)
+
+
+def test_an_object_held_rides_on_the_wrist_and_is_judged_against_the_obstacles() -> None:
+    robot = WXAI.with_gripper(0.040)
+    block = Attached("block", Box((0.045, 0.045, 0.045)), Pose((-0.01, 0.0, 0.0)), ("finger_left", "finger_right"))
+    assert CollisionChecker(robot, Scene((), (block,))).state_is_free(robot.home)
+    post = Obstacle("post", Cylinder(0.02, 0.1), Pose(tuple(robot.tool_pose(robot.home)[:3, 3].tolist())))
+    names = {(c.a, c.b) for c in CollisionChecker(robot, Scene((post,), (block,))).contacts(robot.home)}
+    assert ("block", "post") in names
+
+
+def test_an_object_held_must_not_be_inside_the_hand_that_holds_it() -> None:
+    slab = Attached("slab", Box((0.3, 0.02, 0.02)), Pose(), ("finger_left", "finger_right"))
+    contacts = CollisionChecker(WXAI, Scene((), (slab,))).contacts(WXAI.home)
+    assert ("slab", "link_6") in {(c.a, c.b) for c in contacts} | {(c.b, c.a) for c in contacts}
+
+
+def test_an_object_held_may_touch_only_its_touch_links() -> None:
+    """Folded towards the arm's own shoulder, a long rod in the gripper meets link_2."""
+    rod = Attached("rod", Capsule(0.01, 0.5), Pose.from_rpy((0.0, 0.0, 0.0), (0.0, math.pi / 2, 0.0)))
+    q = np.array([0.0, 1.6, 2.2, -1.5, 0.0, 0.0])
+    contacts = CollisionChecker(WXAI, Scene((), (rod,))).contacts(q)
+    names = {name for c in contacts if "rod" in (c.a, c.b) for name in (c.a, c.b) if name != "rod"}
+    assert names
+    allowed = Attached("rod", rod.shape, rod.pose, tuple(names))
+    touching = CollisionChecker(WXAI, Scene((), (allowed,))).contacts(q)
+    assert all("rod" not in (c.a, c.b) for c in touching)
+
+
+def test_allowed_pairs_without_an_end_are_refused() -> None:
+    with pytest.raises(InvalidRequest, match=r"allowed: got repeat.*at most 1,000,000 pairs"):
+        CollisionChecker(WXAI, Scene(), allowed=repeat(("link_1", "link_2")))
+
+
+def test_an_allowed_pair_may_touch_in_either_order_and_no_other() -> None:
+    middle = LESSON_GOAL / 2
+    for pair in (("forearm", "lesson_disc"), ("lesson_disc", "forearm")):
+        assert CollisionChecker(PLANAR, DISCS, allowed=[pair]).state_is_free(middle)
+    assert not CollisionChecker(PLANAR, DISCS, allowed=[("forearm", "far_disc")]).state_is_free(middle)
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
+    with pytest.raises(UnknownName, match="did you mean 'forearm'"):
+        CollisionChecker(PLANAR, DISCS, allowed=[("forarm", "lesson_disc")])
+    with pytest.raises(UnknownName, match="did you mean 'finger_left'"):
+        CollisionChecker(WXAI, Scene((), (Attached("cup", Sphere(0.02), Pose(), ("finger_lft",)),)))
+
+
+@pytest.mark.parametrize("padding", [-0.001, math.nan, math.inf, 1.0])
+def test_a_padding_that_makes_no_sense_is_refused(padding: float) -> None:
+    with pytest.raises(InvalidRequest, match="padding"):
+        CollisionChecker(PLANAR, DISCS, padding=padding)
+
+
+@pytest.mark.parametrize("ask", ["state_is_free", "contacts", "clearance"])
+@pytest.mark.parametrize(
+    ("q", "told"),
+    [
+        ([math.nan, 0.0], "shoulder"),
+        ([0.0, math.inf], "elbow"),
+        ([0.0, -math.inf], "elbow"),
+        ([0.0, 3.2], "elbow"),
+        ([-3.2, 0.0], "shoulder"),
+        ([1e9, 0.0], "shoulder"),
+        ([0.0], "2 joint values"),
+        ([0.0, 0.0, 0.0], "2 joint values"),
+        ([[0.0, 0.0]], "2 joint values"),
+        (0.0, "2 joint values"),
+        ([], "2 joint values"),
+        (["left", "right"], "2 joint values"),
+        ([[0.0], [0.0, 1.0]], "2 joint values"),
+        (None, "2 joint values"),
+    ],
+)
+def test_a_configuration_that_is_none_is_refused_and_not_counted(ask: str, q: Any, told: str) -> None:
+    checker = planar()
+    with pytest.raises(InvalidRequest, match=f"q: .*{told}"):
+        getattr(checker, ask)(q)
+    assert checker.counts == planar().counts
+
+
+def test_rounding_over_a_limit_is_no_mistake() -> None:
+    assert planar(Scene()).state_is_free([math.pi * (1 + 1e-15), 0.0])
+
+
+def test_a_checker_without_pairs_has_infinite_clearance() -> None:
+    checker = planar(Scene())
+    assert checker.pair_count == 0
+    assert checker.clearance([0.0, 0.0]) == math.inf
+    assert checker.state_is_free([0.0, 0.0])
+    assert checker.contacts([0.0, 0.0]) == ()
+
+
+@pytest.mark.parametrize(("inner", "outer"), list(product(KINDS, repeat=2)))
+def test_concentric_shapes_collide_and_no_answer_hangs(inner: Shape, outer: Shape) -> None:
+    """FCL's signed distance never returns for concentric spheres, and aborts for some boxes; it is never asked."""
+    checker = nested(inner, outer)
+    assert not checker.state_is_free([0.0, 0.0])
+    assert checker.clearance([0.0, 0.0]) == pytest.approx(-0.02, abs=1e-12)
+    (contact,) = checker.contacts([0.0, 0.0])
+    assert (contact.a, contact.b) == ("held", "around")
+    assert contact.depth == pytest.approx(0.02, abs=1e-12)
+
+
+@pytest.mark.parametrize(("inner", "outer"), list(product(KINDS, repeat=2)))
+def test_a_shape_wholly_inside_another_collides(inner: Shape, outer: Shape) -> None:
+    """A closed mesh would be a surface to FCL, and its inside free; solids are solid."""
+    checker = nested(inner, outer.grown(0.1))
+    assert not checker.state_is_free([0.0, 0.0])
+    assert not checker.state_is_free([0.03, 0.01])
+    assert checker.contacts([0.03, 0.01])[0].depth >= 0.01
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [np.diag([2.0, 0.5, 1.0, 1.0]), np.diag([-1.0, 1.0, 1.0, 1.0]), np.full((4, 4), math.nan), np.eye(3)],
+    ids=["stretched", "mirrored", "nan", "3x3"],
+)
+def test_a_pose_that_is_none_never_reaches_fcl(matrix: FloatArray) -> None:
+    with pytest.raises(InvalidRequest, match="matrix"):
+        Pose.from_matrix(matrix)
+
+
+def test_fcl_is_asked_for_nothing_but_collide_and_convex_shapes() -> None:
+    tree = ast.parse(Path(fcl_module.__file__).read_text("utf-8"))
+    used = {
+        node.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "fcl"
+    }
+    assert used <= {
+        "Box", "Sphere", "Cylinder", "Capsule", "Convex", "CollisionGeometry", "CollisionObject", "CollisionRequest",
+        "CollisionResult", "Transform", "collide",
+    }  # fmt: skip
+    plain = [a.asname for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names if a.name == "fcl"]
+    assert plain == [None]  # under its own name, or the walk above would miss it
+    assert not any(isinstance(n, ast.ImportFrom) and (n.module or "").split(".")[0] == "fcl" for n in ast.walk(tree))
+
+
+def test_a_free_state_after_a_colliding_one_is_free() -> None:
+    """FCL's result object stays "colliding" for ever when it is used again."""
+    checker = planar()
+    for _ in range(20):
+        assert not checker.state_is_free(LESSON_GOAL / 2)
+        assert checker.state_is_free(LESSON_GOAL)
+        assert len(checker.contacts(LESSON_GOAL / 2)) == 1
+        assert checker.contacts([0.0, 0.0]) == ()
+
+
+def test_an_answer_does_not_depend_on_what_was_asked_before() -> None:
+    rng = np.random.default_rng(4)
+    Q = rng.uniform(WXAI.limits.lower, WXAI.limits.upper, (80, WXAI.n))
+    checker = CollisionChecker(WXAI, load_scene("clutter"))
+    forward = [(checker.state_is_free(q), checker.contacts(q)) for q in Q]
+    backward = [(checker.state_is_free(q), checker.contacts(q)) for q in Q[::-1]][::-1]
+    assert forward == backward
+
+
+def test_how_finely_a_variant_samples_does_not_depend_on_which_were_made_before() -> None:
+    q = np.array(WXAI.home)
+    first, second = (CollisionChecker(WXAI, Scene()) for _ in range(2))
+    fine = first.variant(motion_step=0.004)
+    assert fine.variant(motion_step=0.02).segments(q, q + 0.2) == fine.segments(q, q + 0.2)  # as fine as before
+    assert first.variant(motion_step=0.02).segments(q, q + 0.2) == second.segments(q, q + 0.2)
+    assert fine.variant(padding=0.01).segments(q, q + 0.2) == fine.segments(q, q + 0.2)
+
+
+def test_a_variant_counts_in_the_same_ledger_and_is_made_once() -> None:
+    checker = planar()
+    padded = checker.variant(padding=0.01)
+    assert checker.variant(padding=0.0) is checker
+    assert checker.variant(padding=0.01) is padded
+    assert padded.variant(padding=0.0) is checker or padded.variant(padding=0.0).ledger is checker.ledger
+    padded.state_is_free([0.0, 0.0])
+    assert checker.counts.states == 1
+    assert padded.edge_step == checker.edge_step == MotionStep(0.010)
+
+
+def test_the_robot_given_is_the_robot_judged() -> None:
+    """A closed gripper passes where an open one does not."""
+    home = WXAI.home
+    T = WXAI.tool_pose(home)
+    beside = T @ np.array([-0.02, 0.05, 0.0, 1.0])
+    post = Scene((Obstacle("post", Sphere(0.008), Pose(tuple(beside[:3].tolist()))),))
+    widths = {width: CollisionChecker(WXAI.with_gripper(width), post).state_is_free(home) for width in (0.0, 0.08)}
+    assert widths == {0.0: True, 0.08: False}
+
+
+def test_an_independent_reading_of_the_files_finds_the_same_robot() -> None:
+    robots: list[Robot] = [WXAI, PLANAR]
+    for robot in robots:
+        second = IndependentChecker(ROOT / "robots" / robot.name, {})
+        assert (second.reach >= robot.reach() - 1e-9).all()  # the coarser bound of the two
+        assert (second.reach <= 2.0 * robot.reach()).all()
+
+
+ELBOW = JointPath(np.array([[-2.0, 1.2], [-1.0, 1.2], [-1.0, 2.2]]), np.array([0.0, 0.4, 0.0]))
+"""Of the planar arm: the blend leaves out the corner and bends the elbow sooner."""
+
+
+def test_a_blend_is_judged_at_samples_that_leave_no_motion_unseen() -> None:
+    checker = CollisionChecker(PLANAR, Scene(), edge_step=MotionStep(0.01))
+    assert checker.blend_is_free(ELBOW, 1)
+    s = np.linspace(0.6, 1.4, checker.counts.states + 2)
+    moved = np.abs(np.diff(ELBOW(s), axis=0)) * PLANAR.reach()
+    assert moved.sum(axis=1).max() <= 0.01
+    assert checker.counts.edges == 0
+
+
+def test_a_blend_is_judged_where_it_runs_and_not_where_the_corner_was() -> None:
+    inside = ELBOW(1.0)
+    tip = PLANAR.tool_pose(inside)[:3, 3]
+    corner = PLANAR.tool_pose(ELBOW.waypoints[1])[:3, 3]
+    for at, free in ((tip, False), (corner, True)):
+        x, y, z = at.tolist()
+        scene = Scene((Obstacle("pin", Sphere(0.005), Pose((x, y, z))),))
+        assert CollisionChecker(PLANAR, scene).blend_is_free(ELBOW, 1) == free
+
+
+def test_a_path_with_blends_is_judged_where_it_runs() -> None:
+    middle, corner = (PLANAR.tool_pose(q)[:3, 3].tolist() for q in (ELBOW(1.0), ELBOW.waypoints[1]))
+    pins = [Obstacle("pin", Sphere(0.005), Pose((x, y, z))) for x, y, z in (middle, corner)]
+    on_blend, on_corner = (CollisionChecker(PLANAR, Scene((pin,))) for pin in pins)
+    assert not on_blend.path_is_free(ELBOW)
+    assert on_corner.path_is_free(ELBOW)
+    assert not on_corner.path_is_free(ELBOW.with_blends(None))
+
+
+def test_no_state_of_a_path_is_judged_twice() -> None:
+    checker = CollisionChecker(PLANAR, Scene())
+    assert checker.path_is_free(ELBOW)
+    a, b, c, d = ELBOW(ELBOW.breaks)
+    straight = checker.segments(a, b) + checker.segments(c, d)
+    before = checker.counts
+    assert checker.blend_is_free(ELBOW, 1)
+    assert before == CheckCounts(
+        2 + straight + (checker.counts - before).states, 2
+    )  # 2: the start, and where the blend ends
+
+
+@pytest.mark.parametrize("k", [0, 2, 3, -2])
+def test_a_waypoint_without_a_blend_cannot_be_judged_as_one(k: int) -> None:
+    checker = planar()
+    with pytest.raises(InvalidRequest, match=r"index of a waypoint with a blend|a whole number from 0 to 2"):
+        checker.blend_is_free(ELBOW, k)
+
+
+def test_a_blend_outside_the_joint_limits_is_refused() -> None:
+    checker = planar()
+    path = JointPath(np.array([[-4.0, 0.0], [-3.5, 0.0], [-3.5, 1.0]]), np.array([0.0, 0.4, 0.0]))
+    with pytest.raises(InvalidRequest, match="shoulder in"):
+        checker.blend_is_free(path, 1)

@@ -1,0 +1,479 @@
+"""The compiled kernel changes no answer: not a verdict, not a count, not a name; nor does its absence."""
+
+from __future__ import annotations
+
+import builtins
+import logging
+import math
+import random
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from benchmarks.studies.backends import CASES, case, checkers, compare, edges_of, states_of
+from planner_service.collision import CheckCounts, CollisionChecker, EdgeStep, JointStep, Known, MotionStep
+from planner_service.collision import native_kernel as kernels
+from planner_service.collision.backends import Backend, Compiled, FclQuestions
+from planner_service.collision.bounds import Solids
+from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
+from planner_service.collision.checker import EdgeHit
+from planner_service.collision.edge_sampling import FinestStep, SampledEdge, interior
+from planner_service.collision.fcl import FclJudge
+from planner_service.collision.native_kernel import Kernel, build_kernel, instruction_sets
+from planner_service.collision.numpy_broadphase import MARGIN
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import Box, Pose, Sphere
+from planner_service.robot.model import load_robot
+from planner_service.scene.scene import Attached, Scene, load_scene
+
+BUILT = bool(instruction_sets())
+STATES, EDGES = 300, 30
+
+
+def built_kernels(checker: CollisionChecker) -> list[Kernel]:
+    """The kernel of a checker in every instruction set there is; none where it was not built."""
+    found = [build_kernel(checker.robot, checker._parts, MARGIN, name) for name in instruction_sets()]
+    return [kernel for kernel in found if kernel is not None]
+
+
+def carrying() -> tuple[CollisionChecker, CollisionChecker]:
+    """Checkers of an arm that carries a block with a rod through it, every pair padded by 5 mm."""
+    robot, scene = case("wxai bin")
+    for name, shape in (("held", Box((0.04, 0.05, 0.06))), ("knob", Sphere(0.03))):
+        touching = ("finger_left", "finger_right", "link_6")
+        scene = scene.with_attached(Attached(name, shape, Pose((0.03, 0.0, 0.0)), touching))
+    return checkers(robot, scene, padding=0.005, allowed=[("held", "knob")])
+
+
+@pytest.mark.parametrize("reference", ["fcl", "numpy"])
+@pytest.mark.parametrize("name", CASES)
+def test_both_backends_agree_on_states_and_edges_at_random_as_planned_and_next_to_contact(
+    name: str, reference: Backend
+) -> None:
+    pair = checkers(*case(name), reference=reference)
+    assert [checker.instruction_set is not None for checker in pair] == [BUILT, False]
+    few = 10 if pair[1].pair_count > 1000 and reference == "fcl" else 1  # FCL needs milliseconds for as many
+    found = compare(pair, STATES // few, EDGES // few, seed=11)
+    assert found.differences == []
+    assert 0 < found.colliding < found.states + found.edges
+
+
+@pytest.mark.parametrize("name", ["wxai bin", "panda shelf"])
+def test_the_reference_puts_every_pair_to_fcl_in_its_order_up_to_the_first_that_touches(name: str) -> None:
+    checker = CollisionChecker(*case(name), backend="fcl")
+    judge = questions(checker).fcl = Judge(questions(checker).fcl, lambda i, j: False)  # type: ignore[assignment]
+    every = [(i, j) for i, j in checker._parts.pairs.tolist()]
+    free = []
+    for q in states_of(checkers(*case(name))[0], 40, seed=21):
+        judge.asked.clear()
+        free.append(checker.state_is_free(q))
+        assert judge.asked == every[: len(judge.asked)]
+        assert free[-1] == (not judge._judge.collide(*judge.asked[-1]))
+        assert len(judge.asked) == len(every) or not free[-1]
+    assert 0 < sum(free) < len(free)
+
+
+def test_both_backends_agree_with_carried_objects_and_padding() -> None:
+    assert compare(carrying(), STATES, EDGES, seed=12).differences == []
+
+
+@pytest.mark.parametrize("wrong", [-0.003, -0.0003])
+def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> None:
+    first, second = checkers(*case("wxai bin"))
+    if isinstance(first._judge, Compiled):
+        wrongly = build_kernel(first.robot, first._parts, wrong)
+        assert wrongly is not None
+        first._judge.kernel = wrongly
+        first._quick = first._agreed()
+    assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_instruction_set_leaves_every_pair_that_touches_and_hardly_another(name: str) -> None:
+    checker = checkers(*case(name), reference="numpy")[1]
+    Q = np.array(list(states_of(checker, 120, seed=5)))
+    touching = {(row, pair) for row, q in enumerate(Q) for pair in touching_pairs(checker, q)}
+    for kernel in built_kernels(checker):
+        left = set(zip(*kernel.candidates(Q), strict=True))
+        assert touching <= left
+        assert len(left) <= len(touching) + len(Q) / 2
+
+
+def touching_pairs(checker: CollisionChecker, q: Any) -> list[int]:
+    return checker._judge.touching(np.array(q))
+
+
+def test_every_instruction_set_tells_the_same_doubt_of_an_edge() -> None:
+    checker = checkers(*case("wxai clutter"))[0]
+    for a, b in edges_of(checker, 60, seed=6):
+        segments = checker.segments(a, b)
+        told = [kernel.edge(a.tolist(), b.tolist(), 3, segments, 0, segments + 1) for kernel in built_kernels(checker)]
+        assert told[1:] == told[:-1]
+
+
+@pytest.mark.parametrize("segments", [1, 2, 3, 8, 33, 1000])
+def test_the_kernel_samples_an_edge_to_the_last_bit_as_numpy_does(segments: int) -> None:
+    checker = checkers(*case("wxai bin"))[0]
+    chance = random.Random(segments)
+    for kernel in built_kernels(checker):
+        for _ in range(20):
+            a, b = ([chance.uniform(-3.0, 3.0) for _ in range(6)] for _ in range(2))
+            b[0] = chance.choice([b[0], a[0]])
+            for first, last in ((a, b), (b, a), (a, a)):
+                assert kernel.samples(first, last, segments) == interior(first, last, segments).tolist()
+
+
+def test_a_doubt_tells_which_sample_and_where() -> None:
+    checker, reference = checkers(*case("wxai bin"))
+    for a, b in edges_of(checker, 60, seed=8):
+        segments, rows = checker.segments(a, b), interior(a.tolist(), b.tolist(), checker.segments(a, b))
+        every = [a, b, *rows]
+        for kernel in built_kernels(checker):
+            doubt = kernel.edge(a.tolist(), b.tolist(), 3, segments, 0, segments + 1)
+            while doubt is not None:
+                row, fraction = doubt[:2]
+                assert np.allclose(a + fraction * (b - a), every[row], atol=1e-12)
+                touching = touching_pairs(reference, every[row])
+                if len(doubt) == 3:
+                    assert touching[0] == doubt[2]
+                else:
+                    _, _, q, pairs = doubt
+                    assert q == every[row].tolist()
+                    assert pairs == sorted(pairs)
+                    assert set(touching[:1]) <= set(pairs)
+                doubt = kernel.edge(a.tolist(), b.tolist(), 3, segments, row + 1, segments + 1)
+
+
+@pytest.mark.parametrize("known", list(Known))
+def test_known_ends_are_counted_alike(known: Known) -> None:
+    pair = checkers(*case("wxai bin"))
+    home = pair[0].robot.home
+    for a, b in [(home, home), *edges_of(pair[0], 15, seed=9)]:
+        before = [checker.counts for checker in pair]
+        hits = [checker.edge_hit(a, b, known=known) for checker in pair]
+        spent = [checker.counts - counts for checker, counts in zip(pair, before, strict=True)]
+        assert hits[0] == hits[1]
+        assert spent[0] == spent[1]
+
+
+@pytest.mark.parametrize("known", list(Known))
+def test_a_glance_and_the_rest_are_judged_and_counted_alike(known: Known) -> None:
+    pair = checkers(*case("wxai clutter"))
+    for a, b in edges_of(pair[0], 40, seed=14):
+        before = [checker.counts for checker in pair]
+        hits = [(checker.edge_seems_free(a, b, known=known), checker.edge_rest(a, b)) for checker in pair]
+        lists = [checker.edge_seems_free(a.tolist(), b.tolist(), known=known) for checker in pair]
+        spent = [checker.counts - counts for checker, counts in zip(pair, before, strict=True)]
+        assert hits[0] == hits[1]
+        assert lists == [seems for seems, _ in hits]
+        assert spent[0] == spent[1]
+
+
+def test_many_states_are_judged_alike_in_one_call() -> None:
+    pair = checkers(*case("wxai clutter"))
+    Q = np.array(list(states_of(checkers(*case("wxai clutter"))[0], 400, seed=16)))
+    free = [checker.states_are_free(Q).tolist() for checker in pair]
+    assert free[0] == free[1]
+    assert 0 < sum(free[0]) < len(Q)
+    assert [checker.counts for checker in pair] == [CheckCounts(states=len(Q))] * 2
+
+
+@pytest.mark.parametrize("budget", [0, 1, 2, 3, 9, 10, 40, 73, 74, 200])
+def test_a_budget_ends_both_at_the_same_count(budget: int) -> None:
+    pair = checkers(*case("planar2 pins"))
+    edges = list(edges_of(pair[0], 4, seed=10))
+    told = []
+    for checker in pair:
+        before, said = checker.counts, list[bool | None]()
+        with checker.limited(states=budget):
+            for a, b in edges:
+                try:
+                    said.append(checker.edge_is_free(a, b))
+                except CheckBudgetSpent:
+                    said.append(None)
+        told.append((said, checker.counts - before))
+    assert told[0] == told[1]
+
+
+def questions(checker: CollisionChecker) -> FclQuestions:
+    judge: Any = checker._judge
+    found: FclQuestions = judge.questions
+    return found
+
+
+class Judge:
+    """FCL with another opinion of some pairs."""
+
+    def __init__(self, judge: FclJudge, free: Any) -> None:
+        self._judge, self._free = judge, free
+        self.asked: list[tuple[int, int]] = []
+
+    def place(self, *where: Any) -> None:
+        self._judge.place(*where)
+
+    def collide(self, i: int, j: int) -> bool:
+        self.asked.append((i, j))
+        return not self._free(i, j) and self._judge.collide(i, j)
+
+
+class Unsure:
+    """A kernel that is never sure that a pair overlaps."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self.candidates = kernel.candidates
+        self._kernel = kernel
+
+    def first(self, Q: Any, *where: Any) -> Any:
+        return self._doubt(self._kernel.first(Q, *where), Q)
+
+    def edge(self, a: Any, b: Any, ends: int, segments: int, *where: Any) -> Any:
+        rows = SampledEdge(a, b, ends, segments).samples
+        return self._doubt(self._kernel.edge(a, b, ends, segments, *where), rows)
+
+    def _doubt(self, told: Any, rows: Any) -> Any:
+        sure = told is not None and len(told) == 3
+        return (*told[:2], rows[told[0]].tolist(), [told[2]]) if sure else told
+
+
+@pytest.mark.parametrize("free", [lambda i, j: True, lambda i, j: i < 3, lambda i, j: (i + j) % 2 == 0])
+def test_what_fcl_finds_free_although_in_doubt_is_free_and_the_rest_is_still_judged(free: Any) -> None:
+    pair = checkers(*case("wxai clutter"))
+    edges = list(edges_of(checkers(*case("wxai clutter"))[1], 40, seed=4))
+    for checker in pair:
+        questions(checker).fcl = Judge(questions(checker).fcl, free)  # type: ignore[assignment]
+        if isinstance(checker._judge, Compiled):
+            checker._judge.kernel, checker._quick = Unsure(checker._judge.kernel), None  # type: ignore[assignment]
+    for a, b in edges:
+        hits: list[EdgeHit | None] = [checker.edge_hit(a, b) for checker in pair]
+        assert hits[0] == hits[1]
+    assert pair[0].counts.states == pair[1].counts.states
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_the_kernel_is_sure_of_overlaps_for_fcl_too(name: str) -> None:
+    checker = checkers(*case(name), reference="numpy")[1]
+    sure = 0
+    for q in states_of(checker, 300, seed=13):
+        for kernel in built_kernels(checker):
+            doubt = kernel.first(q[None], 0, 1)
+            if doubt is not None and len(doubt) == 3:
+                sure += 1
+                assert touching_pairs(checker, q)[0] == doubt[2]
+    assert bool(sure) == BUILT
+
+
+def test_threads_get_the_answers_they_would_get_alone() -> None:
+    checker = checkers(*case("wxai clutter"))[0]
+    Q = np.array(list(states_of(checker, 200, seed=3)))
+    for kernel in built_kernels(checker):
+        alone = kernel.candidates(Q)
+        with ThreadPoolExecutor(4) as pool:
+            assert all(told == alone for told in pool.map(kernel.candidates, [Q] * 8))
+
+
+@pytest.mark.parametrize("turns", [1, 1_000, 100_000_000])
+def test_angles_far_from_zero_are_turned_into_the_same_poses(turns: int) -> None:
+    checker = checkers(*case("planar2 pins"))[1]
+    Q = np.array(list(states_of(checker, 60, seed=2)))
+    far = Q + 2.0 * math.pi * turns
+    near = np.arctan2(np.sin(far), np.cos(far))  # what rounding left of the angles
+    for kernel in built_kernels(checker):
+        apart = set(zip(*kernel.candidates(near), strict=True)) ^ set(zip(*kernel.candidates(far), strict=True))
+        assert apart == set()
+
+
+def native_data(checker: CollisionChecker) -> list[Any]:
+    parts = checker._parts
+    runs = np.array(parts.runs, dtype=np.int64).reshape(-1, 2) - parts.riding
+    solids = Solids.of(parts.shapes)
+    rows = np.column_stack([solids.half, solids.ball, solids.disc, solids.hulls])
+    return [
+        kernels._joints(checker.robot),
+        kernels._places(parts),
+        rows,
+        runs,
+        parts.pairs.astype(np.int64),
+        [],
+        MARGIN,
+    ]
+
+
+def spoilt(data: list[Any], which: int, change: Any) -> list[Any]:
+    array = data[which].copy()
+    changed = change(array)
+    return [*data[:which], array if changed is None else changed, *data[which + 1 :]]
+
+
+def _put(where: Any, value: float) -> Any:
+    def change(array: Any) -> None:
+        array[where] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("which", "change", "message"),
+    [
+        (0, _put((1, 0), 5.0), "parent"),
+        (0, _put((0, 1), 6.0), "entry of q"),
+        (0, _put((0, 6), 1.5), "orthonormal"),
+        (1, _put((0, 0), 7.0), "body"),
+        (1, _put((0, 1), 0.5), "orthonormal"),
+        (1, lambda rows: rows[::-1].copy(), "rides comes first"),
+        (2, lambda rows: rows[1:].copy(), "a solid for each part"),
+        (2, _put((0, 5), 0.0), "hull"),
+        (3, lambda rows: rows[1:].copy(), "no obstacle"),
+        (4, lambda rows: rows[::-1].copy(), "pairs"),
+        (4, lambda rows: np.concatenate([rows, rows[-1:]]), "pairs|none"),
+        (4, _put((0, 0), -1), "rides"),
+    ],
+)
+def test_the_kernel_refuses_what_makes_no_sense(which: int, change: Any, message: str) -> None:
+    checker = checkers(*case("wxai bin"))[0]
+    module = kernels._extension()
+    if module is None:
+        assert checker.instruction_set is None
+        return
+    data = native_data(checker)
+    module.Kernel(*data)
+    with pytest.raises(ValueError, match=message):
+        module.Kernel(*spoilt(data, which, change))
+
+
+@pytest.fixture
+def absent(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """As if the kernel had not been built."""
+    whole = builtins.__import__
+
+    def without(name: str, into: Any = None, local: Any = None, names: Any = (), level: int = 0) -> Any:
+        if names and "_kernel" in names:
+            raise ImportError("no compiled kernel here")
+        return whole(name, into, local, names, level)
+
+    kernels._extension.cache_clear()
+    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.delitem(sys.modules, "planner_service.collision._kernel", raising=False)
+    yield
+    kernels._extension.cache_clear()
+
+
+@pytest.mark.usefixtures("absent")
+def test_without_the_kernel_answers_are_the_same_and_it_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.INFO, logger="planner_service"):
+        pair = checkers(*case("wxai bin"))
+        checkers(*case("wxai shelf"))
+    assert [checker.instruction_set for checker in pair] == [None, None]
+    assert ["kernel" in record.getMessage() for record in caplog.records] == [True]
+    assert compare(pair, 30, 3).differences == []
+
+
+@pytest.mark.usefixtures("absent")
+def test_a_kernel_that_must_be_there_and_is_not_is_refused() -> None:
+    with pytest.raises(InvalidRequest, match="not built"):
+        CollisionChecker(load_robot("wxai"), load_scene("bin"), backend="native")
+
+
+def test_a_backend_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(InvalidRequest, match="backend"):
+        CollisionChecker(load_robot("wxai"), load_scene("bin"), backend="gpu")  # type: ignore[arg-type]
+
+
+def test_variants_keep_the_backend() -> None:
+    for checker in checkers(*case("wxai bin")):
+        assert checker.variant(padding=0.01).instruction_set == checker.instruction_set
+
+
+def test_contacts_are_the_same_with_the_same_depths() -> None:
+    pair = checkers(*case("wxai clutter"))
+    for q in states_of(pair[0], 60, seed=1):
+        assert pair[0].contacts(q) == pair[1].contacts(q)
+
+
+@pytest.mark.parametrize(
+    "step", [JointStep(0.013), MotionStep(0.0071), FinestStep((JointStep(0.05), MotionStep(0.01)))]
+)
+def test_an_edge_has_as_many_segments_as_its_rule_says_whoever_counts(step: EdgeStep) -> None:
+    robot, scene = load_robot("wxai"), Scene()
+    checker = CollisionChecker(robot, scene, edge_step=step)
+    for a, b in edges_of(checker, 200, seed=15):
+        before = checker.counts.states
+        checker.edge_hit(a, b)
+        whole = checker.counts.states - before
+        assert whole == checker.segments(a, b) + 1 or checker.edge_hit(a, b) is not None
+
+
+class Halves:
+    """A user's own rule."""
+
+    def segments(self, dq: Any, reach: Any) -> int:
+        return 2
+
+
+def test_a_rule_of_a_users_own_is_asked() -> None:
+    robot, scene = case("wxai shelf")
+    for checker in (CollisionChecker(robot, scene, edge_step=Halves(), backend=b) for b in get_args(Backend)):
+        assert checker.edge_is_free(robot.home, robot.home + 0.01)
+        assert checker.counts.states == 3
+
+
+ODD: list[Any] = [
+    [math.nan] * 6,
+    [9.0] * 6,
+    np.zeros(5),
+    np.zeros((6, 1)),
+    np.full(6, math.inf),
+    np.array([None] * 6),
+    np.ma.masked_greater([0.5, 1.0, 0.5, 0.0, 0.0, 0.0], 0.5),  # type: ignore[no-untyped-call]
+    "home",
+    np.array(0.0),
+]
+
+
+@pytest.mark.parametrize("q", ODD, ids=str)
+def test_what_is_no_configuration_is_refused_alike_and_not_counted(q: Any) -> None:
+    told = []
+    for checker in checkers(*case("wxai shelf")):
+        home, errors = checker.robot.home, []
+        for ask in (checker.state_is_free, lambda x: checker.edge_hit(x, home), lambda x: checker.edge_hit(home, x)):  # noqa: B023
+            with pytest.raises(InvalidRequest) as error:
+                ask(q)
+            errors.append(str(error.value))
+        told.append(errors)
+        assert checker.counts == CheckCounts()
+    assert told[0] == told[1]
+
+
+def test_configurations_of_any_kind_are_judged_alike() -> None:
+    for checker in checkers(*case("wxai shelf")):
+        home, other = checker.robot.home, checker.robot.home + 0.125
+        strided = np.repeat(other, 3)[::3]
+        kinds = (other, other.tolist(), tuple(other.tolist()), strided, other.astype(np.float32))
+        assert {checker.state_is_free(q) for q in kinds} == {True}
+        assert {checker.edge_is_free(home, q) for q in kinds} == {True}
+
+
+def test_too_many_segments_are_refused_alike() -> None:
+    for checker in checkers(*case("wxai shelf")):
+        other = CollisionChecker(checker.robot, checker.scene, edge_step=JointStep(1e-9), backend=checker.backend)
+        with pytest.raises(InvalidRequest, match="at most 1000000 parts"):
+            other.edge_is_free(checker.robot.home, checker.robot.home + 0.1)
+        assert other.counts == CheckCounts()
+
+
+@pytest.mark.parametrize("judged", [True, False])
+def test_a_time_box_that_is_over_is_noticed_alike(judged: bool) -> None:
+    told: list[Any] = []
+    for checker in checkers(*case("wxai shelf")):
+        home = checker.robot.home
+        with checker.limited(deadline=0.0):
+            for known in Known:
+                try:
+                    told.append(checker.edge_is_free(home, home + 0.1 * judged, known=known))
+                except TimeBoxSpent:
+                    told.append(False)
+        told.append(checker.counts)
+    assert told[: len(told) // 2] == told[len(told) // 2 :]

@@ -1,0 +1,126 @@
+"""What is not finite is never free: below the layer that checks what callers give, too."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from planner_service.certify import Certifier
+from planner_service.certify.motion_bounds import Motion
+from planner_service.certify.pairs import ProofPairs
+from planner_service.certify.prover import Prover, instruction_sets, native_prover, numpy_prover
+from planner_service.collision import CollisionChecker
+from planner_service.collision.backends import Backend, judge_for
+from planner_service.collision.native_kernel import build_kernel
+from planner_service.collision.native_kernel import instruction_sets as kernel_instruction_sets
+from planner_service.collision.numpy_broadphase import MARGIN, Prefilter
+from planner_service.collision.swept_bounds import Sweep
+from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.geometry.shapes import FloatArray
+from planner_service.robot.model import load_robot
+from planner_service.scene.scene import load_scene
+
+WXAI, BIN = load_robot("wxai"), load_scene("bin")
+CHECKER = CollisionChecker(WXAI, BIN)
+BACKENDS: list[Backend] = ["native", "numpy", "fcl"] if kernel_instruction_sets() else ["numpy", "fcl"]
+BAD = [math.nan, math.inf, -math.inf]
+bad_values = pytest.mark.parametrize("value", BAD)
+
+
+def rows(value: float, count: int = 8) -> FloatArray:
+    """Free configurations, in one of which one entry is that value: the others are swept together with it."""
+    Q = np.tile(WXAI.home, (count, 1))
+    Q[count // 2, 2] = value
+    return Q
+
+
+@bad_values
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_no_judge_answers(backend: Backend, value: float) -> None:
+    judge = judge_for(backend, WXAI, CHECKER.parts, lambda: Prefilter(WXAI, CHECKER.parts))
+    Q = rows(value)
+    assert judge.first_of(rows(0.5), 0, 0) is None
+    with pytest.raises((BrokenInvariant, ValueError), match="finite"):
+        judge.first_of(Q, 0, len(Q))
+    with pytest.raises((BrokenInvariant, ValueError), match="finite"):
+        list(judge.colliding(Q))
+    with pytest.raises((BrokenInvariant, ValueError), match="finite"):
+        judge.touching(Q[len(Q) // 2])
+
+
+@bad_values
+def test_no_sieve_answers(value: float) -> None:
+    sieves = Prefilter(WXAI, CHECKER.parts)
+    for count in (1, 8, 40):
+        with pytest.raises(BrokenInvariant, match="finite"):
+            sieves.candidates(rows(value, count))
+    with pytest.raises(BrokenInvariant, match="finite"):
+        sieves.smallest_gap(rows(value)[4])
+
+
+@bad_values
+@pytest.mark.parametrize("variant", kernel_instruction_sets())
+def test_no_kernel_answers(variant: str, value: float) -> None:
+    kernel = build_kernel(WXAI, CHECKER.parts, MARGIN, variant)
+    assert kernel is not None
+    Q = rows(value)
+    good, bad = WXAI.home.tolist(), Q[len(Q) // 2].tolist()
+    for ask in (
+        lambda: kernel.candidates(Q),
+        lambda: kernel.first(Q, 0, len(Q)),
+        lambda: kernel.near(Q, 0.01),
+        lambda: kernel.edge(good, bad, 3, 8, 0, 9),
+        lambda: kernel.edge(bad, good, 3, 8, 0, 9),
+    ):
+        with pytest.raises(ValueError, match="finite"):
+            ask()
+    with pytest.raises(ValueError, match="finite"):
+        build_kernel(WXAI, CHECKER.parts, value, variant)
+
+
+@bad_values
+@pytest.mark.parametrize("ask", ["state_is_free", "contacts", "clearance"])
+def test_no_checker_answers(ask: str, value: float) -> None:
+    with pytest.raises(InvalidRequest):
+        getattr(CHECKER, ask)(rows(value)[4])
+
+
+def provers() -> list[Prover]:
+    motion = Motion(WXAI, ProofPairs(WXAI, BIN, ()))
+    native = [native_prover(motion, variant) for variant in instruction_sets()]
+    return [numpy_prover(motion), *(prover for prover in native if prover is not None)]
+
+
+@bad_values
+def test_nothing_is_proven_clear(value: float) -> None:
+    usual, *others = provers()
+    expected = usual.clearances(rows(0.5))
+    for prover in (usual, *others):
+        found = prover.clearances(rows(value))
+        assert found[4] == -math.inf
+        assert np.array_equal(np.delete(found, 4), np.full(7, usual.clearances(WXAI.home[None])[0]))
+        assert np.array_equal(prover.clearances(rows(0.5)), expected)
+    with pytest.raises(InvalidRequest):
+        Certifier(WXAI, BIN).clearances(rows(value))
+
+
+@pytest.mark.parametrize("value", [1e300, -1e300, 1e308])
+def test_what_overflows_is_not_proven_clear(value: float) -> None:
+    """A turn by so much is a turn; what slides so far would be nowhere."""
+    for prover in provers():
+        assert not np.isnan(prover.clearances(rows(value))).any()
+
+
+@bad_values
+def test_no_edge_is_still_free(value: float) -> None:
+    sweep = Sweep(CHECKER, [BIN.obstacles[-1].name])
+    nothing = Sweep(CHECKER, [])
+    good, bad = np.tile(WXAI.home, (8, 1)), rows(value)
+    assert nothing.still_free(good, good).all()
+    for A, B in ((good, bad), (bad, good), (bad, bad)):
+        for asked in (sweep, nothing):
+            expected = asked.still_free(good, good)
+            expected[4] = False
+            assert np.array_equal(asked.still_free(A, B), expected)

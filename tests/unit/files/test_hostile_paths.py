@@ -1,0 +1,224 @@
+"""Paths that are no usable files: every reader and every writer says so, soon, and leaves everything as it was."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import stat
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+import pytest
+
+from planner_service import (
+    Certifier,
+    CollisionChecker,
+    Compound,
+    HeightField,
+    Mesh,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    PointCloud,
+    Roadmap,
+    Robot,
+    TaskResult,
+    load_robot,
+    load_scene,
+    save_scene,
+)
+from planner_service.cli.plot import write_clearance_plot
+from planner_service.datasets import EpisodeWork, episode_task, write_episodes
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.records.plan_file import MadeFor, SavedTask, load_plan, load_plan_or_task, load_task, save_plan
+from planner_service.records.problem_set import read_problems
+from planner_service.records.trajectory_export import write_csv
+from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.scene.moveit_scene import read_moveit_scene
+from planner_service.scene.urdf_scene import read_urdf_scene
+from planner_service.scene.worlds import load_world
+from planner_service.view.still.pictures import draw_check, draw_plan, draw_task, write_png
+
+SECONDS = 5
+"""A call that takes longer hangs."""
+
+ARM = Path(__file__).parents[3] / "examples" / "desk_arm.urdf"
+
+
+class Late(BaseException):
+    """Raised in a call that hangs; as an Exception it could be taken for an error of the file."""
+
+
+@dataclass(frozen=True)
+class World:
+    """A plan and a task to be written."""
+
+    service: PlannerService
+    request: PlanRequest
+    result: PlanResult
+    task: TaskResult
+    saved: SavedTask
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    service = PlannerService("planar2", "discs")
+    home = service.robot.home
+    request = PlanRequest(home, home + 0.01)
+    result = service.plan(request)
+    task = TaskResult((), service, home, result.failure)
+    saved = SavedTask(MadeFor.of(service), "nothing", (), result.counts, 0.0)
+    return World(service, request, result, task, saved)
+
+
+def _folder(path: Path) -> None:
+    path.mkdir()
+    (path / "kept").write_bytes(b"kept")
+
+
+def _socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(path.name)  # in the working folder: the whole path may be too long for it
+
+
+PLACES: dict[str, tuple[str, Callable[[Path], None]]] = {
+    "folder": ("a", _folder),
+    "FIFO": ("a", os.mkfifo),
+    "endless device": ("a", lambda path: path.symlink_to("/dev/zero")),
+    "socket": ("a", _socket),
+    "symlink loop": ("a", lambda path: path.symlink_to(path.name)),
+    "NUL": ("a\0b", lambda path: None),
+    "5,000 characters": ("a" * 5_000, lambda path: None),
+    "lone surrogate": ("a\ud800b", lambda path: None),
+    "missing": ("missing/a", lambda path: None),
+}
+
+READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "load_robot": (".toml", load_robot),
+    "PlannerService, robot": (".toml", lambda path: PlannerService(path, "discs")),
+    "PlannerService, scene": (".toml", lambda path: PlannerService("planar2", path)),
+    "Robot.from_urdf": (".urdf", Robot.from_urdf),
+    "Robot.from_urdf, srdf": (".srdf", lambda path: Robot.from_urdf(ARM, srdf=path)),
+    "import_robot": (".urdf", lambda path: import_robot(Source(path), path.parent / "imported")),
+    "load_scene": (".toml", load_scene),
+    "load_world": (".toml", load_world),
+    "load_world, MoveIt": (".scene", load_world),
+    "load_world, URDF": (".urdf", load_world),
+    "read_moveit_scene": (".scene", read_moveit_scene),
+    "read_urdf_scene": (".urdf", read_urdf_scene),
+    "read_problems": (".json", read_problems),
+    "Mesh.from_file, STL": (".stl", Mesh.from_file),
+    "Mesh.from_file, OBJ": (".obj", Mesh.from_file),
+    "Mesh.from_file, PLY": (".ply", Mesh.from_file),
+    "Mesh.from_file, COLLADA": (".dae", Mesh.from_file),
+    "Compound.of_mesh": (".stl", Compound.of_mesh),
+    "PointCloud.from_file, npy": (".npy", lambda path: PointCloud.from_file(path, 0.05)),
+    "PointCloud.from_file, npz": (".npz", lambda path: PointCloud.from_file(path, 0.05)),
+    "PointCloud.from_file, ply": (".ply", lambda path: PointCloud.from_file(path, 0.05)),
+    "HeightField.from_file": (".npy", lambda path: HeightField.from_file(path, 0.05)),
+    "Roadmap.load": (".npz", Roadmap.load),
+    "load_plan": (".json", load_plan),
+    "load_task": (".json", load_task),
+    "load_plan_or_task": (".json", load_plan_or_task),
+}
+"""Each with the suffix it takes: what is refused must be what is there, not its name."""
+
+WRITERS: dict[str, tuple[str, Callable[[World, Path], object]]] = {
+    "save_scene": (".toml", lambda world, path: save_scene(world.service.scene, path)),
+    "save_plan": (".json", lambda world, path: save_plan(world.result, path)),
+    "PlanResult.save": (".json", lambda world, path: world.result.save(path)),
+    "TaskResult.save": (".json", lambda world, path: world.task.save(path)),
+    "SavedTask.save": (".json", lambda world, path: world.saved.save(path)),
+    "Roadmap.save": (".npz", lambda world, path: world.service.path_memory().save(path)),
+    "write_csv": (".csv", lambda world, path: write_csv(world.result, path, world.service.robot.joint_names, 0.1)),
+    "write_png": (".png", lambda world, path: write_png(path, np.zeros((2, 2, 3), np.uint8))),
+    "draw_plan": (".png", lambda world, path: draw_plan(world.service, world.request, world.result, path)),
+    "draw_task": (".png", lambda world, path: draw_task(world.service, world.saved, path)),
+    "draw_check": (
+        ".png",
+        lambda world, path: draw_check(
+            CollisionChecker(world.service.robot, world.service.scene), world.service.robot.home, path
+        ),
+    ),
+    "write_clearance_plot": (
+        ".svg",
+        lambda world, path: write_clearance_plot(
+            str(path), Certifier(world.service.robot, world.service.scene), {"a": world.result.unwrap()[0]}
+        ),
+    ),
+}
+
+FOLDER_WRITERS: dict[str, Callable[[Path], object]] = {
+    "import_robot": lambda path: import_robot(Source(ARM), path),
+    "write_episodes": lambda path: write_episodes(path, EpisodeWork(load_robot("wxai"), episode_task("pick-place")), 1),
+}
+
+
+@pytest.fixture(autouse=True)
+def soon() -> Iterator[None]:
+    def late(number: int, frame: FrameType | None) -> None:
+        raise Late(f"more than {SECONDS} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def there(folder: Path) -> dict[str, tuple[int, int, int]]:
+    """What is below a folder: by name, which file, of which kind and when it last changed."""
+    states = {str(path): path.lstat() for path in sorted(folder.rglob("*"))}
+    return {name: (state.st_ino, stat.S_IFMT(state.st_mode), state.st_mtime_ns) for name, state in states.items()}
+
+
+def refuses(call: Callable[[Path], object], place: str, suffix: str, folder: Path) -> None:
+    name, make = PLACES[place]
+    path = folder / f"{name}{suffix}"
+    make(path)
+    before = there(folder)
+    signal.alarm(SECONDS)
+    with pytest.raises((InvalidFile, InvalidRequest)) as caught:
+        call(path)
+    signal.alarm(0)
+    str(caught.value).encode("utf-8")  # an error that cannot be printed is another error
+    assert there(folder) == before
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("reader", READERS)
+def test_a_reader_says_that_there_is_no_file(
+    reader: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    suffix, read = READERS[reader]
+    refuses(read, place, suffix, tmp_path)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_writer_puts_nothing_in_the_place_of_what_is_no_file(
+    writer: str, place: str, world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    suffix, write = WRITERS[writer]
+    refuses(lambda path: write(world, path), place, suffix, tmp_path)
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_writer_writes_where_it_can(writer: str, world: World, tmp_path: Path) -> None:
+    suffix, write = WRITERS[writer]
+    write(world, tmp_path / f"a{suffix}")
+    assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
+
+
+@pytest.mark.parametrize("place", [place for place in PLACES if place != "folder"])
+@pytest.mark.parametrize("writer", FOLDER_WRITERS)
+def test_a_writer_of_a_folder_needs_one(
+    writer: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refuses(FOLDER_WRITERS[writer], place, "", tmp_path)

@@ -1,0 +1,160 @@
+"""COLLADA files give the vertices that their scene shows, where Coal sees them, or a reason why not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import coal
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidFile
+from planner_service.files.xml_reader import Malformed
+from planner_service.geometry.collada import dae_vertices
+from planner_service.geometry.mesh import Mesh
+
+CORNERS = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.3], [0.0, 0.2, 0.0], [0.1, 0.0, 0.0]]
+"""What the tetrahedron of ``document`` has; its fifth point is in no face."""
+
+FACES = (
+    '<triangles count="4"><input semantic="NORMAL" source="#s" offset="0"/>'
+    '<input semantic="VERTEX" source="#v" offset="1"/>'
+    "<p>4 0 4 2 4 1 4 0 4 1 4 3 4 0 4 3 4 2 4 1 4 2 4 3</p></triangles>"
+)
+GEOMETRY = '<instance_geometry url="#g"/>'
+ROUNDING = 1e-6
+"""Metres; Coal's reader has single precision."""
+
+
+def document(
+    nodes: str = f"<node>{GEOMETRY}</node>", *, asset: str = "", faces: str = FACES, library: str = "", mesh: str = ""
+) -> str:
+    return f"""<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{asset}</asset>
+<library_geometries><geometry id="g"><mesh><source id="s">
+<float_array id="a" count="15">0 0 0 0.1 0 0 0 0.2 0 0 0 0.3 9 9 9</float_array>
+<technique_common><accessor source="#a" count="5" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#s"/></vertices>{faces}{mesh}</mesh></geometry></library_geometries>
+{library}<library_visual_scenes><visual_scene id="vs">{nodes}</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#vs"/></scene></COLLADA>"""
+
+
+def corners(text: str) -> list[list[float]]:
+    found: list[list[float]] = np.unique(dae_vertices(text.encode()), axis=0).tolist()
+    return found
+
+
+def test_the_vertices_are_those_that_a_face_uses() -> None:
+    assert corners(document()) == CORNERS
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        '<polylist count="2"><input semantic="VERTEX" source="#v" offset="0"/><vcount>4 3</vcount><p>0 1 2 3 0 1 2</p>'
+        "</polylist>",
+        '<polygons count="2"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 3</p><p>0 1 2</p></polygons>',
+        '<tristrips count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 3 0</p></tristrips>',
+        '<trifans count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 3</p></trifans>',
+        '<triangles count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles>'
+        '<lines count="1"><input semantic="VERTEX" source="#v" offset="0"/><p>2 3</p></lines>',
+    ],
+    ids=["polylist", "polygons", "tristrips", "trifans", "two kinds"],
+)
+def test_every_way_to_write_faces_is_read(faces: str) -> None:
+    assert corners(document(faces=faces)) == CORNERS
+
+
+PLACED = {
+    "nothing": f"<node>{GEOMETRY}</node>",
+    "translate, then rotate": f"<node><translate>1 2 3</translate><rotate>0 0 1 90</rotate>{GEOMETRY}</node>",
+    "rotate, then translate": f"<node><rotate>0.6 0.8 0 30</rotate><translate>1 2 3</translate>{GEOMETRY}</node>",
+    "a matrix": f"<node><matrix>0 -1 0 1 1 0 0 2 0 0 1 3 0 0 0 1</matrix>{GEOMETRY}</node>",
+    "scale below a turn": f"<node><rotate>1 0 0 40</rotate><node><scale>2 3 0.5</scale>{GEOMETRY}</node></node>",
+    "twice": f"<node>{GEOMETRY}</node><node><translate>1 0 0</translate>{GEOMETRY}</node>",
+    "an instance of a node": '<node><translate>1 2 3</translate><instance_node url="#n"/></node>',
+}
+
+
+@pytest.mark.parametrize("nodes", PLACED.values(), ids=PLACED.keys())
+@pytest.mark.parametrize("up", ["X_UP", "Y_UP", "Z_UP"])
+def test_a_mesh_stands_where_coal_reads_it(tmp_path: Path, nodes: str, up: str) -> None:
+    library = f'<library_nodes><node id="n"><scale>2 2 2</scale>{GEOMETRY}</node></library_nodes>'
+    text = document(nodes, asset=f'<unit name="meter" meter="1"/><up_axis>{up}</up_axis>', library=library)
+    (tmp_path / "part.dae").write_text(text)
+    seen = np.unique(coal.MeshLoader().load(str(tmp_path / "part.dae"), np.ones(3)).vertices(), axis=0)
+    own = np.array(corners(text))
+    apart = np.sqrt(((own[:, None] - seen[None]) ** 2).sum(axis=-1))
+    assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < ROUNDING
+
+
+REFUSED = {
+    "another unit": (document(asset='<unit meter="0.01"/>'), "a unit of 0.01 m: readers of robot descriptions differ"),
+    "a skin": (document('<node><instance_controller url="#c"/></node>'), "<instance_controller> in a node"),
+    "an animation": (
+        document(library='<library_animations><animation><channel target="a/b"/></animation></library_animations>'),
+        "an animation moves 'a/b'",
+    ),
+    "a shear": (document(f"<node><skew>1 2 3 4 5 6 7</skew>{GEOMETRY}</node>"), "<skew> in a node"),
+    "perspective": (
+        document(f"<node><matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 1 1</matrix>{GEOMETRY}</node>"),
+        "last row is not 0 0 0 1",
+    ),
+    "NaN in a place": (document(f"<node><translate>1 nan 0</translate>{GEOMETRY}</node>"), "expected 3 finite ones"),
+    "a long axis": (document(f"<node><rotate>0 0 2 90</rotate>{GEOMETRY}</node>"), "a rotation about 0 0 2; expected"),
+    "another file": (document('<node><instance_geometry url="b.dae#g"/></node>'), "'b.dae#g' is no <geometry>"),
+    "a mesh that is missing": (document('<node><instance_geometry url="#h"/></node>'), "'#h' is no <geometry>"),
+    "a spline": (document(mesh="<spline/>"), "<spline> in a mesh"),
+    "a hole": (document(faces=FACES.replace("</triangles>", "<ph/></triangles>")), "or with holes"),
+    "a vertex that is not there": (document(faces=FACES.replace("4 3</p>", "4 5</p>")), "vertices that are not there"),
+    "a negative vertex": (document(faces=FACES.replace("4 3</p>", "4 -1</p>")), "vertices that are not there"),
+    "half a corner": (document(faces=FACES.replace("4 3</p>", "4</p>")), "expected 2 for each corner"),
+    "faces that are missing": (document(faces=FACES.replace('"4"', '"5"')), "12 corners; expected 15"),
+    "numbers that are missing": (document().replace('count="5"', 'count="6"'), "6 positions X, Y, Z every 3 of 15"),
+    "axes in another order": (document().replace('name="X"', 'name="Y"'), "positions Y, Y, Z"),
+    "no number": (document().replace("9 9 9", "9 9 x"), "no number"),
+    "a number of many digits": (document().replace("9 9 9", f"9 9 {'9' * 65}"), "not written as one"),
+    "one id twice": (document(library='<library_nodes><node id="n"/><node id="n"/></library_nodes>'), "id 'n' twice"),
+    "no scene": (document().replace("<scene>", "<scenes>").replace("</scene>", "</scenes>"), "with 0 <scene>"),
+    "a DTD": ("<!DOCTYPE COLLADA>" + document().partition("?>")[2], "<!DOCTYPE is not allowed"),
+    "another document": ("<robot/>", "the root element is <robot>"),
+    "no XML": ("solid", "not well-formed XML"),
+}
+
+
+@pytest.mark.parametrize(("text", "reason"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_is_not_understood_is_refused(text: str, reason: str) -> None:
+    with pytest.raises(Malformed, match=reason):
+        dae_vertices(text.encode())
+
+
+def test_a_document_of_too_many_elements_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planner_service.files.xml_reader.MAX_ELEMENTS", 10)
+    with pytest.raises(Malformed, match="more than 10 elements"):
+        dae_vertices(document().encode())
+
+
+def test_nodes_in_a_circle_end() -> None:
+    library = '<library_nodes><node id="n"><instance_node url="#n"/></node></library_nodes>'
+    with pytest.raises(Malformed, match="nested deeper than 64, perhaps in a circle"):
+        dae_vertices(document('<node><instance_node url="#n"/></node>', library=library).encode())
+
+
+def test_nodes_that_multiply_end() -> None:
+    twice = [2 * f'<instance_node url="#n{k + 1}"/>' for k in range(40)]
+    nodes = "".join(f'<node id="n{k}">{below}</node>' for k, below in enumerate(twice))
+    library = f'<library_nodes>{nodes}<node id="n40"/></library_nodes>'
+    with pytest.raises(Malformed, match="more than 10,000"):
+        dae_vertices(document('<node><instance_node url="#n0"/></node>', library=library).encode())
+
+
+def test_a_mesh_file_may_be_collada(tmp_path: Path) -> None:
+    (tmp_path / "part.DAE").write_text(document())
+    assert Mesh.from_file(tmp_path / "part.DAE") == Mesh(np.array(CORNERS))
+
+
+def test_a_place_beyond_every_number_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "far.dae").write_text(document(f"<node>{40 * '<scale>1e300 1 1</scale>'}{GEOMETRY}</node>"))
+    with pytest.raises(InvalidFile, match="a vertex is not finite"):
+        Mesh.from_file(tmp_path / "far.dae")

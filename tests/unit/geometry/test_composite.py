@@ -1,0 +1,392 @@
+"""Compounds, point clouds and height fields: what they stand for, and what they refuse."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from planner_service import CollisionChecker, PlannerService, PlanRequest
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.geometry.composite import Composite, Compound, HeightField, Pieces, PointCloud
+from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose, Sphere
+from planner_service.robot.model import load_robot
+from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene
+
+RNG = np.random.default_rng(5)
+STEPS = PointCloud.from_cells([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]], 0.01)
+GROUND = HeightField(np.array([[0.1, 0.2, 0.0], [0.1, 0.2, -0.5]]), 0.5)
+PAIR = Compound(((Box((0.2, 0.4, 0.6)), Pose((1.0, 0.0, 0.0))), (Sphere(0.5), Pose((0.0, 0.0, 2.0)))))
+ALL: tuple[Composite, ...] = (STEPS, GROUND, PAIR)
+
+
+def boxes(pieces: Pieces) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    """Centre and size of each box, sorted."""
+    found = []
+    for shape, T in zip(pieces.shapes, pieces.frames, strict=True):
+        assert isinstance(shape, Box)
+        assert np.array_equal(T[:3, :3], np.eye(3))
+        found.append((tuple(T[:3, 3].round(9).tolist()), tuple(np.round(shape.size, 9).tolist())))
+    return sorted(found)
+
+
+def inside(pieces: Pieces, points: FloatArray) -> Any:
+    """Whether points (n, 3) are in one of the boxes."""
+    size = np.array([shape.size for shape in pieces.shapes if isinstance(shape, Box)])
+    off = np.abs(points[:, None] - pieces.frames[None, :, :3, 3]) - size / 2
+    return (off <= 0.0).all(axis=-1).any(axis=-1)
+
+
+def test_cells_that_fill_a_box_are_one_box() -> None:
+    assert boxes(STEPS.pieces) == [
+        ((0.01, 0.005, 0.005), (0.02, 0.01, 0.01)),
+        ((0.015, 0.015, 0.01), (0.01, 0.01, 0.02)),
+    ]
+    block = np.stack(np.meshgrid(*[np.arange(0.5, 4.0)] * 3), axis=-1).reshape(-1, 3)
+    assert boxes(PointCloud(block, 1.0).pieces) == [((2.0, 2.0, 2.0), (4.0, 4.0, 4.0))]
+
+
+@given(arrays(np.int64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.integers(-4, 4)))
+def test_the_boxes_of_a_cloud_are_its_cells(cells: Any) -> None:
+    cloud = PointCloud.from_cells(cells, 0.25)
+    grid = np.stack(np.meshgrid(*[np.arange(-6, 7)] * 3), axis=-1).reshape(-1, 3)
+    solid = {tuple(cell) for cell in cells.tolist()}
+    assert inside(cloud.pieces, (grid + 0.5) * 0.25).tolist() == [tuple(cell) in solid for cell in grid.tolist()]
+    volume = sum(
+        shape.size[0] * shape.size[1] * shape.size[2] for shape in cloud.pieces.shapes if isinstance(shape, Box)
+    )
+    assert volume == pytest.approx(len(solid) * 0.25**3)  # so no two overlap
+    assert {tuple(cell) for cell in cloud.cells.tolist()} == solid
+
+
+def test_every_point_is_in_the_cloud_and_none_is_farther_than_a_cell() -> None:
+    points = RNG.normal(0.0, 0.3, (3000, 3))
+    cloud = PointCloud(points, 0.05)
+    assert cloud.distance(points).max() <= 1e-12
+    far = PointCloud(points, 0.05).pieces
+    corners = [
+        T[:3, 3] + np.array(shape.size) / 2
+        for shape, T in zip(far.shapes, far.frames, strict=True)
+        if isinstance(shape, Box)
+    ]
+    assert max(np.sqrt(((points - corner) ** 2).sum(axis=1)).min() for corner in corners) <= 0.05 * np.sqrt(3.0)
+
+
+def test_the_columns_of_a_field_stand_on_its_floor() -> None:
+    assert boxes(GROUND.pieces) == [((0.5, 0.25, 0.05), (1.0, 0.5, 0.1)), ((0.5, 0.75, 0.1), (1.0, 0.5, 0.2))]
+    deep = HeightField(np.array([[0.1]]), 0.5, floor=-0.3)
+    assert boxes(deep.pieces) == [((0.25, 0.25, -0.1), (0.5, 0.5, 0.4))]
+
+
+def test_neighbours_in_the_list_are_neighbours_in_space() -> None:
+    cloud = PointCloud(RNG.uniform(0.0, 1.0, (4000, 3)), 0.02)
+    centres = cloud.pieces.frames[:, :3, 3]
+    runs = [centres[k : k + 32] for k in range(0, len(centres), 32)]
+    extents = [float((run.max(axis=0) - run.min(axis=0)).max()) for run in runs]
+    assert np.median(extents) < 0.4  # of 32 at random it would be 0.94
+
+
+@pytest.mark.parametrize("solid", ALL, ids=lambda solid: type(solid).__name__)
+def test_support_and_distance_are_those_of_the_pieces(solid: Composite) -> None:
+    directions, points = RNG.normal(size=(50, 3)), RNG.normal(0.0, 1.0, (50, 3))
+    pieces = solid.pieces
+    heights, gaps = [], []
+    for shape, T in zip(pieces.shapes, pieces.frames, strict=True):
+        local = shape.support(directions @ T[:3, :3]) @ T[:3, :3].T + T[:3, 3]
+        heights.append((local * directions).sum(axis=1))
+        gaps.append(shape.distance((points - T[:3, 3]) @ T[:3, :3]))
+    assert (solid.support(directions) * directions).sum(axis=1) == pytest.approx(np.max(heights, axis=0), abs=1e-12)
+    assert solid.distance(points) == pytest.approx(np.min(gaps, axis=0), abs=1e-12)
+    assert solid.distance(solid.support(directions[0])) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_equal_content_is_equal() -> None:
+    points = RNG.uniform(0.0, 1.0, (100, 3))
+    cloud, again = PointCloud(points, 0.1), PointCloud(points[::-1], 0.1)
+    assert (cloud, hash(cloud)) == (again, hash(again))
+    assert cloud != PointCloud(points, 0.11)
+    assert cloud == PointCloud(cloud.points, 0.1) == PointCloud.from_cells(cloud.cells, 0.1)
+    low = np.array([[0.1]])
+    assert HeightField(low, 1.0) == HeightField(low.copy(), 1.0) != HeightField(low, 1.0, floor=-1.0)
+    assert repr(cloud).startswith("PointCloud(")
+    assert repr(GROUND).startswith("HeightField(2 x 3 columns of 0.5 m")
+
+
+BAD_CLOUDS: dict[str, tuple[Any, Any, str]] = {
+    "texts": ([["a", "b", "c"]], 0.1, r"points: got .*; expected 1 to 500,000 points"),
+    "flat": ([1.0, 2.0, 3.0], 0.1, r"points: got an array of shape \(3,\)"),
+    "pairs": ([[1.0, 2.0]], 0.1, r"points: got an array of shape \(1, 2\)"),
+    "none": (np.zeros((0, 3)), 0.1, r"points: got an array of shape \(0, 3\)"),
+    "NaN": ([[0.0, 0.0, 0.0], [0.0, float("nan"), 0.0]], 0.1, r"points\[1\]: got \[0.0, nan, 0.0\]"),
+    "far": ([[2000.0, 0.0, 0.0]], 0.1, r"points\[0\]: got \[2000.0, 0.0, 0.0\]"),
+    "far cell": ([[1000.0, 0.0, 0.0]], 0.01, r"points\[0\]: got \[1000.005, 0.005, 0.005\]"),
+    "long": (
+        [[-999.0, 0.0, 0.0], [999.0, 0.0, 0.0]],
+        1.0,
+        "points: 1999 m long; expected a cloud no longer than 1000 m",
+    ),
+    "resolution 0": ([[0.0, 0.0, 0.0]], 0.0, "resolution: got 0.0; expected an edge of 0.0001 to 1000 m"),
+    "resolution NaN": ([[0.0, 0.0, 0.0]], float("nan"), "resolution: got nan"),
+    "resolution text": ([[0.0, 0.0, 0.0]], "1 cm", "resolution: got '1 cm'"),
+    "too fine": (
+        RNG.uniform(0.0, 1.0, (60_000, 3)),
+        0.0001,
+        "resolution: 0.0001 m makes .* boxes; expected a coarser one",
+    ),
+}
+
+
+@pytest.mark.parametrize(("points", "resolution", "message"), BAD_CLOUDS.values(), ids=BAD_CLOUDS)
+def test_a_cloud_that_is_none_is_refused(points: Any, resolution: Any, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        PointCloud(points, resolution)
+
+
+BAD_FIELDS: dict[str, tuple[Any, Any, Any, str]] = {
+    "one dimension": ([0.1, 0.2], 0.1, 0.0, r"heights: got an array of shape \(2,\)"),
+    "nothing": (np.zeros((0, 4)), 0.1, 0.0, r"heights: got an array of shape \(0, 4\)"),
+    "unknown height": ([[0.1, float("nan")]], 0.1, 0.0, r"heights\[0, 1\]: got nan"),
+    "too high": ([[5e3]], 0.1, 0.0, r"heights\[0, 0\]: got 5000.0"),
+    "nothing above the floor": ([[0.1, 0.0]], 0.1, 0.1, "floor: got 0.1; expected below the highest column, 0.1"),
+    "far above the floor": ([[999.0]], 0.1, -999.0, "floor: got -999.0; expected below .*, 999, by at most 1000"),
+    "cell": ([[0.1]], -1, 0.0, "cell: got -1"),
+    "too long": ([[0.1] * 3], 999.0, 0.0, "cell: got 999.0; expected a field no longer than 1000 m"),
+    "floor": ([[0.1]], 0.1, "low", "floor: got 'low'"),
+    "too many": (RNG.uniform(0.1, 0.2, (300, 300)), 0.01, 0.0, "cell: 0.01 m makes 90,000 boxes"),
+}
+
+
+@pytest.mark.parametrize(("heights", "cell", "floor", "message"), BAD_FIELDS.values(), ids=BAD_FIELDS)
+def test_a_field_that_is_none_is_refused(heights: Any, cell: Any, floor: Any, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        HeightField(heights, cell, floor)
+
+
+BAD_COMPOUNDS: dict[str, tuple[Any, str]] = {
+    "nothing": ((), "parts: got 0; expected 1 to 1,000 pairs"),
+    "no pair": ((Box((1, 1, 1)),), "parts.*: got .*expected 1 to 1,000 pairs"),
+    "no pose": (((Box((1, 1, 1)), (0, 0, 0)),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
+    "a compound": (((PAIR, Pose()),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
+    "far": (((Sphere(1), Pose((1e4, 0, 0))),), r"parts\[0\]: got .*expected metres"),
+    "too many": (((Sphere(1), Pose()),) * 1001, "parts: got 1001"),
+    "a number": (7, "parts: got 7"),
+}
+
+
+@pytest.mark.parametrize(("parts", "message"), BAD_COMPOUNDS.values(), ids=BAD_COMPOUNDS)
+def test_a_compound_that_is_none_is_refused(parts: Any, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        Compound(parts)
+
+
+def packed(**arrays_of: Any) -> bytes:
+    out = io.BytesIO()
+    np.savez_compressed(out, **arrays_of)
+    return out.getvalue()
+
+
+def plain(array: Any) -> bytes:
+    out = io.BytesIO()
+    np.save(out, array)
+    return out.getvalue()
+
+
+POINTS = RNG.uniform(0.0, 1.0, (50, 3))
+PLY = "ply\nformat ascii 1.0\nelement vertex 50\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.npz", packed(points=POINTS)),
+        ("a.npz", packed(other=POINTS)),
+        ("a.npz", packed(points=POINTS, colours=np.zeros(50))),
+        ("a.npy", plain(POINTS)),
+        ("a.npy", plain(np.asfortranarray(POINTS))),
+        ("a.PLY", (PLY + "\n".join(" ".join(map(repr, row)) for row in POINTS.tolist()) + "\n").encode()),
+    ],
+)
+def test_a_cloud_is_read_from_a_file(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert PointCloud.from_file(tmp_path / name, 0.1) == PointCloud(POINTS, 0.1)
+
+
+def lying() -> bytes:
+    """An NPY file that says it has more numbers than it has."""
+    return plain(POINTS).replace(b"(50, 3)", b"(99, 3)")
+
+
+def bomb() -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("points.npy", bytes(60_000_000))
+    return out.getvalue()
+
+
+BAD_FILES: dict[str, tuple[str, bytes, str]] = {
+    "suffix": ("a.pcd", b"", r"suffix '.pcd'; expected one of .ply, .npz, .npy"),
+    "empty npz": ("a.npz", b"", "no NPZ"),
+    "empty npy": ("a.npy", b"", "no NPY"),
+    "text": ("a.npy", b"\x93NUMPY is not this", "no NPY|NPY header"),
+    "cut short": ("a.npy", plain(POINTS)[:-9], r"1,191 bytes are not those of an array of shape \(50, 3\)"),
+    "cut header": ("a.npy", plain(POINTS)[:40], "an NPY header without its end"),
+    "lying": ("a.npy", lying(), r"1,200 bytes are not those of an array of shape \(99, 3\)"),
+    "pickled": ("a.npy", plain(np.array([{"a": 1}], dtype=object)), "expected real numbers"),
+    "structured": ("a.npy", plain(np.zeros(3, dtype=[("x", "f4")])), "expected real numbers"),
+    "complex": ("a.npy", plain(POINTS.astype(complex)), "expected real numbers"),
+    "cut zip": ("a.npz", packed(points=POINTS)[:-40], "no NPZ"),
+    "two others": ("a.npz", packed(a=POINTS, b=POINTS), "holds a, b; expected an array 'points'"),
+    "bomb": ("a.npz", bomb(), "unpacks to more than 50,000,000 bytes"),
+    "wrong shape": ("a.npy", plain(POINTS[:, :2]), r"points: got an array of shape \(50, 2\)"),
+    "NaN": ("a.npy", plain(POINTS * np.nan), r"points\[0\]: got \[nan"),
+    "ply": ("a.ply", b"ply\n", "no PLY"),
+}
+
+
+@pytest.mark.parametrize(("name", "content", "message"), BAD_FILES.values(), ids=BAD_FILES)
+def test_a_file_that_holds_no_cloud_is_refused(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InvalidFile, match=message):
+        PointCloud.from_file(tmp_path / name, 0.1)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_spoilt_file_is_refused_or_read(tmp_path: Path, seed: int) -> None:
+    chance = np.random.default_rng(seed)
+    suffix, content = [("npz", packed(points=POINTS)), ("npy", plain(POINTS))][seed % 2]
+    spoilt = bytearray(content)
+    for at in chance.integers(0, min(len(spoilt), 200 if seed % 4 < 2 else len(spoilt)), 3).tolist():
+        spoilt[at] = int(chance.integers(256))
+    file = tmp_path / f"a.{suffix}"
+    file.write_bytes(spoilt)
+    with suppress(InvalidFile):
+        assert len(PointCloud.from_file(file, 0.1).cells)
+
+
+def test_heights_are_read_from_a_file(tmp_path: Path) -> None:
+    (tmp_path / "h.npz").write_bytes(packed(heights=GROUND.heights))
+    assert HeightField.from_file(tmp_path / "h.npz", 0.5) == GROUND
+    with pytest.raises(InvalidFile, match=r"suffix '.ply'; expected one of .npz, .npy"):
+        HeightField.from_file(tmp_path / "h.ply", 0.5)
+
+
+def test_a_cloud_at_the_farthest_and_finest_is_kept_by_a_scene_file(tmp_path: Path) -> None:
+    points = [[999.9999, -1000.0, 0.0], [999.9998, -999.9, -0.0], [999.9, -1000.0, 5e-324], [999.9, -1000.0, -5e-324]]
+    cloud = PointCloud(np.array(points), 0.0001)
+    assert sorted(cloud.cells[:, 2].tolist()) == [-1, 0, 0, 0]
+    scene = Scene((Obstacle("far", cloud),))
+    save_scene(scene, tmp_path / "s.toml")
+    assert load_scene(tmp_path / "s.toml") == scene
+
+
+def scene_of_all() -> Scene:
+    turned = Pose.from_rpy((0.4, 0.1, 0.2), (0.1, 0.2, 0.3))
+    standing = [Obstacle(type(solid).__name__, solid, turned) for solid in ALL]
+    return Scene(tuple(standing), (Attached("held", Compound(((Cylinder(0.01, 0.02), Pose()),)), Pose(), ("a",)),))
+
+
+def test_a_scene_file_keeps_them_to_the_last_bit(tmp_path: Path) -> None:
+    scene = scene_of_all()
+    save_scene(scene, tmp_path / "s.toml")
+    again = load_scene(tmp_path / "s.toml")
+    assert again == scene
+    assert again.hash == scene.hash
+    moved = scene.moved("PointCloud", Pose((0.1, 0.0, 0.0)))
+    assert moved.hash != scene.hash
+
+
+def test_the_hash_tells_clouds_apart() -> None:
+    found = {Scene((Obstacle("c", solid),)).hash for solid in (*ALL, PointCloud(np.eye(3)[:1], 0.1))}
+    found |= {Scene((Obstacle("c", Compound((PAIR.parts[0],))),)).hash, Scene((Obstacle("c", PAIR.parts[0][0]),)).hash}
+    assert len(found) == 6
+
+
+def test_a_scene_file_names_cloud_and_heights_in_its_own_folder(tmp_path: Path) -> None:
+    (tmp_path / "scan.npz").write_bytes(packed(points=POINTS))
+    (tmp_path / "ground.npy").write_bytes(plain(GROUND.heights))
+    (tmp_path / "s.toml").write_text(
+        '[[obstacle]]\nname = "a"\ncloud = { file = "scan.npz", resolution = 0.1 }\nposition = [0, 0, 0]\n'
+        '[[obstacle]]\nname = "b"\nheights = { file = "ground.npy", cell = 0.5 }\nposition = [0, 0, 0]\n'
+    )
+    scene = load_scene(tmp_path / "s.toml")
+    assert [o.shape for o in scene.obstacles] == [PointCloud(POINTS, 0.1), GROUND]
+
+
+BAD_ENTRIES: dict[str, tuple[str, str]] = {
+    "no source": ("cloud = { resolution = 0.1 }", "cloud: got .*; expected { file = ..., resolution = ... }"),
+    "two sources": ('cloud = { file = "a.npz", cells = [], resolution = 0.1 }', "cloud: got .*; expected { file"),
+    "no resolution": ('cloud = { file = "a.npz" }', "resolution is missing; expected a length in metres"),
+    "outside": ('cloud = { file = "../a.npz", resolution = 0.1 }', "lies outside the folders that may be read"),
+    "missing": ('cloud = { file = "a.npz", resolution = 0.1 }', "'a.npz' does not exist"),
+    "unknown key": ("cloud = { cells = [[0, 0, 0]], resolution = 0.1, scale = 2 }", "unknown key 'scale'"),
+    "halves": ("cloud = { cells = [[0.5, 0, 0]], resolution = 0.1 }", "cells: got .*; expected whole numbers"),
+    "heights": ("heights = { values = [[1, 2], [3]], cell = 0.1 }", "heights: got .*; expected finite heights"),
+    "no list": ("compound = { box = [1, 1, 1] }", "compound: got .*; expected "),
+    "no pose in it": ("compound = [{ box = [1, 1, 1] }]", "compound 1: position is missing"),
+    "no shape in it": (
+        "compound = [{ position = [0, 0, 0] }]",
+        "compound 1: shape is missing; expected exactly one of",
+    ),
+    "a cloud in it": (
+        "compound = [{ cloud = { cells = [[0, 0, 0]], resolution = 1 }, position = [0, 0, 0] }]",
+        "compound 1: unknown key 'cloud'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "message"), BAD_ENTRIES.values(), ids=BAD_ENTRIES)
+def test_a_bad_entry_of_a_scene_file_is_named(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "s.toml").write_text(f'[[obstacle]]\nname = "a"\n{text}\nposition = [0, 0, 0]\n')
+    with pytest.raises(InvalidFile, match=f"obstacle 1 'a'.*{message}"):
+        load_scene(tmp_path / "s.toml")
+
+
+def wall(resolution: float) -> Scene:
+    """A measured wall across the arm's way, some thousand boxes of noise."""
+    chance = np.random.default_rng(1)
+    points = chance.uniform([0.0, -0.05, 0.0], [0.35, 0.0, 0.35], (6000, 3))
+    return Scene((Obstacle("wall", PointCloud(points, resolution), Pose((0.18, 0.0, 0.0))),))
+
+
+def test_a_plan_around_a_cloud_is_certified_and_repeats_to_the_bit() -> None:
+    scene = wall(0.01)
+    service = PlannerService("wxai", scene)
+    assert service.checker.pair_count > 10_000
+    start, goal = np.array([-0.8, 1.2, 1.0, -0.5, 0.0, 0.0]), np.array([0.8, 1.2, 1.0, -0.5, 0.0, 0.0])
+    assert service.checker.edge_hit(start, goal) is not None
+    first, second = (PlannerService("wxai", scene).plan(PlanRequest(start, goal, seed=2)) for _ in range(2))
+    assert first.ok, first.failure
+    assert first.certificate is not None
+    assert first.certificate.certified
+    assert first.counts == second.counts
+    assert first.path is not None
+    assert second.path is not None
+    assert first.path.waypoints.tobytes() == second.path.waypoints.tobytes()
+
+
+def test_a_cloud_hides_nothing_of_what_one_box_shows() -> None:
+    """A wall of cells without holes is the same solid as one box."""
+    block = np.stack(np.meshgrid(*(np.arange(n) for n in (20, 3, 20)), indexing="ij"), axis=-1).reshape(-1, 3)
+    block = block[(block.sum(axis=1) % 2 == 0) | (block[:, 1] == 1)]  # the middle layer is whole, so is what it hides
+    cloud = PointCloud.from_cells(block, 0.015)
+    whole = Box((0.3, 0.015, 0.3))
+    robot = load_robot("wxai")
+    many = CollisionChecker(robot, Scene((Obstacle("wall", cloud, Pose((0.2, 0.1, 0.0))),)))
+    one = CollisionChecker(robot, Scene((Obstacle("wall", whole, Pose((0.35, 0.1225, 0.15))),)))
+    assert many.pair_count > 50 * one.pair_count // 2
+    hits = 0
+    for q in RNG.uniform(robot.limits.lower, robot.limits.upper, (1500, 6)):
+        if not one.state_is_free(q):
+            hits += 1
+            assert not many.state_is_free(q)
+        elif hits % 8 == 0 and many.state_is_free(q):
+            assert many.clearance(q) <= one.clearance(q) + 1e-6
+    assert hits > 100

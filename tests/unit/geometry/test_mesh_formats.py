@@ -1,0 +1,362 @@
+"""Mesh files: what is read, every refusal, files cut or changed, and the folders that may be read."""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.geometry import mesh_paths as mesh_path
+from planner_service.geometry.mesh import Mesh
+from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
+from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.shapes import FloatArray
+
+POINTS = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, -0.75], [0.25, 0.5, 0.125]])
+"""Numbers that no format rounds."""
+FACES = ((0, 1, 2), (1, 2, 4), (0, 3, 1), (0, 2, 3), (1, 3, 4), (2, 4, 3))
+
+
+def binary_stl(points: FloatArray = POINTS, name: bytes = b"made by hand") -> bytes:
+    facets = [np.concatenate([[0.0, 0.0, 0.0], *(points[k] for k in face)]) for face in FACES]
+    body = b"".join(np.asarray(facet, "<f4").tobytes() + b"\0\0" for facet in facets)
+    return name.ljust(80, b"\0") + struct.pack("<I", len(FACES)) + body
+
+
+def text_stl(points: FloatArray = POINTS, name: str = "part") -> bytes:
+    lines = [f"solid {name}"]
+    for face in FACES:
+        lines += [" facet normal 0 0 1", "  outer loop"]
+        lines += [f"   vertex {' '.join(map(repr, points[k].tolist()))}" for k in face]
+        lines += ["  endloop", " endfacet"]
+    return "\n".join([*lines, f"endsolid {name}", ""]).encode()
+
+
+def obj(points: FloatArray = POINTS) -> bytes:
+    lines = ["# a part", "mtllib ../../secret.mtl", "o part"]
+    lines += [f"v {' '.join(map(repr, p))}" for p in points.tolist()]
+    lines += ["vt 9 9", "vn 9 9 9", "usemtl none", *(f"f {a + 1}/1/1 {b + 1} {c + 1}" for a, b, c in FACES)]
+    return "\n".join([*lines, ""]).encode()
+
+
+def ply_head(kind: str, count: int = len(POINTS), number: str = "double") -> bytes:
+    lines = ["ply", f"format {kind} 1.0", "comment end_header", "obj_info made by hand", f"element vertex {count}"]
+    lines += ["property uchar red", *(f"property {number} {axis}" for axis in "xzy")]
+    lines += [f"element face {len(FACES)}", "property list uchar int vertex_indices", "end_header", ""]
+    return "\n".join(lines).encode()
+
+
+def text_ply(points: FloatArray = POINTS) -> bytes:
+    lines = [f"255 {x!r} {z!r} {y!r}" for x, y, z in points.tolist()] + [f"3 {a} {b} {c}" for a, b, c in FACES]
+    return ply_head("ascii", len(points)) + "\n".join([*lines, ""]).encode()
+
+
+def binary_ply(points: FloatArray = POINTS, mark: str = "<", number: str = "double") -> bytes:
+    code = {"double": "d", "float": "f"}[number]
+    rows = b"".join(struct.pack(f"{mark}B3{code}", 255, x, z, y) for x, y, z in points.tolist())
+    faces = b"".join(struct.pack(f"{mark}B3i", 3, *face) for face in FACES)
+    kind = {"<": "binary_little_endian", ">": "binary_big_endian"}[mark]
+    return ply_head(kind, len(points), number) + rows + faces
+
+
+FORMATS: dict[str, tuple[str, bytes]] = {
+    "binary stl": ("a.stl", binary_stl()),
+    "binary stl that begins like a text": ("a.stl", binary_stl(name=b"solid part")),
+    "text stl": ("a.stl", text_stl()),
+    "text stl in capitals": ("a.STL", text_stl().upper().replace(b"E-0", b"e-0")),
+    "text stl of another encoding": ("a.stl", text_stl().replace(b"part", "Gehäuse".encode("latin-1"))),
+    "obj": ("a.obj", obj()),
+    "obj of windows": ("a.obj", obj().replace(b"\n", b"\r\n")),
+    "obj with indents and tabs": ("a.obj", obj().replace(b"\nv ", b"\n  v\t").replace(b"\nf ", b"\n\tf\t")),
+    "obj with weights": ("a.Obj", re.sub(rb"(?m)^v (.*)$", rb"v \1 1.0", obj())),
+    "text ply": ("a.ply", text_ply()),
+    "text ply of windows": ("a.ply", text_ply().replace(b"\n", b"\r\n")),
+    "little ply": ("a.ply", binary_ply()),
+    "big ply": ("a.PLY", binary_ply(mark=">")),
+    "ply of floats": ("a.ply", binary_ply(number="float")),
+}
+
+
+def write(folder: Path, name: str, content: bytes) -> Path:
+    path = folder / name
+    path.write_bytes(content)
+    return path
+
+
+def problems_of(call: Callable[[], Any]) -> tuple[str, ...]:
+    with pytest.raises(InvalidFile) as caught:
+        call()
+    return caught.value.problems
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_the_vertices_of_a_file_are_read_each_once(tmp_path: Path, kind: str) -> None:
+    found = read_vertices(write(tmp_path, *FORMATS[kind]))
+    assert found.tolist() == sorted(POINTS.tolist())
+    assert Mesh.from_file(str(tmp_path / FORMATS[kind][0])) == Mesh(POINTS)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_scale_multiplies_each_axis_and_a_negative_one_mirrors(tmp_path: Path, kind: str) -> None:
+    path = write(tmp_path, *FORMATS[kind])
+    mesh = Mesh.from_file(path, (0.5, -2.0, 4.0))
+    assert mesh == Mesh(POINTS * [0.5, -2.0, 4.0])
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    assert ((np.cross(b - a, c - a) * mesh.normals).sum(axis=1) > 0.0).all()
+    assert (mesh.offsets >= (mesh.normals * mesh.vertices.mean(axis=0)).sum(axis=1)).all()
+
+
+def test_numbers_of_a_text_are_read_to_the_last_bit(tmp_path: Path) -> None:
+    points = np.random.default_rng(1).normal(size=(5, 3)) * [1e-9, 1.0, 900.0]
+    for name, content in (("a.stl", text_stl(points)), ("a.obj", obj(points)), ("a.ply", text_ply(points))):
+        assert read_vertices(write(tmp_path, name, content)).tolist() == sorted(points.tolist())
+
+
+NAN = struct.pack("<I", 0x7FA00000)
+"""A NaN that processors complain about."""
+
+REFUSED: dict[str, tuple[str, bytes, str]] = {
+    "other suffix": ("a.dxf", b"", r"suffix '.dxf'; expected one of .stl, .obj, .ply"),
+    "no suffix": ("stl", binary_stl(), "suffix ''"),
+    "empty stl": ("a.stl", b"", "no STL: 0 bytes are not those of 0 triangles, nor is it a text"),
+    "stl of no triangle": ("a.stl", bytes(84), "no vertices"),
+    "stl cut": ("a.stl", binary_stl()[:-1], r"no STL: 383 bytes are not those of 6 triangles"),
+    "stl with more behind": ("a.stl", binary_stl() + b"\0", "no STL: 385 bytes"),
+    "stl that claims four billion": ("a.stl", bytes(80) + b"\xff" * 54, "those of 4,294,967,295 triangles"),
+    "stl of nan": ("a.stl", binary_stl()[:96] + NAN + binary_stl()[100:], "a vertex is not finite"),
+    "stl of infinity": ("a.stl", binary_stl()[:96] + b"\0\0\x80\x7f" + binary_stl()[100:], "a vertex is not finite"),
+    "stl text without end": ("a.stl", text_stl().replace(b"endsolid", b"end"), "an STL text without its end"),
+    "stl text of nothing": ("a.stl", b"solid\nendsolid\n", "0 vertices of an STL text; expected three for each"),
+    "stl text of two corners": ("a.stl", text_stl().replace(b"vertex", b"vortex", 1), "17 vertices of an STL text"),
+    "stl text of two numbers": ("a.stl", text_stl().replace(b"0.25 0.0 0.0", b"0.25 0.0"), "'vertex' in a vertex"),
+    "stl text and zeros": ("a.stl", text_stl().replace(b"part", b"p\0\xff"), "neither binary in the way its suffix"),
+    "obj of points": ("a.obj", re.sub(rb"(?m)^f .*\n", b"", obj()), "an OBJ without a face: cut short, or no more"),
+    "obj of faces": ("a.obj", b"f 1 2 3\n", "no vertices"),
+    "obj of two numbers": ("a.obj", obj().replace(b"v 0.25 0.0 0.0", b"v 0.25 0.0"), "a vertex without three"),
+    "obj with a line continued": ("a.obj", obj().replace(b"v 0.25 0.0", b"v 0.25 \\\n 0.0"), "in a vertex; expected"),
+    "number nan": ("a.obj", obj().replace(b"0.75", b"nan"), "a vertex is not finite or more than 1000 m from 0"),
+    "number too large": ("a.obj", obj().replace(b"0.75", b"1e999"), "is the scale right"),
+    "number of words": ("a.obj", obj().replace(b"0.75", b"long"), "'-long' in a vertex; expected a number"),
+    "number with underscore": ("a.obj", obj().replace(b"0.75", b"0_75"), "'-0_75' in a vertex; expected a number"),
+    "number of other digits": ("a.obj", obj().replace(b"0.75", "٣".encode()), "in a vertex; expected a number"),
+    "number without end": ("a.obj", obj().replace(b"0.75", b"9" * 5000), "'-9999999999999999999' in a vertex"),
+    "a kilometre": ("a.obj", obj().replace(b"0.75", b"1000.1"), "more than 1000 m from 0; is the scale right"),
+    "empty ply": ("a.ply", b"", "no PLY: it does not begin with 'ply' and a header that ends"),
+    "ply without end": ("a.ply", text_ply().replace(b"\nend_header", b"\nend header"), "no PLY"),
+    "ply of a long header": ("a.ply", text_ply().replace(b"ply\n", b"ply\n" + b"comment\n" * 2000, 1), "no PLY"),
+    "ply without format": ("a.ply", text_ply().replace(b"format", b"comment"), "PLY format is missing; expected one"),
+    "ply of other format": ("a.ply", text_ply().replace(b"ascii", b"utf"), "PLY format utf; expected one of ascii"),
+    "ply of two formats": ("a.ply", text_ply().replace(b"\nobj_info", b"\nformat ascii 1.0\nobj_info"), "PLY format"),
+    "ply of faces first": ("a.ply", text_ply().replace(b"vertex 5", b"edge 5"), "expected 'element vertex <count>'"),
+    "ply of -1": ("a.ply", text_ply().replace(b"vertex 5", b"vertex -1"), "expected 'element vertex <count>'"),
+    "ply of no vertices": ("a.ply", text_ply().replace(b"vertex 5", b"vertex 0"), "no vertices"),
+    "binary ply of no vertices": ("a.ply", binary_ply(POINTS[:0]), "no vertices"),
+    "ply of many": ("a.ply", text_ply().replace(b"vertex 5", b"vertex 500001"), "500,001 vertices; expected at most"),
+    "ply of lists": ("a.ply", text_ply().replace(b"property double x", b"property list uchar int x"), "a plain number"),
+    "ply of odd types": ("a.ply", text_ply().replace(b"double x", b"half x"), "'property half x'; expected a plain"),
+    "ply without z": ("a.ply", text_ply().replace(b"double z", b"double w"), "PLY vertices have red, x, w, y;"),
+    "ply of two x": ("a.ply", text_ply().replace(b"double z", b"double x"), "expected x, y and z, each once"),
+    "ply of short rows": ("a.ply", text_ply().replace(b"255 0.25 0.0 0.0", b"255 0.25 0.0"), "without three numbers"),
+    "ply of long rows": ("a.ply", text_ply().replace(b"255 0.25 0.0 0.0", b"255 0.25 0.0 0.0 1"), "without three"),
+    "text ply cut": ("a.ply", text_ply().split(b"255 0.0 -0.75", 1)[0], "cut short: the PLY header says 5 vertices"),
+    "text ply cut in its last vertex": ("a.ply", text_ply().split(b"25 0.5\n3", 1)[0], "cut short: the PLY header"),
+    "binary ply cut": ("a.ply", binary_ply()[: len(ply_head("binary_little_endian")) + 124], "cut short: the PLY"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_file_that_is_no_mesh_is_refused_with_the_reason(tmp_path: Path, what: str) -> None:
+    name, content, problem = REFUSED[what]
+    path = write(tmp_path, name, content)
+    (found,) = problems_of(lambda: read_vertices(path))
+    assert re.search(problem, found)
+
+
+def test_a_file_is_refused_for_its_size_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.stl"
+    with open(path, "wb") as file:
+        file.truncate(MAX_BYTES + 1)
+    assert problems_of(lambda: Mesh.from_file(path)) == (f"too large: more than {MAX_BYTES:,} bytes",)
+
+
+def test_a_file_of_too_many_different_vertices_is_refused(tmp_path: Path) -> None:
+    x = np.arange(MAX_VERTICES + 3, dtype="<f4")[: (MAX_VERTICES + 3) // 3 * 3]
+    facets = np.zeros(len(x) // 3, np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("rest", "<u2")]))
+    facets["v"][..., 0] = x.reshape(-1, 3) / 1000.0
+    path = write(tmp_path, "a.stl", bytes(80) + struct.pack("<I", len(facets)) + facets.tobytes())
+    (found,) = problems_of(lambda: read_vertices(path))
+    assert found == f"{len(np.unique(x)):,} different vertices; expected at most 500,000"
+
+
+def test_a_flat_mesh_is_refused_with_its_file(tmp_path: Path) -> None:
+    path = write(tmp_path, "a.stl", binary_stl(POINTS * [1.0, 1.0, 0.0]))
+    with pytest.raises(InvalidFile, match=r"a\.stl.*\n.*vertices: flat, 4 points within \[0.25, 0.5, 0.0\] m"):
+        Mesh.from_file(path)
+
+
+@pytest.mark.parametrize("scale", [(1.0, 0.0, 1.0), (1.0, 1.0), "1 1 1", (float("nan"), 1.0, 1.0)])
+def test_a_bad_scale_is_the_callers_mistake_not_the_files(tmp_path: Path, scale: Any) -> None:
+    path = write(tmp_path, "a.stl", binary_stl())
+    with pytest.raises(InvalidRequest, match="scale: got"):
+        Mesh.from_file(path, scale)
+
+
+def test_a_scale_that_leads_beyond_a_kilometre_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, "a.stl", binary_stl())
+    (found,) = problems_of(lambda: Mesh.from_file(path, (1.0, 1.0, 1e308)))
+    assert found.startswith("a vertex is not finite or more than 1000 m from 0")
+
+
+@pytest.mark.parametrize("name", ["missing.stl", "folder.stl", "pipe.stl", "a\0.stl"])
+def test_what_is_no_file_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder.stl").mkdir()
+    os.mkfifo(tmp_path / "pipe.stl")
+    with pytest.raises(InvalidFile, match=r"no such file|not a file|cannot be read"):
+        Mesh.from_file(tmp_path / name)
+
+
+def test_a_cut_file_gives_all_vertices_or_none(tmp_path: Path) -> None:
+    """What was cut off may be faces; a vertex that is not there would be a hole in the obstacle."""
+    whole = sorted(POINTS.tolist())
+    for kind, (name, content) in FORMATS.items():
+        for length in range(len(content)):
+            path = write(tmp_path, name, content[:length])
+            with suppress(InvalidFile):
+                assert read_vertices(path).tolist() == whole, (kind, length)
+
+
+def changed(content: bytes) -> st.SearchStrategy[bytes]:
+    """The file with up to three stretches of it exchanged for other bytes, some of them from the file itself."""
+    at = st.integers(0, len(content))
+    piece = st.tuples(at, at).map(lambda ends: content[min(ends) : max(ends)]) | st.binary(max_size=12)
+    odd = st.sampled_from([b"nan", b"-1", b"1e400", b"999999999", b"\n", b"\0", NAN, "٣\u2028".encode(), b"vertex "])
+    change = st.tuples(at, st.integers(0, 20), piece | odd)
+
+    def apply(changes: list[tuple[int, int, bytes]]) -> bytes:
+        out = content
+        for start, length, new in changes:
+            out = out[:start] + new + out[start + length :]
+        return out
+
+    return st.lists(change, min_size=1, max_size=3).map(apply)
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.sampled_from(sorted(FORMATS)).flatmap(lambda k: st.tuples(st.just(FORMATS[k][0]), changed(FORMATS[k][1]))))
+def test_a_changed_file_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, file: tuple[str, bytes]) -> None:
+    path = write(tmp_path_factory.getbasetemp(), *file)
+    with suppress(InvalidFile):
+        found = Mesh.from_file(path)
+        assert np.abs(found.vertices).max() <= 1000.0
+
+
+# where meshes may lie
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """A folder of a robot or scene with meshes inside, beside and outside."""
+    for name in ("robot", "robot/meshes", "shared", "shared/arm", "secret"):
+        (tmp_path / name).mkdir()
+    for k, name in enumerate(("robot/a", "robot/meshes/b", "shared/c", "shared/arm/d", "secret/s", "robot/with space")):
+        write(tmp_path, f"{name}.stl", binary_stl(POINTS * (k + 1)))
+    (tmp_path / "robot" / "in.stl").symlink_to("meshes/b.stl")
+    (tmp_path / "robot" / "out.stl").symlink_to("../secret/s.stl")
+    (tmp_path / "robot" / "tunnel").symlink_to("../secret")
+    (tmp_path / "robot" / "circle.stl").symlink_to("circle.stl")
+    (tmp_path / "robot" / "text.stl").symlink_to("notes.txt")
+    (tmp_path / "robot" / "notes.txt").write_bytes(binary_stl())
+    return tmp_path
+
+
+def shelf_of(place: Path) -> MeshShelf:
+    return MeshShelf((place / "robot", place / "shared"))
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("a.stl", 1),
+        ("./meshes/../a.stl", 1),
+        ("meshes/b.stl", 2),
+        ("in.stl", 2),
+        ("c.stl", 3),
+        ("package://arm/d.stl", 4),
+        ("package://any/c.stl", 3),
+        ("package://robot/meshes/b.stl", 2),
+        ("../shared/c.stl", 3),
+        ("file://{place}/robot/a.stl", 1),
+        ("file://{place}/robot/with%20space.stl", 6),
+        ("{place}/shared/c.stl", 3),
+    ],
+)
+def test_a_mesh_inside_the_folders_is_found(place: Path, name: str, size: int) -> None:
+    assert shelf_of(place).mesh(name.format(place=place)) == Mesh(POINTS * size)
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("../secret/s.stl", "lies outside the folders that may be read"),
+        ("{place}/secret/s.stl", "lies outside the folders that may be read"),
+        ("file://{place}/secret/s.stl", "lies outside the folders that may be read"),
+        ("file://{place}/robot/%2e%2e/secret/s.stl", "lies outside the folders that may be read"),
+        ("file://localhost{place}/robot/a.stl", "lies outside the folders that may be read"),
+        ("package://../secret/s.stl", "lies outside the folders that may be read"),
+        ("package://arm/../../secret/s.stl", "lies outside the folders that may be read"),
+        ("package://./../secret/s.stl", "lies outside the folders that may be read"),
+        ("package:///a.stl", "lies outside the folders that may be read"),
+        ("http://example.org/a.stl", "lies outside the folders that may be read"),
+        ("out.stl", "lies outside the folders that may be read"),
+        ("tunnel/s.stl", "lies outside the folders that may be read"),
+        ("package://arm/tunnel/s.stl", "does not exist"),
+        ("d.stl", "does not exist"),
+        ("meshes.stl", "does not exist"),
+        ("notes.txt", "is no .stl or .obj or .ply or .dae file"),
+        ("/etc/passwd", "is no .stl or .obj or .ply or .dae file"),
+        ("text.stl", "suffix '.txt'; expected one of"),
+        ("", "mesh filename ''; expected a path"),
+        ("a\0.stl", "expected a path"),
+        ("file://{place}/robot/a%00.stl", "is no path: embedded null"),
+        ("x" * 5000 + ".stl", "is no path|does not exist"),
+        ("circle.stl", "is no path|does not exist"),
+        ("\udc80.stl", "is no path|does not exist"),
+    ],
+)
+def test_a_mesh_elsewhere_is_refused(place: Path, name: str, problem: str) -> None:
+    with pytest.raises(InvalidRequest, match=problem):
+        MeshShelf((place / "robot",)).mesh(name.format(place=place))
+
+
+def test_a_mesh_that_cannot_be_used_says_why(place: Path) -> None:
+    write(place / "robot", "cut.stl", binary_stl()[:200])
+    with pytest.raises(InvalidRequest, match=r"mesh 'cut.stl' cannot be used: no STL: 200 bytes"):
+        shelf_of(place).mesh("cut.stl")
+
+
+def test_a_mesh_that_is_named_again_is_read_once_for_each_scale(place: Path) -> None:
+    shelf = shelf_of(place)
+    first, mirrored = shelf.mesh("a.stl"), shelf.mesh("a.stl", (-1.0, 1.0, 1.0))
+    (place / "robot" / "a.stl").write_bytes(b"")
+    assert shelf.mesh("./a.stl") is first
+    assert shelf.mesh("a.stl", [-1, 1, 1]) is mirrored
+    assert mirrored == Mesh(POINTS * [-1.0, 1.0, 1.0])
+
+
+def test_all_meshes_of_a_file_share_one_budget_of_bytes(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_path, "MAX_TOTAL", 2 * len(binary_stl()) + 1)
+    shelf = shelf_of(place)
+    for name in ("a.stl", "meshes/b.stl", "a.stl", "in.stl"):
+        shelf.mesh(name)
+    with pytest.raises(InvalidRequest, match=r"mesh 'c.stl' is one too many: more than 769 bytes of files"):
+        shelf.mesh("c.stl")

@@ -1,0 +1,136 @@
+"""Meshes in scene files, URDFs and plan files: read, saved and told apart by their corners."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner_service.certify import certify
+from planner_service.geometry.mesh import Mesh
+from planner_service.planning.request import PlanRequest
+from planner_service.records.plan_file import MadeFor, SavedPlan, load_plan, save_plan
+from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
+from planner_service.service import PlannerService
+from tests.laws.test_certify_laws import COAL, anywhere, samples
+from tests.support.hull_arm import HELD, RAMP, ROCK, HullSetup, binary_stl, write_arm
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("hulls")
+    write_arm(place)
+    return place
+
+
+def test_a_scene_file_with_meshes_gives_the_same_scene_when_saved_and_loaded(folder: Path, tmp_path: Path) -> None:
+    points = np.asarray(ROCK.vertices * 1000.0, dtype=np.float32).astype(np.float64)
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "rock.stl").write_bytes(binary_stl(points))
+    scaled = Mesh(points * [0.001, -0.001, 0.001])
+    tables = "\n".join(
+        [
+            '[[obstacle]]\nname = "rock"\nposition = [0.4, 0.1, 0.2]',
+            'mesh = { file = "parts/rock.stl", scale = [0.001, -0.001, 0.001] }',
+            '[[obstacle]]\nname = "far"\nmesh = "parts/../parts/rock.stl"\nposition = [0, 0, -900]',
+            '[[attached]]\nname = "ramp"\nposition = [0, 0, 0]\ntouch_links = ["hand"]',
+            f"mesh = {{ vertices = {RAMP.vertices.tolist()} }}",
+        ]
+    )
+    (tmp_path / "scene.toml").write_text(tables)
+    scene = load_scene(tmp_path / "scene.toml")
+    assert [o.shape for o in scene.obstacles] == [scaled, Mesh(points)]
+    assert scene.attached[0].shape == RAMP
+    save_scene(scene, tmp_path / "elsewhere.toml")
+    (tmp_path / "parts" / "rock.stl").unlink()
+    again = load_scene(tmp_path / "elsewhere.toml")
+    assert again == scene
+    assert again.hash == scene.hash
+    moved = replace(scene, obstacles=(Obstacle("rock", Mesh(points * 0.001), scene.obstacles[0].pose),))
+    nudged = ROCK.vertices.copy()
+    nudged[0, 0] = np.nextafter(nudged[0, 0], -1.0)
+    assert len({scene.hash, moved.hash, _alone(ROCK).hash, _alone(Mesh(nudged)).hash}) == 4
+
+
+def _alone(mesh: Mesh) -> Scene:
+    return Scene((Obstacle("rock", mesh),))
+
+
+def test_what_is_wrong_with_the_meshes_of_a_scene_is_told_all_at_once(tmp_path: Path) -> None:
+    from planner_service.errors import InvalidFile
+
+    meshes = (
+        '"../rock.stl"', '"rock.stl"', '"rock.txt"', "7", "{}", '{ file = "a.stl", vertices = [] }',
+        '{ file = "a.stl", size = 1 }', "{ file = 3 }", '{ file = "b.stl", scale = [0, 1, 1] }',
+        "{ vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]] }", '{ vertices = "cube" }',
+        '{ vertices = [[0, 0, nan], [1, 0, 0], [0, 1, 0], [1, 1, 1]] }',
+    )  # fmt: skip
+    (tmp_path / "b.stl").write_bytes(binary_stl(ROCK.vertices))
+    tables = [f'[[obstacle]]\nname = "o{k}"\nposition = [0, 0, 0]\nmesh = {m}' for k, m in enumerate(meshes)]
+    (tmp_path / "scene.toml").write_text("\n".join(tables))
+    with pytest.raises(InvalidFile) as caught:
+        load_scene(tmp_path / "scene.toml")
+    found = caught.value.problems
+    expected = (
+        "mesh '../rock.stl' lies outside", "mesh 'rock.stl' does not exist", "mesh 'rock.txt' is no .stl",
+        "mesh: got 7; expected", "mesh: got {}; expected", "mesh: got {'file': 'a.stl'", "unknown key 'size'",
+        "mesh 'a.stl' does not exist", "file: got 3; expected a text", "scale: got [0, 1, 1]; expected three",
+        "vertices: flat, 4 points", "vertices: got 'cube'", "vertices[0]: got [0.0, 0.0, nan]",
+    )  # fmt: skip
+    assert len(found) == len(expected)
+    assert all(part in problem for part, problem in zip(expected, found, strict=True)), found
+
+
+def test_a_plan_among_meshes_is_proven_again_from_its_file(folder: Path, tmp_path: Path) -> None:
+    setup = HullSetup("planned", folder, attached=(HELD,))
+    robot, second = setup.robot(), setup.independent()
+    save_scene(setup.whole_scene(), tmp_path / "scene.toml")
+    service = PlannerService(robot, tmp_path / "scene.toml")
+    rng = np.random.default_rng(16)
+    while True:
+        start, goal = anywhere(robot, rng, 2)
+        if second.free(start) and second.free(goal) and not service.checker.edge_is_free(start, goal):
+            break
+    request = PlanRequest(start, goal, seed=3, time_limit=None)
+    result = service.plan(request)
+    assert result.ok, result.failure
+    save_plan(SavedPlan(MadeFor.of(service), request, result), tmp_path / "plan.json")
+    plan = load_plan(tmp_path / "plan.json")
+    again = Scene(load_scene(tmp_path / "scene.toml").obstacles, (HELD,))
+    other = HullSetup("again", folder).robot()
+    assert (plan.robot.hash, plan.scene.hash) == (other.hash, again.hash)
+    path = plan.result.path
+    assert path is not None
+    found = certify(other, again, path)
+    assert found.certified
+    dense = samples(path, second.reach, 0.001)
+    assert all(second.free(q) for q in dense)
+    assert found.clearance <= min(min(second.gaps(q).values()) for q in dense[::5]) + COAL
+
+
+def test_the_hash_of_a_robot_is_that_of_its_meshes(tmp_path: Path) -> None:
+    """Not of their names, nor of how their files say it; and it changes with any corner."""
+    for name in ("one", "two"):
+        write_arm(tmp_path / name)
+    one, two = (HullSetup(name, tmp_path / name) for name in ("one", "two"))
+    assert one.robot().hash == two.robot().hash
+    mesh = tmp_path / "two" / "robot" / "meshes" / "fore.stl"
+    whole = mesh.read_bytes()
+    mesh.write_bytes(whole.replace(b"-230.0 ", b"-230.00001525878906 "))
+    assert mesh.read_bytes() != whole
+    assert one.robot().hash != two.robot().hash
+    (tmp_path / "two" / "robot" / "meshes" / "fore.stl").write_bytes(whole)
+    urdf = tmp_path / "two" / "robot" / "arm.urdf"
+    urdf.write_text(urdf.read_text().replace('scale="-0.001', 'scale="0.001'))
+    assert one.robot().hash != two.robot().hash
+
+
+def test_links_of_a_urdf_are_the_scaled_hulls_of_their_files(folder: Path) -> None:
+    robot = HullSetup("read", folder).robot()
+    shapes = {item.link: item.shape for item in robot.shapes if isinstance(item.shape, Mesh)}
+    fore = Mesh.from_file(folder / "robot" / "meshes" / "fore.stl")
+    assert shapes["fore"] == Mesh(fore.vertices * [-0.001, 0.002, 0.001])
+    assert shapes["upper"] == Mesh.from_file(folder / "packages" / "arm" / "upper.stl", (0.001, 0.001, 0.001))
+    assert shapes["upper"].vertices[:, 0].min() == pytest.approx(5.0)

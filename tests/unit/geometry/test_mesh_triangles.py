@@ -1,0 +1,180 @@
+"""Triangles of STL, OBJ and PLY files: the same from each format, or a refusal that says why."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidFile
+from planner_service.geometry import mesh_formats as mesh_file
+from planner_service.geometry.mesh_formats import IntArray, read_triangles, read_vertices
+from planner_service.geometry.shapes import FloatArray
+
+CORNERS = np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)], dtype=np.float64)
+TRIANGLES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+"""A tetrahedron of volume 1."""
+
+STL = bytes(80) + struct.pack("<I", 4) + b"".join(
+    struct.pack("<12fH", 0, 0, 0, *CORNERS[list(f)].ravel(), 0) for f in TRIANGLES
+)  # fmt: skip
+STL_TEXT = "solid x\n" + "".join(
+    "facet normal 0 0 0 outer loop " + " ".join("vertex {} {} {}".format(*CORNERS[k]) for k in f) + " endloop\n"
+    for f in TRIANGLES
+) + "endsolid x\n"  # fmt: skip
+V = "".join("v {} {} {}\n".format(*row) for row in CORNERS)
+OBJ = V + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in TRIANGLES)
+OBJ_MIXED = "v 9 9 9\n" + V + "vn 0 0 1\nf 2//1 4//1 3//1\nf -4/7 -3/7/2 -1/7 # behind\nf 2 5 4\n\tf +3 4 5\n"
+HEAD = "ply\nformat {}\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\nelement face {}\n"
+LIST = "property list uchar int vertex_indices\n"
+ROWS = "".join("{} {} {}\n".format(*row) for row in CORNERS)
+PLY = HEAD.format("ascii 1.0", 4) + LIST + "end_header\n" + ROWS + "".join("3 {} {} {}\n".format(*f) for f in TRIANGLES)
+PLY_MORE = (
+    HEAD.format("ascii 1.0", 4)
+    + "property uchar red\nproperty list uchar uint vertex_index\nproperty float area\nelement edge 1\n"
+    + "property int vertex1\nend_header\n"
+    + ROWS
+    + "".join("255 3 {} {} {} 0.5\n".format(*f) for f in TRIANGLES)
+    + "7\n"
+)
+
+
+def ply_binary(order: str, name: str) -> bytes:
+    head = HEAD.format(f"{name} 1.0", 4) + "property uchar red\n" + LIST + "property float area\nend_header\n"
+    faces = b"".join(struct.pack(f"{order}BB3if", 255, 3, *f, 0.5) for f in TRIANGLES)
+    return head.encode() + CORNERS.astype(f"{order}f8").tobytes() + faces
+
+
+def written(folder: Path, name: str, data: bytes | str) -> Path:
+    path = folder / name
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    return path
+
+
+def volume(vertices: FloatArray, faces: IntArray) -> float:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float((np.cross(a, b) * c).sum() / 6.0)
+
+
+ALIKE = [
+    ("binary.stl", STL),
+    ("text.STL", STL_TEXT),
+    ("plain.obj", OBJ),
+    ("plain.ply", PLY),
+    ("more.ply", PLY_MORE),
+    ("little.ply", ply_binary("<", "binary_little_endian")),
+    ("big.ply", ply_binary(">", "binary_big_endian")),
+]
+
+
+@pytest.mark.parametrize(("name", "data"), ALIKE, ids=[name for name, _ in ALIKE])
+def test_every_format_gives_the_same_solid_facing_outwards(tmp_path: Path, name: str, data: bytes | str) -> None:
+    path = written(tmp_path, name, data)
+    vertices, faces = read_triangles(path)
+    assert np.array_equal(vertices, read_vertices(path))
+    assert vertices.tolist() == sorted(CORNERS.tolist())
+    assert [sorted(CORNERS[list(f)].tolist()) for f in TRIANGLES] == [sorted(vertices[f].tolist()) for f in faces]
+    assert volume(vertices, faces) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_obj_corners_count_from_either_end_and_what_follows_a_slash_is_not_read(tmp_path: Path) -> None:
+    vertices, faces = read_triangles(written(tmp_path, "mixed.obj", OBJ_MIXED))
+    assert len(vertices) == 5  # one is in no triangle, and stays
+    assert volume(vertices, faces) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_negative_obj_corners_count_back_from_their_own_line(tmp_path: Path) -> None:
+    vertices, faces = read_triangles(written(tmp_path, "early.obj", V + "f -4 -3 -2\nv 7 7 7\n"))
+    assert vertices[faces[0]].tolist() == CORNERS[:3].tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "data"),
+    [
+        ("fan.obj", V + "v 1 2 0\nf 1 2 5 3\n"),
+        (
+            "fan.ply",
+            HEAD.format("ascii 1.0", 1).replace("x 4", "x 5") + LIST + "end_header\n" + ROWS + "1 2 0\n4 0 1 4 2",
+        ),
+    ],
+)
+def test_a_polygon_is_a_fan_around_its_first_corner(tmp_path: Path, name: str, data: str) -> None:
+    vertices, faces = read_triangles(written(tmp_path, name, data))
+    assert vertices[faces].tolist() == [[[0, 0, 0], [1, 0, 0], [1, 2, 0]], [[0, 0, 0], [1, 2, 0], [0, 2, 0]]]
+
+
+@pytest.mark.parametrize("scale", [(2.0, 1.0, 1.0), (-1.0, 1.0, 2.0), (-1.0, -1.0, 2.0), (-1.0, -2.0, -1.0)])
+def test_a_scale_keeps_the_outside_outside(tmp_path: Path, scale: tuple[float, float, float]) -> None:
+    vertices, faces = read_triangles(written(tmp_path, "plain.obj", OBJ), scale)
+    assert volume(vertices, faces) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_a_triangle_without_three_different_corners_is_left_out(tmp_path: Path) -> None:
+    _, faces = read_triangles(written(tmp_path, "thin.obj", OBJ + "f 1 1 2\nv 1 0 0\nf 2 5 3\n"))
+    assert len(faces) == 4
+
+
+BIG = ply_binary(">", "binary_big_endian")
+REFUSED = [
+    ("x.txt", OBJ, "suffix '.txt'; expected one of .stl, .obj, .ply"),
+    ("none.stl", bytes(84), "no triangles"),
+    ("none.obj", V, "an OBJ without a face"),
+    ("thin.obj", V + "f 1 1 2\n", "no triangles"),
+    ("two.obj", V + "f 1 2\n", "a face with 2 corners; expected three or more"),
+    ("zero.obj", V + "f 0 1 2\n", "a corner of a triangle is none of the 4 vertices"),
+    ("beyond.obj", V + "f 1 2 5\n", "a corner of a triangle is none of the 4 vertices"),
+    ("before.obj", V + "f 1 2 -5\n", "a corner of a triangle is none of the 4 vertices"),
+    ("word.obj", V + "f 1 2 three\n", "'three' in a face; expected the number of a vertex"),
+    ("point.obj", V + "f 1 2 3.0\n", "'3.0' in a face"),
+    ("digits.obj", V + "f 1 2 " + "9" * 5000 + "\n", "'99999999999999999999' in a face"),
+    ("far.obj", "v 0 0 1e9\n" + OBJ, "more than 1000 m from 0"),
+    ("nan.obj", "v 0 0 nan\n" + OBJ, "not finite"),
+    ("cut.stl", STL[:-1], "no STL"),
+    ("cut.ply", BIG[:-1], "cut short: the PLY header says 4 faces"),
+    ("cut2.ply", BIG[:-20], "cut short: the PLY header says 4 faces"),
+    ("cut3.ply", PLY[:-8], "3 faces; the PLY header says 4"),
+    ("short.ply", PLY.replace("3 1 2 3", "4 1 2 3"), "a PLY face without as many corners as it says"),
+    ("minus.ply", PLY.replace("3 1 2 3", "-3 1 2 3"), "a PLY face without as many corners as it says"),
+    ("beyond.ply", PLY.replace("3 1 2 3", "3 1 2 4"), "a corner of a triangle is none of the 4 vertices"),
+    ("below.ply", PLY.replace("3 1 2 3", "3 1 2 -1"), "a corner of a triangle is none of the 4 vertices"),
+    ("points.ply", PLY.replace("element face 4", "comment no faces"), "expected a plain number"),
+    ("other.ply", PLY.replace("element face", "element edge"), "expected 'element face <count>' as the second element"),
+    ("many.ply", PLY.replace("element face 4", "element face 1000001"), "1000001 faces; expected at most 1,000,000"),
+    ("floats.ply", PLY.replace("uchar int", "uchar float"), "expected a plain number or a list of corners"),
+    ("named.ply", PLY.replace("vertex_indices", "texcoord"), "a list 'texcoord'; expected vertex_indices alone"),
+    ("twice.ply", PLY.replace(LIST, LIST + LIST), "expected vertex_indices alone"),
+    ("listless.ply", PLY.replace(LIST, "property int x\n"), "PLY faces have no list vertex_indices"),
+]
+
+
+@pytest.mark.parametrize(("name", "data", "why"), REFUSED, ids=[name for name, _, _ in REFUSED])
+def test_what_is_no_list_of_triangles_is_refused(tmp_path: Path, name: str, data: bytes | str, why: str) -> None:
+    path = written(tmp_path, name, data)
+    with pytest.raises(InvalidFile, match=why):
+        read_triangles(path)
+
+
+@pytest.mark.parametrize(("name", "data"), [ALIKE[0], ALIKE[2], ALIKE[3], ALIKE[5]])
+def test_too_many_triangles_are_refused(
+    tmp_path: Path, name: str, data: bytes | str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_file, "MAX_TRIANGLES", 3)
+    path = written(tmp_path, name, data)
+    with pytest.raises(InvalidFile, match=r"(4 triangles; expected at most 3|more than 3 triangles|4 faces)"):
+        read_triangles(path)
+
+
+def test_one_polygon_of_too_many_corners_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_file, "MAX_TRIANGLES", 3)
+    path = written(tmp_path, "fan.obj", V + "f" + " 1 2 3" * 2 + "\n")
+    with pytest.raises(InvalidFile, match="more than 3 triangles"):
+        read_triangles(path)
+
+
+def test_a_file_that_is_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh_file, "MAX_BYTES", len(OBJ) - 1)
+    path = written(tmp_path, "plain.obj", OBJ)
+    with pytest.raises(InvalidFile, match="too large"):
+        read_triangles(path)

@@ -1,0 +1,489 @@
+"""Inverse kinematics and straight tool lines, on the WidowX AI, the planar two-link arm and an arm on a rail."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
+from planner_service.kinematics.inverse import (
+    LineStop,
+    LineStopReason,
+    ToolLine,
+    interpolate,
+    inverse_kinematics,
+    line_deviation,
+    rotation_distance,
+    straight_tool_line,
+)
+from planner_service.kinematics.numeric_inverse import descend
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import Body, JointLimits, Robot, load_robot
+from planner_service.smoothing.smoothing import blended
+
+DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
+TOP_DOWN_CEILING = 0.1747
+"""Closed form: joints 1 and 2 at 90 degrees, joint 3 at its limit of -90."""
+
+
+@pytest.fixture(scope="module")
+def wxai() -> Robot:
+    return load_robot("wxai")
+
+
+@pytest.fixture(scope="module")
+def numeric_wxai(wxai: Robot) -> Robot:
+    return replace(wxai, inverse="numeric")
+
+
+@pytest.fixture(scope="module")
+def rail(wxai: Robot) -> Robot:
+    """The WidowX AI on a rail of 0.6 m along x: seven joints, one of them prismatic."""
+    sleeper = Body("rail", 0, np.eye(4), np.array([1.0, 0.0, 0.0]), True, 0)
+    moved = [replace(b, parent=b.parent + 1, q_index=b.q_index + 1) for b in wxai.bodies[1:]]
+    own = wxai.limits
+    first = {"lower": -0.3, "upper": 0.3, "velocity": 1.0, "acceleration": 1.0, "jerk": 10.0}
+    return replace(
+        wxai,
+        name="rail",
+        joint_names=("rail", *wxai.joint_names),
+        limits=JointLimits(**{key: np.array([value, *getattr(own, key)]) for key, value in first.items()}),
+        named_poses=tuple((name, np.array([0.0, *q])) for name, q in wxai.named_poses),
+        bodies=(wxai.bodies[0], sleeper, *moved),
+        tool_body=wxai.tool_body + 1,
+        shapes=(),
+        gripper=None,
+        retreats=(),
+        inverse="numeric",
+    )
+
+
+def random_configurations(robot: Robot, count: int, seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(robot.limits.lower, robot.limits.upper, (count, robot.n))
+
+
+def tool(robot: Robot, q: FloatArray) -> Pose:
+    return Pose.from_matrix(robot.tool_pose(q))
+
+
+def top_down(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
+    return Pose((x, y, z), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))) @ Pose(quaternion=DOWN)
+
+
+def without_limits(robot: Robot) -> Robot:
+    wide = replace(robot.limits, lower=np.full(robot.n, -math.pi), upper=np.full(robot.n, math.pi))
+    return replace(robot, limits=wide)
+
+
+def dense_deviation(robot: Robot, line: ToolLine, begin: Pose, end: Pose) -> tuple[float, float]:
+    """Largest distance (m) of the tool from the segment and of its turn (rad) from the nearest orientation on it."""
+    a, b = np.array(begin.position), np.array(end.position)
+    turns = np.array([interpolate(begin, end, u).rotation for u in np.linspace(0.0, 1.0, 401)])
+    metres = radians = 0.0
+    for q1, q2 in zip(line.waypoints[:-1], line.waypoints[1:], strict=True):
+        for u in np.linspace(0.0, 1.0, 21):
+            T = robot.tool_pose(q1 + u * (q2 - q1))
+            along = min(1.0, max(0.0, float((T[:3, 3] - a) @ (b - a) / ((b - a) @ (b - a)))))
+            metres = max(metres, float(np.linalg.norm(T[:3, 3] - a - along * (b - a))))
+            cosine = (np.einsum("kij,ij->k", turns, T[:3, :3]).max() - 1) / 2
+            radians = max(radians, math.acos(min(1.0, cosine)))
+    return metres, radians
+
+
+# --- orientations
+
+
+def test_rotation_distance_is_the_angle_between_orientations_whatever_the_quaternions_sign() -> None:
+    a = Pose.from_rpy((0, 0, 0), (0.3, -0.2, 0.5))
+    turn = Pose.from_rpy((0, 0, 0), (0.0, 0.0, 0.7))
+    b = a @ turn
+    w, x, y, z = b.quaternion
+    assert rotation_distance(a, b) == pytest.approx(0.7, abs=1e-12)
+    assert rotation_distance(a, Pose(quaternion=(-w, -x, -y, -z))) == pytest.approx(0.7, abs=1e-12)
+
+
+def test_rotation_distance_resolves_angles_below_the_rounding_of_a_cosine() -> None:
+    assert rotation_distance(Pose(), Pose.from_rpy((0, 0, 0), (1e-10, 0, 0))) == pytest.approx(1e-10, rel=1e-4)
+
+
+def test_interpolation_starts_and_ends_at_its_poses_and_turns_evenly_the_short_way() -> None:
+    a = Pose.from_rpy((0.0, 1.0, 2.0), (0.1, 0.2, 0.3))
+    b = Pose.from_rpy((1.0, 1.0, 0.0), (0.9, -0.4, 2.0))
+    b = Pose(b.position, (-b.quaternion[0], -b.quaternion[1], -b.quaternion[2], -b.quaternion[3]))
+    whole = rotation_distance(a, b)
+    assert np.abs(interpolate(a, b, 0.0).matrix - a.matrix).max() < 1e-15
+    assert np.abs(interpolate(a, b, 1.0).matrix - b.matrix).max() < 1e-15
+    third = interpolate(a, b, 1 / 3)
+    assert third.position == pytest.approx((1 / 3, 1.0, 4 / 3))
+    assert rotation_distance(a, third) == pytest.approx(whole / 3, abs=1e-12)
+    assert rotation_distance(third, b) == pytest.approx(2 * whole / 3, abs=1e-12)
+
+
+# --- closed form
+
+
+def test_closed_form_finds_every_configuration_back_and_never_more_than_two(wxai: Robot) -> None:
+    counts = []
+    for q in random_configurations(wxai, 2000, seed=1):
+        pose = tool(wxai, q)
+        found = inverse_kinematics(wxai, pose)
+        assert np.abs(found - q).max(axis=1).min() < 1e-7
+        assert all(np.abs(wxai.tool_pose(other) - pose.matrix).max() < 1e-7 for other in found)
+        counts.append(len(found))
+    assert set(counts) == {1, 2}
+
+
+def test_closed_form_solutions_are_within_the_limits_and_distinct(wxai: Robot) -> None:
+    for q in random_configurations(wxai, 300, seed=2):
+        found = inverse_kinematics(wxai, tool(wxai, q))
+        assert (found >= wxai.limits.lower).all()
+        assert (found <= wxai.limits.upper).all()
+        assert len(found) < 2 or np.abs(found[0] - found[1]).max() > 1e-6
+
+
+def test_closed_form_finds_eight_branches_without_limits(wxai: Robot) -> None:
+    free = without_limits(wxai)
+    q = np.array([0.3, 1.2, 1.0, -0.4, 0.5, 0.7])
+    found = inverse_kinematics(free, tool(free, q))
+    assert len(found) == 8
+    assert all(np.abs(free.tool_pose(other) - free.tool_pose(q)).max() < 1e-7 for other in found)
+
+
+def test_top_down_poses_in_reach_have_exactly_one_branch(wxai: Robot) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(500):
+        radius, azimuth = rng.uniform(0.17, 0.36), rng.uniform(-2.9, 2.9)
+        x, y, z = radius * math.cos(azimuth), radius * math.sin(azimuth), rng.uniform(0.0, 0.14)
+        assert len(inverse_kinematics(wxai, top_down(x, y, z, rng.uniform(-3.0, 3.0)))) == 1
+
+
+def test_a_vertical_tool_cannot_rise_above_its_ceiling(wxai: Robot) -> None:
+    radii = np.linspace(0.02, 0.7, 137)
+    assert all(len(inverse_kinematics(wxai, top_down(r, 0.0, TOP_DOWN_CEILING + 0.0005))) == 0 for r in radii)
+    assert len(inverse_kinematics(wxai, top_down(0.265, 0.0, TOP_DOWN_CEILING - 0.0005))) == 1
+
+
+def test_an_unreachable_pose_has_no_solutions_of_n_joints(wxai: Robot, numeric_wxai: Robot) -> None:
+    far = Pose((0.9, 0.0, 0.3))
+    assert inverse_kinematics(wxai, far).shape == (0, 6)
+    assert inverse_kinematics(numeric_wxai, far).shape == (0, 6)
+
+
+def test_closed_form_takes_a_pose_on_the_limits_as_reachable(wxai: Robot) -> None:
+    for corner in (wxai.pose("sleep"), wxai.limits.lower, wxai.limits.upper):
+        q = np.where(np.arange(6) == 4, 0.5 * corner, corner)  # joint 4 at 90 degrees leaves an angle free
+        found = inverse_kinematics(wxai, tool(wxai, q))
+        assert np.abs(found - q).max(axis=1).min() < 1e-7
+        assert ((found >= wxai.limits.lower) & (found <= wxai.limits.upper)).all()
+
+
+def test_closed_form_returns_both_half_turns_of_the_last_joint(wxai: Robot) -> None:
+    q = np.array([0.1, 1.2, 1.0, -0.4, 0.2, math.pi])
+    found = inverse_kinematics(wxai, tool(wxai, q))
+    assert sorted(found[:, 5].tolist()) == [-math.pi, math.pi]
+
+
+def test_where_a_pose_leaves_an_angle_free_closed_form_stays_near_the_given_seed(wxai: Robot) -> None:
+    robot = without_limits(wxai)
+    sideways = np.array([0.3, 1.0, 0.8, 0.2, math.pi / 2, 0.4])  # the approach axis is parallel to the shoulder's
+    for q in (sideways, above_waist(robot, 0.3)):
+        found = inverse_kinematics(robot, tool(robot, q), seeds=[q, q])
+        apart = np.abs(found - q).max(axis=1)
+        assert apart.min() < 1e-6
+        assert (apart < 1e-6).sum() == 1
+        assert len(found) > 8
+
+
+def above_waist(robot: Robot, azimuth: float) -> FloatArray:
+    """A configuration whose wrist stands above the waist's axis, by bisection over joint 1."""
+    low, high = 1.0, -1.5
+    for _ in range(100):
+        middle = (low + high) / 2
+        q = np.array([0.0, middle, 1.0, 0.3, 0.0, 0.5])
+        T = robot.tool_pose(q)
+        wrist = T[0, 3] - (0.02895 + 0.156062) * T[0, 0]
+        low, high = (middle, high) if wrist > 0 else (low, middle)
+    return np.array([azimuth, middle, 1.0, 0.3, 0.0, 0.5])
+
+
+def test_closed_form_reads_its_lengths_and_frames_from_the_robot(wxai: Robot) -> None:
+    longer = [replace(b, placement=np.array(b.placement)) for b in wxai.bodies]
+    for body, shift in ((2, 0.03), (3, -0.02), (4, 0.1), (5, 0.01), (6, 0.02)):
+        placement = np.array(longer[body].placement)
+        placement[:3, 3] += (shift, 0.0, shift / 2)
+        longer[body] = replace(longer[body], placement=placement)
+    base = Pose.from_rpy((0.2, -0.1, 0.4), (0.1, 0.2, 0.3)).matrix @ wxai.bodies[1].placement
+    longer[1] = replace(longer[1], placement=base)
+    grip = Pose.from_rpy((0.1, 0.02, -0.03), (0.4, -0.5, 0.6)).matrix
+    other = replace(wxai, bodies=tuple(longer), tool_placement=grip)
+    for q in random_configurations(other, 50, seed=4):
+        assert np.abs(inverse_kinematics(other, tool(other, q)) - q).max(axis=1).min() < 1e-7
+
+
+def test_closed_form_refuses_a_robot_of_another_structure(wxai: Robot) -> None:
+    shifted = np.array(wxai.bodies[3].placement)
+    shifted[1, 3] = 0.01
+    bodies = (*wxai.bodies[:3], replace(wxai.bodies[3], placement=shifted), *wxai.bodies[4:])
+    bent = replace(wxai, bodies=bodies)
+    with pytest.raises(InvalidRequest, match=r"'numeric' for robot 'wxai'.*joint_2 placed without turn or sideways"):
+        inverse_kinematics(bent, Pose())
+    with pytest.raises(InvalidRequest, match="a chain of six joints"):
+        inverse_kinematics(replace(load_robot("planar2"), inverse="wxai"), Pose())
+
+
+# --- numeric
+
+
+def test_numeric_search_solves_at_least_99_of_100_reachable_poses_of_the_arm(wxai: Robot, numeric_wxai: Robot) -> None:
+    solved = 0
+    for q in random_configurations(wxai, 100, seed=5):
+        pose = tool(wxai, q)
+        found = inverse_kinematics(numeric_wxai, pose)
+        assert all(np.abs(numeric_wxai.tool_pose(other) - pose.matrix).max() < 1e-7 for other in found)
+        assert ((found >= wxai.limits.lower) & (found <= wxai.limits.upper)).all()
+        solved += len(found) > 0
+    assert solved >= 99
+
+
+def test_numeric_search_finds_the_branches_of_the_closed_form(wxai: Robot, numeric_wxai: Robot) -> None:
+    q = next(q for q in random_configurations(wxai, 50, seed=6) if len(inverse_kinematics(wxai, tool(wxai, q))) == 2)
+    exact, found = inverse_kinematics(wxai, tool(wxai, q)), inverse_kinematics(numeric_wxai, tool(wxai, q))
+    assert len(found) == 2
+    assert all(np.abs(found - branch).max(axis=1).min() < 1e-5 for branch in exact)
+
+
+def test_numeric_search_starts_from_the_given_seeds(rail: Robot) -> None:
+    q = np.array([0.1, 0.4, 1.3, 0.9, -0.5, 0.3, -0.8])
+    found = inverse_kinematics(rail, tool(rail, q), seeds=[q])
+    assert found[0].tolist() == q.tolist()
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_joint_at_its_limit_leaves_the_way_to_the_others(rail: Robot, side: float) -> None:
+    q = np.array([side * 0.3, *rail.pose("ready")[1:]])
+    x, y, z = tool(rail, q).position
+    ahead = Pose((x + side * 0.15, y, z), tool(rail, q).quaternion)  # the rail alone would do, but is at its end
+    assert descend(rail, ahead, q[np.newaxis], steps=8).arrived.all()
+
+
+def test_numeric_search_solves_an_arm_of_two_joints() -> None:
+    planar = load_robot("planar2")
+    for q in random_configurations(planar, 20, seed=7):
+        found = inverse_kinematics(planar, tool(planar, q))
+        assert len(found) == 1  # the pose fixes the sum of the angles, and so the elbow
+        assert np.abs(found[0] - q).max() < 1e-6
+    assert inverse_kinematics(planar, Pose.from_rpy((0.5, 1.0, 0.0), (0.0, 0.0, 1.0))).shape == (0, 2)
+
+
+def test_numeric_search_finds_several_solutions_of_an_arm_of_seven_joints(rail: Robot) -> None:
+    q = random_configurations(rail, 1, seed=8)[0]
+    found = inverse_kinematics(rail, tool(rail, q))
+    assert len(found) > 3
+    assert np.ptp(found[:, 0]) > 0.01
+    assert all(np.abs(rail.tool_pose(other) - rail.tool_pose(q)).max() < 1e-7 for other in found)
+
+
+def test_equal_seeds_give_equal_bits_and_other_seeds_other_starts(numeric_wxai: Robot, rail: Robot) -> None:
+    pose = tool(rail, random_configurations(rail, 1, seed=9)[0])
+    first = inverse_kinematics(rail, pose, seed=3)
+    inverse_kinematics(numeric_wxai, Pose((0.3, 0.0, 0.2)))
+    assert inverse_kinematics(rail, pose, seed=3).tobytes() == first.tobytes()
+    assert inverse_kinematics(rail, pose, seed=4).tobytes() != first.tobytes()
+
+
+def test_a_pose_that_is_none_and_seeds_of_another_shape_are_refused(wxai: Robot) -> None:
+    with pytest.raises(InvalidRequest, match=r"pose: got 'up'; expected a Pose"):
+        inverse_kinematics(wxai, "up")  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match=r"seeds\[1\]: .* expected 6 finite numbers"):
+        inverse_kinematics(wxai, Pose(), seeds=[np.zeros(6), np.zeros(5)])
+    with pytest.raises(InvalidRequest, match="finite numbers"):
+        Pose((math.nan, 0.0, 0.0))
+
+
+# --- straight tool lines
+
+
+@pytest.mark.parametrize("kind", ["wxai", "numeric"])
+def test_a_descent_of_nine_centimetres_stays_on_its_line(wxai: Robot, kind: str) -> None:
+    robot = replace(wxai, inverse=kind)
+    begin, end = top_down(0.3, 0.05, 0.12), top_down(0.3, 0.05, 0.03)
+    q = inverse_kinematics(wxai, begin)[0]
+    line = straight_tool_line(robot, q, (0.0, 0.0, -0.09))
+    assert (line.stopped, line.fraction, len(line.waypoints)) == (None, 1.0, 60)
+    assert line.waypoints[0].tolist() == q.tolist()
+    assert np.abs(robot.tool_pose(line.waypoints[-1]) - end.matrix).max() < 1e-7
+    metres, radians = dense_deviation(robot, line, begin, end)
+    assert metres <= 1e-3
+    assert radians <= 5e-3
+
+
+def test_a_line_that_turns_the_tool_keeps_both_bounds_and_ends_at_its_pose(wxai: Robot) -> None:
+    q = wxai.pose("ready")
+    begin, end = tool(wxai, q), Pose.from_rpy((0.1, 0.4, 0.25), (0.0, 0.0, 1.6))
+    line = straight_tool_line(wxai, q, end)
+    assert line.stopped is None
+    assert np.abs(wxai.tool_pose(line.waypoints[-1]) - end.matrix).max() < 1e-7
+    metres, radians = dense_deviation(wxai, line, begin, end)
+    assert metres <= 1e-3
+    assert radians <= 5e-3
+
+
+def test_few_points_are_filled_up_until_the_tool_stays_on_the_line(wxai: Robot) -> None:
+    q = inverse_kinematics(wxai, top_down(0.2, -0.2, 0.1))[0]
+    begin = tool(wxai, q)
+    line = straight_tool_line(wxai, q, (0.0, 0.4, 0.0), points=2)
+    assert line.stopped is None
+    assert len(line.waypoints) > 2
+    metres, radians = dense_deviation(wxai, line, begin, Pose((0.2, 0.2, 0.1), begin.quaternion))
+    assert metres <= 1e-3
+    assert radians <= 5e-3
+
+
+def test_line_deviation_measures_how_far_joint_motion_strays_from_the_straight_line() -> None:
+    planar = load_robot("planar2")
+    q1, q2 = np.array([0.0, 0.0]), np.array([0.2, 0.0])
+    metres, radians = line_deviation(planar, q1, q2, tool(planar, q1), tool(planar, q2))
+    assert metres == pytest.approx(1.5 * (1 - math.cos(0.1)), abs=1e-6)  # an arc of radius 1.5 and its chord
+    assert radians < 1e-7
+    end = Pose.from_rpy((1.5, 0.0, 0.002), (0.0, 0.0, 0.3))
+    assert line_deviation(planar, q1, q1, tool(planar, q1), end) == pytest.approx((0.002, 0.3), abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["wxai", "numeric"])
+def test_a_line_above_the_ceiling_of_a_vertical_tool_stops_at_joint_3s_limit(wxai: Robot, kind: str) -> None:
+    robot = replace(wxai, inverse=kind)
+    q = inverse_kinematics(wxai, top_down(0.265, 0.0, 0.10))[0]
+    line = straight_tool_line(robot, q, (0.0, 0.0, 0.15))
+    assert line.stopped is not None
+    assert (line.stopped.reason, line.stopped.joint) == (LineStopReason.LIMIT, "joint_3")
+    assert line.fraction == line.stopped.fraction == pytest.approx((TOP_DOWN_CEILING - 0.10) / 0.15, abs=1e-3)
+    assert wxai.tool_pose(line.waypoints[-1])[2, 3] == pytest.approx(0.10 + 0.15 * line.fraction, abs=1e-6)
+    assert str(line.stopped) == "the straight tool line ends after 49.8 %: joint_3 is at its limit"
+
+
+@pytest.mark.parametrize("kind", ["wxai", "numeric"])
+def test_a_line_out_of_a_stretched_arms_reach_stops_singular(wxai: Robot, kind: str) -> None:
+    robot = replace(without_limits(wxai), inverse=kind)
+    q = robot.pose("ready")
+    line = straight_tool_line(robot, q, (0.6, 0.0, 0.0))
+    assert line.stopped is not None
+    assert line.stopped.reason is LineStopReason.SINGULARITY
+    assert line.stopped.joint in ("joint_1", "joint_2", "joint_3")
+    T = robot.tool_pose(line.waypoints[-1])
+    forearm = T[:3, 3] - (0.06775 + 0.02895 + 0.156062) * T[:3, 0] - np.array([0.02, 0.0, 0.1035])
+    assert np.linalg.norm(forearm) == pytest.approx(0.264 + math.hypot(0.245, 0.06), abs=1e-4)
+
+
+def test_a_line_that_would_have_to_change_branch_stops_and_says_so(wxai: Robot) -> None:
+    q = np.array([0.0, 1.0, 0.8, 0.2, math.pi / 2, 0.0])  # approach axis sideways: the forearm's pitch is free
+    begin = tool(wxai, q)
+    tilted = Pose.from_rpy((0, 0, 0), (0.4, 0.0, 0.0)) @ Pose(quaternion=begin.quaternion)  # then it must be 90 degrees
+    line = straight_tool_line(wxai, q, Pose(begin.position, tilted.quaternion))
+    assert line.stopped is not None
+    assert line.stopped.reason is LineStopReason.BRANCH_JUMP
+    assert line.fraction < 0.01
+
+
+def test_an_arm_without_the_freedom_for_a_line_stops_at_its_start() -> None:
+    planar = load_robot("planar2")
+    line = straight_tool_line(planar, [0.3, 0.8], (0.1, 0.0, 0.0))
+    assert line.stopped is not None
+    assert line.fraction < 0.01
+
+
+def test_an_arm_of_seven_joints_follows_a_line(rail: Robot) -> None:
+    q = np.array([0.0, *rail.pose("ready")[1:]])
+    begin = tool(rail, q)
+    line = straight_tool_line(rail, q, (0.05, 0.1, -0.05))
+    assert line.stopped is None
+    end = Pose((begin.position[0] + 0.05, begin.position[1] + 0.1, begin.position[2] - 0.05), begin.quaternion)
+    assert max(dense_deviation(rail, line, begin, end)) <= 1e-3
+
+
+def test_consecutive_waypoints_never_jump(wxai: Robot) -> None:
+    rng = np.random.default_rng(10)
+    for q in random_configurations(wxai, 40, seed=10):
+        line = straight_tool_line(wxai, q, rng.uniform(-0.15, 0.15, 3))
+        steps = np.abs(np.diff(line.waypoints, axis=0))
+        assert steps.size == 0 or steps.max() <= 0.2
+        assert (line.stopped is None) == (line.fraction == 1.0)
+
+
+def test_a_line_is_the_same_bits_every_time(wxai: Robot, numeric_wxai: Robot) -> None:
+    for robot in (wxai, numeric_wxai):
+        lines = [straight_tool_line(robot, robot.pose("ready"), (0.0, 0.1, -0.1)) for _ in range(2)]
+        assert lines[0].waypoints.tobytes() == lines[1].waypoints.tobytes()
+
+
+def test_a_line_to_where_the_tool_already_is_is_its_one_waypoint(wxai: Robot) -> None:
+    line = straight_tool_line(wxai, wxai.home, (0.0, 0.0, 0.0))
+    assert line.waypoints.tolist() == [wxai.home.tolist()]
+    assert (line.fraction, line.stopped) == (1.0, None)
+
+
+def test_a_line_refuses_what_is_no_configuration_pose_or_count(wxai: Robot) -> None:
+    q = wxai.pose("ready")
+    with pytest.raises(InvalidRequest, match=r"q_start: .* expected 6 finite numbers"):
+        straight_tool_line(wxai, [0.0] * 5, (0.0, 0.0, 0.1))
+    with pytest.raises(InvalidRequest, match=r"q_start: joint_2: got 3.0; expected within \[0.0000, 2.3562\]"):
+        straight_tool_line(wxai, [0.0, 0.5, 3.0, 0.0, 0.0, 0.0], (0.0, 0.0, 0.1))
+    with pytest.raises(InvalidRequest, match=r"to: .* a shift of 3 finite numbers"):
+        straight_tool_line(wxai, q, (0.0, 0.0, math.nan))
+    with pytest.raises(InvalidRequest, match="points: got 1; expected a whole number from 2"):
+        straight_tool_line(wxai, q, (0.0, 0.0, 0.1), points=1)
+
+
+def test_a_tool_line_does_not_share_its_waypoints_with_the_caller() -> None:
+    waypoints = np.zeros((2, 2))
+    line = ToolLine(waypoints, 0.5, LineStop(LineStopReason.LIMIT, "elbow", 0.5))
+    waypoints[0, 0] = 1.0
+    assert line.waypoints[0, 0] == 0.0
+    assert not line.waypoints.flags.writeable
+
+
+@pytest.mark.parametrize("value", [[10**400] * 6, ["0"] * 6, [True] * 6, [np.ma.masked] * 6, None, [0.0] * 5])
+def test_joint_values_that_are_no_real_numbers_are_refused(wxai: Robot, value: Any) -> None:
+    pose = Pose.from_matrix(wxai.tool_pose(wxai.home))
+    with pytest.raises(InvalidRequest, match=r"seeds\[0\]: got"):
+        inverse_kinematics(wxai, pose, seeds=[value])
+    with pytest.raises(InvalidRequest, match="q_start: got"):
+        straight_tool_line(wxai, value, pose)
+
+
+@pytest.mark.parametrize(
+    "shift", [[10**400, 0, 0], ["0", "0", "1"], [True, 0, 0], [[0.0, 0.0, 0.1]], None, [math.nan, 0, 0]]
+)
+def test_a_shift_that_is_no_three_real_numbers_is_refused(wxai: Robot, shift: Any) -> None:
+    with pytest.raises(InvalidRequest, match="to: got"):
+        straight_tool_line(wxai, wxai.home, shift)
+
+
+def test_a_thinned_line_keeps_its_tolerance_with_few_waypoints_and_blended_corners() -> None:
+    robot = load_robot("wxai")
+    rng = np.random.default_rng(4)
+    counts, blends = [], 0
+    for _ in range(20):
+        x, y = 0.2 + 0.15 * rng.random(), 0.3 * rng.random() - 0.15
+        q = inverse_kinematics(robot, Pose((x, y, 0.02), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)))[0]
+        line = straight_tool_line(robot, q, (0.0, 0.0, 0.09)).waypoints
+        kept = thinned(robot, line, keep=(3,))
+        counts.append(len(kept))
+        assert (kept[0].tolist(), kept[-1].tolist()) == (line[0].tolist(), line[-1].tolist())
+        assert line[3].tolist() in kept.tolist()
+        sharp = JointPath(kept)
+        smooth = blended(sharp, lambda path, k: True, line_blends(robot, kept))
+        blends += len(sharp.corners) - len(smooth.corners)
+        for path in (sharp, smooth):
+            tips = np.array([robot.tool_pose(p)[:3] for p in path(np.linspace(0.0, path.length, 400))])
+            assert np.hypot(tips[:, 0, 3] - x, tips[:, 1, 3] - y).max() < 1e-3
+            lean = np.arccos(np.clip(-tips[:, 2, 0], -1.0, 1.0))
+            assert lean.max() < 5e-3
+    assert max(counts) < 15
+    assert blends > sum(counts) / 2, "most corners are blended"

@@ -1,0 +1,378 @@
+"""Engines: items through one work, in order, whatever becomes of workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.parallel import Engine, InWorker, Lost, Processes, Ray, Sequential
+from planner_service.parallel.engine import LOOK_AHEAD
+from planner_service.parallel.processes import AHEAD
+from tests.support.parallel_work import Echo, Faulty, Stillborn
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Two machines with a core each, as far as Ray knows."""
+    import ray
+    from ray.cluster_utils import Cluster
+
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    made.add_node(num_cpus=1)
+    ray.init(address=made.address, logging_level="ERROR", log_to_driver=False)
+    yield made
+    ray.shutdown()
+    made.shutdown()
+
+
+@pytest.fixture(params=["sequential", "processes", pytest.param("ray", marks=pytest.mark.ray)])
+def engine(request: pytest.FixtureRequest) -> Engine:
+    if request.param == "ray":
+        request.getfixturevalue("cluster")
+        return Ray()
+    return Processes(2) if request.param == "processes" else Sequential()
+
+
+@pytest.fixture(params=["processes", pytest.param("ray", marks=pytest.mark.ray)])
+def workers(request: pytest.FixtureRequest) -> Engine:
+    """An engine with workers that may be lost."""
+    if request.param == "ray":
+        request.getfixturevalue("cluster")
+        return Ray()
+    return Processes(2)
+
+
+def test_answers_come_in_the_order_of_the_items(engine: Engine) -> None:
+    answers = list(engine.run(Echo(), range(200)))
+    assert [(index, answer[0]) for index, answer in answers if not isinstance(answer, Lost)] == [
+        (k, k) for k in range(200)
+    ]
+
+
+def test_items_without_end_are_taken_as_they_are_needed(engine: Engine) -> None:
+    taken: list[int] = []
+
+    def items() -> Iterator[int]:
+        while True:
+            taken.append(len(taken))
+            yield taken[-1]
+
+    with closing(engine.run(Echo(), items())) as answers:
+        assert [next(answers)[0] for _ in range(300)] == list(range(300))
+    assert len(taken) <= 300 + 2 * LOOK_AHEAD
+
+
+def test_a_slow_item_lets_others_go_on_as_far_as_the_look_ahead(tmp_path: Path) -> None:
+    taken: list[int] = []
+
+    def items() -> Iterator[int]:
+        while True:
+            taken.append(len(taken))
+            yield taken[-1]
+
+    work = Faulty(tmp_path / "log", {0: "spin"})
+    with closing(Processes(2).run(work, items(), limit=lambda item: None if item else 2.0)) as answers:
+        assert isinstance(next(answers)[1], Lost)
+        assert len(answers.finished) > 2
+    assert len(taken) <= 2 * LOOK_AHEAD
+
+
+def test_no_items_start_no_worker() -> None:
+    assert list(Processes(2).run(Stillborn(), [])) == []
+
+
+def test_what_is_large_crosses_both_ways() -> None:
+    items = [bytes([k]) * (64 * AHEAD) for k in range(6)]
+    answers = [answer for _, answer in Processes(1).run(Echo(), items)]
+    assert [answer[0] for answer in answers if not isinstance(answer, Lost)] == items
+
+
+# --- faults
+
+
+def test_an_item_that_ends_its_worker_is_tried_twice_and_lost_alone(workers: Engine, tmp_path: Path) -> None:
+    work = Faulty(tmp_path / "log", {3: "segfault"})
+    answers = dict(workers.run(work, range(12)))
+    lost = answers.pop(3)
+    assert isinstance(lost, Lost)
+    assert not lost.over_limit
+    assert lost.detail.startswith("two workers were lost; ")
+    assert answers == {k: k * k for k in range(12) if k != 3}
+    assert work.tries() == {k: 2 if k == 3 else 1 for k in range(12)}
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        *(("exit", "exit code 3"), ("memory", "out of memory"), ("segfault", "SIGSEGV")),
+        *(("hang up", "it closed its connection"), ("leave a child", "exit code 3")),
+    ],
+)
+def test_what_became_of_a_worker_is_told(fault: str, told: str, tmp_path: Path) -> None:
+    [(_, lost)] = Processes(1).run(Faulty(tmp_path / "log", {0: fault}), [0], limit=lambda _: 30.0)
+    assert isinstance(lost, Lost)
+    assert told in lost.detail
+
+
+def test_a_worker_that_is_killed_costs_nobody_an_answer(workers: Engine) -> None:
+    killed: set[int] = set()
+    items = []
+    for index, answer in workers.run(Echo(), range(400)):
+        assert not isinstance(answer, Lost)
+        items.append((index, answer[0]))
+        if len(killed) < 1:
+            killed.add(answer[1])
+            os.kill(answer[1], signal.SIGKILL)
+    assert items == [(k, k) for k in range(400)]
+
+
+def test_an_item_over_its_limit_is_ended_and_not_tried_again(workers: Engine, tmp_path: Path) -> None:
+    work = Faulty(tmp_path / "log", {1: "spin"})
+    answers = dict(workers.run(work, range(6), limit=lambda item: 0.5 if item == 1 else None))
+    lost = answers.pop(1)
+    assert isinstance(lost, Lost)
+    assert lost.over_limit
+    assert answers == {k: k * k for k in range(6) if k != 1}
+    assert work.tries() == dict.fromkeys(range(6), 1)
+
+
+def test_an_error_comes_back_as_itself_in_its_turn_with_its_index(engine: Engine, tmp_path: Path) -> None:
+    answers = engine.run(Faulty(tmp_path / "log", {2: "bug"}), range(6))
+    assert [next(answers), next(answers)] == [(0, 0), (1, 1)]
+    with pytest.raises(ZeroDivisionError, match="our bug") as raised:
+        next(answers)
+    cause = raised.value.__cause__
+    assert isinstance(cause, InWorker)
+    assert cause.index == 2
+    assert list(answers) == []
+
+
+@pytest.mark.parametrize("fault", ["picky", "unreadable"])
+def test_an_error_that_cannot_be_made_again_comes_in_its_turn_too(fault: str, tmp_path: Path) -> None:
+    answers = Processes(1).run(Faulty(tmp_path / "log", {1: fault}), range(3), limit=lambda _: 30.0)
+    assert next(answers) == (0, 0)
+    with pytest.raises(BrokenInvariant, match="a worker cannot send what it has") as raised:
+        next(answers)
+    cause = raised.value.__cause__
+    assert isinstance(cause, InWorker)
+    assert "raise " in cause.traceback
+
+
+def test_items_that_fail_do_so_when_all_before_are_answered(engine: Engine) -> None:
+    def items() -> Iterator[int]:
+        yield from range(5)
+        raise ZeroDivisionError("no sixth")
+
+    answers = engine.run(Echo(), items())
+    assert [next(answers)[0] for _ in range(5)] == list(range(5))
+    with pytest.raises(ZeroDivisionError, match="no sixth"):
+        next(answers)
+    assert list(answers) == []
+
+
+def test_what_are_no_items_are_refused_without_a_trace() -> None:
+    none: Any = 5
+    with pytest.raises(TypeError, match="not iterable"):
+        Processes(1).run(Echo(), none)
+
+
+def test_workers_that_never_become_ready_are_not_started_for_ever() -> None:
+    answers = Processes(2).run(Stillborn(), range(5))
+    with pytest.raises(BrokenInvariant, match=r"3 workers ended before they were ready; .* exit code 7"):
+        next(answers)
+
+
+def test_what_cannot_be_sent_is_named() -> None:
+    answers = Processes(1).run(Echo(), [lambda: 0])
+    with pytest.raises(InvalidRequest, match=r"^item: .*lambda.* cannot be sent to a worker"):
+        next(answers)
+
+
+@pytest.mark.ray
+def test_a_lost_machine_is_nobodys_fault(cluster: Any, tmp_path: Path) -> None:
+    work = Faulty(tmp_path / "log", {}, seconds=0.02)
+    lost = cluster.add_node(num_cpus=1)
+    answers = []
+    for answer in Ray().run(work, range(150)):
+        answers.append(answer)
+        if len(answers) == 60:
+            cluster.remove_node(lost, allow_graceful=False)
+    assert answers == [(k, k * k) for k in range(150)]
+
+
+# --- from a script
+
+
+def script(text: str, folder: Path) -> subprocess.Popen[str]:
+    (folder / "script.py").write_text(text, "utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-u", str(folder / "script.py")]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def is_gone(process: int) -> bool:
+    """Whether a process has ended, be it that nobody asked for its exit code yet."""
+    try:
+        return (Path("/proc") / str(process) / "stat").read_text("utf-8").rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    for _ in range(600):
+        if condition():
+            return
+        time.sleep(0.05)
+    pytest.fail("half a minute was not enough")
+
+
+INTERRUPTED = """\
+from itertools import count
+from tests.support.parallel_work import Echo
+from planner_service.parallel import Processes
+
+answers = Processes(2).run(Echo(), count())
+try:
+    for index, (_, process) in answers:
+        print(process, flush=True)
+except KeyboardInterrupt:
+    answers.close()
+    kept = answers.finished
+    print("kept", all(k >= index and answer[0] == k for k, answer in kept.items()), len(kept) <= 129)
+"""
+
+
+def test_ctrl_c_ends_the_workers_and_keeps_what_is_finished(tmp_path: Path) -> None:
+    with script(INTERRUPTED, tmp_path) as running:
+        assert running.stdout is not None
+        processes = {int(running.stdout.readline()) for _ in range(200)}
+        running.send_signal(signal.SIGINT)
+        told, errors = running.communicate()
+    *rest, last = told.split("\n")[:-1]
+    assert (last, errors, running.returncode) == ("kept True True", "", 0)
+    wait_for(lambda: all(map(is_gone, [*processes, *map(int, rest)])))
+
+
+ORPHANED = """\
+import os, time
+from tests.support.parallel_work import Faulty
+from planner_service.parallel import Processes
+from pathlib import Path
+
+class Work(Faulty):
+    pass
+
+for index, answer in Processes(1).run(Faulty(Path("{log}"), {{1: "spin"}}), [0, 1]):
+    import subprocess
+    children = Path(f"/proc/self/task/{{os.getpid()}}/children").read_text()
+    print(children, flush=True)
+"""
+
+
+def test_workers_end_with_the_process_that_started_them_even_in_native_code(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    with script(ORPHANED.format(log=log), tmp_path) as running:
+        assert running.stdout is not None
+        processes = [int(word) for word in running.stdout.readline().split()]
+        wait_for(lambda: "1" in log.read_text("utf-8").split())
+        assert processes
+        assert not any(map(is_gone, processes))
+        running.kill()
+    wait_for(lambda: all(map(is_gone, processes)))
+
+
+OWN_CLASS = """\
+from planner_service.errors import InvalidRequest
+from planner_service.parallel import Processes
+from tests.support.parallel_work import Echo
+
+class Mine:
+    pass
+
+try:
+    list(Processes(1).run(Echo(), [Mine()]))
+except InvalidRequest as error:
+    print(error)
+"""
+
+
+def test_a_script_needs_no_guard_and_what_only_it_knows_is_refused(tmp_path: Path) -> None:
+    with script(OWN_CLASS, tmp_path) as running:
+        told, errors = running.communicate()
+    assert errors == ""
+    assert told.startswith("item: got \"Can't get attribute 'Mine'")
+    assert "a worker does not run the calling script" in told
+
+
+SHADOWED = """\
+from tests.support.parallel_work import Echo
+from planner_service.parallel import Processes
+
+print([answer[0] for _, answer in Processes(1).run(Echo(), [7])])
+"""
+
+
+def test_files_of_the_working_directory_are_not_taken_for_modules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("json", "signal"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('not me')", "utf-8")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    with script(SHADOWED, tmp_path / "elsewhere") as running:
+        told, errors = running.communicate()
+    assert (told, errors) == ("[7]\n", "")
+
+
+def test_a_worker_has_one_thread_for_linear_algebra(tmp_path: Path) -> None:
+    [(_, answer)] = Processes(1).run(Environment(), ["OMP_NUM_THREADS"])
+    assert answer == "1"
+
+
+class Environment:
+    """Answers with variables of the worker's environment."""
+
+    def prepare(self) -> None:
+        """Nothing."""
+
+    def __call__(self, item: str) -> str | None:
+        return os.environ.get(item)
+
+
+@pytest.mark.parametrize("workers", [0, -1, True, 1.5])
+def test_a_number_of_workers_that_is_none_is_refused(workers: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"^workers: "):
+        Processes(workers)
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_where_nothing_listens_ray_does_not_look_for_a_cluster(scheme: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    import ray
+
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "init", lambda **_: pytest.fail("it looks, for minutes"))
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"{scheme}127.0.0.1:{server.getsockname()[1]}"
+    with pytest.raises(InvalidRequest, match=f"address: got '{address}'; expected that of a running Ray cluster"):
+        Ray(address).run(Echo(), range(3))
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("address", ["", 5])
+def test_what_is_no_address_of_a_cluster_is_refused(address: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"address: got .*; expected the address of a Ray cluster, or None"):
+        Ray(address)

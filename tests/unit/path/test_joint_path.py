@@ -1,0 +1,497 @@
+"""Polylines through joint space, and trajectories that never leave them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+
+ELBOW = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])
+joint_values = st.floats(-3.2, 3.2, allow_subnormal=False)
+polylines = st.integers(1, 6).flatmap(
+    lambda n: st.lists(st.lists(joint_values, min_size=n, max_size=n), min_size=1, max_size=12)
+)
+
+
+def straight(length: float = 1.0) -> JointPath:
+    return JointPath(np.array([[0.0], [length]]))
+
+
+def triangle(path: JointPath) -> Trajectory:
+    """Two seconds along a path of length 1: half of it speeding up at 1, half slowing down."""
+    return Trajectory(path, np.array([1.0, 1.0]), np.array([[0.0, 0.0, 0.5, 0.0], [0.5, 1.0, -0.5, 0.0]]))
+
+
+def test_length_is_the_l2_arc_length() -> None:
+    path = JointPath(ELBOW)
+    assert path.length == 11.0
+    assert path.knots.tolist() == [0.0, 5.0, 11.0]
+    assert path.n == 2
+
+
+def test_a_path_passes_its_waypoints_exactly() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-3, 3, (40, 6))
+    path = JointPath(points)
+    assert np.array_equal(path(path.knots), points)
+
+
+def test_waypoints_are_a_read_only_copy() -> None:
+    points = ELBOW.copy()
+    path = JointPath(points)
+    points[0, 0] = 9.0
+    assert path.waypoints[0, 0] == 0.0
+    assert not path.waypoints.flags.writeable
+
+
+def test_evaluation_keeps_the_shape_of_its_argument() -> None:
+    path = JointPath(ELBOW)
+    assert path(2.5).tolist() == [1.5, 2.0]
+    assert path(np.zeros((4, 3))).shape == (4, 3, 2)
+    assert path(np.zeros((4, 3)), 1).shape == (4, 3, 2)
+    assert path(np.zeros(0)).shape == (0, 2)
+
+
+def test_the_tangent_at_a_corner_is_that_of_the_piece_after_it() -> None:
+    path = JointPath(ELBOW)
+    assert path([0.0, 4.9, 5.0, 11.0], 1).tolist() == [[0.6, 0.8], [0.6, 0.8], [0.0, 1.0], [0.0, 1.0]]
+
+
+def test_higher_derivatives_of_a_polyline_are_zero() -> None:
+    path = JointPath(ELBOW)
+    assert not np.any(path([0.0, 5.0, 7.0], 2))
+    assert not np.any(path([0.0, 5.0, 7.0], 3))
+
+
+@pytest.mark.parametrize("s", [-1e-6, 11.0 + 1e-6, math.nan, [0.0, 12.0]])
+def test_arc_length_outside_the_path_is_refused(s: float | list[float]) -> None:
+    path = JointPath(ELBOW)
+    with pytest.raises(InvalidRequest, match=r"s: got .*; expected numbers in \[0, 11\]"):
+        path(s)
+
+
+def test_an_overshoot_of_rounding_size_is_the_end() -> None:
+    path = JointPath(ELBOW)
+    assert path(11.0 + 1e-10).tolist() == [3.0, 10.0]
+    assert path(-1e-10).tolist() == [0.0, 0.0]
+    assert path(-1e-10, 1).tolist() == [0.6, 0.8]
+
+
+def test_an_unknown_order_is_refused() -> None:
+    path = JointPath(ELBOW)
+    with pytest.raises(InvalidRequest, match="order: got 4; expected 0, 1, 2 or 3"):
+        path(0.0, 4)
+
+
+@pytest.mark.parametrize(
+    "waypoints",
+    [[], [[]], [1.0, 2.0], 3.0, [[[0.0]]], [[0.0, 1.0], [2.0]], "abc", None, [[0.0], [math.nan]], [[math.inf]]],
+)
+def test_wrong_waypoints_are_refused(waypoints: FloatArray) -> None:
+    with pytest.raises(InvalidRequest, match="waypoints"):
+        JointPath(waypoints)
+
+
+def test_a_waypoint_that_is_not_finite_is_named() -> None:
+    with pytest.raises(InvalidRequest, match=r"waypoints\[1\]\[0\]: got nan"):
+        JointPath(np.array([[0.0, 0.0], [math.nan, 1.0]]))
+
+
+def test_a_path_too_long_for_a_float_is_refused() -> None:
+    with pytest.raises(InvalidRequest, match="finite length"), np.errstate(over="ignore"):
+        JointPath(np.array([[-1e308], [1e308]]))
+
+
+def test_pieces_without_length_are_dropped() -> None:
+    path = JointPath(np.array([[0.0], [0.0], [1.0], [1.0], [1.0], [2.0], [2.0]]))
+    assert path.waypoints.tolist() == [[0.0], [1.0], [2.0]]
+
+
+def test_merging_keeps_both_ends_bit_for_bit() -> None:
+    first, last = 0.1, 0.1 + 3e-13
+    path = JointPath(np.array([[first], [first + 1e-13], [0.5], [last + 1e-13], [last]]))
+    assert path.waypoints[0, 0] == first
+    assert path.waypoints[-1, 0] == last
+    assert len(path.waypoints) == 3
+    assert JointPath(np.array([[first], [last]])).waypoints.ravel().tolist() == [first, last]
+
+
+def test_a_path_may_be_a_single_point() -> None:
+    path = JointPath(np.array([[0.3, -0.2], [0.3, -0.2]]))
+    assert path.length == 0.0
+    assert path.corners == ()
+    assert path(0.0).tolist() == [0.3, -0.2]
+    assert path([0.0, 0.0]).shape == (2, 2)
+    assert path(0.0, 1).tolist() == [0.0, 0.0]
+    assert path.reversed().waypoints.tolist() == [[0.3, -0.2]]
+
+
+def test_corners_are_where_the_direction_changes() -> None:
+    path = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 0.5]]))
+    assert path.corners == (2, 3)
+
+
+def test_points_along_a_straight_line_are_not_corners() -> None:
+    a, b = np.array([0.1, -1.3, 0.7]), np.array([2.2, 0.4, -0.9])
+    path = JointPath(a + (b - a) * np.linspace(0.0, 1.0, 60)[:, None])
+    assert path.corners == ()
+
+
+def test_a_turn_of_a_billionth_is_a_corner() -> None:
+    path = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 1e-9]]))
+    assert path.corners == (1,)
+
+
+def test_rounding_of_points_on_a_line_makes_no_corner() -> None:
+    rng = np.random.default_rng(7)
+    for gap in (1e-11, 1e-9, 1e-6, 1e-3):
+        a, b = rng.uniform(-3, 3, (2, 6))
+        unit = (b - a) / math.dist(a, b)
+        middle = (a + b) / 2
+        assert JointPath(np.array([a, middle, middle + gap * unit, b])).corners == ()
+
+
+def blended(rng: np.random.Generator, share: float = 0.4) -> JointPath:
+    points = rng.uniform(-2, 2, (5, 3))
+    points[:, 0] = np.cumsum(rng.uniform(0.5, 1.0, 5))  # no corner turns back
+    path = JointPath(points)
+    lengths = np.diff(path.knots)
+    widths = share * np.minimum(lengths[1:], lengths[:-1])
+    return path.with_blends([0.0, *widths, 0.0])
+
+
+def test_blends_keep_the_ends_the_length_and_the_straight_rest_of_a_polyline() -> None:
+    path = blended(np.random.default_rng(2))
+    sharp = path.with_blends(None)
+    assert path.corners == ()
+    assert sharp.corners == (1, 2, 3)
+    assert path.length == sharp.length
+    assert path.blended.tolist() == [False, True, False, True, False, True, False]
+    ends = path.breaks.tolist()
+    straight = np.concatenate([np.linspace(ends[k], ends[k + 1], 9) for k in (0, 2, 4, 6)])
+    np.testing.assert_allclose(path(straight), sharp(straight), rtol=0, atol=1e-15)
+    assert np.array_equal(path([0.0, path.length]), sharp.waypoints[[0, -1]])
+
+
+def test_blends_are_continuous_up_to_the_second_derivative() -> None:
+    path = blended(np.random.default_rng(3))
+    inner = path.breaks[1:-1]
+    pieces = path.pieces_at(inner)
+    for order in (0, 1, 2):
+        before = path.on_pieces(pieces - 1, inner, order)
+        np.testing.assert_allclose(path.on_pieces(pieces, inner, order), before, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_each_derivative_of_a_blend_is_the_slope_of_the_one_before(order: int) -> None:
+    path = blended(np.random.default_rng(4))
+    s = np.linspace(path.breaks[1] + 1e-3, path.breaks[2] - 1e-3, 50)
+    h = 1e-5
+    slope = (path(s + h, order - 1) - path(s - h, order - 1)) / (2 * h)
+    np.testing.assert_allclose(path(s, order), slope, rtol=0, atol=1e-4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.01, 0.5))
+def test_a_blend_stays_in_the_triangle_of_its_corner_and_is_no_longer(seed: int, share: float) -> None:
+    path = blended(np.random.default_rng(seed), share)
+    for k in (1, 2, 3):
+        d, corner = path.blends[k], path.waypoints[k]
+        s = np.linspace(path.knots[k] - d, path.knots[k] + d, 60)
+        u, v = path(s[0] - 1e-9, 1), path(s[-1] + 1e-9, 1)
+        back, on = np.linalg.lstsq(np.stack([-u, v], axis=1), (path(s) - corner).T, rcond=None)[0]
+        assert back.min() > -1e-6 * d
+        assert on.min() > -1e-6 * d
+        assert (back + on).max() < d * (1 + 1e-6)
+        assert np.linalg.norm(path(s, 1), axis=1).max() <= 1 + 1e-12
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.01, 0.5))
+def test_travel_is_what_each_joint_has_moved(seed: int, share: float) -> None:
+    path = blended(np.random.default_rng(seed), share)
+    s = np.concatenate([np.linspace(a, b, 500) for a, b in itertools.pairwise(path.breaks.tolist())])
+    moved = np.concatenate([np.zeros((1, 3)), np.cumsum(np.abs(np.diff(path(s), axis=0)), axis=0)])
+    travel = path.travel(s)
+    assert np.all(np.diff(travel, axis=0) >= -1e-15)
+    np.testing.assert_allclose(travel, moved, rtol=0, atol=2e-5)  # a joint may turn between two samples
+    assert np.all(travel >= moved - 1e-12)
+
+
+def test_a_blend_that_reaches_the_end_ends_there_bit_for_bit() -> None:
+    points = np.random.default_rng(5).uniform(-2, 2, (3, 4))
+    lengths = np.diff(JointPath(points).knots)
+    path = JointPath(points, np.array([0.0, min(lengths), 0.0]))
+    assert np.array_equal(path(path.length), points[-1])
+    assert np.array_equal(path(0.0), points[0])
+
+
+def test_a_blend_where_there_is_no_corner_is_none() -> None:
+    path = JointPath(np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]]), np.array([0.0, 0.2, 0.0]))
+    assert path.blends.tolist() == [0.0, 0.0, 0.0]
+    assert not path.blended.any()
+
+
+@pytest.mark.parametrize(
+    ("blends", "message"),
+    [
+        ([0.0, 0.1], "3 finite numbers"),
+        ([0.1, 0.1, 0.0], "first and the last"),
+        ([0.0, -0.1, 0.0], "0 or at least"),
+        ([0.0, 1e-12, 0.0], "0 or at least"),
+        ([0.0, math.nan, 0.0], "finite"),
+        ([0.0, 5.5, 0.0], "no more together than the piece"),
+        ("wide", "finite numbers"),
+    ],
+)
+def test_impossible_blends_are_refused(blends: Any, message: str) -> None:
+    with pytest.raises(InvalidRequest, match=message):
+        JointPath(ELBOW, blends)
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.05])
+def test_a_corner_that_turns_back_cannot_be_blended(aside: float) -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, aside]])
+    with pytest.raises(InvalidRequest, match=r"blends\[1\]: .*turns back"):
+        JointPath(points, np.array([0.0, 0.1, 0.0]))
+
+
+def test_coinciding_waypoints_leave_no_place_for_blends() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
+    with pytest.raises(InvalidRequest, match="do not coincide"):
+        JointPath(points, np.array([0.0, 0.1, 0.0, 0.0]))
+
+
+def test_a_blended_path_reversed_is_the_same_curve() -> None:
+    path = blended(np.random.default_rng(6))
+    s = np.linspace(0.0, path.length, 101)
+    np.testing.assert_allclose(path.reversed()(path.length - s), path(s), rtol=0, atol=1e-12)
+
+
+def test_joined_paths_keep_their_blends_and_meet_in_a_stop() -> None:
+    path = blended(np.random.default_rng(8))
+    both = path + path.reversed()
+    assert both.blends.tolist() == [*path.blends, *path.blends[:-1][::-1]]
+    assert both.corners == (4,)
+
+
+def test_reversed_runs_the_same_points_backwards() -> None:
+    path = JointPath(ELBOW)
+    assert path.reversed().waypoints.tolist() == ELBOW[::-1].tolist()
+    assert np.allclose(path.reversed()(3.0), path(8.0), rtol=0, atol=1e-15)
+
+
+def test_paths_are_joined_where_one_ends_and_the_other_starts() -> None:
+    path = JointPath(ELBOW[:2]) + JointPath(ELBOW[1:])
+    assert path.waypoints.tolist() == ELBOW.tolist()
+
+
+def test_paths_that_do_not_meet_are_not_joined() -> None:
+    a, b = JointPath(ELBOW[:2]), JointPath(ELBOW[:2])
+    with pytest.raises(InvalidRequest, match=r"expected a path from \[3.0, 4.0\]"):
+        a + b
+
+
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(polylines, st.floats(0.0, 1.0))
+def test_every_configuration_lies_between_the_waypoints_around_it(points: list[list[float]], share: float) -> None:
+    path = JointPath(np.array(points))
+    s = share * path.length
+    q = path(s)
+    k = min(int(np.searchsorted(path.knots, s, side="right")), len(path.waypoints) - 1)
+    around = path.waypoints[max(k - 1, 0) : k + 1]
+    assert np.all(around.min(axis=0) <= q)
+    assert np.all(q <= around.max(axis=0))
+
+
+@settings(deadline=None, max_examples=200, derandomize=True)
+@given(polylines)
+def test_arc_length_grows_with_every_waypoint_and_tangents_are_unit(points: list[list[float]]) -> None:
+    path = JointPath(np.array(points))
+    assert np.all(np.diff(path.knots) > 0.0)
+    assert path.waypoints[0].tolist() == points[0]
+    if path.length > 0.0:
+        assert path.waypoints[-1].tolist() == points[-1]
+        assert np.allclose((path(path.knots, 1) ** 2).sum(axis=1), 1.0, rtol=0, atol=1e-12)
+
+
+def test_rounding_never_carries_a_joint_past_its_waypoint() -> None:
+    rng = np.random.default_rng(4)
+    for a, b in rng.uniform(-3, 3, (2000, 2)):
+        path = JointPath(np.array([[min(a, b)], [max(a, b)]]))
+        assert path(np.nextafter(path.length, 0.0))[0] <= max(a, b)
+
+
+# -- trajectories
+
+
+def test_a_trajectory_moves_along_its_path() -> None:
+    path = JointPath(np.array([[0.0, 0.0], [0.6, 0.8]]))
+    trajectory = triangle(path)
+    assert trajectory.duration == 2.0
+    assert trajectory.path is path
+    assert np.allclose(trajectory([0.0, 1.0, 2.0]), [[0.0, 0.0], [0.3, 0.4], [0.6, 0.8]], rtol=0, atol=1e-15)
+    assert np.allclose(trajectory(1.0, 1), [0.6, 0.8], rtol=0, atol=1e-15)
+    assert np.allclose(trajectory([0.5, 1.5], 2), [[0.6, 0.8], [-0.6, -0.8]], rtol=0, atol=1e-15)
+    assert not np.any(trajectory(0.5, 3))
+
+
+def test_derivatives_agree_with_finite_differences() -> None:
+    path = JointPath(np.array([[0.0, 0.0], [0.6, 0.8]]))
+    trajectory = Trajectory(path, np.array([1.0]), np.array([[0.0, 0.0, 3.0, -2.0]]))
+    t, h = np.array([0.2, 0.5, 0.7, 0.9]), 1e-5
+    for order in (0, 1, 2):
+        slope = (trajectory(t + h, order) - trajectory(t - h, order)) / (2 * h)
+        # the difference of a cubic is off by its third derivative x h^2 / 6, and by rounding / h
+        assert np.allclose(slope, trajectory(t, order + 1), rtol=0, atol=1e-9)
+
+
+def test_a_trajectory_is_exactly_at_rest_at_its_end() -> None:
+    trajectory = triangle(JointPath(np.array([[0.1, 0.0], [0.7, 0.8]])))
+    assert trajectory(trajectory.duration).tolist() == [0.7, 0.8]
+    assert trajectory(trajectory.duration, 1).tolist() == [0.0, 0.0]
+    assert trajectory(0.0).tolist() == [0.1, 0.0]
+    assert trajectory(0.0, 1).tolist() == [0.0, 0.0]
+
+
+def test_a_trajectory_of_one_point_takes_no_time() -> None:
+    trajectory = Trajectory(JointPath(np.array([[0.3, 0.4]])), np.zeros(0), np.zeros((0, 4)))
+    assert trajectory.duration == 0.0
+    assert trajectory(0.0).tolist() == [0.3, 0.4]
+    assert trajectory([0.0, 0.0], 1).tolist() == [[0.0, 0.0], [0.0, 0.0]]
+    samples = trajectory.sample(0.01)
+    assert samples.t.tolist() == [0.0]
+    assert samples.q.tolist() == [[0.3, 0.4]]
+
+
+@pytest.mark.parametrize("t", [-0.1, 2.1, math.nan])
+def test_time_outside_the_trajectory_is_refused(t: float) -> None:
+    trajectory = triangle(straight())
+    with pytest.raises(InvalidRequest, match=r"t: got .*; expected numbers in \[0, 2\]"):
+        trajectory(t)
+
+
+def test_samples_include_the_exact_end() -> None:
+    samples = triangle(straight()).sample(0.3)
+    assert np.allclose(samples.t, [0, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.0], rtol=0, atol=1e-15)
+    assert samples.t[-1] == 2.0
+    assert samples.q.shape == samples.qd.shape == samples.qdd.shape == (8, 1)
+    assert samples.q[-1, 0] == 1.0
+
+
+def test_samples_do_not_repeat_an_end_that_falls_on_the_grid() -> None:
+    for dt in (0.1, 0.1 * (1 - 1e-15), 0.1 * (1 + 1e-15)):
+        samples = triangle(straight()).sample(dt)
+        assert len(samples.t) == 21
+        assert np.all(np.diff(samples.t) > 0.09)
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, math.nan, math.inf, 1e-9, "x", 10**400, True, None])
+def test_an_impossible_sampling_step_is_refused(dt: float) -> None:
+    trajectory = triangle(straight())
+    with pytest.raises(InvalidRequest, match="dt: got"):
+        trajectory.sample(dt)
+
+
+def test_dilation_slows_the_same_motion_down() -> None:
+    trajectory = triangle(straight())
+    slow = trajectory.dilated(2.0)
+    t = np.linspace(0.0, 2.0, 9)
+    assert slow.duration == 4.0
+    assert slow.dilation == 2.0
+    assert np.array_equal(slow(2 * t), trajectory(t))
+    assert np.array_equal(slow(2 * t, 1), trajectory(t, 1) / 2)
+    assert np.array_equal(slow(2 * t, 2), trajectory(t, 2) / 4)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf, 1e-320, 1e300, 10**400, "2", None])
+def test_an_impossible_dilation_is_refused(factor: float) -> None:
+    trajectory = triangle(straight())
+    with pytest.raises(InvalidRequest, match="factor: got"):
+        trajectory.dilated(factor)
+
+
+@pytest.mark.parametrize(
+    ("durations", "coefficients", "message"),
+    [
+        ([1.0], [[0.0, 0.0, 0.5]], "shape"),
+        ([1.0, math.nan], [[0, 0, 0.5, 0], [0.5, 1, -0.5, 0]], "finite"),
+        ([1.0, -1.0], [[0, 0, 0.5, 0], [0.5, 1, -0.5, 0]], "positive"),
+        ([1.0, 0.5], [[0, 0, 0.5, 0], [0.5, 1, -0.5, 0]], "without a jump"),
+        ([1.0, 1.0], [[0, 0, 0.5, 0], [0.4, 1, -0.5, 0]], "without a jump"),
+        ([1.0], [[0, 1.0, 0, 0]], "0 at both ends"),
+        ([1.0], [[0, 0.0, 1.0, 0]], "0 at both ends"),
+        ([3.0], [[0, -2.0, 0, 7.0 / 27]], "turns back"),
+        ([], [], "pieces for a path with a length"),
+    ],
+)
+def test_a_law_that_is_no_motion_from_rest_to_rest_is_refused(
+    durations: list[float], coefficients: list[list[float]], message: str
+) -> None:
+    path, c = straight(), np.array(coefficients).reshape(len(durations), -1) if durations else np.zeros((0, 4))
+    with pytest.raises(InvalidRequest, match=message):
+        Trajectory(path, np.array(durations), c)
+
+
+def test_a_corner_passed_at_speed_is_refused() -> None:
+    bent = JointPath(np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]]))
+    with pytest.raises(InvalidRequest, match=r"a stop at the path's corner at s = 0\.5"):
+        triangle(bent)
+
+
+def test_pieces_of_a_straight_line_are_passed_at_speed() -> None:
+    trajectory = triangle(JointPath(np.array([[0.0, 0.0], [0.3, 0.4], [0.6, 0.8]])))
+    assert np.allclose(trajectory(1.0, 1), [0.6, 0.8], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "waypoints", [[[0], [10**400]], [["0"], ["1"]], [[False], [True]], [[1j]], None, [[0.0], None]]
+)
+def test_waypoints_that_are_no_real_numbers_are_refused(waypoints: Any) -> None:
+    with pytest.raises(InvalidRequest, match="waypoints: got"):
+        JointPath(waypoints)
+
+
+@pytest.mark.parametrize("value", [10**400, [10**400, 0.5], "0.5", True, None, [[0.1], [0.1, 0.2]]])
+def test_a_time_or_a_length_that_is_no_real_number_is_refused(value: Any) -> None:
+    trajectory = triangle(straight())
+    with pytest.raises(InvalidRequest, match="t: got"):
+        trajectory(value)
+    with pytest.raises(InvalidRequest, match="s: got"):
+        trajectory.path(value)
+
+
+@pytest.mark.parametrize("order", [True, 1.0, "1", None, 10**400, [1]])
+def test_an_order_that_is_no_whole_number_is_refused(order: Any) -> None:
+    path = straight()
+    with pytest.raises(InvalidRequest, match="order: got"):
+        path(0.5, order)
+
+
+def test_a_law_of_huge_integers_is_refused() -> None:
+    path = straight()
+    with pytest.raises(InvalidRequest, match="durations: got"):
+        Trajectory(path, [10**400], [[0.0] * 4])  # type: ignore[arg-type]
+    with pytest.raises(InvalidRequest, match="coefficients: got"):
+        Trajectory(path, [1.0], [[0, 0, 0, 10**400]])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e9])
+def test_dilations_that_add_up_to_the_absurd_are_refused(factor: float) -> None:
+    def often(trajectory: Trajectory) -> None:
+        for _ in range(45):
+            trajectory = trajectory.dilated(factor)
+
+    trajectory = triangle(straight())
+    with pytest.raises(InvalidRequest, match="got"):
+        often(trajectory)

@@ -1,0 +1,247 @@
+"""Many plans: the same as one by one, whoever makes them."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.studies import many
+from benchmarks.worlds import queries
+from planner_service import (
+    PRM,
+    Interrupted,
+    InvalidRequest,
+    Optimise,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    Pose,
+    Processes,
+    Ray,
+    Reason,
+    Roadmap,
+    SCurve,
+    Sequential,
+)
+from planner_service.parallel import Answers, Engine, Limit, Lost
+from planner_service.planning.batch import GRACE
+from planner_service.records.result import result_record
+
+
+@pytest.fixture(scope="module")
+def service() -> PlannerService:
+    return PlannerService("wxai", "post")
+
+
+@pytest.fixture(scope="module")
+def roadmap(service: PlannerService) -> Roadmap:
+    return service.build_roadmap(PRM(milestones=60), progress=False)
+
+
+def asked(number: int, **given: Any) -> PlanRequest:
+    found = queries.load("post")[number]
+    return PlanRequest(found.start, found.goal, **({"time_limit": None} | given))
+
+
+def mixture(roadmap: Roadmap) -> list[PlanRequest]:
+    """Plans and failures of many kinds."""
+    ends = [queries.load("post")[k].goal for k in (1, 2)]
+    return [
+        *(asked(number, seed=number) for number in range(5)),
+        asked(0, planner=roadmap),
+        asked(1, planner=replace(roadmap, remember=True)),
+        asked(2, planner=roadmap),
+        asked(3, polish=Optimise(waypoints=30)),
+        asked(4, timing=SCurve(), max_tool_speed=0.2),
+        replace(asked(0), goal=Pose((0.3, 0.2, 0.2), (0.7071067811865476, 0.0, 0.7071067811865475, 0.0))),
+        replace(asked(0), goal=ends),
+        replace(asked(0), goal=np.zeros(6)),
+        replace(asked(0), start=(0.0, 1.5, 0.1, 0.0, 0.0, 0.0)),
+        replace(asked(0), goal=(9.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        asked(0, max_checks=50),
+    ]
+
+
+def told(result: PlanResult) -> str:
+    """All of a result, floats to the last bit, but the wall time."""
+    record = result_record(result)
+    for stage in record["stages"]:
+        del stage["seconds"]
+    return json.dumps(record)
+
+
+@dataclass
+class Rehearsed:
+    """An engine that remembers what it was given, and answers what it was told to."""
+
+    answers: list[PlanResult | Lost | KeyboardInterrupt] = field(default_factory=list)
+    finished: dict[int, PlanResult | Lost] = field(default_factory=dict)
+    work: Any = None
+    items: list[Any] = field(default_factory=list)
+    limits: list[float | None] = field(default_factory=list)
+
+    def run(self, work: Any, items: Iterable[Any], *, limit: Limit[Any] | None = None) -> Answers[Any]:
+        assert limit is not None
+        self.work, self.items = work, list(items)
+        self.limits = [limit(item) for item in self.items]
+        return _Said(self.answers, self.finished)
+
+
+class _Said:
+    def __init__(self, answers: Iterable[Any], finished: Mapping[int, Any]) -> None:
+        self.finished, self._answers = finished, enumerate(answers)
+
+    def __iter__(self) -> Iterator[tuple[int, Any]]:
+        return self
+
+    def __next__(self) -> tuple[int, Any]:
+        index, answer = next(self._answers)
+        if isinstance(answer, KeyboardInterrupt):
+            raise answer
+        return index, answer
+
+    def close(self) -> None:
+        self._answers = enumerate(())
+
+
+def equal(service: PlannerService, roadmap: Roadmap, engine: Engine | None) -> bool:
+    requests = mixture(roadmap)
+    alone = [service.plan(request) for request in requests]
+    assert {result.ok for result in alone} == {True, False}
+    assert any(result.failure is not None and result.failure.nearest_free is not None for result in alone)
+    many = service.plan_many(requests, engine=engine, progress=False)
+    assert all(result.path is None or not result.path.waypoints.flags.writeable for result in many)
+    return [told(result) for result in many] == [told(result) for result in alone]
+
+
+@pytest.mark.parametrize("engine", [Sequential(), Processes(2)])
+def test_plans_are_those_of_one_by_one(service: PlannerService, roadmap: Roadmap, engine: Engine) -> None:
+    assert equal(service, roadmap, engine)
+
+
+@pytest.mark.ray
+def test_plans_on_ray_are_those_of_one_by_one(service: PlannerService, roadmap: Roadmap) -> None:
+    assert equal(service, roadmap, Ray(workers=2))
+
+
+def test_every_core_is_the_default(service: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
+    rehearsed = Rehearsed()
+    monkeypatch.setattr("planner_service.planning.batch.Processes", lambda: rehearsed)
+    service.plan_many([asked(0)], progress=False)
+    assert len(rehearsed.items) == 1
+
+
+def test_requests_without_end_are_planned_as_results_are_taken(service: PlannerService) -> None:
+    taken: list[int] = []
+
+    def requests() -> Iterator[PlanRequest]:
+        while True:
+            taken.append(len(taken))
+            yield asked(0, seed=taken[-1])
+
+    stream = service.plan_stream(requests(), engine=Sequential())
+    results = [next(stream) for _ in range(3)]
+    stream.close()
+    assert [told(result) for result in results] == [told(service.plan(asked(0, seed=seed))) for seed in range(3)]
+    assert len(taken) <= 4
+
+
+@pytest.mark.parametrize(
+    ("bad", "named"),
+    [
+        ("a plan", r"^requests\[1\]: got 'a plan'; expected a PlanRequest"),
+        (asked(0, planner=Roadmap.of(np.zeros((1, 3)))), r"^requests\[1\]\.planner: got 'a roadmap of 3 joints'"),
+        (PlanRequest((0.0,), (1.0,)), r"^requests\[1\]\.start: got 'shape \(1,\)'"),
+    ],
+)
+def test_a_bad_request_is_named_before_anything_starts(service: PlannerService, bad: Any, named: str) -> None:
+    rehearsed = Rehearsed()
+    with pytest.raises(InvalidRequest, match=named):
+        service.plan_many([asked(0), bad], engine=rehearsed)
+    assert rehearsed.work is None
+
+
+@pytest.mark.parametrize(("requests", "named"), [(3, "requests"), (asked(0), "requests")])
+def test_what_is_no_sequence_of_requests_is_refused(service: PlannerService, requests: Any, named: str) -> None:
+    with pytest.raises(InvalidRequest, match=f"^{named}: "):
+        service.plan_many(requests)
+
+
+@pytest.mark.parametrize("bad", [2, "processes", Processes])
+def test_what_is_no_engine_is_refused(service: PlannerService, bad: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"^engine: got .*; expected an engine such as Processes\(\), or None"):
+        service.plan_many([asked(0)], engine=bad)
+
+
+def test_a_roadmap_is_sent_once_and_none_comes_back(service: PlannerService, roadmap: Roadmap) -> None:
+    rehearsed = Rehearsed()
+    other = replace(roadmap, remember=True)
+    service.plan_many([asked(k, planner=roadmap if k else other) for k in range(4)], engine=rehearsed, progress=False)
+    assert rehearsed.work.roadmaps == (other, roadmap)
+    assert [place for _, place in rehearsed.items] == [0, 1, 1, 1]
+    assert not any(isinstance(request.planner, Roadmap) for request, _ in rehearsed.items)
+    [result] = service.plan_many([asked(0, planner=other)], engine=Sequential(), progress=False)
+    assert result.roadmap is None
+    assert result.ok
+
+
+def test_a_lost_worker_is_a_failure(service: PlannerService) -> None:
+    lost = Rehearsed([Lost("it was ended by SIGSEGV"), Lost("its worker was ended", over_limit=True)])
+    first, second = service.plan_many([asked(0), asked(1)], engine=lost, progress=False)
+    assert first.failure is not None
+    assert second.failure is not None
+    assert (first.failure.reason, second.failure.reason) == (Reason.WORKER_LOST, Reason.TIMED_OUT)
+    assert first.failure.detail == "it was ended by SIGSEGV"
+    assert second.failure.detail == (
+        "its worker was ended, 10 s after its time limit; whether a path exists is unknown"
+    )
+    assert not first.deterministic
+
+
+def test_workers_are_ended_some_seconds_after_a_time_limit_only(service: PlannerService) -> None:
+    rehearsed = Rehearsed()
+    service.plan_many([asked(0), asked(1, time_limit=2.0)], engine=rehearsed, progress=False)
+    assert rehearsed.limits == [None, 2.0 + GRACE]
+
+
+def test_what_is_finished_is_kept_when_interrupted(service: PlannerService) -> None:
+    done = service.plan(asked(0))
+    engine = Rehearsed([done, KeyboardInterrupt()], {0: done, 3: done})
+    with pytest.raises(Interrupted, match="2 results were finished") as raised:
+        service.plan_many([asked(k) for k in range(5)], engine=engine, progress=False)
+    assert {index: result.path for index, result in raised.value.results.items()} == {0: done.path, 3: done.path}
+
+
+def test_each_result_knows_its_own_request(service: PlannerService) -> None:
+    requests = [asked(k) for k in range(3)]
+    for results in (
+        service.plan_many(requests, engine=Processes(2), progress=False),
+        list(service.plan_stream(iter(requests), engine=Processes(2))),
+    ):
+        origins = [result.origin for result in results if result.origin is not None]
+        assert [origin.request for origin in origins] == requests
+        assert all(origin.service is service for origin in origins)
+
+
+def test_growth_is_looked_at_on_the_workers_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(many, "WARM", 8)
+    monkeypatch.setattr(many, "MARKS", (4, 8))
+    report = many.growth()
+    assert [row["plans"] for row in report.rows] == [4, 8]
+    assert all(row["per_core_second"] > 0.0 and row["worker_mb"] > 10.0 for row in report.rows)
+    assert len(report.promises) == 2
+
+
+def test_what_crossed_is_read_only_again(service: PlannerService) -> None:
+    result = service.plan(asked(0))
+    again: PlanResult = pickle.loads(pickle.dumps(result))
+    path, trajectory = again.unwrap()
+    held = [*vars(path).values(), *vars(trajectory).values()]
+    assert not any(value.flags.writeable for value in held if isinstance(value, np.ndarray))
+    assert told(again) == told(result)

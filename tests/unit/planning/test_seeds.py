@@ -1,0 +1,118 @@
+"""Several seeds: the best of their plans, the same from one process and from many."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.worlds import queries
+from planner_service import (
+    Failure,
+    InvalidFile,
+    InvalidRequest,
+    JointStep,
+    MissingDependency,
+    Optimise,
+    PlannerService,
+    PlanningFailed,
+    PlanRequest,
+    PlanResult,
+    Processes,
+    Reason,
+    Stage,
+    UnknownName,
+    best_of_seeds,
+    plan_seeds,
+)
+from planner_service.planning.seeds import _worth
+
+SEEDS = (0, 1, 2)
+
+
+@pytest.fixture(scope="module")
+def service() -> PlannerService:
+    return PlannerService("wxai", "post", edge_step=JointStep(0.02))
+
+
+def request() -> PlanRequest:
+    found = queries.load("post")[1]
+    return PlanRequest(found.start, found.goal, time_limit=None, polish=Optimise(waypoints=30))
+
+
+def told(result: PlanResult) -> tuple[Any, ...]:
+    path, trajectory = result.unwrap()
+    return path.waypoints.tobytes(), trajectory.coefficients.tobytes(), result.counts, result.polish, result.notes
+
+
+def test_each_plan_is_that_of_its_seed_whatever_the_processes(service: PlannerService) -> None:
+    alone = [service.plan(replace(request(), seed=seed)) for seed in SEEDS]
+    here = plan_seeds(service, request(), SEEDS)
+    elsewhere = plan_seeds(service, request(), SEEDS, engine=Processes(2))
+    assert [told(one) for one in alone] == [told(one) for one in here] == [told(one) for one in elsewhere]
+    assert len({told(one)[0] for one in alone}) > 1
+    path, _ = elsewhere[1].unwrap()
+    assert not path.waypoints.flags.writeable
+
+
+def test_processes_share_a_roadmap_too(service: PlannerService) -> None:
+    asked = replace(request(), planner=service.path_memory(), polish=None)
+    here, elsewhere = (plan_seeds(service, asked, SEEDS[:2], engine=engine) for engine in (None, Processes(2)))
+    assert [told(one) for one in here] == [told(one) for one in elsewhere]
+
+
+def test_the_best_is_the_fastest_of_those_that_keep_their_distance(service: PlannerService) -> None:
+    plans = plan_seeds(service, request(), SEEDS)
+    best = best_of_seeds(service, request(), SEEDS)
+    assert told(best) in [told(one) for one in plans]
+    assert best.motion is not None
+    assert best.motion.duration == min(one.motion.duration for one in plans if one.motion is not None)
+    assert best.polish is not None
+    near = replace(best, polish=replace(best.polish, after=replace(best.polish.after, shortfall=1.0)))
+    slow = replace(best, motion=replace(best.motion, duration=9.0))
+    assert _worth(best) < _worth(slow) < _worth(near)
+    assert _worth(near) < _worth(replace(best, motion=None))
+
+
+def test_without_a_plan_the_first_failure_is_told() -> None:
+    service = PlannerService("planar2", "discs")
+    asked = PlanRequest((-2.5, 2.0), (2.2, -2.2), time_limit=None, planner=Optimise())
+    result = best_of_seeds(service, asked, (7, 8))
+    assert result.failure is not None
+    assert result.failure.reason is Reason.OPTIMUM_IN_COLLISION
+
+
+@pytest.mark.parametrize(
+    ("seeds", "named"),
+    [((), "seeds"), (None, "seeds"), ("12", "seeds"), ((-1,), "seed")],
+)
+def test_what_makes_no_sense_is_refused(service: PlannerService, seeds: Any, named: str) -> None:
+    with pytest.raises(InvalidRequest, match=f"^{named}: "):
+        plan_seeds(service, request(), seeds)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        InvalidRequest("seed", -1, "at least 0"),
+        UnknownName("scene", "tabel", ["table"]),
+        InvalidFile("a.toml", ["one", "two"]),
+        MissingDependency("coacd", "decompose"),
+        PlanningFailed(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, "none")),
+    ],
+)
+def test_errors_come_back_from_another_process_as_they_were(error: Exception) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again)) == (type(error), str(error))
+    assert again.__dict__.keys() == error.__dict__.keys()
+
+
+def test_a_service_that_is_sent_is_built_anew(service: PlannerService) -> None:
+    made, arguments = service.__reduce__()
+    other = made(*arguments)
+    assert (other.robot, other.scene) == (service.robot, service.scene)
+    assert told(other.plan(request())) == told(service.plan(request()))
+    assert np.array_equal(other.robot.home, service.robot.home)

@@ -1,0 +1,485 @@
+"""A plan or task file holds the world it was made in: robot, scene, terms, and what each motion of a task carries."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from planner_service import (
+    Attached,
+    Box,
+    Capsule,
+    Compound,
+    Cylinder,
+    HeightField,
+    InvalidFile,
+    InvalidRequest,
+    Mesh,
+    MissingDependency,
+    MotionStep,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    PointCloud,
+    Pose,
+    Scene,
+    Sphere,
+    load_robot,
+    load_scene,
+    pick,
+    robot_names,
+    scene_names,
+    top_grasps,
+)
+from planner_service.certify import ExemptInterval
+from planner_service.cli.commands import app
+from planner_service.files.json_reader import read_json
+from planner_service.geometry.composite import Solid
+from planner_service.records.plan_file import (
+    MadeFor,
+    SavedPlan,
+    SavedTask,
+    load_plan,
+    load_plan_or_task,
+    load_task,
+    save_plan,
+)
+from planner_service.tasks.pick_place import plan_pick_place
+
+Document = dict[str, Any]
+
+TURNED = Pose((0.9, -0.7, 0.3), (0.8, 0.0, 0.36, 0.48))
+
+
+def same(a: Any, b: Any, where: str = "") -> None:
+    """Fail unless two values of this package are equal in every field, to the last bit."""
+    assert type(a) is type(b), where
+    if isinstance(a, np.ndarray):
+        assert (a.shape, a.tobytes()) == (b.shape, b.tobytes()), where
+    elif is_dataclass(a) and not isinstance(a, Mesh | PointCloud | HeightField):
+        for item in fields(a):
+            same(getattr(a, item.name), getattr(b, item.name), f"{where}.{item.name}")
+    elif isinstance(a, tuple | list):
+        assert len(a) == len(b), where
+        for k, (one, other) in enumerate(zip(a, b, strict=True)):
+            same(one, other, f"{where}[{k}]")
+    else:
+        assert a == b, where
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_every_robot_that_comes_with_the_package_comes_back_from_a_file(name: str, tmp_path: Path) -> None:
+    try:
+        robot = load_robot(name)
+    except MissingDependency as missing:
+        pytest.skip(str(missing))
+    service = PlannerService(robot, Scene((Obstacle("ball", Sphere(0.05), TURNED),)))
+    near = np.where(robot.home + 0.05 < robot.limits.upper, robot.home + 0.05, robot.home - 0.05)
+    result = service.plan(PlanRequest(robot.home, near, time_limit=None))
+    result.save(tmp_path / "plan.json")
+    read = load_plan(tmp_path / "plan.json")
+    same(read.robot, robot, name)
+    assert read.robot.hash == robot.hash
+    assert read.request is not None
+    again = read.service().plan(read.request)
+    assert again.counts == result.counts
+    assert again.unwrap()[0].waypoints.tobytes() == result.unwrap()[0].waypoints.tobytes()
+    read.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "plan.json").read_bytes()
+
+
+SOLIDS: tuple[Solid, ...] = (
+    Box((0.1, 0.2, 1 / 3)),
+    Sphere(1 / 7),
+    Cylinder(0.1, 0.3),
+    Capsule(0.1, 0.3),
+    Mesh(np.random.default_rng(3).normal(size=(50, 3)) / 7),
+    Compound(((Box((0.1, 0.2, 0.3)), TURNED), (Mesh(np.random.default_rng(4).normal(size=(9, 3))), Pose()))),
+    PointCloud(np.random.default_rng(5).normal(size=(200, 3)), 0.03),
+    HeightField(np.random.default_rng(6).uniform(0.1, 0.3, size=(5, 7)), 0.05, -0.1),
+)
+"""One of each kind."""
+
+EVERYTHING = Scene(
+    tuple(Obstacle(f"thing {k}", solid, Pose((3.0 + k, 0.1, -0.0))) for k, solid in enumerate(SOLIDS)),
+    (Attached("tool", SOLIDS[4], Pose((0.1, 0.0, 0.0)), ("link_2",)),),
+    "everything",
+    "two\nlines",
+)
+
+
+@pytest.mark.parametrize("scene", [*map(load_scene, scene_names()), EVERYTHING], ids=lambda scene: scene.name)
+def test_every_scene_and_every_kind_of_solid_comes_back_from_a_file(scene: Scene, tmp_path: Path) -> None:
+    robot = load_robot("planar2")
+    result = PlannerService(robot, "empty").plan(PlanRequest(robot.home, robot.home))
+    save_plan(SavedPlan(MadeFor(robot, scene), None, result), tmp_path / "plan.json")
+    read = load_plan(tmp_path / "plan.json").scene
+    same(read, scene)
+    assert read.hash == scene.hash
+
+
+@pytest.fixture(scope="module")
+def task() -> SavedTask:
+    service = PlannerService("wxai", "bin")
+    home = service.robot.home
+    return plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, time_limit=None))
+
+
+def test_each_motion_of_a_task_knows_its_gripper_and_what_it_carries(task: SavedTask, tmp_path: Path) -> None:
+    task.save(tmp_path / "task.json")
+    read = load_task(tmp_path / "task.json")
+    here = read.service()
+    for before, after in zip(task.segments, read.segments, strict=True):
+        here = after.service_after(here)
+        assert before.result.origin is not None
+        assert here.scene == before.result.origin.service.scene
+        assert here.robot.hash == before.result.origin.service.robot.hash
+    carrying = [segment.name for segment in read.segments if segment.scene is not None and segment.scene.attached]
+    assert carrying == ["lift", "transfer", "lower"]
+    read.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "task.json").read_bytes()
+
+
+def test_what_is_carried_is_what_was_taken_and_not_what_is_next_to_the_fingers(tmp_path: Path) -> None:
+    """A flat block on a table: the table is nearer to the closed fingers than the block."""
+    table = load_scene("table")
+    top = max(o.pose.position[2] + o.shape.size[2] / 2 for o in table.obstacles if isinstance(o.shape, Box))
+    block = Obstacle("block", Box((0.03, 0.03, 0.003)), Pose((0.25, 0.1, top + 0.002)))
+    pad = Obstacle("pad", Box((0.1, 0.1, 0.004)), Pose((0.25, -0.12, top + 0.0025)))
+    service = PlannerService("wxai", table.with_obstacle(block).with_obstacle(pad))
+    home = service.robot.home
+    found = plan_pick_place(service, "block", "pad", PlanRequest(home, home, seed=1, time_limit=None))
+    assert found.failure is None, "this scene shows nothing then"
+    found.save(tmp_path / "task.json")
+    carried = [segment.scene.attached for segment in load_task(tmp_path / "task.json").segments if segment.scene]
+    assert {held.name for attached in carried for held in attached} == {"block"}
+
+
+def test_a_pick_is_saved_as_a_task(tmp_path: Path) -> None:
+    service = PlannerService("wxai", "bin")
+    grasps = top_grasps(service.robot, service.scene.obstacle("blue_block"))
+    found = pick(service, service.robot.home, "blue_block", grasps)
+    found.save(tmp_path / "task.json")
+    read = load_plan_or_task(tmp_path / "task.json")
+    assert isinstance(read, SavedTask)
+    assert [segment.name for segment in read.segments] == ["to pregrasp", "descend", "lift"]
+    assert read.counts == found.counts
+    assert read.task == "to pregrasp, descend, lift"
+
+
+def test_a_result_that_knows_no_service_is_not_saved_by_itself(tmp_path: Path) -> None:
+    service = PlannerService("planar2", "discs")
+    result = service.plan(PlanRequest(service.robot.home, service.robot.home))
+    with pytest.raises(InvalidRequest, match=r"expected SavedPlan\(MadeFor.of\(service\), request, result\)"):
+        save_plan(replace(result, origin=None), tmp_path / "plan.json")
+    with pytest.raises(InvalidRequest, match=r"plan: got 7; expected a PlanResult"):
+        save_plan(7, tmp_path / "plan.json")  # type: ignore[arg-type]
+
+
+def test_pairs_that_the_caller_allowed_stand_in_certificate_result_and_file(tmp_path: Path) -> None:
+    pair = ("forearm", "lesson_disc")
+    service = PlannerService("planar2", "discs", allowed=[pair])
+    result = service.plan(PlanRequest(service.robot.home, service.robot.home))
+    assert result.certificate is not None
+    assert result.certificate.allowed == result.allowed == service.allowed == (("forearm", "lesson_disc"),)
+    result.save(tmp_path / "plan.json")
+    read = load_plan(tmp_path / "plan.json")
+    assert (read.allowed, read.result.allowed) == (service.allowed, service.allowed)
+    assert read.service().allowed == service.allowed
+    assert load_plan(tmp_path / "plan.json").result.certificate == result.certificate
+
+
+@dataclass(frozen=True)
+class OwnStep:
+    """A rule that no file can hold."""
+
+    def segments(self, dq: Any, reach: Any) -> int:
+        return MotionStep(0.02).segments(dq, reach)
+
+
+def test_an_edge_step_of_ones_own_is_known_to_be_unknown(tmp_path: Path) -> None:
+    service = PlannerService("planar2", "discs", edge_step=OwnStep())
+    service.plan(PlanRequest(service.robot.home, service.robot.home)).save(tmp_path / "plan.json")
+    assert load_plan(tmp_path / "plan.json").made_for.edge_step is None
+    told = CliRunner().invoke(app, ["certify", str(tmp_path / "plan.json")])
+    assert "planned with a custom edge step" in " ".join(told.stdout.split())
+
+
+# Files that say something else.
+
+
+def document_of(result_of: Callable[[PlannerService], Any] | None = None) -> Document:
+    service = PlannerService("wxai", "bin")
+    near = service.robot.home + 0.05
+    result = service.plan(PlanRequest(service.robot.home, near, time_limit=None))
+    if result_of is not None:
+        result = result_of(service)
+    document: Document = SavedPlan(MadeFor.of(service), PlanRequest(service.robot.home, near), result).document()
+    return document
+
+
+def refused(document: Document, file: Path, load: Callable[[Any], Any] = load_plan) -> str:
+    file.write_text(json.dumps(document))
+    with pytest.raises(InvalidFile) as caught:
+        load(file)
+    return "\n".join(caught.value.problems)
+
+
+def test_sections_of_later_versions_are_kept(tmp_path: Path) -> None:
+    document = document_of()
+    document["sections"] = {"evidence": {"cells": [1, 2.5, None, "text"]}, "payload": {}}
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    load_plan(tmp_path / "plan.json").save(tmp_path / "again.json")
+    assert json.loads((tmp_path / "again.json").read_text())["sections"] == document["sections"]
+
+
+def test_a_section_may_not_be_nested_without_end(tmp_path: Path) -> None:
+    document, deep = document_of(), list[Any]()
+    for _ in range(100):
+        deep = [deep]
+    document["sections"] = {"deep": deep}
+    assert "sections: got" in refused(document, tmp_path / "plan.json")
+
+
+def _put(*path: Any) -> Callable[[Document, Any], None]:
+    def put(document: Document, value: Any) -> None:
+        here: Any = document
+        for key in path[:-1]:
+            here = here[key]
+        here[path[-1]] = value
+
+    return put
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "problem"),
+    [
+        (("robot", "settle_time"), 1.0, "robot.hash: got"),
+        (("scene", "obstacles", 0, "pose", "position", 0), 0.5, "scene.hash: got"),
+        (("robot", "hash"), "0" * 64, "robot.hash: got"),
+        (("robot", "bodies", 2, "parent"), 2, "robot.bodies: got [-1, 0, 2"),
+        (("robot", "bodies", 2, "q_index"), 5, "robot.bodies: got [-1, 0, 5"),
+        (("robot", "bodies", 1, "axis"), [0.0, 0.0, 0.5], "robot.bodies[1].axis: got [0.0, 0.0, 0.5]; expected a unit"),
+        (("robot", "bodies", 1, "placement", 0), [1.0, 0.0], "robot.bodies[1].placement: got"),
+        (("robot", "tool_body"), 99, "robot.tool_body: got 99"),
+        (("robot", "shapes", 0, "body"), 99, "robot.shapes[0].body: got 99"),
+        (
+            ("robot", "shapes", 0, "shape"),
+            {"kind": "cone"},
+            "robot.shapes[0].shape: got {'kind': 'cone'}; expected",
+        ),
+        (("robot", "named_poses"), [], 'robot.named_poses: got []; expected each pose once, "home" among them'),
+        (("robot", "gripper_width"), 5.0, "robot.gripper_width: got 5.0"),
+        (("robot", "gripper", "closed"), [], "robot.gripper.directions: got"),
+        (("robot", "joint_names", 0), "joint_1", "robot.joint_names: got"),
+        (("robot", "extra"), 1, "robot.extra: got 1; expected no such key"),
+        (("robot", "limits", "velocity", 0), -1.0, "robot.limits.velocity: got"),
+        (("allowed",), [["a"]], "allowed[0]: got ['a']; expected two names"),
+        (("edge_step",), {"kind": "motion", "size": 0.0}, "edge_step: distance: got 0.0"),
+        (("sections",), [], "sections: got []; expected an object"),
+        (("made_with", "numpy"), 2, "made_with.numpy: got 2; expected a text"),
+        (("result", "ok"), False, "result.ok: got False"),
+        (("result", "counts", "states"), 10**6, "result.counts: got"),
+        (("result", "path", "length"), 99.0, "result.path.length: got 99.0"),
+        (("result", "trajectory", "duration"), 99.0, "result.trajectory: duration: got 99.0"),
+    ],
+)
+def test_a_file_that_contradicts_itself_is_refused(path: Any, value: Any, problem: str, tmp_path: Path) -> None:
+    document = document_of()
+    _put(*path)(document, value)
+    assert problem in refused(document, tmp_path / "plan.json")
+
+
+@pytest.mark.parametrize("width", [5.0, -0.01, None])
+def test_a_gripper_width_outside_its_range_is_refused(width: Any, task: SavedTask, tmp_path: Path) -> None:
+    document = task.document()
+    document["segments"][2]["gripper_width"] = width
+    assert f"segments[2].gripper_width: got {width}; expected metres in" in refused(
+        document, tmp_path / "task.json", load_task
+    )
+
+
+def test_an_obstacle_that_a_motion_only_names_has_to_be_there(task: SavedTask, tmp_path: Path) -> None:
+    document = task.document()
+    document["segments"][2]["scene"]["obstacles"][0] = "nothing"
+    told = refused(document, tmp_path / "task.json", load_task)
+    assert "segments[2].scene: obstacles: got 'nothing'; expected the name of an obstacle" in told
+
+
+UNPRINTABLE = ("\x1b[2J", "half\ud800", "a\nb", "\u202e", "bell\x07")
+PLACES: tuple[tuple[Any, ...], ...] = (
+    ("scene", "name"),
+    ("robot", "name"),
+    ("robot", "joint_names", 0),
+    ("robot", "shapes", 0, "link"),
+    ("robot", "allowed_contacts", 0, "reason"),
+    ("made_with", "numpy"),
+    ("result", "notes"),
+    ("result", "stages", 0, "note"),
+    ("result", "certificate", "exempt", 0, "reason"),
+    ("request", "planner", "name"),
+)
+
+
+@pytest.mark.parametrize("text", UNPRINTABLE)
+@pytest.mark.parametrize("place", PLACES, ids=lambda place: ".".join(map(str, place)))
+def test_text_that_a_terminal_would_obey_is_refused(place: tuple[Any, ...], text: str, tmp_path: Path) -> None:
+    def with_a_stretch(service: PlannerService) -> Any:
+        result = service.plan(PlanRequest(service.robot.home, service.robot.home + 0.05, time_limit=None))
+        assert result.certificate is not None
+        stretch = ExemptInterval(0.0, 0.01, (("link_2", "post"),), "meant")
+        return replace(result, certificate=replace(result.certificate, exempt=(stretch,)))
+
+    document = document_of(with_a_stretch)
+    _put(*place)(document, [text] if place[-1] == "notes" else text)
+    file = tmp_path / "plan.json"
+    told = refused(document, file)
+    assert "got " in told
+    assert told.replace("\n", "").isprintable()
+    for command in ("certify", "export", "view"):
+        done = CliRunner().invoke(app, [command, str(file)])
+        assert done.exit_code == 2
+        assert (done.stdout + done.stderr).replace("\n", "").isprintable()
+
+
+def test_a_key_that_a_terminal_would_obey_is_shown_by_its_escape(tmp_path: Path) -> None:
+    document = document_of()
+    document["robot"]["\x1b[2J"] = 1
+    assert r"robot.'\x1b[2J': got 1; expected no such key" in refused(document, tmp_path / "plan.json")
+
+
+def test_a_note_that_a_terminal_would_obey_is_written_by_its_escapes(tmp_path: Path) -> None:
+    service = PlannerService("planar2", "discs")
+    result = service.plan(PlanRequest(service.robot.home, service.robot.home))
+    replace(result, notes=("\x1b[2Jred\ud800",)).save(tmp_path / "plan.json")
+    assert load_plan(tmp_path / "plan.json").result.notes == (r"\x1b[2Jred\ud800",)
+
+
+# Files made to cost time. Each took time in proportion to the square of its size, or would.
+
+
+def test_many_empty_stretches_are_told_as_one_problem_more_than_there_may_be(tmp_path: Path) -> None:
+    document = document_of()
+    document["result"]["certificate"]["exempt"] = [{}] * 100_000
+    assert "expected at most 1,000 entries; there are 100,000" in refused(document, tmp_path / "plan.json")
+    document["result"]["certificate"]["exempt"] = [{}] * 900
+    assert refused(document, tmp_path / "plan.json") == "more than 1,000 problems, such as s_start: missing"
+
+
+def test_a_file_with_some_problems_in_a_hundred_places_names_a_hundred(tmp_path: Path) -> None:
+    document = document_of()
+    document["result"]["certificate"]["exempt"] = [{}] * 50
+    problems = refused(document, tmp_path / "plan.json").split("\n")
+    assert problems[0] == "result.certificate.exempt[0].s_start: missing"
+    assert (len(problems), problems[-1]) == (101, "and 100 more")
+
+
+def test_many_keys_of_which_one_is_there_twice_are_read_once(tmp_path: Path) -> None:
+    keys = ",".join(f'"k{i}":0' for i in range(90_000))
+    (tmp_path / "plan.json").write_text("{" + keys + ',"z":0,"z":1}')
+    with pytest.raises(InvalidFile, match="key 'z' occurs twice"):
+        load_plan(tmp_path / "plan.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("{" + f'"{"k" * 501}": 0' + "}", "longer than 500 characters"),
+        ("{" + ",".join(f'"{i}":0' for i in range(100_001)) + "}", "more than 100,000 keys"),
+        ("[" + ",".join(["{}"] * 2_000_001) + "]", "more than 2,000,000 lists and objects"),
+    ],
+    ids=["key", "keys", "parts"],
+)
+def test_what_is_too_much_is_refused_before_it_is_looked_at(text: str, problem: str, tmp_path: Path) -> None:
+    (tmp_path / "plan.json").write_text(text)
+    with pytest.raises(InvalidFile, match=problem):
+        load_plan(tmp_path / "plan.json")
+
+
+def test_hulls_that_take_too_long_to_rebuild_are_refused_before_they_are(tmp_path: Path) -> None:
+    document = document_of()
+    entry = document["scene"]["obstacles"][0]
+    zeros = "AAAA" * 8 * 4_999
+    meshes = [f"{k:04d}".replace("0", "A") + zeros[4:] for k in range(1111, 1140)]
+    document["scene"]["obstacles"] = [
+        {**entry, "name": f"thing {k}", "shape": {"kind": "mesh", "vertices": mesh}} for k, mesh in enumerate(meshes)
+    ]
+    assert "hulls that take no longer to rebuild" in refused(document, tmp_path / "plan.json")
+
+
+# Files of before
+
+
+def test_a_plan_file_of_before_says_how_to_plan_again(tmp_path: Path) -> None:
+    old = {
+        "format": "planner-service/plan",
+        "version": 2,
+        "robot": {"name": "wxai", "hash": "ab" * 32, "joint_names": ["joint_0"]},
+        "scene": {"name": "my cell", "hash": "ab" * 32},
+        "request": {
+            "start": [0.1, 0.2],
+            "goals": [{"joints": [1.0, 0.5]}, {"pose": {"position": [1, 2, 3], "quaternion_wxyz": [1, 0, 0, 0]}}],
+            "planner": {"name": "rrtconnect", "settings": {}},
+            "timing": {"name": "toppra", "settings": {}},
+            "seed": 7,
+        },
+    }
+    told = refused(old, tmp_path / "plan.json")
+    assert told == (
+        "version: got 2; expected 3: this file does not hold its robot and scene; plan again: planner-service plan "
+        "--robot=wxai --scene='my cell' --start=0.1,0.2 --goal=1.0,0.5 --goal=pose:1.0,2.0,3.0,1.0,0.0,0.0,0.0 "
+        "--planner=rrtconnect --timing=toppra --seed=7 --out=FILE"
+    )
+
+
+def test_a_task_file_of_before_says_how_to_plan_again(tmp_path: Path) -> None:
+    old = {"format": "planner-service/task", "version": 1, "task": "pick cup from bin, place on tray"}
+    told = refused(old | {"robot": {"name": "wxai"}, "scene": {"name": "bin"}}, tmp_path / "t.json", load_plan_or_task)
+    assert "planner-service pick-place --robot=wxai --scene=bin --object=cup --onto=tray --out=FILE" in told
+
+
+@pytest.mark.parametrize("request_", [None, 3, {"start": [1e400]}, {"goals": {}}, {"seed": "\x1b[2J"}, {"start": "x"}])
+def test_an_old_file_that_is_damaged_says_what_it_can(request_: Any, tmp_path: Path) -> None:
+    old = {"format": "planner-service/plan", "version": 1, "request": request_, "robot": 7}
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(old).replace("Infinity", "1e400"))
+    with pytest.raises(InvalidFile, match="plan again: planner-service plan") as caught:
+        load_plan(file)
+    assert caught.value.problems[0].isprintable()
+
+
+def test_whichever_is_in_a_file_it_is_read_once(
+    task: SavedTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task.save(tmp_path / "task.json")
+    times = list[str]()
+
+    def read(path: Path) -> Any:
+        times.append(path.name)
+        return read_json(path)
+
+    monkeypatch.setattr("planner_service.records.plan_file.read_json", read)
+    assert isinstance(load_plan_or_task(tmp_path / "task.json"), SavedTask)
+    assert times == ["task.json"]
+
+
+def test_the_page_about_plan_files_says_what_happens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "plan-files.md").read_text("utf-8")
+    blocks = dict(re.findall(r"^```(\w+)\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE))
+    monkeypatch.chdir(tmp_path)
+    exec(compile(blocks["python"], "plan-files.md", "exec"), {})
+    document = json.loads(Path("plan.json").read_text())
+    document["robot"]["settel_time"] = 0.0
+    document["result"]["path"]["waypoints"][1][2] = "x"
+    Path("plan.json").write_text(json.dumps(document))
+    with pytest.raises(InvalidFile) as caught:
+        load_plan("plan.json")
+    assert str(caught.value) == blocks["text"].strip()

@@ -1,0 +1,204 @@
+"""Trajectories for others: ROS-shaped, as a table, and by the command ``export``."""
+
+from __future__ import annotations
+
+import csv
+import json
+from itertools import groupby, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from planner_service.cli.commands import app
+from planner_service.errors import InvalidFile, InvalidRequest, PlanningFailed
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import PlanResult
+from planner_service.records.plan_file import MadeFor, SavedPlan, save_plan
+from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
+from planner_service.service import PlannerService
+from planner_service.tasks.pick_place import plan_pick_place
+from tests.unit.scene.test_worlds import LIFTED, NEWER, write
+
+SERVICE = PlannerService("planar2", "discs")
+NAMES = SERVICE.robot.joint_names
+REQUEST = PlanRequest(SERVICE.robot.pose("lesson_start"), SERVICE.robot.pose("lesson_goal"), time_limit=None)
+
+
+@pytest.fixture(scope="module")
+def planned() -> PlanResult:
+    return SERVICE.plan(REQUEST)
+
+
+@pytest.fixture(scope="module")
+def trajectory(planned: PlanResult) -> Trajectory:
+    return planned.unwrap()[1]
+
+
+def nanoseconds(message: dict[str, Any]) -> list[int]:
+    times = [point["time_from_start"] for point in message["points"]]
+    assert all(0 <= time["nanosec"] < 10**9 for time in times)
+    return [time["sec"] * 10**9 + time["nanosec"] for time in times]
+
+
+def test_a_joint_trajectory_has_the_fields_of_the_message_and_ends_exactly(
+    planned: PlanResult, trajectory: Trajectory
+) -> None:
+    message = joint_trajectory(planned, NAMES, 0.01, frame_id="base")
+    assert message == json.loads(json.dumps(message, allow_nan=False))
+    assert list(message) == ["header", "joint_names", "points"]
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "base"}
+    assert message["joint_names"] == list(NAMES)
+    t, q, qd, qdd = trajectory.sample(0.01)
+    points = message["points"]
+    assert [point["positions"] for point in points] == q.tolist()
+    assert [point["velocities"] for point in points] == qd.tolist()
+    assert [point["accelerations"] for point in points] == qdd.tolist()
+    assert all(point["effort"] == [] for point in points)
+    assert nanoseconds(message) == [round(at * 1e9) for at in t.tolist()]
+    assert points[-1]["positions"] == trajectory.path.waypoints[-1].tolist()
+    assert points[-1]["velocities"] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e-6, 1e-9, 1e-10])
+def test_times_from_start_always_grow_however_short_the_steps(trajectory: Trajectory, factor: float) -> None:
+    short = trajectory.dilated(factor * 10.0).dilated(0.1)
+    for share in (3e-3, 0.25, 0.25 * (1 - 1e-7), 2.0):  # the last but one ends a fraction of a nanosecond early
+        message = joint_trajectory(short, NAMES, short.duration * share)
+        times = nanoseconds(message)
+        assert times[0] == 0
+        assert all(before < after for before, after in pairwise(times))
+        assert abs(times[-1] - short.duration * 1e9) <= 1.0
+        assert message["points"][-1]["positions"] == trajectory.path.waypoints[-1].tolist()
+
+
+def test_a_motion_of_no_time_is_one_point() -> None:
+    still = Trajectory(JointPath(np.array([[0.5, -0.5]])), np.zeros(0), np.zeros((0, 4)))
+    (point,) = joint_trajectory(still, NAMES, 0.01)["points"]
+    assert (point["positions"], point["velocities"]) == ([0.5, -0.5], [0.0, 0.0])
+    assert csv_text(still, NAMES, 0.01).splitlines()[1:] == ["0.0,0.5,-0.5,0.0,0.0,0.0,0.0"]
+
+
+@pytest.mark.parametrize("names", [("a",), ("a", "a"), ("a", ""), "ab", ("a", 3), 5])
+def test_names_that_are_not_one_for_each_joint_are_refused(trajectory: Trajectory, names: Any) -> None:
+    with pytest.raises(InvalidRequest, match=r"joint_names: got .*; expected 2 names, one for each joint"):
+        joint_trajectory(trajectory, names, 0.01)
+
+
+def test_a_step_or_a_duration_that_no_message_can_have_is_refused(trajectory: Trajectory) -> None:
+    with pytest.raises(InvalidRequest, match=r"dt: got 0\.0; expected a positive number of seconds"):
+        csv_text(trajectory, NAMES, 0.0)
+    with pytest.raises(InvalidRequest, match=r"trajectory: got .*; expected a duration below 2,147,483,648 s"):
+        joint_trajectory(trajectory.dilated(1e9).dilated(10.0), NAMES, 1e9)
+
+
+def test_what_is_no_motion_is_refused() -> None:
+    blocked = SERVICE.plan(PlanRequest(REQUEST.start, [0.0, 100.0], time_limit=None))
+    with pytest.raises(PlanningFailed, match="GOAL_OUTSIDE_LIMITS"):
+        csv_text(blocked, NAMES, 0.01)
+    with pytest.raises(InvalidRequest, match="motion: got None; expected a Trajectory or a PlanResult"):
+        csv_text(None, NAMES, 0.01)  # type: ignore[arg-type]
+
+
+def test_a_table_reads_back_as_the_same_bits(planned: PlanResult, trajectory: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "motion.csv"
+    write_csv(planned, path, ("upper, left", '"q"'), 0.01)
+    with open(path, newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert head == ["t", "q_upper, left", 'q_"q"', "qd_upper, left", 'qd_"q"', "qdd_upper, left", 'qdd_"q"']
+    assert [[float(word) for word in row] for row in rows] == np.column_stack(trajectory.sample(0.01)).tolist()
+
+
+def test_a_table_that_cannot_be_written_leaves_what_was_there(trajectory: Trajectory, tmp_path: Path) -> None:
+    with pytest.raises(InvalidFile, match="cannot be written"):
+        write_csv(trajectory, tmp_path / "no" / "motion.csv", NAMES, 0.01)
+    old = write(tmp_path, "old", "motion.csv")
+    with pytest.raises(InvalidRequest, match="dt"):
+        write_csv(trajectory, old, NAMES, -1.0)
+    assert old.read_text() == "old"
+
+
+# The command
+
+
+@pytest.fixture
+def plan_file(planned: PlanResult, tmp_path: Path) -> Path:
+    save_plan(SavedPlan(MadeFor.of(SERVICE), REQUEST, planned), tmp_path / "plan.json")
+    return tmp_path / "plan.json"
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in arguments], catch_exceptions=False)
+
+
+def test_export_prints_the_message_or_writes_the_table(plan_file: Path, trajectory: Trajectory, tmp_path: Path) -> None:
+    printed = run("export", plan_file, "--format", "joint-trajectory", "--dt", "0.02")
+    assert (printed.exit_code, json.loads(printed.stdout)) == (0, joint_trajectory(trajectory, NAMES, 0.02))
+    written = run("export", plan_file, "--format", "csv", "--out", tmp_path / "motion.csv")
+    assert (written.exit_code, written.stdout) == (0, "")
+    assert (tmp_path / "motion.csv").read_text() == csv_text(trajectory, NAMES, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--format", "cvs"), "unknown format 'cvs'; did you mean 'csv'?"),
+        (("--dt", "0"), "dt: got 0.0; expected a positive number of seconds"),
+        (("--out", "PLAN"), "--out: got "),
+        (("--out", "/no/such/folder/motion.csv"), "cannot be written"),
+    ],
+)
+def test_export_refuses_what_it_cannot_do_and_leaves_the_plan(
+    plan_file: Path, options: tuple[str, str], message: str
+) -> None:
+    before = plan_file.read_bytes()
+    done = run("export", plan_file, options[0], options[1].replace("PLAN", str(plan_file)))
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert message in done.stderr
+    assert plan_file.read_bytes() == before
+
+
+def test_export_of_a_task_has_all_motions_on_one_clock(tmp_path: Path) -> None:
+    service = PlannerService("wxai", "bin")
+    home = service.robot.home
+    task = plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, time_limit=None))
+    task.save(tmp_path / "task.json")
+    printed = run("export", tmp_path / "task.json", "--format", "csv", "--dt", "0.05")
+    assert printed.exit_code == 0
+    head, *rows = csv.reader(printed.stdout.splitlines())
+    assert head[:4] == ["t", "motion", "gripper_width", "q_joint_0"]
+    assert [name for name, _ in groupby(row[1] for row in rows)] == [segment.name for segment in task.segments]
+    times = [float(row[0]) for row in rows]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(sum(segment.result.unwrap()[1].duration for segment in task.segments))
+    widths = {segment.name: segment.width for segment in task.segments}
+    assert all(float(row[2]) == widths[row[1]] for row in rows)
+    motions = json.loads(run("export", tmp_path / "task.json").stdout)["motions"]
+    for motion, segment in zip(motions, task.segments, strict=True):
+        assert (motion["name"], motion["gripper_width"]) == (segment.name, segment.width)
+        assert motion["trajectory"] == joint_trajectory(segment.result, service.robot.joint_names, 0.01)
+    assert motions[1]["begin"] == task.segments[0].result.unwrap()[1].duration
+
+
+def test_export_of_a_failure_is_refused(tmp_path: Path) -> None:
+    request = PlanRequest(REQUEST.start, [0.0, 100.0], time_limit=None)
+    save_plan(SavedPlan(MadeFor.of(SERVICE), request, SERVICE.plan(request)), tmp_path / "plan.json")
+    done = run("export", tmp_path / "plan.json")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "expected a plan, not a failure" in done.stderr
+
+
+def test_commands_take_worlds_of_others(tmp_path: Path) -> None:
+    moveit, urdf = write(tmp_path, NEWER, "w.scene"), write(tmp_path, LIFTED, "w.urdf")
+    listed = json.loads(run("scenes", moveit, "--json").stdout)
+    assert [body["name"] for body in listed["obstacles"]] == ["bench top", "bench top#2", "ball"]
+    touched = run("check", "--scene", urdf, "--q", "0,1.05,0.52,0.63,0,0")
+    assert touched.exit_code == 1
+    assert "x table" in touched.stdout
+    broken = run("check", "--scene", write(tmp_path, NEWER[:100], "cut.scene"), "--q", "home")
+    assert (broken.exit_code, broken.stdout) == (2, "")
+    assert "the file ends" in broken.stderr

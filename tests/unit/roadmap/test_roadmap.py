@@ -1,0 +1,352 @@
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidRequest
+from planner_service.planners import PRM, LazyPRM
+from planner_service.roadmap import Roadmap, Verdict
+from planner_service.roadmap.graph import Net, Spots
+from planner_service.roadmap.nearest import nearest_places
+from planner_service.roadmap.verdicts import SELF, Knowledge
+from planner_service.search.problem import SearchProblem
+from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
+
+NOTHING: tuple[tuple[float, float, float], ...] = ()
+
+CORNERS = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
+SIDES = [(0, 1), (0, 2), (1, 3), (2, 3)]
+SQUARE = Roadmap.of(CORNERS, SIDES)
+JUDGED = Roadmap.judged(CORNERS, SIDES)
+
+
+def query(start: Any, goals: Any, world: DiscWorld) -> SearchProblem:
+    edge = np.full(2, 5.0)
+    return SearchProblem(np.array(start), np.atleast_2d(np.array(goals)), -edge, edge, world)
+
+
+def diagonal(world: DiscWorld) -> SearchProblem:
+    return query([-0.1, -0.1], [1.1, 1.1], world)
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_a_path_is_found_if_there_is_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, world = rng.random((12, 2)), DiscWorld([(0.5, 0.5, 0.25)], step=0.01)
+    points = points[np.sqrt(((points - 0.5) ** 2).sum(axis=1)) > 0.3]
+    edges = [(a, b) for a in range(len(points)) for b in range(a + 1, len(points)) if rng.random() < 0.5]
+    ends = np.array([[-0.1, 0.5], [1.1, 0.5]])
+    found = Roadmap.of(points, edges).search(query(ends[0], ends[1], world))
+
+    everything, checker = [*points.tolist(), *ends.tolist()], DiscWorld([(0.5, 0.5, 0.25)], step=0.01)
+    start = len(points)
+    joined = {frozenset(edge) for edge in edges} | {frozenset((k, e)) for k in range(start) for e in (start, start + 1)}
+    known, front = {start}, [start]
+    while front:
+        node = front.pop()
+        for other in range(start + 2):
+            if other not in known and frozenset((node, other)) in joined:
+                a, b = np.array(everything[node]), np.array(everything[other])
+                if checker.edge_is_free(a, b):
+                    known.add(other)
+                    front.append(other)
+    assert (found.waypoints is not None) == (start + 1 in known)
+
+
+def test_a_path_is_at_most_three_times_as_long_as_the_shortest() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.random((60, 2))
+    pairs = [(a, b) for a in range(60) for b in range(a + 1, 60) if math.dist(points[a], points[b]) < 0.25]
+    for k in range(20):
+        problem = query(rng.random(2), rng.random(2), DiscWorld(NOTHING))
+        found = Roadmap.judged(points, pairs).search(replace(problem, seed=k))
+        assert found.waypoints is not None
+        assert length(found.waypoints) < 3.0 * math.dist(problem.start, problem.goals[0]) + 1.0
+
+
+def test_an_edge_that_is_blocked_is_gone_round() -> None:
+    world = DiscWorld([(0.5, 0.0, 0.1), (0.5, 0.5, 0.1)])
+    found = SQUARE.search(diagonal(world)).waypoints
+    assert found is not None
+    assert [1.0, 0.0] not in found.tolist()
+    assert world.found_free(found)
+
+
+def test_of_a_judged_roadmap_only_what_joins_the_ends_is_judged() -> None:
+    world = DiscWorld([(0.5, 0.5, 0.2)])
+    found = JUDGED.search(diagonal(world))
+    assert found.waypoints is not None
+    assert all((-0.1, -0.1) in edge or (1.1, 1.1) in edge for edge in world.edges)
+    assert found.roadmap is JUDGED, "nothing was learned"
+
+
+def test_an_end_is_joined_anywhere_along_a_free_edge() -> None:
+    bridge = Roadmap.judged([[0.0, 0.0], [4.0, 0.0]], [(0, 1)])
+    found = bridge.search(query([1.0, 0.3], [3.0, 0.3], DiscWorld([(2.0, 0.7, 0.6)])))
+    assert found.waypoints is not None
+    assert length(found.waypoints) < 3.0
+    assert [abs(q[1]) for q in found.waypoints.tolist()[1:-1]] == [0.0] * (len(found.waypoints) - 2)
+
+
+def test_only_edges_of_candidate_paths_are_judged_and_none_twice() -> None:
+    roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=1)
+    world = DiscWorld()
+    result = roadmap.search(across(world))
+    assert result.waypoints is not None
+    assert world.found_free(result.waypoints)
+    assert len({frozenset(edge) for edge in world.edges}) == len(world.edges) < 60 < len(roadmap.edges)
+    assert len(set(world.judged)) == len(world.judged)
+
+
+def test_what_was_learned_is_another_value_and_is_not_asked_again() -> None:
+    roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=1)
+    first = roadmap.search(across(DiscWorld()))
+    learned = first.roadmap
+    assert learned is not None
+    assert roadmap.verdicts.any() == np.False_
+    assert learned.edge_knowledge.count(Verdict.FREE) > 0
+    assert learned.hash != roadmap.hash
+    world, once_more = DiscWorld(), DiscWorld()
+    again = learned.search(across(world))
+    assert again.waypoints is not None
+    assert roadmap.search(across(once_more)).waypoints is not None
+    assert world.states < once_more.states / 2
+
+
+def test_an_oracle_that_glances_is_asked_for_a_first_look_before_all_of_an_edge() -> None:
+    roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=1)
+    plain, glancing = DiscWorld(), GlancingWorld()
+    assert roadmap.search(across(plain)).waypoints is not None
+    result = roadmap.search(across(glancing))
+    assert glancing.glances > 0
+    assert result.waypoints is not None
+    assert glancing.found_free(result.waypoints)
+
+
+def test_ends_known_to_be_free_are_not_judged() -> None:
+    world = DiscWorld(NOTHING)
+    SQUARE.search(diagonal(world))
+    assert (-0.1, -0.1) not in world.judged
+    assert (1.1, 1.1) not in world.judged
+
+
+def test_the_nearer_of_two_goals_is_reached() -> None:
+    problem = across(DiscWorld(), goals=((2.5, 2.5), (1.2, -0.5)))
+    result = PRM(milestones=300).grow(problem, seed=0).search(problem)
+    assert result.goal_index == 1
+
+
+def test_no_path_is_none() -> None:
+    problem = across(DiscWorld(SEALED))
+    assert PRM(milestones=100).grow(problem, seed=0).search(problem).waypoints is None
+    assert LazyPRM(milestones=100).search(problem).waypoints is None
+    assert Roadmap.of(np.zeros((0, 2))).search(diagonal(DiscWorld(NOTHING))).waypoints is None
+
+
+def test_a_query_that_leads_nowhere_ends() -> None:
+    roadmap = LazyPRM(milestones=3000, neighbours=20).grow(across(DiscWorld(SEALED)), seed=0)
+    assert roadmap.search(across(DiscWorld(SEALED))).waypoints is None
+
+
+def test_an_end_that_is_a_milestone_is_not_repeated() -> None:
+    world = DiscWorld([(0.5, 0.5, 0.2)])
+    found = JUDGED.search(query([0.0, 0.0], [1.0, 1.0], world)).waypoints
+    assert found is not None
+    assert found.tolist() in ([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    assert world.edges == []
+
+
+def test_prm_remembers_which_edges_it_found_free_and_which_blocked() -> None:
+    world, checker = DiscWorld(WALL), DiscWorld(WALL)
+    roadmap = PRM(milestones=100, neighbours=5).grow(across(world), seed=2)
+    free = roadmap.verdicts == Verdict.FREE
+    assert free.sum() > 50
+    assert set(roadmap.verdicts.tolist()) == {Verdict.FREE, Verdict.BLOCKED}
+    for (a, b), is_free in zip(roadmap.edges.tolist(), free.tolist(), strict=True):
+        assert checker.edge_is_free(roadmap.milestones[a], roadmap.milestones[b]) == is_free
+    pairs = [tuple(edge) for edge in roadmap.edges.tolist()]
+    assert pairs == sorted({(min(pair), max(pair)) for pair in pairs})
+    assert np.array_equal(roadmap.lengths, [length(roadmap.milestones[edge]) for edge in roadmap.edges.tolist()])
+
+
+def test_lazy_prm_judges_nothing_before_it_is_asked() -> None:
+    world = DiscWorld()
+    roadmap = LazyPRM(milestones=50, neighbours=3).grow(across(world), seed=0)
+    assert world.states == 0
+    assert roadmap.edge_knowledge.count(Verdict.UNKNOWN) == len(roadmap.edges) >= 75
+    points = roadmap.milestones
+    nearest = [np.argsort(np.abs(points - q).sum(axis=1))[1:4].tolist() for q in points]
+    expected = {(min(a, b), max(a, b)) for a, row in enumerate(nearest) for b in row}
+    assert {tuple(edge) for edge in roadmap.edges.tolist()} == expected
+
+
+def test_a_limit_comes_out_of_a_query() -> None:
+    with pytest.raises(Stop, match="limit"):
+        SQUARE.search(diagonal(DiscWorld(NOTHING, limit=3, error=lambda: Stop("limit"))))
+
+
+def test_a_roadmap_cannot_be_changed() -> None:
+    for array in JUDGED.arrays.values():
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+
+
+def test_a_path_is_remembered_as_milestones_and_free_edges() -> None:
+    path = [[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0], [2.0, 0.5]]
+    more = JUDGED.with_path(path)
+    assert more.milestones.tolist() == [*CORNERS, [-1.0, 0.0], [2.0, 0.5]]
+    assert more.edges.tolist() == [*map(list, JUDGED.edges.tolist()), [0, 4], [1, 5]]
+    assert more.verdicts.tolist() == [Verdict.FREE] * 6
+    assert JUDGED.milestones.tolist() == CORNERS
+    world = DiscWorld([(0.5, 0.5, 0.3)])
+    found = more.search(query(path[0], path[-1], world))
+    assert found.waypoints is not None
+    assert world.edges == [], "the ends are milestones now, and the way is known"
+
+
+def test_paths_remembered_one_by_one_are_all_found() -> None:
+    rng = np.random.default_rng(0)
+    roadmap = Roadmap.of(np.zeros((0, 2)))
+    paths = [np.cumsum(rng.random((6, 2)), axis=0) + np.array([0.0, 10.0 * k]) for k in range(12)]
+    for path in paths:
+        roadmap = roadmap.with_path(path)
+    for path in paths:
+        world = DiscWorld(NOTHING)
+        wide = np.full(2, 500.0)
+        found = roadmap.search(SearchProblem(path[0], path[-1:], -wide, wide, world))
+        assert found.waypoints is not None
+        assert found.waypoints[0].tolist() == path[0].tolist()
+        assert world.states == 0
+
+
+def test_a_net_of_added_paths_is_as_if_made_at_once() -> None:
+    rng = np.random.default_rng(3)
+    roadmap = Roadmap.judged(CORNERS, SIDES)
+    for _ in range(30):
+        roadmap = roadmap.with_path(np.round(rng.random((4, 2)), 1))
+    whole = Roadmap.of(roadmap.milestones, roadmap.edges)
+    for node in range(len(roadmap.milestones)):
+        ends = sorted((other, length) for other, length, _ in roadmap.net.around(node))
+        assert ends == sorted((other, length) for other, length, _ in whole.net.around(node))
+        for other, _, number in roadmap.net.around(node):
+            assert sorted(roadmap.edges[number].tolist()) == sorted((node, other))
+    for a, b in pairwise(range(len(roadmap.milestones))):
+        together = whole.net.component(a) == whole.net.component(b)
+        assert (roadmap.net.component(a) == roadmap.net.component(b)) == together
+
+
+@pytest.mark.parametrize("share", [0.05, 0.6, 1.0])
+def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
+    rng = np.random.default_rng(4)
+    roadmap = LazyPRM(milestones=400, neighbours=6).grow(across(DiscWorld(NOTHING)), seed=1)
+    for _ in range(5):
+        roadmap = roadmap.with_path(rng.random((4, 2)) * 3)
+    net = roadmap.net
+    milestones, edges = rng.random(len(net.milestones)) < 0.7, rng.random(len(net.edges)) < share
+    every = Spots(net.trunk, np.arange(len(net.trunk.edges)), net.trunk.spacing), net.added_spots
+    spots, on = (np.concatenate([getattr(some, name) for some in every]) for name in ("q", "edge"))
+    for q in rng.random((10, 2)) * 3:
+        nearest = {-1 - k: float(np.abs(net.milestones[k] - q).sum()) for k in np.flatnonzero(milestones).tolist()}
+        for edge, far in zip(on.tolist(), np.abs(spots - q).sum(axis=1).tolist(), strict=True):
+            if edges[edge]:
+                nearest[edge] = min(nearest.get(edge, math.inf), far)
+        found = [*itertools.islice(nearest_places(net, milestones, edges, q), 40)]
+        assert [place.far for place in found] == pytest.approx(sorted(nearest.values())[:40])
+        for place in found:
+            owner = place.edge if place.edge >= 0 else -1 - place.milestone
+            assert place.far == pytest.approx(nearest[owner])
+
+
+def test_a_roadmap_answers_the_same_whatever_it_or_its_kin_were_asked_before() -> None:
+    rng = np.random.default_rng(5)
+    roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=3)
+    for k in range(6):
+        found = roadmap.search(across(DiscWorld(), seed=k, goals=((2.0, 0.3 * k - 1.0),)))
+        assert found.waypoints is not None
+        assert found.roadmap is not None
+        roadmap = found.roadmap.with_path(found.waypoints)
+    anew = replace(roadmap, net=Net.of(roadmap.milestones, roadmap.edges, roadmap.net.reach, roadmap.net.grown))
+    for goal in rng.random((10, 2)) * 2.0 - 1.0:
+        one, two = DiscWorld(), DiscWorld()
+        end = (2.0 + float(goal[0]) / 4, float(goal[1]))
+        first, second = roadmap.search(across(one, goals=(end,))), anew.search(across(two, goals=(end,)))
+        assert first.waypoints is not None
+        assert second.waypoints is not None
+        assert first.waypoints.tolist() == second.waypoints.tolist()
+        assert one.judged == two.judged
+
+
+def test_what_an_obstacle_may_have_changed_is_in_doubt_and_nothing_else() -> None:
+    lessons = {
+        0: (Verdict.FREE, None),
+        1: (Verdict.BLOCKED, "post"),
+        2: (Verdict.BLOCKED, "wall"),
+        3: (Verdict.BLOCKED, SELF),
+        4: (Verdict.BLOCKED, None),
+    }
+    known = Knowledge.none(6).with_lessons(lessons)
+    free, blocked = Verdict.FREE, Verdict.BLOCKED
+    doubt = (Verdict.FREE_BEFORE, Verdict.BLOCKED_BEFORE)
+    unknown = Verdict.UNKNOWN
+    moved = known.after({"post"}, {"post"}, {"post"})
+    assert moved.verdicts.tolist() == [doubt[0], doubt[1], blocked, blocked, doubt[1], unknown]
+    come = known.after({"ball"}, (), {"ball"})
+    assert come.verdicts.tolist() == [doubt[0], blocked, blocked, blocked, blocked, unknown]
+    gone = known.after((), {"wall"}, ())
+    assert gone.verdicts.tolist() == [free, blocked, doubt[1], blocked, doubt[1], unknown]
+    back = come.after((), {"ball"}, ())
+    assert back.verdicts.tolist()[0] == free, "what was free of all else is free once the ball has gone again"
+
+
+@pytest.mark.parametrize(
+    ("milestones", "edges", "field"),
+    [
+        ([[float("nan")]], [], "milestones"),
+        ([0.0], [], "milestones"),
+        ([[0.0], [1.0]], [[0, 2]], "edges"),
+        ([[0.0], [1.0]], [[1, 1]], "edges"),
+        ([[0.0], [1.0]], [[-1, 1]], "edges"),
+    ],
+)
+def test_a_roadmap_that_makes_no_sense_is_refused(
+    milestones: list[list[float]], edges: list[list[int]], field: str
+) -> None:
+    with pytest.raises(InvalidRequest, match=field):
+        Roadmap.of(milestones, edges)
+
+
+@pytest.mark.parametrize("reach", [[1.0], [1.0, -1.0], [1.0, math.nan], "ab"])
+def test_a_reach_that_makes_no_sense_is_refused(reach: Any) -> None:
+    with pytest.raises(InvalidRequest, match="reach: got"):
+        Roadmap.of(CORNERS, SIDES, reach=reach)
+
+
+def test_a_roadmap_of_another_arm_is_refused() -> None:
+    with pytest.raises(InvalidRequest, match="a roadmap of 6 joints"):
+        SQUARE.search(across(DiscWorld(), n=6))
+
+
+@pytest.mark.parametrize("points", [[[0.0, 0.0]], [[0.0], [1.0]], [[0.0, math.inf], [0.0, 0.0]], None])
+def test_a_path_that_is_none_is_refused(points: Any) -> None:
+    with pytest.raises(InvalidRequest, match="points: got"):
+        SQUARE.with_path(points)
+
+
+@pytest.mark.parametrize("milestones", [[[10**400, 0.0]], [["0", "1"]], [[True, False]], [[0.0], [0.0, 1.0]], None])
+def test_milestones_that_are_no_real_numbers_are_refused(milestones: Any) -> None:
+    with pytest.raises(InvalidRequest, match="milestones: got"):
+        Roadmap.of(milestones, [])
+
+
+@pytest.mark.parametrize(
+    "edges", [[[0, 10**400]], [["0", "1"]], [[0, 0.5]], [0, 1], [[0, 1, 1]], None, [[0, math.inf]]]
+)
+def test_edges_that_are_no_pairs_of_indices_are_refused(edges: Any) -> None:
+    with pytest.raises(InvalidRequest, match="edges: got"):
+        Roadmap.of([[0.0], [1.0]], edges)

@@ -1,0 +1,372 @@
+"""Roadmaps in files: what was saved comes back bit for bit, and nothing else is taken for a roadmap."""
+
+from __future__ import annotations
+
+import io
+import json
+import warnings
+import zipfile
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service import CheckCounts, PlannerService, Roadmap
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.reading import read_bytes
+from planner_service.roadmap import Built, Terms, Verdict
+from planner_service.roadmap.verdicts import SELF, Lesson
+
+TERMS = Terms(
+    "arm",
+    "00ff",
+    ("j1", "j2"),
+    "bench “é”",
+    "aa",
+    (("köln", "1"), ("塔", "2")),
+    "bb",
+    (("a", "b"),),
+    0.001,
+    "MotionStep(distance=0.01)",
+)
+
+
+@lru_cache
+def sample() -> Roadmap:
+    rng = np.random.default_rng(0)
+    points = np.concatenate([rng.random((20, 2)), [[-0.0, 1e-300]]])
+    edges = [(a, b) for a in range(21) for b in range(a + 1, 21) if rng.random() < 0.2]
+    lessons: dict[int, Lesson] = {
+        0: (Verdict.FREE, None),
+        1: (Verdict.BLOCKED, "köln"),
+        2: (Verdict.BLOCKED, SELF),
+        3: (Verdict.BLOCKED, None),
+        4: (Verdict.FREE_BEFORE, None),
+        5: (Verdict.BLOCKED_BEFORE, None),
+    }
+    built = Built("prm", {"milestones": 20}, 2**80, CheckCounts(1, 2, 3))
+    whole = replace(Roadmap.of(points, edges, reach=[1.0, 0.25]), terms=TERMS, pending=("köln",), built=built)
+    return whole.with_lessons(lessons, lessons).with_path([[0.5, 0.5], [2.0, 2.0], points[3].tolist()])
+
+
+def saved(tmp_path: Path, roadmap: Roadmap | None = None) -> Path:
+    path = tmp_path / "a.roadmap.npz"
+    (sample() if roadmap is None else roadmap).save(path)
+    return path
+
+
+def refused(path: Path, data: bytes) -> bool:
+    """Whether a file of these bytes is refused; if not, it has to be the same roadmap."""
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            same = Roadmap.load(path).hash == sample().hash
+        except (InvalidFile, InvalidRequest):
+            return True
+    assert same
+    return False
+
+
+NOTHING_KNOWN = Roadmap.of([[0.0], [1.0]], [(0, 1)])
+
+
+@pytest.mark.parametrize(
+    "roadmap",
+    [
+        sample(),
+        NOTHING_KNOWN,
+        Roadmap.of(np.zeros((0, 6))),
+        Roadmap.of(np.zeros((3, 1))),
+        Roadmap.of(np.asfortranarray(np.random.default_rng(1).random((5, 3))), [(0, 4)]),
+        replace(NOTHING_KNOWN, fallback=False, remember=True, built=Built("mine", {}, 0, CheckCounts())),
+    ],
+)
+def test_what_was_saved_comes_back_bit_for_bit(roadmap: Roadmap, tmp_path: Path) -> None:
+    back = Roadmap.load(saved(tmp_path, roadmap))
+    assert back.hash == roadmap.hash
+    assert json.dumps(back.head) == json.dumps(roadmap.head)
+    assert back.terms == roadmap.terms
+    assert back.built == roadmap.built
+    assert back.net.grown == roadmap.net.grown
+    for name, array in roadmap.arrays.items():
+        assert back.arrays[name].tobytes() == np.ascontiguousarray(array).tobytes(), name
+        assert back.arrays[name].dtype == array.dtype
+        assert not back.arrays[name].flags.writeable
+    back.save(tmp_path / "b.npz")
+    assert (tmp_path / "b.npz").stat().st_size == (tmp_path / "a.roadmap.npz").stat().st_size
+
+
+def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    data = path.read_bytes()
+    assert all(refused(path, data[:length]) for length in range(0, len(data), 64))
+
+
+def test_a_file_with_a_flipped_bit_is_refused_or_the_same(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    data, rng = path.read_bytes(), np.random.default_rng(0)
+    told = 0
+    for at in rng.integers(0, len(data), 250).tolist():
+        told += refused(path, data[:at] + bytes([data[at] ^ (1 << int(rng.integers(8)))]) + data[at + 1 :])
+    assert told > 120
+
+
+def parts(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    with np.load(path) as archive:
+        return {name: archive[name] for name in archive.files}
+
+
+def written(arrays: dict[str, Any]) -> bytes:
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)
+    return packed.getvalue()
+
+
+BAD = [
+    np.float64(3.0),
+    np.zeros(0),
+    np.zeros((2, 2, 2, 2)),
+    np.full((21, 2), np.nan),
+    np.full((23, 2), 1e300),
+    np.full(23, np.inf),
+    np.full((23, 2), -1),
+    np.full(23, 300),
+    np.full(23, 0.5),
+    np.zeros((23, 0)),
+    np.array(["a"]),
+    np.array([1j]),
+    np.array([{}], dtype=object),
+    np.full(3, np.longdouble("1e4000")),
+    np.zeros(23, dtype=[("a", "f8")]),
+    np.full(40, 2**63, dtype=np.uint64),
+]
+
+
+@pytest.mark.parametrize("bad", range(len(BAD)))
+def test_an_array_of_another_kind_is_refused(bad: int, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    arrays = parts(path)
+    for name in arrays:
+        assert refused(path, written({**arrays, name: BAD[bad]})), name
+    for name in arrays:
+        assert refused(path, written({key: array for key, array in arrays.items() if key != name})), name
+
+
+def headed(path: Path, **changes: Any) -> bytes:
+    arrays = parts(path)
+    head = json.loads(arrays["head"].tobytes())
+    for key, value in changes.items():
+        at = head
+        *where, last = key.split("__")
+        for step in where:
+            at = at[step]
+        at[last] = value
+    return written({**arrays, "head": np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"format": "other"},
+        {"format": 3},
+        {"version": 2},
+        {"version": True},
+        {"hash": "0" * 64},
+        {"hash": None},
+        {"terms": 3},
+        {"terms": {}},
+        {"terms__padding": float("nan")},
+        {"terms__padding": 0.002},
+        {"terms__obstacles": [["a"]]},
+        {"terms__obstacles": "ab"},
+        {"terms__joint_names": 4},
+        {"terms__allowed": [[1, 2]]},
+        {"pending": {}},
+        {"pending": ["köln", 3]},
+        {"built": []},
+        {"built__settings": 3},
+        {"built__settings": {"a": "b"}},
+        {"built__seed": -1},
+        {"built__seed": 1.5},
+        {"built__seed": True},
+        {"built__counts": None},
+        {"fallback": 1},
+        {"remember": "no"},
+        {"grown": [1]},
+        {"grown": [1, 2, 3]},
+        {"grown": [3, 60]},
+        {"grown": [10**9, 0]},
+        {"grown": [0, 0]},
+        {"grown": [-1, 0]},
+        {"grown": None},
+        {"milestone_names": []},
+        {"edge_names": ["a"] * 10},
+        {"edge_names": [["a"]]},
+    ],
+)
+def test_a_head_that_says_something_else_is_refused(changes: dict[str, Any], tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    assert refused(path, headed(path, **changes))
+
+
+@pytest.mark.parametrize("name", ["\x1b[2J", "\ud800", "\u202e"])
+def test_a_name_that_a_terminal_would_obey_is_refused(name: str, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    path.write_bytes(headed(path, terms__scene=name))
+    with pytest.raises(InvalidFile, match=r"terms.scene: got .* expected a text of printable characters") as caught:
+        Roadmap.load(path)
+    assert caught.value.problems[0].isprintable()
+
+
+@pytest.mark.parametrize(
+    "text", [b"", b"{", b"null", b"[]", b"3", b"[" * 100_000, b"\xff\xfe", b'{"version": ' + b"9" * 5000 + b"}"]
+)
+def test_a_head_that_is_no_object_is_refused(text: bytes, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    assert refused(path, written({**parts(path), "head": np.frombuffer(text, dtype=np.uint8)}))
+
+
+@pytest.mark.parametrize("change", ["twice", "reversed", "beyond", "loop", "order"])
+def test_edges_that_are_none_are_refused(change: str, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    arrays = parts(path)
+    edges = arrays["edges"].copy()
+    if change == "twice":
+        edges[1] = edges[0]
+    if change == "reversed":
+        edges[0] = edges[0][::-1]
+    if change == "beyond":
+        edges[0, 1] = len(arrays["milestones"])
+    if change == "loop":
+        edges[0, 1] = edges[0, 0]
+    if change == "order":
+        edges[[0, 1]] = edges[[1, 0]]
+    assert refused(path, written({**arrays, "edges": edges}))
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    assert refused(path, b"")
+    assert refused(path, b"PK\x05\x06" + bytes(18))
+    assert refused(path, written({"points": np.zeros((3, 3))}))
+    assert refused(path, written({"head": np.arange(-5, 5)}))
+    assert refused(path, written({"head": np.full(5, np.nan)}))
+    assert refused(path, written({"head": np.full(5, 1e300)}))
+
+
+@pytest.mark.parametrize("name", ["head", "edge_verdicts"])
+def test_a_bomb_is_refused(name: str, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    arrays = parts(path)
+    packed = io.BytesIO()
+    bomb: dict[str, Any] = {**arrays, name: np.zeros(210_000_000, dtype=np.uint8)}
+    np.savez_compressed(packed, **bomb)
+    assert refused(path, packed.getvalue())
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, zipfile.ZIP_DEFLATED])
+def test_a_damaged_packed_file_is_refused(method: int, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(packed, "w", method) as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name))
+    data, rng = packed.getvalue(), np.random.default_rng(0)
+    for at in rng.integers(0, len(data), 100).tolist():
+        refused(path, data[:at] + bytes(rng.integers(0, 256, 3, dtype=np.uint8)) + data[at + 3 :])
+
+
+def test_a_lying_method_is_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    data = path.read_bytes()
+    for method in range(100):
+        lying = bytearray(data)
+        for mark, offset in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+            at = lying.find(mark)
+            while at >= 0:
+                lying[at + offset] = method
+                at = lying.find(mark, at + 4)
+        assert refused(path, bytes(lying)) or method == 0
+
+
+@pytest.mark.parametrize("name", ["a.zip", "a", "a.npz.txt"])
+def test_another_suffix_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidRequest, match="ends in"):
+        sample().save(tmp_path / name)
+    with pytest.raises(InvalidFile, match="suffix"):
+        Roadmap.load(tmp_path / name)
+
+
+def test_a_folder_that_is_not_there_and_a_path_that_is_none_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFile, match="has to be there"):
+        sample().save(tmp_path / "no" / "a.npz")
+    with pytest.raises(InvalidFile, match="no such file"):
+        Roadmap.load(tmp_path / "no" / "a.npz")
+    (tmp_path / "b.npz").mkdir()
+    with pytest.raises(InvalidFile, match="not a regular file"):
+        sample().save(tmp_path / "b.npz")
+    with pytest.raises(InvalidFile, match="not a file"):
+        Roadmap.load(tmp_path / "b.npz")
+    for path in (3, None, b"a.npz"):
+        with pytest.raises((InvalidRequest, InvalidFile), match="path"):
+            Roadmap.load(path)  # type: ignore[arg-type]
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = saved(tmp_path)
+    before = path.read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(InvalidFile, match="No space"):
+        NOTHING_KNOWN.save(path)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+def test_what_could_not_be_loaded_again_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("planner_service.roadmap.roadmap_file.MAX_BYTES", 1000)
+    with pytest.raises(InvalidRequest, match="bytes"):
+        saved(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("seed", [2**70, np.int64(3)])
+def test_any_seed_of_a_roadmap_can_be_saved(seed: Any, tmp_path: Path) -> None:
+    from planner_service import LazyPRM
+
+    roadmap = PlannerService("planar2", "post").build_roadmap(LazyPRM(milestones=5, neighbours=2), seed=seed)
+    assert Roadmap.load(saved(tmp_path, roadmap)).built == roadmap.built
+
+
+def test_a_file_that_is_replaced_meanwhile_is_read_as_of_one_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = saved(tmp_path)
+
+    def then_replaced(source: Path, most: int) -> bytes:
+        data = read_bytes(source, most)
+        NOTHING_KNOWN.save(source)
+        return data
+
+    monkeypatch.setattr("planner_service.geometry.point_files.read_bytes", then_replaced)
+    assert Roadmap.load(path).hash == sample().hash
+    assert Roadmap.load(path).hash == NOTHING_KNOWN.hash
+
+
+def test_a_file_without_a_version_is_no_roadmap(tmp_path: Path) -> None:
+    path, other = tmp_path / "roadmap.npz", tmp_path / "other.npz"
+    PlannerService("planar2", "discs").path_memory().save(path)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    head = json.loads(arrays["head"].tobytes())
+    del head["version"]
+    np.savez(other, **{**arrays, "head": np.frombuffer(json.dumps(head).encode(), np.uint8)})
+    with pytest.raises(InvalidFile, match="version is missing; this package reads version 1"):
+        Roadmap.load(other)

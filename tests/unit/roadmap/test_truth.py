@@ -1,0 +1,283 @@
+"""Roadmaps never lie: every verdict that is said to hold is a fresh checker's, whatever happened before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.worlds import queries
+from planner_service import (
+    PRM,
+    CancelToken,
+    CheckCounts,
+    CollisionChecker,
+    JointStep,
+    LazyPRM,
+    MotionStep,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    Roadmap,
+    Scene,
+    Stage,
+    Verdict,
+)
+from planner_service.collision.budget import CheckBudgetSpent
+from planner_service.collision.edge_sampling import FinestStep
+from planner_service.planning import pipeline
+from planner_service.roadmap import Terms
+from planner_service.roadmap.roadmap import RoadmapSearchResult
+from planner_service.roadmap.verdicts import SELF, Knowledge
+
+FREE, BLOCKED = Verdict.FREE, Verdict.BLOCKED
+
+
+def checker_of(roadmap: Roadmap, service: PlannerService) -> CollisionChecker:
+    assert roadmap.terms is not None
+    return CollisionChecker(
+        service.robot, service.scene, edge_step=service.checker.edge_step, padding=roadmap.terms.padding
+    )
+
+
+def claims(roadmap: Roadmap, checker: CollisionChecker) -> Iterator[tuple[str, bool, bool]]:
+    """What a roadmap says of its milestones and edges, and what a checker says."""
+    for k, verdict in enumerate(roadmap.milestone_knowledge.verdicts.tolist()):
+        if verdict in (FREE, BLOCKED):
+            yield f"milestone {k}", verdict == FREE, checker.state_is_free(roadmap.milestones[k])
+    for k, verdict in enumerate(roadmap.verdicts.tolist()):
+        if verdict in (FREE, BLOCKED):
+            a, b = roadmap.milestones[roadmap.edges[k]]
+            yield f"edge {k}", verdict == FREE, checker.edge_is_free(a, b)
+
+
+def lies(roadmap: Roadmap | None, service: PlannerService) -> list[tuple[str, bool]]:
+    assert roadmap is not None
+    assert roadmap.terms is not None
+    if roadmap.terms.scene_hash != service.scene.hash:
+        return [("the scene", True)]
+    told = claims(roadmap, checker_of(roadmap, service))
+    return [(what, claimed) for what, claimed, found in told if claimed != found]
+
+
+def false_blames(roadmap: Roadmap, service: PlannerService) -> list[tuple[str, str]]:
+    """What is said to be in the way of something without being so."""
+    scene, out = service.scene, []
+    checkers = {SELF: checker_of(roadmap, service.with_scene(Scene((), scene.attached)))}
+    for obstacle in scene.obstacles:
+        checkers[obstacle.name] = checker_of(roadmap, service.with_scene(Scene((obstacle,), scene.attached)))
+    ends = roadmap.milestones[roadmap.edges]
+    things = np.repeat(roadmap.milestones[:, None], 2, axis=1)
+    for known, pairs in ((roadmap.milestone_knowledge, things), (roadmap.edge_knowledge, ends)):
+        for verdict, blocker, (a, b) in zip(known.verdicts.tolist(), known.blockers.tolist(), pairs, strict=True):
+            if verdict == BLOCKED and blocker >= 0 and checkers[known.names[blocker]].edge_is_free(a, b):
+                out.append((known.names[blocker], str(a)))
+    return out
+
+
+@lru_cache
+def cell(scene: str = "bin") -> PlannerService:
+    return PlannerService("wxai", scene, edge_step=JointStep(0.05))
+
+
+def ask(service: PlannerService, roadmap: Roadmap, number: int = 0, **settings: Any) -> PlanResult:
+    query = queries.load("bin")[number]
+    return service.plan(PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None, **settings))
+
+
+def test_a_path_that_keeps_less_is_not_remembered_as_one_that_keeps_more() -> None:
+    service = cell()
+    memory = service.path_memory(padding=0.03)
+    for number in range(4):
+        result = ask(service, memory, number, padding=0.0)
+        assert result.ok
+        assert result.roadmap is memory
+
+
+def test_a_path_that_was_not_found_over_the_roadmap_is_remembered_where_it_was_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spent = CheckBudgetSpent("the check budget is spent")
+    monkeypatch.setattr(pipeline, "ask", lambda roadmap, *_: RoadmapSearchResult(None, stopped=spent, roadmap=roadmap))
+    service, memory = cell(), cell().with_scene(Scene()).path_memory()
+    for number in range(3):
+        result = ask(service, memory, number)
+        assert result.ok
+        assert lies(result.roadmap, service) == []
+
+
+@pytest.mark.parametrize("step", [0.1, 0.4])
+def test_parts_of_edges_are_remembered_only_once_judged(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    for smoothing in ("shortcut", "pulled_in", "without_short_pieces"):  # which judges most of them
+        monkeypatch.setattr(pipeline, smoothing, lambda points, *_: points)
+    service = PlannerService("wxai", "shelf", edge_step=JointStep(step))
+    few = PRM(milestones=100, neighbours=5)
+    roadmap = replace(service.build_roadmap(few, seed=1, padding=0.01), remember=True)
+    for query in queries.load("shelf")[:25]:
+        request = PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None, blend=0.0, padding=0.01)
+        result = service.plan(request)
+        assert result.roadmap is not None
+        roadmap = result.roadmap
+    assert len(roadmap.milestones) > 120
+    assert lies(roadmap, service) == []
+
+
+def test_a_roadmap_grown_for_a_plan_that_fails_comes_back() -> None:
+    query = queries.load("bin")[0]
+    few = PRM(milestones=30, neighbours=2)
+    result = cell().plan(PlanRequest(query.start, query.goal, planner=few, time_limit=None, max_checks=10))
+    assert not result.ok
+    assert result.roadmap is not None
+    assert lies(result.roadmap, cell()) == []
+
+
+class Whim:
+    """A rule of a user's own, which nobody can tell from another."""
+
+    def __init__(self, angle: float) -> None:
+        self.angle = angle
+
+    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        return JointStep(self.angle).segments(dq, reach)
+
+    def __repr__(self) -> str:
+        return "Whim()"
+
+
+def test_what_was_judged_at_samples_nobody_can_tell_is_not_known_again() -> None:
+    coarse, fine = (PlannerService("wxai", "bin", edge_step=Whim(angle)) for angle in (0.8, 0.02))
+    roadmap = coarse.build_roadmap(PRM(milestones=100, neighbours=6), seed=1)
+    assert lies(roadmap, coarse) == []
+    result = ask(fine, roadmap)
+    assert lies(result.roadmap, fine) == []
+    assert lies(fine.update_roadmap(roadmap).roadmap, fine) == []
+
+
+def test_another_step_of_the_same_rule_is_another_rule() -> None:
+    checkers = [
+        CollisionChecker(cell().robot, Scene(), edge_step=step)
+        for step in (
+            JointStep(0.05),
+            JointStep(0.04),
+            MotionStep(0.05),
+            FinestStep((JointStep(0.05), MotionStep(0.05))),
+            FinestStep((JointStep(0.05), MotionStep(0.04))),
+        )
+    ]
+    terms = [Terms.of(checker) for checker in checkers]
+    assert all(one.same(two) == (one is two) for one in terms for two in terms)
+    odd = Terms.of(CollisionChecker(cell().robot, Scene(), edge_step=FinestStep((JointStep(0.05), Whim(0.1)))))
+    assert not odd.same(odd)
+
+
+def test_edges_are_blocked_whichever_end_is_named_first() -> None:
+    roadmap = Roadmap.judged([[0.0], [1.0], [2.0]], [(2, 1)], {(1, 0): "post"})
+    assert roadmap.edges.tolist() == [[0, 1], [1, 2]]
+    assert roadmap.verdicts.tolist() == [BLOCKED, FREE]
+
+
+def test_with_less_padding_what_was_blocked_is_not_known_and_what_was_free_is() -> None:
+    terms = Terms.of(CollisionChecker(cell().robot, Scene(), padding=0.01))
+    edges = {0: (FREE, None), 1: (BLOCKED, "post"), 2: (Verdict.FREE_BEFORE, None)}
+    roadmap = replace(Roadmap.of(np.zeros((4, 6)), [(0, 1), (1, 2), (2, 3)]), terms=terms).with_lessons({}, edges)
+    unknown = Verdict.UNKNOWN
+    nearer = roadmap.under(replace(terms, padding=0.0))
+    assert nearer.verdicts.tolist() == [FREE, unknown, Verdict.FREE_BEFORE]
+    assert roadmap.under(replace(terms, padding=0.02)).verdicts.tolist() == [unknown] * 3
+    hardly = replace(terms, padding=0.01 - 1e-9)
+    assert roadmap.under(hardly).verdicts.tolist() == [unknown] * 3
+
+
+def test_what_stood_in_the_way_of_a_grown_edge_is_what_is_blamed() -> None:
+    for scene in ("bin", "shelf"):
+        service = cell(scene)
+        roadmap = service.build_roadmap(PRM(milestones=150, neighbours=10), seed=2)
+        blamed = {roadmap.edge_knowledge.names[k] for k in roadmap.edge_knowledge.blockers.tolist() if k >= 0}
+        assert len(blamed) > 2
+        assert roadmap.edge_knowledge.count(BLOCKED) > 50
+        assert false_blames(roadmap, service) == []
+
+
+def test_obstacles_that_are_gone_are_forgotten_in_the_end() -> None:
+    known = Knowledge.none(3)
+    for k in range(50):
+        known = known.with_lessons({0: (BLOCKED, f"parcel {k}"), 1: (BLOCKED, "wall"), 2: (BLOCKED, SELF)})
+        assert known.names[known.blockers[0]] == f"parcel {k}"
+        known = known.after({f"parcel {k + 1}"}, {f"parcel {k}"}, {f"parcel {k + 1}"})
+        assert [known.names[at] for at in known.blockers[1:]] == ["wall", SELF]
+    assert known.verdicts.tolist() == [Verdict.BLOCKED_BEFORE, BLOCKED, BLOCKED]
+    assert known.blockers[0] == -1
+    assert len(known.names) == 2
+
+
+@pytest.mark.parametrize("fallback", [True, False])
+def test_what_was_learned_before_the_budget_was_spent_comes_back_and_is_true(fallback: bool) -> None:
+    service, query = cell(), queries.load("bin")[1]
+    roadmap = replace(service.build_roadmap(LazyPRM(milestones=300), seed=1), fallback=fallback)
+    learned = gained = 0
+    for budget in range(100, 1500, 100):
+        request = PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None, max_checks=budget)
+        result = service.plan(request)
+        assert lies(result.roadmap, service) == []
+        assert result.roadmap is not None
+        more = len(roadmap.edges) - result.roadmap.edge_knowledge.count(Verdict.UNKNOWN)
+        assert more >= learned
+        gained += not result.ok and more > learned
+        roadmap, learned = result.roadmap, more
+    assert gained > 0
+    assert result.ok, "in the end"
+
+
+def test_a_query_that_was_cancelled_disturbs_no_other() -> None:
+    service, roadmap = PlannerService("wxai", "bin", edge_step=JointStep(0.05)), cell().path_memory()
+    token = CancelToken()
+    token.cancel()
+    query = queries.load("bin")[1]
+    request = PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None)
+    expected = cell().plan(request)
+    cancelled = service.plan(request, cancel=token)
+    assert cancelled.failure is not None
+    assert cancelled.roadmap is roadmap
+    again = service.plan(request)
+    assert again.counts == expected.counts
+    assert again.roadmap is not None
+    assert expected.roadmap is not None
+    assert again.roadmap.hash == expected.roadmap.hash
+
+
+def test_threads_share_a_roadmap_and_each_gets_its_own_answer() -> None:
+    services = [PlannerService("wxai", "bin", edge_step=JointStep(0.05)) for _ in range(2)]
+    roadmap = cell().build_roadmap(LazyPRM(milestones=200), seed=3)
+    alone = [ask(cell(), replace(roadmap), number) for number in range(4)]
+    shared = Roadmap.of(roadmap.milestones, roadmap.edges, reach=roadmap.net.reach)
+    shared = replace(shared, terms=roadmap.terms, built=roadmap.built)
+    assert shared.hash == roadmap.hash
+    with ThreadPoolExecutor(4) as pool:
+        told = list(pool.map(lambda k: ask(services[k % 2], shared, k // 2), range(8)))
+    for k, result in enumerate(told):
+        assert result.counts == alone[k // 2].counts
+        assert result.roadmap is not None
+        other = alone[k // 2].roadmap
+        assert other is not None
+        assert result.roadmap.hash == other.hash
+
+
+def test_a_scene_of_another_name_or_order_leaves_all_known_and_says_so() -> None:
+    service = cell()
+    roadmap = service.build_roadmap(PRM(milestones=100, neighbours=6), seed=1)
+    scene = service.scene
+    for other in (replace(scene, name="elsewhere"), replace(scene, obstacles=scene.obstacles[::-1])):
+        there = service.with_scene(other)
+        result = ask(there, roadmap)
+        assert result.roadmap is not None
+        assert result.roadmap.terms != roadmap.terms
+        assert result.roadmap.verdicts.tolist() == roadmap.verdicts.tolist()
+        assert "none is taken for known" not in result.stage(Stage.SEARCH).note
+        assert lies(result.roadmap, there) == []
+        update = there.update_roadmap(roadmap)
+        assert update.counts == CheckCounts()

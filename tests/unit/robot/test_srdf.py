@@ -1,0 +1,152 @@
+"""SRDF files give pairs that may touch, and named poses; and a part of a larger robot is a robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.robot.model import Robot
+
+# Two arms of two joints on a post; a finger, and another that mimics it, on the left one; a fixed camera.
+TWO = """<robot name="two">
+  <link name="post"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+  {arms}
+  <link name="finger"/><link name="other_finger"/><link name="camera"/>
+  <joint name="finger_joint" type="prismatic"><parent link="left_2"/><child link="finger"/>
+    <limit lower="0.01" upper="0.05" velocity="1"/></joint>
+  <joint name="other_joint" type="prismatic"><parent link="left_2"/><child link="other_finger"/>
+    <limit lower="0.01" upper="0.05" velocity="1"/><mimic joint="finger_joint" multiplier="-1" offset="0.06"/></joint>
+  <joint name="camera_joint" type="fixed"><parent link="post"/><child link="camera"/></joint>
+</robot>"""
+ARM = """
+  <link name="{side}_1"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <link name="{side}_2"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
+  <joint name="{side}_turn" type="continuous"><parent link="post"/><child link="{side}_1"/>
+    <origin xyz="0 {y} 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="{side}_lift" type="revolute"><parent link="{side}_1"/><child link="{side}_2"/>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/><limit lower="0.5" upper="1.5707963" velocity="1"/></joint>"""
+LEFT = ("left_turn", "left_lift")
+ALL = (*LEFT, "right_turn", "right_lift")
+
+
+def two(folder: Path) -> Path:
+    path = folder / "two.urdf"
+    path.write_text(TWO.format(arms=ARM.format(side="left", y=1) + ARM.format(side="right", y=-1)))
+    return path
+
+
+def state(name: str, group: str, **values: object) -> str:
+    joints = "".join(f'<joint name="{joint}" value="{value}"/>' for joint, value in values.items())
+    return f'<group_state name="{name}" group="{group}">{joints}</group_state>'
+
+
+def poses(folder: Path, *states: str, joints: tuple[str, ...] = ALL) -> dict[str, list[float]]:
+    (folder / "two.srdf").write_text(f'<robot name="two">{"".join(states)}</robot>')
+    robot = Robot.from_urdf(two(folder), srdf=folder / "two.srdf", joints=joints)
+    return {name: q.tolist() for name, q in robot.named_poses}
+
+
+MIDDLE = (0.5 + 1.5707963) / 2
+
+
+def test_a_state_of_some_joints_leaves_the_others_at_home(tmp_path: Path) -> None:
+    found = poses(tmp_path, state("up", "left", left_turn=0.3, left_lift=1.0))
+    assert found == {"home": [0.0, MIDDLE, 0.0, MIDDLE], "up": [0.3, 1.0, 0.0, MIDDLE]}
+
+
+def test_a_state_called_home_is_home_for_the_others_too(tmp_path: Path) -> None:
+    found = poses(tmp_path, state("up", "left", left_turn=0.3), state("home", "right", right_lift=0.6))
+    assert found == {"home": [0.0, MIDDLE, 0.0, 0.6], "up": [0.3, MIDDLE, 0.0, 0.6]}
+
+
+def test_one_state_of_several_groups_is_one_pose(tmp_path: Path) -> None:
+    found = poses(tmp_path, state("up", "left", left_turn=0.3), state("up", "right", right_turn=0.4))
+    assert found["up"] == [0.3, MIDDLE, 0.4, MIDDLE]
+
+
+def test_groups_that_disagree_on_a_state_have_one_each(tmp_path: Path) -> None:
+    found = poses(tmp_path, state("up", "left", left_turn=0.3), state("up", "both", left_turn=0.2, right_turn=0.4))
+    assert found["left/up"] == [0.3, MIDDLE, 0.0, MIDDLE]
+    assert found["both/up"] == [0.2, MIDDLE, 0.4, MIDDLE]
+    assert "up" not in found
+
+
+def test_a_state_of_joints_that_stand_still_is_no_pose(tmp_path: Path) -> None:
+    shut = state("shut", "hand", finger_joint=0.02)
+    assert set(poses(tmp_path, shut, state("seen", "head", camera_joint=0.7), joints=LEFT)) == {"home"}
+
+
+def test_a_state_beyond_a_limit_by_rounding_stands_at_the_limit(tmp_path: Path) -> None:
+    assert poses(tmp_path, state("up", "left", left_lift=1.5708))["up"][1] == 1.5707963
+
+
+BAD = {
+    "an unknown joint": (state("up", "left", left_trun=0), "group_state 'up': 'left_trun' is no joint of the URDF"),
+    "beyond a limit": (state("up", "left", left_lift=1.6), r"group_state 'up': left_lift = '1.6'; .* \[0.5, 1.5708\]"),
+    "no number": (state("up", "left", left_lift="high"), "group_state 'up': left_lift = 'high'; expected a number"),
+    "two numbers": (state("up", "left", left_lift="1 1"), "group_state 'up': left_lift = '1 1'; expected a number"),
+    "NaN": (state("up", "left", left_lift="nan"), "group_state 'up': left_lift = 'nan'; expected a number"),
+    "no group": (state("up", "", left_lift=1), r"group_state\[0\] 'up' of group ''; expected both to have a name"),
+    "given twice": (2 * state("up", "left", left_lift=1), "group_state 'up' of group 'left' is given twice"),
+    "a joint twice": (
+        state("up", "left", left_lift=1).replace("</g", '<joint name="left_lift" value="1"/></g'),
+        "group_state 'up': 'left_lift' is given twice",
+    ),
+    "a link twice": ('<disable_collisions link1="post" link2="post"/>', "'post' twice; expected two links"),
+    "too many": (501 * state("up", "left", left_lift=1), "501 group states; at most 500"),
+}
+
+
+@pytest.mark.parametrize(("states", "reason"), BAD.values(), ids=BAD.keys())
+def test_a_bad_state_is_refused_by_name(tmp_path: Path, states: str, reason: str) -> None:
+    with pytest.raises(InvalidFile, match=reason):
+        poses(tmp_path, states)
+
+
+def test_a_part_of_a_robot_has_its_joints_in_the_order_given(tmp_path: Path) -> None:
+    robot = Robot.from_urdf(two(tmp_path), tool_frame="right_2", joints=["right_lift", "right_turn"])
+    assert robot.joint_names == ("right_lift", "right_turn")
+    assert robot.limits.lower.tolist() == [0.5, pytest.approx(-6.2831853)]
+    all_of_it = Robot.from_urdf(two(tmp_path), tool_frame="right_2", joints=ALL)
+    q = [0.1, 0.7, 0.3, 1.2]
+    assert robot.tool_pose([q[3], q[2]]).tolist() == all_of_it.tool_pose(q).tolist()
+    assert "left_1" in robot.base_links
+
+
+def test_joints_that_are_not_chosen_stand_at_zero_or_in_the_middle_or_where_they_are_locked(tmp_path: Path) -> None:
+    def place(link: str, **locked: float) -> list[float]:
+        arms = Robot.from_urdf(two(tmp_path), tool_frame=link, joints=("right_turn",), locked_joints=locked)
+        return [round(x, 6) for x in arms.tool_pose([0.0])[:3, 3].tolist()]
+
+    full = Robot.from_urdf(two(tmp_path), tool_frame="left_2", joints=LEFT)
+    assert place("left_2") == [round(x, 6) for x in full.tool_pose([0.0, MIDDLE])[:3, 3].tolist()]
+    assert place("left_2", left_turn=0.3) == [round(x, 6) for x in full.tool_pose([0.3, MIDDLE])[:3, 3].tolist()]
+    finger, other = place("finger"), place("other_finger", finger_joint=0.02)
+    assert finger != place("finger", finger_joint=0.02)
+    assert other == place("finger", finger_joint=0.04), "a joint that mimics a locked one follows it"
+
+
+def test_a_joint_that_would_follow_a_moving_one_is_refused(tmp_path: Path) -> None:
+    reason = "joint 'other_joint' mimics 'finger_joint'; lock both: following a joint is not supported"
+    with pytest.raises(InvalidFile, match=reason):
+        Robot.from_urdf(two(tmp_path), joints=(*LEFT, "finger_joint"))
+    with pytest.raises(InvalidFile, match="joint 'other_joint' mimics 'finger_joint'; lock both"):
+        Robot.from_urdf(two(tmp_path), joints=(*LEFT, "other_joint"))
+
+
+def test_a_choice_of_joints_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    path = two(tmp_path)
+    with pytest.raises(UnknownName, match="unknown joint 'left_trun'; did you mean 'left_turn'"):
+        Robot.from_urdf(path, joints=("left_trun",))
+    with pytest.raises(UnknownName, match="unknown joint 'camera_joint'"):
+        Robot.from_urdf(path, joints=("camera_joint",))
+    with pytest.raises(InvalidRequest, match=r"joints: got .*; expected at least one joint, and none twice"):
+        Robot.from_urdf(path, joints=())
+    with pytest.raises(InvalidRequest, match=r"joints: got .*; expected at least one joint, and none twice"):
+        Robot.from_urdf(path, joints=("left_turn", "left_turn"))
+    with pytest.raises(InvalidRequest, match=r"locked_joints\['left_turn'\]: got 0.0; expected no joint that is in"):
+        Robot.from_urdf(path, joints=LEFT, locked_joints={"left_turn": 0.0})
+    with pytest.raises(InvalidRequest, match="joints: got 'left_turn'; expected a sequence of names"):
+        Robot.from_urdf(path, joints="left_turn")

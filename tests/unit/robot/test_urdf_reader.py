@@ -1,0 +1,264 @@
+"""The strict URDF reading: each kind of bad file is refused by name, and a good one survives being written again."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidFile
+from planner_service.files.xml_reader import read_xml
+from planner_service.geometry.shapes import Box, Cylinder, Sphere
+from planner_service.robot.model import Robot
+from planner_service.robot.urdf_model import JOINT, LINK, Mimic, Urdf
+from planner_service.robot.urdf_reader import read_urdf
+
+ARM = """<robot name="arm">
+  <link name="base"/>
+  <link name="upper">
+    <inertial><mass value="1.5"/><inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="3"/></inertial>
+    <visual><geometry><mesh filename="/etc/passwd"/></geometry></visual>
+    <collision><origin xyz="0 0 0.1" rpy="0 0.5 0"/><geometry><box size="0.1 0.2 0.3"/></geometry></collision>
+    <collision><geometry><cylinder radius="0.1" length="0.4"/></geometry></collision>
+  </link>
+  <link name="hand"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <link name="pad"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><axis xyz="0 3 0"/><limit lower="-1" upper="2" velocity="3"/>
+  </joint>
+  <joint name="wrist" type="continuous"><parent link="upper"/><child link="hand"/><origin xyz="0 0 1"/></joint>
+  <joint name="slide" type="prismatic">
+    <parent link="hand"/><child link="pad"/><limit lower="0" upper="0.1" velocity="1"/>
+    <mimic joint="wrist" multiplier="0.5"/>
+  </joint>
+  <transmission name="ignored"/>
+</robot>
+"""
+
+
+def read(tmp_path: Path, text: str, encoding: str = "utf-8") -> Urdf:
+    path = tmp_path / "robot" / "arm.urdf"
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(text.encode(encoding))
+    return read_urdf(path)
+
+
+def changed(old: str, new: str) -> str:
+    assert ARM.count(old) == 1, "the change must change the file"
+    return ARM.replace(old, new)
+
+
+def test_a_good_file_is_read_as_written(tmp_path: Path) -> None:
+    urdf = read(tmp_path, ARM)
+    upper = urdf.links[1]
+    assert (urdf.name, urdf.root, urdf.shape_count) == ("arm", "base", 3)
+    assert [item.shape for link in urdf.links for item in link.collisions] == [
+        Box((0.1, 0.2, 0.3)),
+        Cylinder(0.1, 0.4),
+        Sphere(0.05),
+    ]
+    assert upper.collisions[0].xyz == (0.0, 0.0, 0.1)
+    assert upper.collisions[0].rpy == (0.0, 0.5, 0.0)
+    assert upper.inertial is not None
+    assert upper.inertial.tensor == (1.0, 0.0, 0.0, 2.0, 0.0, 3.0)
+    shoulder, wrist, slide = urdf.joints
+    assert shoulder.axis == (0.0, 1.0, 0.0), "axes are made unit vectors"
+    assert (shoulder.lower, shoulder.upper, shoulder.velocity) == (-1.0, 2.0, 3.0)
+    assert (wrist.kind, wrist.lower, wrist.upper) == ("revolute", -2 * math.pi, 2 * math.pi)
+    assert wrist.axis == (1.0, 0.0, 0.0)
+    assert slide.mimic == Mimic("wrist", 0.5, 0.0)
+
+
+def test_what_is_written_again_reads_the_same_and_holds_nothing_unchecked(tmp_path: Path) -> None:
+    first = read(tmp_path, ARM)
+    again = read(tmp_path, first.xml().replace(LINK, "").replace(JOINT, ""))
+    assert again.links == first.links
+    assert [joint.name for joint in again.joints] == [joint.name for joint in first.joints]
+    assert "passwd" not in first.xml()
+    assert "transmission" not in first.xml()
+
+
+SHOULDER_LIMIT = '<limit lower="-1" upper="2" velocity="3"/>'
+SHOULDER_AXIS = '<axis xyz="0 3 0"/>'
+BOX = '<box size="0.1 0.2 0.3"/>'
+
+BAD = {
+    "a DTD": ("<robot name", '<!DOCTYPE robot [<!ENTITY a "b">]><robot name', "<!DOCTYPE is not allowed"),
+    "a lower-case DTD": ("<robot name", "<!doctype robot><robot name", "<!DOCTYPE is not allowed"),
+    "broken XML": ("</robot>", "", "not well-formed XML"),
+    "another root": (ARM, "<scene/>", "root element is <scene>; expected <robot>"),
+    "deep nesting": ("<transmission", "<a>" * 100 + "</a>" * 100 + "<transmission", "nested deeper than 64"),
+    "too many links": ('<link name="base"/>', '<link name="x"/>' * 501, "504 links; at most 500"),
+    "NaN box": (
+        BOX,
+        '<box size="nan 0.2 0.3"/>',
+        r"link 'upper' collision\[0\]: size = 'nan 0.2 0.3'; expected 3 finite",
+    ),
+    "infinite radius": (
+        'radius="0.05"',
+        'radius="inf"',
+        r"link 'hand' collision\[0\]: radius = 'inf'; expected a finite",
+    ),
+    "negative box": (
+        BOX,
+        '<box size="0.1 -0.2 0.3"/>',
+        r"collision\[0\]: box size\[1\]: got -0.2; expected a positive",
+    ),
+    "zero radius": ('radius="0.05"', 'radius="0"', r"sphere radius: got 0.0; expected a positive"),
+    "two sizes": (BOX, '<box size="0.1 0.2"/>', "size = '0.1 0.2'; expected 3 finite numbers"),
+    "comma separated": (BOX, '<box size="0.1,0.2,0.3"/>', "expected 3 finite numbers"),
+    "underscored number": (BOX, '<box size="1_0 0.2 0.3"/>', "expected 3 finite numbers"),
+    "missing size": (BOX, "<box/>", "size = None; expected 3 finite numbers"),
+    "unknown geometry": (BOX, '<cone radius="1"/>', "unknown geometry <cone>; expected box, cylinder, sphere or mesh"),
+    "no geometry": (f"<geometry>{BOX}</geometry>", "", "<geometry> has 0 shapes; expected exactly one"),
+    "two geometries": (BOX, BOX + BOX, "<geometry> has 2 shapes; expected exactly one"),
+    "two origins": ('<origin xyz="0 0 1"/>', '<origin xyz="0 0 1"/><origin/>', "'wrist': <origin> is given 2 times"),
+    "far origin": (
+        '<origin xyz="0 0 1"/>',
+        '<origin xyz="0 0 1e30"/>',
+        "joint 'wrist': origin .* expected at most 1000",
+    ),
+    "NaN origin": ('<origin xyz="0 0 1"/>', '<origin xyz="0 nan 1"/>', "joint 'wrist' origin: xyz = '0 nan 1'"),
+    "negative mass": ('<mass value="1.5"/>', '<mass value="-1"/>', "'upper' inertial: mass -1; expected at least 0"),
+    "no mass": ('<mass value="1.5"/>', "", "'upper' inertial: expected <mass> and <inertia>"),
+    "no limits": (SHOULDER_LIMIT, "", "'shoulder': a revolute joint needs <limit lower upper velocity>"),
+    "swapped limits": (
+        SHOULDER_LIMIT,
+        '<limit lower="2" upper="-1" velocity="3"/>',
+        "'shoulder': lower 2 is above upper -1",
+    ),
+    "no velocity": (
+        SHOULDER_LIMIT,
+        '<limit lower="-1" upper="2"/>',
+        "'shoulder' limit: velocity = None; expected a finite",
+    ),
+    "zero velocity": (SHOULDER_LIMIT, '<limit lower="-1" upper="2" velocity="0"/>', "velocity 0; expected more than 0"),
+    "zero axis": (SHOULDER_AXIS, '<axis xyz="0 0 0"/>', "'shoulder': axis 0 0 0 has no direction"),
+    "unknown joint type": (
+        'type="continuous"',
+        'type="floating"',
+        "'wrist': type 'floating'; expected one of revolute",
+    ),
+    "missing parent": ('<parent link="hand"/>', "", "joint 'slide': expected <parent link="),
+    "unknown parent": ('<parent link="hand"/>', '<parent link="hnd"/>', "'slide': parent link 'hnd' does not exist"),
+    "two roots": ('<link name="pad"/>', '<link name="pad"/><link name="loose"/>', "one root link; found base, loose"),
+    "a cycle": (
+        '<parent link="base"/>',
+        '<parent link="hand"/>',
+        "links in a cycle, cut off from 'base': hand, pad, upper",
+    ),
+    "no root": ('<link name="base"/>', "", "parent link 'base' does not exist"),
+    "two parents": (
+        "<transmission",
+        '<joint name="extra" type="fixed"><parent link="base"/><child link="pad"/></joint><transmission',
+        "link 'pad' has 2 parent joints; expected one",
+    ),
+    "link twice": ('<link name="pad"/>', '<link name="pad"/><link name="pad"/>', "link 'pad' is defined 2 times"),
+    "joint twice": ('joint name="wrist"', 'joint name="slide"', "joint 'slide' is defined 2 times"),
+    "unnamed link": ('<link name="pad"/>', '<link name="pad"/><link/>', "<link> name = ''; expected a name"),
+    "unknown mimic": ('mimic joint="wrist"', 'mimic joint="writs"', "'slide': mimics 'writs', which is no other joint"),
+    "mimics itself": ('mimic joint="wrist"', 'mimic joint="slide"', "'slide': mimics 'slide', which is no other joint"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD.values(), ids=BAD)
+def test_a_bad_file_is_refused_by_name(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = changed(old, new)
+    with pytest.raises(InvalidFile, match=message):
+        read(tmp_path, text)
+
+
+MESHES = {
+    "package path out": ("package://../outside/o.stl", "lies outside the folders that may be read"),
+    "absolute path": ("/etc/hosts.stl", "lies outside the folders that may be read"),
+    "file url": ("file:///etc/hosts.stl", "lies outside the folders that may be read"),
+    "relative path out": ("../outside/o.stl", "lies outside the folders that may be read"),
+    "through a link": ("sly/o.stl", "lies outside the folders that may be read"),
+    "other scheme": ("http://example.org/o.stl", "lies outside the folders that may be read"),
+    "wrong suffix": ("inside.step", r"is no .stl or .obj or .ply or .dae file"),
+    "empty": ("", "mesh filename ''; expected a path"),
+    "missing": ("missing.stl", "mesh 'missing.stl' does not exist"),
+    "no content": ("package://arm/inside.stl", "cannot be used: no STL: 0 bytes are not those of 0 triangles"),
+}
+
+
+@pytest.mark.parametrize(("filename", "message"), MESHES.values(), ids=MESHES)
+def test_a_mesh_is_refused_and_its_link_named(tmp_path: Path, filename: str, message: str) -> None:
+    robot, outside = tmp_path / "robot", tmp_path / "outside"
+    robot.mkdir()
+    outside.mkdir()
+    (outside / "o.stl").touch()
+    (robot / "inside.stl").touch()
+    (robot / "sly").symlink_to(outside)
+    text = changed(BOX, f'<mesh filename="{filename}"/>')
+    with pytest.raises(InvalidFile, match=rf"link 'upper' collision\[0\]: .*{message}"):
+        read(tmp_path, text)
+
+
+def test_a_mesh_in_a_package_folder_the_caller_named_is_inside(tmp_path: Path) -> None:
+    path = tmp_path / "robot" / "arm.urdf"
+    path.parent.mkdir()
+    path.write_text(changed(BOX, '<mesh filename="package://other/o.stl"/>'))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "o.stl").touch()
+    with pytest.raises(InvalidFile, match=r"o\.stl' cannot be used: no STL"):
+        read_urdf(path, [tmp_path])
+
+
+def test_all_problems_are_named_at_once(tmp_path: Path) -> None:
+    text = changed(BOX, "<cone/>").replace(SHOULDER_AXIS, '<axis xyz="0 0 0"/>').replace('radius="0.05"', 'radius="-1"')
+    with pytest.raises(InvalidFile, match="3 problem") as caught:
+        read(tmp_path, text)
+    assert len(caught.value.problems) == 3
+
+
+def test_a_number_that_cannot_be_read_is_reported_once(tmp_path: Path) -> None:
+    text = changed('radius="0.05"', 'radius="wide"')
+    with pytest.raises(InvalidFile, match="1 problem"):
+        read(tmp_path, text)
+
+
+def test_utf16_cannot_smuggle_a_document_type_in(tmp_path: Path) -> None:
+    text = '<?xml version="1.0" encoding="utf-16"?><!DOCTYPE robot>' + ARM
+    with pytest.raises(InvalidFile, match="not UTF-8 text"):
+        read(tmp_path, text, "utf-16")
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFile, match="no such file"):
+        read_urdf(tmp_path / "none.urdf")
+
+
+def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "huge.urdf"
+    with path.open("wb") as file:
+        file.truncate(10_000_001)
+    with pytest.raises(InvalidFile, match="too large: more than 10,000,000 bytes"):
+        read_xml(path, "robot")
+
+
+@pytest.mark.parametrize(
+    ("joint", "link"), [("b", "b"), ("a", "b"), ("c", "b"), ("universe", "b"), ("j", "universe"), ("root_joint", "b")]
+)
+def test_a_joint_may_be_called_like_a_link_and_either_like_a_frame_of_the_kinematics_library(
+    tmp_path: Path, joint: str, link: str
+) -> None:
+    def robot(joint: str, link: str) -> Robot:
+        box = '<collision><origin xyz="0 0 .5"/><geometry><box size=".1 .1 .1"/></geometry></collision>'
+        ends = f'<parent link="a"/><child link="{link}"/>'
+        more = f'<origin xyz="0 0 .3"/><parent link="{link}"/><child link="c"/>'
+        rest = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1"/></joint>'
+        path = tmp_path / "robot.urdf"
+        path.write_text(
+            f'<robot name="r"><link name="a"/><link name="{link}">{box}</link><link name="c">{box}</link>'
+            f'<joint name="{joint}" type="revolute">{ends}{rest}<joint name="k" type="revolute">{more}{rest}</robot>'
+        )
+        return Robot.from_urdf(path)
+
+    plain, named = robot("j", "b"), robot(joint, link)
+    assert named.joint_names == (joint, "k")
+    assert {shape.link for shape in named.shapes} == {link, "c"}
+    assert np.array_equal(named.tool_pose([0.3, 0.5]), plain.tool_pose([0.3, 0.5]))
+    assert named.locked({joint: 0.3}).joint_names == ("k",)

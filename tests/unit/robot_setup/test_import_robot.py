@@ -1,0 +1,134 @@
+"""An imported robot's folder has all it needs: robot.toml, the URDF, and copies of the meshes, nothing else."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner_service.errors import InvalidRequest
+from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.package_files import package_folder
+from planner_service.robot_setup.import_robot import Source, import_robot
+from planner_service.robot_setup.self_collision_matrix import ContactKind
+
+# A ring-like mesh around a block that turns in it, and a ball far off.
+MESHED = """<robot name="meshed">
+  <link name="base"><visual><geometry><mesh filename="package://arm/none.dae"/></geometry></visual>
+    <collision><geometry><mesh filename="package://arm/a/part.stl" scale="1 1 1"/></geometry></collision></link>
+  <link name="mid"/>
+  <link name="block"><collision><geometry><mesh filename="package://arm/b/part.stl"/></geometry></collision></link>
+  <link name="ball"><collision><origin xyz="3 0 0"/><geometry><mesh filename="package://arm/b/part.stl" scale="2 2 2"/>
+  </geometry></collision></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="mid"/><axis xyz="0 0 1"/></joint>
+  <joint name="swing" type="revolute"><parent link="mid"/><child link="block"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" velocity="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="base"/><child link="ball"/>
+    <limit lower="0" upper="0.5" velocity="1"/></joint>
+</robot>"""
+
+
+def solid(size: float) -> str:
+    corners = [f"{x} {y} {z}" for x in (-size, size) for y in (-size, size) for z in (-size, size)]
+    return f"solid {' '.join(f'vertex {c}' for c in (*corners, corners[0]))} endsolid"
+
+
+def meshed(folder: Path) -> Source:
+    for name, size in (("a", 0.4), ("b", 0.05)):
+        (folder / "packages" / "arm" / name).mkdir(parents=True)
+        (folder / "packages" / "arm" / name / "part.stl").write_text(solid(size))
+    (folder / "meshed.urdf").write_text(MESHED)
+    return Source(folder / "meshed.urdf", package_dirs=(folder / "packages",), tool_frame="block")
+
+
+def test_meshes_are_copied_and_the_folder_can_go_anywhere(tmp_path: Path) -> None:
+    source = meshed(tmp_path)
+    before = Robot.from_urdf(source.urdf, "block", package_dirs=source.package_dirs)
+    found = import_robot(source, tmp_path / "out")
+    assert sorted(path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")) == [
+        "meshed.urdf",
+        "meshes/1_part.stl",
+        "meshes/part.stl",
+        "robot.toml",
+    ]
+    assert found.meshes == (tmp_path / "out" / "meshes" / "part.stl", tmp_path / "out" / "meshes" / "1_part.stl")
+    shutil.rmtree(tmp_path / "packages")
+    shutil.move(tmp_path / "out", tmp_path / "elsewhere")
+    loaded = load_robot(tmp_path / "elsewhere" / "robot.toml")
+    assert replace(loaded, allowed_contacts=before.allowed_contacts).hash == before.hash
+
+
+def test_an_always_contact_says_that_hulls_are_solid(tmp_path: Path) -> None:
+    text = MESHED.replace(
+        '<link name="mid"/>',
+        '<link name="mid"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>',
+    )
+    source = meshed(tmp_path)
+    source.urdf.write_text(text)
+    (always,) = import_robot(source, tmp_path / "out").table.of(ContactKind.ALWAYS)
+    assert always.links == ("base", "block")
+    assert "; base and block judged as the solid hull of the mesh, hollows filled" in always.reason
+    assert "points swept over turn and swing" in always.reason
+
+
+def test_a_urdf_in_place_keeps_its_meshes_where_they_are(tmp_path: Path) -> None:
+    source = meshed(tmp_path)
+    text = MESHED.replace("package://arm/", "packages/arm/")
+    source.urdf.write_text(text)
+    before, written = sorted(tmp_path.rglob("*")), source.urdf.stat().st_ino
+    found = import_robot(source, tmp_path)
+    assert sorted(tmp_path.rglob("*")) == sorted([*before, tmp_path / "robot.toml"])
+    assert (source.urdf.read_text(), source.urdf.stat().st_ino) == (text, written)
+    assert found.meshes == (tmp_path / "packages/arm/a/part.stl", tmp_path / "packages/arm/b/part.stl")
+
+
+def test_a_urdf_in_place_whose_meshes_lie_elsewhere_is_refused(tmp_path: Path) -> None:
+    source = meshed(tmp_path)
+    (tmp_path / "robot").mkdir()
+    source = replace(source, urdf=source.urdf.rename(tmp_path / "robot" / "meshed.urdf"))
+    with pytest.raises(
+        InvalidRequest, match=r"expected another folder than the URDF's own: .*part.stl has to be copied"
+    ):
+        import_robot(source, tmp_path / "robot")
+    assert [path.name for path in (tmp_path / "robot").iterdir()] == ["meshed.urdf"]
+
+
+def test_meshes_that_are_there_are_replaced_only_on_demand(tmp_path: Path) -> None:
+    source, mesh = meshed(tmp_path), tmp_path / "out" / "meshes" / "part.stl"
+    mesh.parent.mkdir(parents=True)
+    mesh.write_text("mine")
+    with pytest.raises(InvalidRequest, match=r"part\.stl'; expected a folder without it; --force replaces it"):
+        import_robot(source, tmp_path / "out")
+    assert [path.name for path in (tmp_path / "out").rglob("*.*")] == ["part.stl"]
+    assert mesh.read_text() == "mine"
+    import_robot(source, tmp_path / "out", force=True)
+    assert mesh.read_text() == solid(0.4)
+
+
+def test_a_part_of_a_robot_is_imported_with_the_rest_locked_and_its_states(tmp_path: Path) -> None:
+    source = replace(meshed(tmp_path), joints=("swing",), locked_joints={"slide": 0.25}, srdf=tmp_path / "m.srdf")
+    (tmp_path / "m.srdf").write_text(
+        '<robot name="m"><group_state name="a b" group="g"><joint name="swing" value="0.5"/></group_state></robot>'
+    )
+    found = import_robot(source, tmp_path / "out")
+    text = found.path.read_text()
+    assert '"turn" = 0.0\n"slide" = 0.25' in text
+    assert '"a b" = [0.5]   # from the SRDF' in text
+    assert found.robot.joint_names == ("swing",)
+    assert found.robot.pose("a b").tolist() == [0.5]
+
+
+def test_a_ur5_is_imported_with_its_meshes(tmp_path: Path) -> None:
+    share = package_folder("example-robot-data")
+    urdf = share / "robots" / "ur_description" / "urdf" / "ur5_joint_limited_robot.urdf"
+    source = Source(urdf, tool_frame="tool0", package_dirs=(share,), joints=("wrist_2_joint", "wrist_3_joint"))
+    found = import_robot(source, tmp_path / "ur5")
+    assert len(found.meshes) == 7
+    assert {finding.kind for finding in found.table.findings} >= {ContactKind.ADJACENT, ContactKind.NEVER}
+    shipped = load_robot("ur5")
+    q = shipped.home.copy()
+    q[:4] = 0.0
+    assert np.abs(found.robot.tool_pose(q[4:]) - shipped.tool_pose(q)).max() < 1e-12

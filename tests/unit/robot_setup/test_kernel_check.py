@@ -1,0 +1,88 @@
+"""The doctor says what is in use, notices a kernel that errs, and compares on states drawn from a seed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from planner_service.certify import Certificate, Certifier
+from planner_service.cli.commands import app
+from planner_service.collision.checker import CollisionChecker
+from planner_service.collision.native_kernel import instruction_sets
+from planner_service.errors import InvalidRequest
+from planner_service.robot.model import load_robot
+from planner_service.robot_setup import kernel_check as health
+from planner_service.robot_setup.kernel_check import examine
+from planner_service.scene.scene import load_scene
+
+WORDS = ["doctor", "--states", "200"]
+
+
+def test_the_doctor_names_the_instruction_set_and_finds_no_difference() -> None:
+    done = CliRunner().invoke(app, WORDS)
+    fastest = instruction_sets()[-1] if instruction_sets() else "not compiled"
+    assert done.exit_code == 0
+    assert done.output.startswith(f"checks: {fastest}")
+    assert "200 random states of wxai in bin" in done.output
+    assert "proofs: " in done.output
+    assert "10 short edges" in done.output
+    assert done.output.count("0 differences") == 2
+
+
+def test_the_doctor_speaks_json() -> None:
+    done = CliRunner().invoke(app, [*WORDS, "--robot", "planar2", "--scene", "table", "--json"])
+    told = json.loads(done.output)
+    assert [(told[part]["asked"], told[part]["differences"]) for part in ("checks", "proofs")] == [(200, 0), (10, 0)]
+    assert told["agrees"] is True
+    assert told["checks"]["available"] == list(instruction_sets())
+
+
+def test_equal_seeds_compare_on_equal_states() -> None:
+    robot, scene = load_robot("wxai"), load_scene("bin")
+    found = {examine(robot, scene, states=300, seed=seed).checks.refused for seed in (1, 1, 2)}
+    assert len(found) == 2
+
+
+def test_a_kernel_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = CollisionChecker.edge_hit
+
+    def blind(checker: CollisionChecker, *ends: Any, **known: Any) -> Any:
+        return None if checker.backend == "auto" else whole(checker, *ends, **known)
+
+    monkeypatch.setattr(CollisionChecker, "edge_hit", blind)
+    done = CliRunner().invoke(app, WORDS)
+    assert done.exit_code == 70
+    assert done.output.count(" 0 differences") == 1
+
+
+class Hopeful(Certifier):
+    """One that takes everything as proven, unless it is the reference."""
+
+    def certify(self, path: Any, **settings: Any) -> Certificate:
+        found = super().certify(path, **settings)
+        return found if self.reference else replace(found, refusal=None)
+
+    def __init__(self, *scene: Any, backend: Any = "auto") -> None:
+        super().__init__(*scene, backend=backend)
+        self.reference = backend == "numpy"
+
+
+def test_a_proof_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(health, "Certifier", Hopeful)
+    done = CliRunner().invoke(app, WORDS)
+    assert done.exit_code == 70
+    assert done.output.count(" 0 differences") == 1
+
+
+@pytest.mark.parametrize("states", [0, -1, 1_000_001, True, 2.0])
+def test_a_number_of_states_that_makes_no_sense_is_refused(states: Any) -> None:
+    with pytest.raises(InvalidRequest, match="states"):
+        examine(load_robot("planar2"), load_scene("table"), states=states)
+
+
+def test_bad_input_exits_with_two() -> None:
+    assert CliRunner().invoke(app, ["doctor", "--states", "0"]).exit_code == 2

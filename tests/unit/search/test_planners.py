@@ -1,0 +1,432 @@
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+import threading
+import weakref
+from collections import Counter
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from planner_service.collision.budget import SearchStopped
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.shapes import FloatArray
+from planner_service.planners import (
+    AORRTC,
+    BFMT,
+    FMT,
+    PLANNERS,
+    PRM,
+    RRT,
+    BITstar,
+    InformedRRTstar,
+    Planner,
+    PRMstar,
+    RRTConnect,
+    RRTstar,
+    SearchProblem,
+    SearchSpace,
+    SORRTstar,
+    planner_by_name,
+)
+from planner_service.search import ompl
+from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
+
+QUICK: dict[str, Any] = {
+    **{name: planner() for name, planner in PLANNERS.items()},
+    "rrtstar": RRTstar(checks=3000),
+    "informedrrtstar": InformedRRTstar(checks=3000),
+    "sorrtstar": SORRTstar(checks=3000),
+    "bitstar": BITstar(checks=2000),
+    "aorrtc": AORRTC(checks=3000),
+    "fmt": FMT(samples=200),
+    "bfmt": BFMT(samples=200),
+    "prm": PRM(milestones=200, neighbours=6),
+    "prmstar": PRMstar(milestones=150),
+}
+RANGED = tuple(planner for planner in PLANNERS.values() if "range" in {item.name for item in fields(planner)})
+ANYTIME = ("rrtstar", "informedrrtstar", "sorrtstar", "bitstar", "aorrtc")
+
+
+def outcome(planner: Planner, n: int = 2, seed: int = 0, **problem: Any) -> tuple[int, list[list[float]]]:
+    world = DiscWorld()
+    waypoints = planner.search(across(world, n=n, seed=seed, **problem)).waypoints
+    return world.states, [] if waypoints is None else waypoints.tolist()
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_every_planner_finds_a_path_of_free_edges_from_start_to_goal(name: str) -> None:
+    world = DiscWorld()
+    problem = across(world)
+    result = QUICK[name].search(problem)
+    assert result.waypoints is not None
+    assert result.goal_index == 0
+    assert result.waypoints[0].tolist() == problem.start.tolist()
+    assert result.waypoints[-1].tolist() == problem.goals[0].tolist()
+    assert world.found_free(result.waypoints)
+    assert result.stopped is None
+
+
+@pytest.mark.parametrize("name", [name for name in QUICK if name not in ("fmt", "bfmt", "prm", "prmstar")])
+def test_tree_planners_solve_six_joints(name: str) -> None:
+    world = DiscWorld()
+    result = QUICK[name].search(across(world, n=6))
+    assert result.waypoints is not None
+    assert world.found_free(result.waypoints)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_equal_seeds_give_equal_counts_and_paths_whatever_ran_in_between(name: str) -> None:
+    first = outcome(QUICK[name])
+    outcome(RRTConnect(), seed=5)
+    assert outcome(QUICK[name]) == first
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_seed_0_is_a_seed_of_its_own(name: str) -> None:
+    assert outcome(QUICK[name], seed=0) != outcome(QUICK[name], seed=1)
+
+
+def test_a_second_process_finds_the_same_path() -> None:
+    code = "from tests.unit.search.test_planners import *; print(outcome(RRTConnect(), n=6, seed=3))"
+    root = Path(__file__).parents[3]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(outcome(RRTConnect(), n=6, seed=3))
+    assert done.stderr == ""
+
+
+def test_threads_do_not_disturb_each_other() -> None:
+    alone = [outcome(RRTConnect(), n=6, seed=seed) for seed in range(4)]
+    together: dict[int, Any] = {}
+    threads = [
+        threading.Thread(target=lambda s=seed: together.update({s: outcome(RRTConnect(), n=6, seed=s)}))
+        for seed in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [together[seed] for seed in range(4)] == alone
+
+
+def test_a_search_that_waits_for_its_turn_can_be_stopped() -> None:
+    inside, release = threading.Event(), threading.Event()
+
+    def hold() -> None:
+        inside.set()
+        assert release.wait(30)
+
+    def stop() -> None:
+        raise Stop("waited long enough")
+
+    holder = threading.Thread(target=lambda: RRTConnect().search(across(DiscWorld(), poll=hold)))
+    holder.start()
+    assert inside.wait(30)
+    try:
+        with pytest.raises(Stop, match="long enough"):
+            RRTConnect().search(across(DiscWorld(), poll=stop))
+    finally:
+        release.set()
+        holder.join()
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_any_goal_of_a_set_will_do_and_the_result_says_which(name: str) -> None:
+    walled_off = ((2.0, 2.0), (2.2, -0.5))
+    discs = (*WALL, *((2.0 + 0.5 * np.cos(k), 2.0 + 0.5 * np.sin(k), 0.26) for k in np.arange(0, 6.3, 0.5)))
+    world = DiscWorld(discs)
+    result = QUICK[name].search(across(world, goals=walled_off))
+    assert result.goal_index == 1
+    assert result.waypoints is not None
+    assert tuple(result.waypoints[-1].tolist()) == walled_off[1]
+    assert world.found_free(result.waypoints)
+
+
+@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("limit", [0, 1, 7, 40])
+def test_what_the_oracle_raises_comes_out_unchanged(name: str, limit: int) -> None:
+    mine = Stop("the limit")
+    problem = across(DiscWorld(limit=limit, error=lambda: mine))
+    with pytest.raises(Stop, match="the limit") as caught:
+        QUICK[name].search(problem)
+    assert caught.value is mine
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_what_poll_raises_comes_out_unchanged(name: str) -> None:
+    calls: list[None] = []
+
+    def poll() -> None:
+        calls.append(None)
+        if len(calls) > 5:
+            raise Stop("time is up")
+
+    with pytest.raises(Stop, match="time is up"):
+        QUICK[name].search(across(DiscWorld(SEALED), poll=poll))
+
+
+@pytest.mark.parametrize("name", ANYTIME)
+def test_a_limit_leaves_an_anytime_planner_the_path_in_its_hand(name: str) -> None:
+    first, _ = outcome(replace(QUICK[name], checks=1))
+    world = DiscWorld(limit=first + 500, error=lambda: SearchStopped("enough"))
+    result = replace(QUICK[name], checks=100_000).search(across(world))
+    assert isinstance(result.stopped, SearchStopped)
+    assert result.waypoints is not None
+    assert world.found_free(result.waypoints)
+
+
+@pytest.mark.parametrize("name", ANYTIME)
+def test_a_bug_of_the_oracle_is_not_hidden_by_a_path_in_hand(name: str) -> None:
+    first, _ = outcome(replace(QUICK[name], checks=1))
+    world = DiscWorld(limit=first + 500, error=lambda: ZeroDivisionError("bug"))
+    with pytest.raises(ZeroDivisionError, match="bug"):
+        replace(QUICK[name], checks=100_000).search(across(world))
+
+
+@pytest.mark.parametrize("name", ["rrtstar", "informedrrtstar", "sorrtstar", "bitstar"])
+def test_more_checks_give_a_shorter_path(name: str) -> None:
+    brief: FloatArray = np.array(outcome(replace(QUICK[name], checks=1))[1])
+    ample: FloatArray = np.array(outcome(replace(QUICK[name], checks=4000))[1])
+    assert length(ample) < length(brief)
+
+
+@pytest.mark.parametrize("name", [name for name in QUICK if "prm" not in name])
+def test_without_a_way_through_the_limit_ends_the_search(name: str) -> None:
+    problem = across(DiscWorld(SEALED, limit=4000, error=lambda: SearchStopped("enough")))
+    with pytest.raises(SearchStopped, match="enough"):
+        QUICK[name].search(problem)
+
+
+@pytest.mark.parametrize("name", ["prm", "prmstar", "lazyprm"])
+def test_without_a_way_through_a_roadmap_has_no_path(name: str) -> None:
+    assert QUICK[name].search(across(DiscWorld(SEALED))).waypoints is None
+
+
+def test_a_planner_that_goes_in_circles_is_ended_with_its_path() -> None:
+    world = DiscWorld()
+    result = AORRTC(checks=10_000_000).search(across(world, seed=3, goals=((2.0, 0.1), (1.5, -1.5))))
+    assert result.waypoints is not None
+    assert "nothing new" in result.note
+
+
+def test_rrtconnect_judges_no_configuration_twice() -> None:
+    for seed in range(10):
+        world = DiscWorld()
+        problem = across(world, n=6, seed=seed)
+        assert RRTConnect(range=0.3).search(problem).waypoints is not None
+        assert len(set(world.judged)) == len(world.judged)
+        assert not {tuple(q.tolist()) for q in (problem.start, problem.goals[0])} & set(world.judged)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_no_planner_asks_about_an_edge_twice(name: str) -> None:
+    world = DiscWorld()
+    QUICK[name].search(across(world))
+    assert len({frozenset(edge) for edge in world.edges}) == len(world.edges)
+
+
+@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("limit", [None, 30])
+def test_nothing_of_a_query_outlives_it(name: str, limit: int | None) -> None:
+    world = DiscWorld(limit=limit)
+    gone = weakref.ref(world)
+    try:
+        QUICK[name].search(across(world))
+    except Stop:
+        assert limit is not None
+    del world
+    gc.collect()
+    assert gone() is None
+
+
+def test_an_oracle_that_keeps_its_own_exception_is_let_go_of_too() -> None:
+    mine = Mock(side_effect=Stop("the limit"))
+    world = DiscWorld(limit=30, error=mine)
+    gone = weakref.ref(world)
+    with pytest.raises(Stop, match="the limit"):
+        RRTConnect().search(across(world))
+    del world, mine
+    gc.collect()
+    assert gone() is None
+
+
+def test_growing_ends_early_at_max_checks() -> None:
+    world = DiscWorld()
+    problem = across(world)
+    roadmap = PRM(milestones=1000, max_checks=2000).grow(
+        SearchSpace(problem.lower, problem.upper, world, problem.poll), seed=0
+    )
+    assert len(roadmap.milestones) < 500
+    assert world.states < 3000
+
+
+def test_a_roadmap_grows_alike_from_one_seed_and_unlike_from_two() -> None:
+    problem = across(DiscWorld())
+    grown = [PRM(milestones=100).grow(problem, seed=seed) for seed in (0, 0, 1)]
+    assert np.array_equal(grown[0].milestones, grown[1].milestones)
+    assert np.array_equal(grown[0].edges, grown[1].edges)
+    assert grown[0].milestones.tolist() != grown[2].milestones.tolist()
+
+
+def test_every_planner_has_its_name() -> None:
+    assert {name: type(planner_by_name(name.upper())) for name in PLANNERS} == dict(PLANNERS)
+    assert all(planner.name == name for name, planner in PLANNERS.items())
+
+
+def test_an_unknown_planner_is_refused_with_the_nearest() -> None:
+    with pytest.raises(UnknownName, match="did you mean 'rrtconnect'"):
+        planner_by_name("rrt-connect")
+
+
+@pytest.mark.parametrize(
+    ("planner", "setting", "value"),
+    [
+        (RRTConnect, "range", 0.0),
+        (RRTConnect, "range", float("nan")),
+        (RRT, "range", "0.5"),
+        (RRT, "goal_bias", 1.1),
+        (RRTstar, "checks", 0),
+        (BITstar, "samples", 1.5),
+        (FMT, "samples", 1),
+        (BFMT, "samples", True),
+        (PRM, "milestones", -1),
+        (PRM, "neighbours", 0),
+        (PRMstar, "max_checks", 0),
+        *((planner, "range", value) for planner in RANGED for value in (10**400, 1e308, 1e-320, True, None)),
+        (RRT, "goal_bias", 10**400),
+        (InformedRRTstar, "checks", 10**400),
+        (SORRTstar, "goal_bias", True),
+        (AORRTC, "checks", 2**31),
+        (BITstar, "samples", 2**31 - 1),
+        (FMT, "samples", 100_001),
+        (BFMT, "samples", 10**400),
+        (PRM, "milestones", 100_001),
+        (PRMstar, "milestones", 10**400),
+    ],
+)
+def test_a_setting_out_of_range_is_refused_by_name(planner: Any, setting: str, value: Any) -> None:
+    with pytest.raises(InvalidRequest, match=setting):
+        planner(**{setting: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("start", [0.0]),
+        ("start", [float("nan"), 0.0]),
+        ("start", [4.0, 0.0]),
+        ("goals", [0.0, 0.0]),
+        ("goals", np.zeros((0, 2))),
+        ("goals", [[0.0, float("inf")]]),
+        ("lower", [-1.0]),
+        ("upper", [3.0, -3.0]),
+        ("seed", -1),
+        ("seed", 0.5),
+    ],
+)
+def test_a_problem_that_makes_no_sense_is_refused_by_field(field: str, value: Any) -> None:
+    problem = across(DiscWorld())
+    fields = {name: getattr(problem, name) for name in ("start", "goals", "lower", "upper", "oracle", "seed")}
+    with pytest.raises(InvalidRequest, match=field):
+        SearchProblem(**{**fields, field: value})
+
+
+def test_a_start_that_is_the_goal_is_no_crash() -> None:
+    world = DiscWorld()
+    result = RRTConnect().search(across(world, goals=((-2.0, -0.2),)))
+    assert result.waypoints is not None
+    assert world.found_free(result.waypoints)
+
+
+def test_settings_are_equal_by_value() -> None:
+    assert RRTConnect(range=0.4) == RRTConnect(0.4) != RRTConnect()
+
+
+def test_interrupted_searches_do_not_crash_the_process_even_while_their_exceptions_are_kept() -> None:
+    """Frames in a kept traceback once held OMPL's states beyond their time: the next search crashed the process."""
+    program = (
+        "from planner_service.planners import RRTConnect\n"
+        "from tests.support.discs import DiscWorld, Stop, across\n"
+        "kept = []\n"
+        "for k in range(150):\n"
+        "    try:\n"
+        "        RRTConnect(range=0.2).search(across(DiscWorld(limit=5 + k % 40), n=6, seed=k))\n"
+        "    except Stop as stop:\n"
+        "        kept.append(stop)\n"
+        "    RRTConnect().search(across(DiscWorld(), n=6, seed=k))\n"
+        "print(len(kept))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 100
+
+
+@pytest.mark.parametrize("name", [None, 3, ["rrt"]])
+def test_a_planner_name_that_is_no_text_is_unknown(name: Any) -> None:
+    with pytest.raises(UnknownName, match="unknown planner"):
+        planner_by_name(name)
+
+
+def test_planners_of_equal_settings_are_equal_only_if_they_are_the_same() -> None:
+    plain, informed = PLANNERS["rrtstar"], PLANNERS["informedrrtstar"]
+    assert plain() == plain()
+    assert plain() != informed()
+    assert not issubclass(informed, plain)
+
+
+def test_a_child_forked_during_a_search_can_search() -> None:
+    """The lock that another thread of the parent held is nobody's in the child."""
+    program = (
+        "import os\n"
+        "from planner_service.search import ompl\n"
+        "from planner_service.planners import RRTConnect\n"
+        "from tests.support.discs import DiscWorld, across\n"
+        "child = ompl._turns.taken(os.fork)\n"
+        "if child == 0:\n"
+        "    found = RRTConnect().search(across(DiscWorld())).waypoints is not None\n"
+        "    os._exit(0 if found else 1)\n"
+        "print(os.waitpid(child, 0)[1])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "0"
+
+
+def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free() -> None:
+    refuted = 0
+    for seed in range(5):
+        worlds = GlancingWorld(), GlancingWorld()
+        first, again = (RRTConnect().search(across(world, seed=seed)).waypoints for world in worlds)
+        assert first is not None
+        assert again is not None
+        assert first.tolist() == again.tolist()
+        assert worlds[0].found_free(first)
+        assert worlds[0].judged == worlds[1].judged
+        refuted += len(worlds[0].edges) - len(worlds[0].free_edges)
+    assert refuted > 5
+
+
+def test_after_some_paths_that_were_not_free_edges_are_only_judged_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, seeds = ompl._path, list[int]()
+
+    def counted(problem: SearchProblem, *asked: Any) -> Any:
+        seeds.append(problem.seed)
+        return whole(problem, *asked)
+
+    monkeypatch.setattr(ompl, "_path", counted)
+    for seed in range(10):
+        assert RRTConnect(range=2.0).search(across(GlancingWorld(), seed=seed)).waypoints is not None
+    assert max(Counter(seeds).values()) == ompl.MAX_REFUTED + 1
+
+
+def test_planners_that_improve_a_path_judge_every_edge_at_once() -> None:
+    world = GlancingWorld()
+    assert RRTstar(checks=2000).search(across(world)).waypoints is not None
+    assert world.glances == 0

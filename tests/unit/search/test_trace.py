@@ -1,0 +1,148 @@
+"""How a search went is told when asked for, and changes nothing; where a result comes from is known."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from planner_service import (
+    BITstar,
+    InvalidRequest,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    Reason,
+    RRTConnect,
+    Stage,
+)
+from planner_service.planners import PLANNERS
+from planner_service.records.plan_file import MadeFor, SavedPlan, load_plan, save_plan
+from planner_service.records.result import result_record
+from planner_service.search.trace import Trace
+
+
+@pytest.fixture(scope="module")
+def discs() -> PlannerService:
+    return PlannerService("planar2", "discs")
+
+
+def asked(service: PlannerService, **settings: object) -> PlanRequest:
+    poses = service.robot.poses
+    given = {"start": poses["lesson_start"], "goal": poses["lesson_goal"], "time_limit": None, **settings}
+    return PlanRequest(**given)  # type: ignore[arg-type]
+
+
+def trace_of(result: PlanResult) -> Trace:
+    assert result.trace is not None
+    return result.trace
+
+
+def bits(result: PlanResult) -> Iterator[bytes]:
+    path, trajectory = result.unwrap()
+    for array in (path.waypoints, path.blends, trajectory.durations, trajectory.coefficients):
+        yield array.tobytes()
+
+
+@pytest.mark.parametrize("planner", [name for name in PLANNERS if name != "prmstar"])
+def test_a_traced_plan_has_the_same_counts_and_bits(discs: PlannerService, planner: str) -> None:
+    request = asked(discs, planner=PLANNERS[planner]())
+    plain, traced = discs.plan(request), discs.plan(request, trace=True)
+    assert plain.trace is None
+    assert [report.counts for report in traced.stages] == [report.counts for report in plain.stages]
+    assert list(bits(traced)) == list(bits(plain))
+
+
+@pytest.mark.parametrize("planner", [name for name, kind in PLANNERS.items() if not hasattr(kind, "grow")])
+def test_what_a_search_grew_joins_its_ends(discs: PlannerService, planner: str) -> None:
+    trace = trace_of(discs.plan(asked(discs, planner=PLANNERS[planner]()), trace=True))
+    assert trace.graph is not None
+    assert trace.searched is not None
+    graph, found = trace.graph, trace.searched.tolist()
+    assert graph.edges.min() >= 0
+    assert graph.edges.max() < len(graph.milestones)
+    places = {tuple(q) for q in graph.milestones.tolist()}
+    assert {tuple(found[0]), tuple(found[-1])} <= places
+
+
+def test_the_path_found_runs_along_the_tree(discs: PlannerService) -> None:
+    trace = trace_of(discs.plan(asked(discs), trace=True))
+    assert trace.graph is not None
+    assert trace.searched is not None
+    numbers = {tuple(q): k for k, q in enumerate(trace.graph.milestones.tolist())}
+    edges = {frozenset(edge) for edge in trace.graph.edges.tolist()}
+    pieces = [frozenset(numbers[tuple(q)] for q in piece) for piece in pairwise(trace.searched.tolist())]
+    assert len([piece for piece in pieces if piece not in edges]) <= 1  # where the two trees met
+
+
+def test_shortcutting_is_traced_between_search_and_plan(discs: PlannerService) -> None:
+    result = discs.plan(asked(discs), trace=True)
+    trace = trace_of(result)
+    assert trace.searched is not None
+    assert trace.shortcut is not None
+    assert result.path is not None
+    assert len(trace.shortcut) < len(trace.searched)
+    for points in (trace.searched, trace.shortcut):
+        assert points[0].tolist() == result.path.waypoints[0].tolist()
+        assert points[-1].tolist() == result.path.waypoints[-1].tolist()
+        with pytest.raises(ValueError, match="read-only"):
+            points[0] = 0.0
+
+
+def test_a_search_that_fails_tells_what_it_grew(discs: PlannerService) -> None:
+    result = discs.plan(asked(discs, max_checks=60, retries=0, planner=RRTConnect(range=0.2)), trace=True)
+    assert result.failure is not None
+    assert result.failure.reason is Reason.CHECK_BUDGET_EXHAUSTED
+    trace = trace_of(result)
+    assert trace.graph is not None
+    assert len(trace.graph.edges) > 1
+    assert trace.searched is None
+
+
+def test_a_free_straight_line_has_nothing_to_tell(discs: PlannerService) -> None:
+    start = discs.robot.pose("lesson_start")
+    result = discs.plan(asked(discs, goal=start + 0.01), trace=True)
+    assert result.stage(Stage.STRAIGHT_LINE).note == "free"
+    assert (trace_of(result).graph, trace_of(result).searched) == (None, None)
+
+
+def test_a_trace_is_not_kept_in_a_plan_file(discs: PlannerService) -> None:
+    assert "trace" not in result_record(discs.plan(asked(discs), trace=True))
+
+
+def test_tracing_bitstar_leaves_no_query_behind(discs: PlannerService) -> None:
+    """OMPL's own data would: a whole query each."""
+    import gc
+
+    discs.plan(asked(discs, planner=BITstar()), trace=True)
+    gc.collect()
+    kinds = [type(thing).__name__ for thing in gc.get_objects()]
+    assert "_Motions" not in kinds
+
+
+def test_a_result_knows_who_planned_it_and_what_was_asked(discs: PlannerService) -> None:
+    request = asked(discs)
+    result = discs.plan(request)
+    assert result.origin is not None
+    assert (result.origin.service, result.origin.request) == (discs, request)
+    line = discs.follow(np.array([request.start, np.array(request.start) + 0.01]))
+    assert line.origin is not None
+    assert (line.origin.service, line.origin.request) == (discs, None)
+
+
+def test_a_result_sent_to_another_process_goes_without_its_service(discs: PlannerService) -> None:
+    result = discs.plan(asked(discs))
+    again = pickle.loads(pickle.dumps(result))
+    assert again.origin is None
+    assert list(bits(again)) == list(bits(result))
+
+
+def test_a_result_from_a_file_says_how_it_is_shown(discs: PlannerService, tmp_path: object) -> None:
+    request = asked(discs)
+    save_plan(SavedPlan(MadeFor.of(discs), request, discs.plan(request)), f"{tmp_path}/plan.json")
+    read = load_plan(f"{tmp_path}/plan.json").result
+    with pytest.raises(InvalidRequest, match=r"from a file or another process.*service\.view\(result\)"):
+        read.show()

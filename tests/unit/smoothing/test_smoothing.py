@@ -1,0 +1,248 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
+from planner_service.planners import RRTConnect
+from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
+from tests.support.discs import WALL, DiscWorld, GlancingWorld, Stop, across, length
+
+NOTHING: tuple[tuple[float, float, float], ...] = ()
+
+
+def found(world: DiscWorld, *, n: int = 2, seed: int = 0) -> FloatArray:
+    waypoints = RRTConnect(range=0.3).search(across(world, n=n, seed=seed)).waypoints
+    assert waypoints is not None
+    return waypoints
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6), n=st.sampled_from([2, 3, 6]), step=st.sampled_from([0.02, 0.05, 0.3]))
+def test_the_laws_of_shortcutting(seed: int, n: int, step: float) -> None:
+    world = DiscWorld(step=step)
+    path = found(world, n=n, seed=seed)
+    before = len(world.edges)
+    short = shortcut(path, world, np.random.default_rng(seed))
+    assert short[0].tolist() == path[0].tolist()
+    assert short[-1].tolist() == path[-1].tolist()
+    assert length(short) <= length(path) * (1 + 1e-12), "rounding of sums only"
+    assert world.found_free(short)
+    asked = [frozenset(edge) for edge in world.edges[before:]]
+    assert len(set(asked)) == len(asked)
+
+
+def test_the_ends_of_cuts_between_vertices_are_known_to_be_free() -> None:
+    world = DiscWorld(NOTHING)
+    path = [[0.0, 0.0], [1.0, 1.0], [2.0, -1.0], [3.0, 0.0]]
+    shortcut(path, world, np.random.default_rng(0), tries=0)
+    assert world.judged
+    assert not {tuple(q) for q in path} & set(world.judged)
+
+
+def test_a_detour_in_the_open_becomes_the_straight_line_with_one_edge() -> None:
+    world = DiscWorld(NOTHING)
+    short = shortcut([[0, 0], [1, 1], [2, -1], [3, 0]], world, np.random.default_rng(0))
+    assert short.tolist() == [[0, 0], [3, 0]]
+    assert len(world.edges) == 1
+
+
+def test_random_cuts_shorten_what_skipping_vertices_cannot() -> None:
+    world = DiscWorld(WALL[:1])
+    path = [[-2.0, 0.0], [0.0, 2.5], [2.0, 0.0]]
+    skipped = shortcut(path, world, np.random.default_rng(0), tries=0)
+    assert skipped.tolist() == path
+    assert length(shortcut(path, world, np.random.default_rng(0))) < 0.85 * length(skipped)
+
+
+def test_the_rest_of_a_piece_that_fails_on_its_own_undoes_the_cut() -> None:
+    path = np.array([[-2.0, 0.0], [0.0, 2.5], [2.0, 0.0]])
+
+    class Picky(DiscWorld):
+        """Refuses every edge that touches an end of the path, as finer samples might."""
+
+        def edge_is_free(self, q1: FloatArray, q2: FloatArray, **known: object) -> bool:
+            self.edges.append((tuple(q1.tolist()), tuple(q2.tolist())))
+            return not {tuple(path[0]), tuple(path[2])} & {tuple(q1), tuple(q2)}
+
+    assert shortcut(path, Picky(NOTHING), np.random.default_rng(0)).tolist() == path.tolist()
+
+
+def test_shortcutting_is_far_cheaper_than_asking_about_random_pairs_again_and_again() -> None:
+    ours, naive = [], []
+    for seed in range(10):
+        world = DiscWorld()
+        path = found(world, seed=seed)
+        before = world.states
+        shortcut(path, world, np.random.default_rng(seed))
+        ours.append(world.states - before)
+        naive.append(by_300_random_pairs(path, np.random.default_rng(seed)))
+    assert sorted(ours)[5] * 4 < sorted(naive)[5]
+
+
+def by_300_random_pairs(path: FloatArray, rng: np.random.Generator) -> int:
+    """States the textbook loop judges, remembering nothing."""
+    world, points = DiscWorld(), list(path)
+    for _ in range(300):
+        i, j = sorted(rng.integers(0, len(points), 2).tolist())
+        if j - i >= 2 and world.edge_is_free(points[i], points[j]):
+            points = points[: i + 1] + points[j:]
+    return world.states
+
+
+def test_equal_generators_give_equal_paths_and_counts() -> None:
+    runs = []
+    for _ in range(2):
+        world = DiscWorld()
+        runs.append((shortcut(found(world, n=6), world, np.random.default_rng(7)).tolist(), world.states))
+    assert runs[0] == runs[1]
+
+
+def test_the_callers_array_stays_as_it_is() -> None:
+    path = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]])
+    copy = path.copy()
+    short = shortcut(path, DiscWorld(NOTHING), np.random.default_rng(0))
+    assert np.array_equal(path, copy)
+    assert not short.flags.writeable
+
+
+def test_repeated_waypoints_fall_away() -> None:
+    short = shortcut([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0]], DiscWorld(NOTHING), np.random.default_rng(0))
+    assert short.tolist() == [[0.0, 0.0], [1.0, 0.0]]
+
+
+def test_a_single_configuration_is_its_own_shortcut() -> None:
+    assert shortcut([[0.5, 0.5]], DiscWorld(NOTHING), np.random.default_rng(0)).tolist() == [[0.5, 0.5]]
+
+
+def test_a_limit_comes_out_unchanged() -> None:
+    path = found(DiscWorld())
+    with pytest.raises(Stop, match="limit"):
+        shortcut(path, DiscWorld(limit=5, error=lambda: Stop("limit")), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("waypoints", [np.zeros((0, 2)), [1.0, 2.0], [[float("nan"), 0.0]]])
+def test_waypoints_that_are_no_path_are_refused(waypoints: FloatArray) -> None:
+    with pytest.raises(InvalidRequest, match="waypoints"):
+        shortcut(waypoints, DiscWorld(NOTHING), np.random.default_rng(0))
+
+
+ZIGZAG = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [3.0, 0.5]])
+
+
+def test_a_free_corner_is_blended_as_widely_as_asked_and_its_pieces_allow() -> None:
+    assert blended(JointPath(ZIGZAG), lambda path, k: True, np.full(4, 0.2)).blends.tolist() == [0.0, 0.2, 0.2, 0.0]
+    assert blended(JointPath(ZIGZAG), lambda path, k: True, np.full(4, 9.0)).blends.tolist() == [
+        0.0,
+        0.2495,
+        0.2495,
+        0.0,
+    ]
+
+
+def test_a_blend_that_is_not_free_is_halved_until_it_is() -> None:
+    asked: list[tuple[int, float]] = []
+
+    def narrow_ones(path: JointPath, k: int) -> bool:
+        asked.append((k, float(path.blends[k])))
+        return bool(path.blends[k] < 0.06)
+
+    assert blended(JointPath(ZIGZAG), narrow_ones, np.full(4, 0.2)).blends.tolist() == [0.0, 0.05, 0.05, 0.0]
+    assert asked == [(1, 0.2), (1, 0.1), (1, 0.05), (2, 0.2), (2, 0.1), (2, 0.05)]
+
+
+def test_a_corner_without_a_free_blend_stays_a_stop() -> None:
+    asked: list[int] = []
+
+    def never(path: JointPath, k: int) -> bool:
+        asked.append(k)
+        return False
+
+    path = blended(JointPath(ZIGZAG), never, np.full(4, 0.2))
+    assert path.corners == (1, 2)
+    assert asked == [1] * 5 + [2] * 5  # 0.2 to 0.0125
+
+
+def test_corners_that_are_to_be_kept_or_turn_back_are_not_asked_about() -> None:
+    def must_not(path: JointPath, k: int) -> bool:
+        raise AssertionError(k)
+
+    there_and_back = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]])
+    assert blended(JointPath(there_and_back), must_not, np.full(3, 0.2)).corners == (1,)
+    assert blended(JointPath(ZIGZAG), must_not, np.zeros(4)).corners == (1, 2)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6))
+def test_blended_paths_around_discs_are_free_and_keep_their_ends(seed: int) -> None:
+    world = DiscWorld(step=0.02)
+    short = shortcut(found(world, seed=seed), world, np.random.default_rng(seed))
+
+    def is_free(path: JointPath, k: int) -> bool:
+        reach = path.blends[k]
+        return all(world.state_is_free(q) for q in path(path.knots[k] + np.linspace(-reach, reach, 60)))
+
+    path = blended(JointPath(short), is_free, np.full(len(short), 0.4))
+    assert all(world.state_is_free(q) for q in path(np.linspace(0.0, path.length, 800)))
+    assert path([0.0, path.length]).tolist() == [short[0].tolist(), short[-1].tolist()]
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 10**6), n=st.sampled_from([2, 3, 6]), step=st.sampled_from([0.02, 0.05, 0.3]))
+def test_the_laws_of_pulling_corners_in(seed: int, n: int, step: float) -> None:
+    world = GlancingWorld(step=step)
+    path = shortcut(found(world, n=n, seed=seed), world, np.random.default_rng(seed))
+    short = pulled_in(path, world)
+    assert short.shape == path.shape
+    assert short[0].tolist() == path[0].tolist()
+    assert short[-1].tolist() == path[-1].tolist()
+    assert length(short) <= length(path) * (1 + 1e-12), "rounding of sums only"
+    assert world.found_free(short)
+
+
+def test_a_corner_in_the_open_is_pulled_onto_the_line_between_its_neighbours() -> None:
+    short = pulled_in([[0.0, 0.0], [1.0, 0.8], [2.0, 0.0]], GlancingWorld(NOTHING))
+    assert short == pytest.approx(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
+
+
+def test_a_joint_that_an_obstacle_holds_does_not_hold_the_others() -> None:
+    world = GlancingWorld(((1.0, 0.0, 0.9),))
+    short = pulled_in([[-0.5, 0.0, 0.0], [1.0, 1.2, 0.8], [2.5, 0.0, 0.0]], world)
+    assert short[1][1] > 1.1
+    assert short[1][2] == pytest.approx(0.0)
+
+
+def test_a_corner_whose_first_look_was_too_hopeful_goes_no_farther_than_is_free() -> None:
+    world = GlancingWorld(((0.5, 0.0, 0.06),))
+    short = pulled_in([[0.0, 0.0], [2.0, 0.8], [4.0, 0.0]], world)
+    assert world.found_free(short)
+    assert 0.0 < short[1][1] < 0.8
+
+
+def test_a_corner_that_nothing_new_can_pull_is_not_asked_about_again() -> None:
+    world = GlancingWorld(((1.0, 0.0, 0.99),))
+    points = [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
+    assert pulled_in(points, world).tolist() == points
+    assert len(set(world.judged)) == len(world.judged)
+
+
+def test_corners_of_short_pieces_are_left_out_where_a_free_edge_can() -> None:
+    world = DiscWorld(NOTHING)
+    points = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.05], [2.0, 1.0], [3.0, 0.0]]
+    assert without_short_pieces(points, world).tolist() == [points[0], points[2], points[3], points[4]]
+    assert len(world.edges) == 1
+
+
+def test_corners_of_short_pieces_stay_where_no_edge_is_free() -> None:
+    world = DiscWorld(((0.9, 0.06, 0.05), (1.5, 0.46, 0.05)))
+    points = [[0.0, 0.0], [1.0, 0.0], [1.0, 0.05], [2.0, 1.0]]
+    assert without_short_pieces(points, world).tolist() == points
+
+
+def test_both_ends_of_a_short_path_stay() -> None:
+    points = [[0.0, 0.0], [0.05, 0.0]]
+    assert without_short_pieces(points, DiscWorld(NOTHING)).tolist() == points

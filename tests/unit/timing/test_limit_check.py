@@ -1,0 +1,161 @@
+"""Peaks on blends: found exactly, next to dense samples of the same trajectory."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import ArrayLike
+
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.timing.laws import TimingFailed, within_limits
+from planner_service.timing.limit_check import Peak, peaks
+from planner_service.timing.profiles import s_curve
+from tests.unit.timing.test_laws import HELD, limits
+
+ORDERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
+
+
+def blended(points: ArrayLike, widths: ArrayLike) -> JointPath:
+    return JointPath(np.array(points), np.array(widths))
+
+
+def rounded_corners(seed: int) -> JointPath:
+    """A polyline with blends of random width, none of which reaches a stop."""
+    rng = np.random.default_rng(seed)
+    shape = int(rng.integers(3, 7)), int(rng.integers(2, 7))
+    points = rng.uniform(-1.5, 1.5, shape)
+    while any(JointPath(points).turns_back(k) for k in range(1, len(points) - 1)):
+        points = rng.uniform(-1.5, 1.5, shape)
+    lengths = np.diff(JointPath(points).knots)
+    widths = rng.uniform(0.02, 0.45) * np.minimum(lengths[:-1], lengths[1:])
+    return blended(points, [0.0, *widths, 0.0])
+
+
+def s_curve_through(path: JointPath, speed: float, acceleration: float, jerk: float) -> Trajectory:
+    """One S-curve from end to end, so that s(t) is a cubic with jerk on blends too, cut where they begin and end."""
+    durations: list[float] = []
+    coefficients: list[FloatArray] = []
+    for phase in s_curve(path.length, speed, acceleration, jerk):
+        cubic = np.polynomial.Polynomial([phase.position, phase.speed, phase.acceleration / 2, phase.jerk / 6])
+        inside = path.breaks[(path.breaks > phase.position + 1e-9) & (path.breaks < cubic(phase.duration) - 1e-9)]
+        cuts = [0.0, *(when(cubic, s, phase.duration) for s in inside), phase.duration]
+        starts = [phase.position, *inside]
+        for (a, b), s in zip(pairwise(cuts), starts, strict=True):
+            shifted = [s, cubic.deriv(1)(a), cubic.deriv(2)(a) / 2, phase.jerk / 6]
+            durations.append(b - a)
+            coefficients.append(np.array(shifted))
+    return Trajectory(path, np.array(durations), np.array(coefficients))
+
+
+def when(cubic: np.polynomial.Polynomial, s: float, end: float) -> float:
+    low, high = 0.0, end
+    for _ in range(100):
+        middle = (low + high) / 2
+        low, high = (middle, high) if cubic(middle) < s else (low, middle)
+    return low
+
+
+def densely(trajectory: Trajectory, limit: FloatArray, order: int) -> float:
+    """The largest ratio at 100,000 instants, just before each knot, and at 100,000 more around the best of them."""
+    t = np.union1d(np.linspace(0.0, trajectory.duration, 100_000), np.nextafter(trajectory.knots, 0.0))
+    best = 0.0
+    for _ in range(2):
+        ratios = (np.abs(trajectory(t, order)) / limit).max(axis=1)
+        best, k = max(best, float(ratios.max())), int(ratios.argmax())
+        t = np.linspace(t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)], 100_000)
+    return best
+
+
+@pytest.mark.parametrize("kind", ORDERS)
+@settings(deadline=None, max_examples=8, derandomize=True)
+@given(seed=st.integers(0, 10**6))
+def test_peaks_on_blends_are_those_of_dense_samples(kind: str, seed: int) -> None:
+    path = rounded_corners(seed)
+    trajectory = s_curve_through(path, 1.0, 3.0, 20.0)
+    rng = np.random.default_rng(seed)
+    given_limits = limits(path.n, *10 ** rng.uniform(-0.5, 0.5, (3, path.n)))
+    found: Peak = getattr(peaks(trajectory, given_limits), kind)
+    sampled = densely(trajectory, getattr(given_limits, kind), ORDERS[kind])
+    assert found.ratio == pytest.approx(sampled, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ORDERS)
+@pytest.mark.parametrize("seed", range(5))
+def test_peaks_on_blends_name_the_joint_and_the_time(kind: str, seed: int) -> None:
+    path = rounded_corners(seed)
+    trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
+    found: Peak = getattr(peaks(trajectory, given_limits), kind)
+    # both sides, since jerk is right-sided where two pieces of time meet
+    near = np.clip(found.time + np.array([-1e-10, 0.0, 1e-10]), 0.0, trajectory.duration)
+    there = np.abs(trajectory(near, ORDERS[kind])[:, found.joint]).max()
+    assert there / getattr(given_limits, kind)[found.joint] == pytest.approx(found.ratio, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_smooth_s_of_t_through_blends_has_no_jump_of_acceleration(seed: int) -> None:
+    path = rounded_corners(seed)
+    assert math.isfinite(peaks(s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)).jerk.ratio)
+
+
+def test_a_jump_of_acceleration_on_a_blend_is_infinite_jerk() -> None:
+    path = blended([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [0.0, 0.25, 0.0])
+    c = [[0.0, 0.0, 0.375, 0.0], [0.75, 0.75 * math.sqrt(2), 0.0, 0.0], [1.25, 0.75 * math.sqrt(2), -0.375, 0.0]]
+    trajectory = Trajectory(path, np.array([math.sqrt(2), 0.5 / c[1][1], math.sqrt(2)]), np.array(c))
+    assert peaks(trajectory, limits(2)).jerk.ratio == math.inf
+
+
+@settings(deadline=None, max_examples=20, derandomize=True)
+@given(seed=st.integers(0, 10**6))
+def test_a_motion_through_blends_is_slowed_down_until_it_just_holds_its_limits(seed: int) -> None:
+    path = rounded_corners(seed)
+    given_limits = limits(path.n, 0.3, 0.5, 2.0)
+    trajectory = within_limits(s_curve_through(path, 1.0, 3.0, 20.0), given_limits, jerk=True)
+    found = peaks(trajectory, given_limits)
+    assert trajectory.dilation > 1.0
+    assert 1 - 1e-9 <= max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_peaks_of_a_slower_motion_are_those_measured_on_it(seed: int) -> None:
+    path = rounded_corners(seed)
+    trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n)
+    assert peaks(trajectory, given_limits).dilated(1.7).jerk.time == peaks(trajectory, given_limits).jerk.time * 1.7
+    told, measured = peaks(trajectory, given_limits).dilated(1.7), peaks(trajectory.dilated(1.7), given_limits)
+    for kind in ORDERS:
+        assert getattr(told, kind).ratio == pytest.approx(getattr(measured, kind).ratio, rel=1e-11)
+
+
+@pytest.mark.parametrize(("jerk", "expected"), [(math.inf, 0.0), (0.0, math.inf)])
+def test_a_jerk_limit_that_no_law_asked_for_may_be_anything_on_blends(jerk: float, expected: float) -> None:
+    path = rounded_corners(1)
+    assert peaks(s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n, jerk=jerk)).jerk.ratio == expected
+
+
+def test_a_jerk_limit_of_zero_on_blends_is_a_typed_failure() -> None:
+    path = rounded_corners(1)
+    trajectory, given_limits = s_curve_through(path, 1.0, 3.0, 20.0), limits(path.n, jerk=0.0)
+    with pytest.raises(TimingFailed, match="acceleration of joint"):
+        within_limits(trajectory, given_limits, jerk=True)
+
+
+@pytest.mark.parametrize("rounds", [0, 1, 3])
+def test_a_peak_that_takes_too_long_to_find_is_never_told_too_low(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    low = 0
+    for seed in range(30):
+        path = rounded_corners(seed)
+        motion, bounds = s_curve_through(path, 1.0, 2.0, 20.0), limits(path.n)
+        exact = peaks(motion, bounds)
+        with monkeypatch.context() as patched:
+            patched.setattr("planner_service.timing.limit_check.MAX_ROUNDS", rounds)
+            found = peaks(motion, bounds)
+        for name in ORDERS:
+            assert getattr(found, name).ratio >= getattr(exact, name).ratio * (1.0 - 1e-12)
+            low += getattr(found, name).ratio > getattr(exact, name).ratio * (1.0 + 1e-9)
+    assert low > 0 or rounds > 0

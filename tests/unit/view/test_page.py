@@ -1,0 +1,285 @@
+"""The page in a real browser: it draws, does what it is told, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planner_service import PlannerService, PlanRequest
+from planner_service.view import Viewer, open_viewer
+from planner_service.view import viewer as view_module
+from planner_service.view.state import ViewState
+from tests.support.chromium import executable, headless, pixels
+
+ROOT = Path(__file__).parents[3]
+SCENE = slice(0, 400)
+"""Columns of the page in which the scene is, the panel being to the right of it."""
+
+NOTICE = slice(0, 190)
+"""Rows in which the page may tell that it draws without a graphics card."""
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(executable() is None, reason="no Chromium; set PLANNER_SERVICE_CHROMIUM to the path of one"),
+]
+
+
+def until(holds: Callable[[], Any], seconds: float = 20.0) -> Any:
+    """What comes to hold, waited for."""
+    end = time.monotonic() + seconds
+    while not (found := holds()):
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.05)
+    return found
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with headless() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[Viewer]:
+    service = PlannerService("planar2", "discs")
+    robot = service.robot
+    request = PlanRequest(robot.pose("lesson_start"), robot.pose("lesson_goal"), time_limit=None)
+    with open_viewer(service, service.plan(request, trace=True), port=0, keep=True) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def page(browser: Any, viewer: Viewer) -> Any:
+    found = browser.new_page(viewport={"width": 800, "height": 500})
+    asked: list[str] = []
+    found.on("request", lambda request: asked.append(request.url))
+    found.goto(viewer.url)
+    found.get_by_text("shoulder").first.wait_for()
+    until(lambda: len(np.unique(picture(found).reshape(-1, 3), axis=0)) > 50)
+    found.asked = asked
+    return found
+
+
+def picture(page: Any) -> Any:
+    """The scene as it is drawn, without the notice."""
+    return pixels(page)[NOTICE.stop :, SCENE]
+
+
+def settled(page: Any) -> Any:
+    """The scene once it is drawn as it will stay."""
+    before = picture(page)
+    while True:
+        time.sleep(0.3)
+        after = picture(page)
+        if np.array_equal(before, after):
+            return after
+        before = after
+
+
+def slider(page: Any, number: int) -> Any:
+    """A slider of the page: the first is the clock's."""
+    return page.get_by_role("slider").nth(number)
+
+
+def test_the_page_draws_robot_and_scene(page: Any) -> None:
+    colours = np.unique(settled(page).reshape(-1, 3), axis=0)
+    assert len(colours) > 50
+
+
+def test_the_page_asks_nobody_but_its_server(page: Any, viewer: Viewer) -> None:
+    elsewhere = [url for url in page.asked if not url.startswith((viewer.url, "data:", "blob:"))]
+    assert elsewhere == []
+
+
+def test_a_joints_slider_moves_the_robot(page: Any, viewer: Viewer) -> None:
+    before, q = settled(page), viewer.page.state.q
+    slider(page, 1).focus()
+    for _ in range(30):
+        page.keyboard.press("ArrowRight")
+    until(lambda: abs(viewer.page.state.q[0] - q[0]) > 0.02)
+    assert viewer.page.state.q[1] == q[1]
+    assert viewer.page.state.seconds is None
+    assert np.any(settled(page) != before)
+
+
+def test_the_clocks_slider_moves_the_robot_along_the_plan(page: Any, viewer: Viewer) -> None:
+    reel = viewer.page.state.reel
+    assert reel is not None
+    before = settled(page)
+    slider(page, 0).focus()
+    page.keyboard.press("End")
+    until(lambda: viewer.page.state.seconds == reel.duration)
+    assert viewer.page.state.q.tolist() == reel.at(reel.duration).q.tolist()
+    assert np.any(settled(page) != before)
+
+
+def test_playing_ends_at_the_goal(page: Any, viewer: Viewer) -> None:
+    reel = viewer.page.state.reel
+    assert reel is not None
+    viewer.page.scrub(reel.duration - 0.5)
+    page.get_by_role("button", name="play").click()
+    until(lambda: viewer.page.state.seconds == reel.duration)
+    page.get_by_role("button", name="play").wait_for()
+
+
+def test_a_colliding_configuration_shows_its_pair_in_red(page: Any, viewer: Viewer) -> None:
+    service = viewer.page.state.service
+    start, goal = service.robot.pose("lesson_start"), service.robot.pose("lesson_goal")
+    hit = next(q for q in np.linspace(start, goal, 200) if not service.checker.state_is_free(q))
+    (contact, *_) = service.checker.contacts(hit)
+    viewer.page.pose(start)
+    page.get_by_text("free").first.wait_for()
+    assert reds(settled(page)) == 0
+    viewer.page.pose(hit)
+    page.get_by_text("collides").first.wait_for()
+    assert f"{contact.a} × {contact.b}" in page.locator("body").inner_text()
+    assert reds(settled(page)) > 20
+
+
+def reds(image: Any) -> int:
+    red, green, blue = (image[..., k].astype(int) for k in range(3))
+    return int(((red > 150) & (green < 80) & (blue < 80)).sum())
+
+
+def test_start_and_goal_are_set_and_the_plan_button_plans_between_them(page: Any, viewer: Viewer) -> None:
+    robot = viewer.page.state.service.robot
+    page.get_by_role("tab", name="robot").click()
+    viewer.page.pose(robot.pose("lesson_goal"))
+    page.get_by_role("button", name="start", exact=True).first.click()
+    until(lambda: np.array_equal(viewer.page.state.start, robot.pose("lesson_goal")))
+    viewer.page.pose(robot.pose("lesson_start"))
+    page.get_by_role("button", name="goal", exact=True).first.click()
+    until(lambda: np.array_equal(viewer.page.state.goal, robot.pose("lesson_start")))
+    page.get_by_role("tab", name="plan").click()
+    page.get_by_role("button", name="plan", exact=True).click()
+    until(lambda: viewer.page.state.seconds == 0.0)
+    (segment,) = viewer.page.state.results
+    path, _ = segment.result.unwrap()
+    assert path.waypoints[[0, -1]].tolist() == [robot.pose(p).tolist() for p in ("lesson_goal", "lesson_start")]
+    page.get_by_text(f"{segment.result.counts.states:,}").first.wait_for()  # the page before may be certified, too
+    assert "certified" in page.locator("body").inner_text()
+
+
+def test_what_was_played_while_it_planned_ends_and_its_button_says_so(
+    page: Any, viewer: Viewer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, planned = viewer.page, ViewState.planned
+    finished: list[ViewState] = []
+
+    def played_meanwhile(state: ViewState, *given: Any) -> ViewState:
+        shown.play()
+        finished.append(planned(state, *given))
+        return finished[0]
+
+    monkeypatch.setattr(ViewState, "planned", played_meanwhile)
+    page.get_by_role("tab", name="plan").click()
+    page.get_by_role("button", name="plan", exact=True).click()
+    until(lambda: finished and shown.state is finished[0])
+    page.get_by_role("button", name="play", exact=True).wait_for(timeout=5_000)
+
+
+def test_a_window_that_is_closed_ends_the_viewer_and_its_threads(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(view_module, "GRACE", 0.5)
+    before = set(threading.enumerate())
+    viewer = open_viewer(PlannerService("planar2", "discs"), None, port=0)
+    window = browser.new_page()
+    window.goto(viewer.url)
+    window.get_by_text("shoulder").first.wait_for()
+    viewer.page.play()
+    window.close()
+    viewer.wait()
+    assert not viewer.open
+    until(lambda: set(threading.enumerate()) <= before)
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(viewer.url, timeout=5)
+
+
+@pytest.fixture
+def command() -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The command ``view`` in a process group of its own, and the address it printed."""
+    arguments = [sys.executable, "-c", "from planner_service.cli import main; main()"]
+    arguments += ["view", "--robot", "planar2", "--scene", "discs", "--port", "0", "--no-browser"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        arguments, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    ) as process:  # fmt: skip
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith("view: http://127.0.0.1:"), process.stderr and process.stderr.read()
+            yield process, line.split()[1]
+        finally:
+            process.kill()
+
+
+def test_the_command_ends_when_its_page_is_closed_and_leaves_no_process(
+    browser: Any, command: tuple[subprocess.Popen[str], str]
+) -> None:
+    process, url = command
+    window = browser.new_page()
+    window.goto(url)
+    window.get_by_text("shoulder").first.wait_for()
+    window.reload()  # which closes it, too
+    window.get_by_text("shoulder").first.wait_for()
+    window.close()
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (0, "", "")
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
+
+
+def test_ctrl_c_ends_the_command_with_130(command: tuple[subprocess.Popen[str], str]) -> None:
+    process, _ = command
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (130, "", "")
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
+
+
+def test_a_script_waits_for_its_page_and_a_prompt_does_not(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(view_module, "GRACE", 0.5)
+    service = PlannerService("planar2", "discs")
+    result = service.plan(PlanRequest((0.0, 0.0), (0.1, 0.1)))
+    monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
+    viewer = result.show(port=0)
+    assert viewer.open
+    assert viewer.url in viewer._repr_html_()
+    viewer.close()
+    monkeypatch.delattr(sys, "ps1")
+    urls: list[str] = []
+    monkeypatch.setattr("builtins.print", lambda text, **_: urls.append(text.split()[1]))
+    script = threading.Thread(target=lambda: result.show(port=0))
+    script.start()
+    window = browser.new_page()
+    window.goto(until(lambda: urls)[0])
+    window.get_by_text("shoulder").first.wait_for()
+    assert script.is_alive()
+    window.close()
+    script.join(timeout=30)
+    assert not script.is_alive()
+
+
+def test_a_fault_while_planning_leaves_the_button_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fault(*_: Any, **__: Any) -> None:
+        raise RuntimeError("a bug")
+
+    service = PlannerService("planar2", "discs")
+    with open_viewer(service, None, port=0) as viewer:
+        monkeypatch.setattr(service, "plan", fault)
+        for _ in range(2):
+            with pytest.raises(RuntimeError, match="a bug"):
+                viewer.page.plan("rrtconnect", 0)
+        assert viewer.page._plan.label == "plan"

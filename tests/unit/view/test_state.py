@@ -1,0 +1,414 @@
+"""What a page shows, without a browser: motions on one clock, what is said of a configuration, what is carried when."""
+
+from __future__ import annotations
+
+import builtins
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from planner_service import (
+    PRM,
+    Box,
+    InvalidRequest,
+    MissingDependency,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    Pose,
+    Roadmap,
+    Scene,
+    Segment,
+    UnknownName,
+)
+from planner_service.cli.commands import app
+from planner_service.cli.view import opened
+from planner_service.collision import CheckCounts
+from planner_service.records.plan_file import MadeFor, SavedPlan, SavedTask, load_task, save_plan
+from planner_service.search.trace import SearchGraph
+from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.view import open_viewer
+from planner_service.view.collision_report import Eye
+from planner_service.view.lines import MOST_EDGES, curve_lines, free_graph, graph_lines, polyline_lines, tool_points
+from planner_service.view.markdown import look_words, result_words, state_words
+from planner_service.view.playback import Reel
+from planner_service.view.state import ViewState
+
+
+@pytest.fixture(scope="module")
+def discs() -> PlannerService:
+    return PlannerService("planar2", "discs")
+
+
+@pytest.fixture(scope="module")
+def bin_() -> PlannerService:
+    return PlannerService("wxai", "bin")
+
+
+@pytest.fixture(scope="module")
+def task(bin_: PlannerService) -> SavedTask:
+    home = bin_.robot.home
+    return plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, time_limit=None))
+
+
+def asked(service: PlannerService, **settings: object) -> PlanRequest:
+    poses = service.robot.poses
+    given = {"start": poses["lesson_start"], "goal": poses["lesson_goal"], "time_limit": None, **settings}
+    return PlanRequest(**given)  # type: ignore[arg-type]
+
+
+def colliding(service: PlannerService) -> Any:
+    """A configuration of the planar arm in which it touches the disc of the lesson."""
+    path = service.plan(asked(service)).path
+    assert path is not None
+    line = np.linspace(path.waypoints[0], path.waypoints[-1], 200)
+    return next(q for q in line if not service.checker.state_is_free(q))
+
+
+# Motions on one clock.
+
+
+def test_a_plan_is_at_its_ends_when_its_reel_is(discs: PlannerService) -> None:
+    result = discs.plan(asked(discs))
+    state = ViewState.of(discs, result)
+    assert result.trajectory is not None
+    assert state.reel is not None
+    assert state.reel.duration == result.trajectory.duration
+    assert state.q.tolist() == result.trajectory(0.0).tolist()
+    assert state.at(1e9).q.tolist() == result.trajectory(result.trajectory.duration).tolist()
+    assert state.at(0.7).q.tolist() == result.trajectory(0.7).tolist()
+
+
+def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService, task: SavedTask) -> None:
+    reel = Reel.of_task(bin_, task.segments)
+    assert reel is not None
+    assert [take.name for take in reel.takes] == [segment.name for segment in task.segments]
+    for before, after in zip(reel.takes, reel.takes[1:], strict=False):
+        assert after.begin == before.end
+        np.testing.assert_allclose(reel.at(before.end - 1e-9).q, reel.at(after.begin).q, atol=1e-6)
+
+
+def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: SavedTask) -> None:
+    state = ViewState.of(bin_, task)
+    assert state.reel is not None
+    for take, segment in zip(state.reel.takes, task.segments, strict=True):
+        there = state.at(take.begin + 0.01)
+        assert there.service.robot.gripper_width == segment.width
+        carries = [held.name for held in there.service.scene.attached]
+        assert carries == (["blue_block"] if segment.name in ("lift", "transfer", "lower") else [])
+
+
+def test_a_task_from_a_file_tells_what_each_motion_carries(
+    bin_: PlannerService, task: SavedTask, tmp_path: Path
+) -> None:
+    save_plan(task, tmp_path / "task.json")
+    read = load_task(tmp_path / "task.json")
+    known, found = Reel.of_task(bin_, task.segments), Reel.of_task(read.service(), read.segments)
+    assert known is not None
+    assert found is not None
+    for one, other in zip(known.takes, found.takes, strict=True):
+        assert one.service.robot.hash == other.service.robot.hash
+        assert one.service.scene == other.service.scene
+
+
+def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: SavedTask) -> None:
+    reel = Reel.of_task(bin_, task.segments)
+    assert reel is not None
+    samples = reel.samples
+    assert samples.t[0] == 0.0
+    assert samples.t[-1] == pytest.approx(reel.duration, abs=1e-12)
+    assert (np.diff(samples.t) >= 0.0).all()
+    for part in (samples.position, samples.velocity, samples.acceleration):
+        assert part.shape == (len(samples.t), bin_.robot.n)
+        assert np.abs(part).max() <= 1.0 + 1e-9
+    proofs = [segment.result.certificate for segment in task.segments]
+    assert samples.clearance.min() >= min(proof.clearance for proof in proofs if proof is not None) - 1e-9
+
+
+def test_plotted_velocities_are_parts_of_the_limits(discs: PlannerService) -> None:
+    state = ViewState.of(discs, discs.plan(asked(discs)))
+    assert state.reel is not None
+    samples, take = state.reel.samples, state.reel.takes[0]
+    k, limits = len(samples.t) // 3, discs.robot.limits
+    at = float(samples.t[k])
+    np.testing.assert_allclose(samples.velocity[k] * limits.velocity, take.trajectory(at, 1), atol=1e-12)
+    np.testing.assert_allclose(samples.acceleration[k] * limits.acceleration, take.trajectory(at, 2), atol=1e-12)
+    low, high = limits.lower, limits.upper
+    np.testing.assert_allclose((samples.position[k] + 1.0) / 2.0 * (high - low) + low, take.trajectory(at), atol=1e-12)
+
+
+# What is said of a configuration.
+
+
+def test_a_colliding_configuration_names_its_pair_and_where_it_touches(discs: PlannerService) -> None:
+    q = colliding(discs)
+    look = ViewState.of(discs).posed(q).look
+    assert [(c.a, c.b) for c in look.contacts] == [(c.a, c.b) for c in discs.checker.contacts(q)]
+    assert not look.free
+    assert "**collides**" in look_words(look)
+    assert "lesson\\_disc" in look_words(look)
+    (names, place), *_ = look.places
+    assert names == (look.contacts[0].a, look.contacts[0].b)
+    disc = np.array(discs.scene.obstacle("lesson_disc").pose.position)
+    assert math.dist(disc[:2], place[:2]) < 0.2
+
+
+def test_a_name_from_a_file_is_no_html_and_no_markdown(discs: PlannerService) -> None:
+    name = "<img src=x> [a](http://b) `c` &lt; |"
+    scene = replace(
+        discs.scene, obstacles=tuple(replace(o, name=f"{k}{name}") for k, o in enumerate(discs.scene.obstacles))
+    )
+    service = PlannerService(discs.robot, scene)
+    words = look_words(ViewState.of(service).posed(colliding(service)).look)
+    assert "\\<img src\\=x\\> \\[a\\]\\(http\\:\\/\\/b\\) \\`c\\` \\&lt\\; \\|" in words
+    result = discs.plan(asked(discs))
+    segments = tuple(Segment(name, result, 0.0) for _ in range(2))
+    state = ViewState.of(discs, SavedTask(MadeFor.of(discs), "", segments, CheckCounts(), 0.0))
+    assert "<img" not in result_words(state).replace("\\<", "")
+    assert "<img" not in state_words(state).replace("\\<", "")
+
+
+def test_a_free_configuration_tells_a_clearance_that_is_proven(discs: PlannerService) -> None:
+    look = ViewState.of(discs).posed((0.0, 0.0)).look
+    assert look.free
+    assert look.places == ()
+    assert look.clearance > 0.0
+    assert look_words(look).startswith("**free**: at least ")
+
+
+def test_looking_changes_nobodys_counts(discs: PlannerService) -> None:
+    before = discs.checker.counts
+    ViewState.of(discs).posed(colliding(PlannerService(discs.robot, discs.scene))).look  # noqa: B018
+    assert discs.checker.counts == before
+
+
+def test_what_is_meant_to_touch_is_told_apart(bin_: PlannerService, task: SavedTask) -> None:
+    state = ViewState.of(bin_, task)
+    assert state.reel is not None
+    descend = next(take for take in state.reel.takes if take.name == "descend")
+    look = state.at(descend.end - 1e-3).look
+    assert look.free
+    fingers = {("finger_left", "blue_block"), ("finger_right", "blue_block")}
+    lift = next(take for take in state.reel.takes if take.name == "lift")
+    assert fingers.isdisjoint((c.a, c.b) for c in state.at(lift.begin).look.contacts)
+    table = Scene((Obstacle("table", Box((1.0, 1.0, 0.1)), Pose((0.0, 0.0, -0.05))),))
+    touching = PlannerService("wxai", table)
+    q = next(q for q in np.linspace(touching.robot.home, touching.robot.limits.upper, 50) if _touches(touching, q))
+    pairs = [(c.a, c.b) for c in touching.checker.contacts(q)]
+    meant = Eye(touching).look(q, pairs)
+    assert meant.free
+    assert [(c.a, c.b) for c in meant.meant] == pairs
+    assert "meant to touch" in look_words(meant)
+
+
+def _touches(service: PlannerService, q: Any) -> bool:
+    return not service.checker.state_is_free(q)
+
+
+# What a user does.
+
+
+def test_a_pose_by_hand_stays_within_the_limits(discs: PlannerService) -> None:
+    state = ViewState.of(discs).posed((100.0, -100.0))
+    assert state.q.tolist() == [discs.robot.limits.upper[0], discs.robot.limits.lower[1]]
+    assert state.seconds is None
+
+
+def test_what_is_no_number_moves_nothing(discs: PlannerService) -> None:
+    state = ViewState.of(discs, discs.plan(asked(discs))).at(0.7)
+    assert state.at(math.nan) == state
+    posed = state.posed((math.nan, 0.1))
+    assert posed.q.tolist() == [state.q[0], 0.1]
+    assert posed.look.clearance is not None
+
+
+def test_start_and_goal_are_where_the_robot_stands(discs: PlannerService) -> None:
+    state = ViewState.of(discs).posed((0.1, 0.2)).with_start().posed((0.3, 0.4)).with_goal()
+    assert (state.start.tolist(), state.goal.tolist()) == ([0.1, 0.2], [0.3, 0.4])
+
+
+def test_a_plan_made_on_the_page_is_the_services_with_a_trace(discs: PlannerService) -> None:
+    state = ViewState.of(discs, discs.plan(asked(discs))).planned("rrt", 7)
+    (segment,) = state.results
+    result = segment.result
+    assert result.trace is not None
+    assert result.origin is not None
+    assert result.origin.request is not None
+    assert (result.origin.request.planner.name, result.origin.request.seed) == ("rrt", 7)
+    again = discs.plan(result.origin.request)
+    assert again.counts == result.counts
+    assert state.seconds == 0.0
+
+
+def test_a_plan_that_fails_is_told_with_its_reason(discs: PlannerService) -> None:
+    state = ViewState.of(discs).posed(colliding(discs)).with_goal().planned("rrtconnect", 0)
+    assert state.reel is None
+    words = result_words(state)
+    assert "GOAL\\_IN\\_COLLISION" in words
+    assert "| endpoints |" in words
+
+
+def test_an_unknown_planner_is_refused(discs: PlannerService) -> None:
+    with pytest.raises(UnknownName, match="rrtconnect"):
+        ViewState.of(discs).planned("rrtconect", 0)
+
+
+def test_a_result_without_a_trace_is_planned_once_more_for_it(discs: PlannerService) -> None:
+    result = discs.plan(asked(discs))
+    shown = ViewState.of(discs, result).results[0].result
+    assert shown.trace is not None
+    assert shown.path is result.path
+
+
+def test_the_trace_of_another_path_is_not_shown(discs: PlannerService) -> None:
+    result, other = discs.plan(asked(discs)), discs.plan(replace(asked(discs), seed=5))
+    assert result.path is not None
+    assert other.path is not None
+    assert not np.array_equal(result.path.waypoints, other.path.waypoints)
+    shown = ViewState.of(discs, replace(result, origin=other.origin)).results[0].result
+    assert shown.trace is None
+
+
+def test_what_is_said_of_a_plan_adds_up(discs: PlannerService) -> None:
+    result = discs.plan(asked(discs))
+    words = result_words(ViewState.of(discs, result))
+    assert f"| **total** | {result.counts.states:,} | {result.counts.edges:,} | {result.counts.distances:,} |" in words
+    assert "**certified**: " in words
+
+
+def test_the_clock_says_which_motion_it_is_and_what_is_carried(bin_: PlannerService, task: SavedTask) -> None:
+    state = ViewState.of(bin_, task)
+    assert state.reel is not None
+    lift = next(take for take in state.reel.takes if take.name == "lift")
+    assert state_words(state.at(lift.begin + 0.1)).startswith("lift, ")
+    assert state_words(state.at(lift.begin + 0.1)).endswith("carrying blue\\_block")
+    assert state_words(state.posed(bin_.robot.home)) == "moved by hand"
+
+
+# Lines.
+
+
+def test_tool_points_are_those_of_the_tool_pose(bin_: PlannerService) -> None:
+    rng, limits = np.random.default_rng(1), bin_.robot.limits
+    Q = limits.lower + (limits.upper - limits.lower) * rng.random((20, bin_.robot.n))
+    expected = [bin_.robot.tool_pose(q)[:3, 3] for q in Q]
+    np.testing.assert_allclose(tool_points(bin_.robot, Q), expected, atol=1e-12)
+
+
+def test_lines_run_from_milestone_to_milestone(discs: PlannerService) -> None:
+    trace = discs.plan(asked(discs), trace=True).trace
+    assert trace is not None
+    assert trace.graph is not None
+    assert trace.searched is not None
+    drawn = polyline_lines(discs.robot, trace.searched)
+    np.testing.assert_allclose(drawn[:-1, 1], drawn[1:, 0], atol=1e-12)
+    np.testing.assert_allclose(drawn[[0, -1], [0, 1]], tool_points(discs.robot, trace.searched[[0, -1]]), atol=1e-12)
+    milestones = tool_points(discs.robot, trace.graph.milestones)
+    for edge in trace.graph.edges[:5]:
+        one = graph_lines(discs.robot, SearchGraph(trace.graph.milestones, edge[None]))
+        np.testing.assert_allclose([one[0, 0], one[-1, 1]], milestones[edge], atol=1e-12)
+
+
+def test_a_curve_is_drawn_from_start_to_goal(discs: PlannerService) -> None:
+    path = discs.plan(asked(discs)).path
+    assert path is not None
+    drawn = curve_lines(discs.robot, path)
+    np.testing.assert_allclose(drawn[[0, -1], [0, 1]], tool_points(discs.robot, path.waypoints[[0, -1]]), atol=1e-12)
+
+
+def test_of_a_roadmap_what_is_known_to_be_free_is_drawn(discs: PlannerService) -> None:
+    roadmap = discs.build_roadmap(PRM(milestones=40), progress=False)
+    graph = free_graph(roadmap)
+    assert 0 < len(graph.edges) <= len(roadmap.edges)
+    judged = Roadmap.judged([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [(0, 1)], {(1, 2): "post"})
+    assert free_graph(judged).edges.tolist() == [[0, 1]]
+
+
+def test_of_a_huge_tree_some_edges_are_drawn(discs: PlannerService) -> None:
+    points = np.linspace((0.0, 0.0), (0.01, 0.01), 3 * MOST_EDGES, dtype=np.float64)
+    edges = np.stack([np.arange(len(points) - 1), np.arange(1, len(points))], axis=1)
+    assert len(graph_lines(discs.robot, SearchGraph(points, edges))) == MOST_EDGES
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"port": 70_000}, "port: got 70000; expected a whole number from 0 to 65,535"),
+        ({"port": True}, "port: got True"),
+        ({"host": "", "port": 0}, "host: got ''; expected an address of this machine"),
+        ({"host": "203.0.113.7", "port": 0}, r"host: got '203\.0\.113\.7'; expected an address of this machine"),
+    ],
+)
+def test_an_address_that_is_none_is_refused(discs: PlannerService, given: dict[str, Any], match: str) -> None:
+    with pytest.raises(InvalidRequest, match=match):
+        open_viewer(discs, None, **given)
+
+
+def test_what_cannot_be_shown_is_refused(discs: PlannerService, bin_: PlannerService) -> None:
+    other = discs.plan(asked(discs))
+    with pytest.raises(InvalidRequest, match="a plan of 2 joints; expected one of wxai's 6"):
+        ViewState.of(bin_, other)
+    with pytest.raises(InvalidRequest, match="shown: got 3; expected a PlanResult"):
+        ViewState.of(bin_, 3)  # type: ignore[arg-type]
+
+
+def test_without_viser_the_extra_is_named(discs: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
+    real: Callable[..., Any] = builtins.__import__
+
+    def without(name: str, *given: Any, **named: Any) -> Any:
+        if name == "viser":
+            raise ImportError(name)
+        return real(name, *given, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingDependency, match=r"planner-service\[view\]"):
+        discs.view(port=0, block=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("view",), "give a --scene, or the FILE of a plan or a task"),
+        (("view", "--scene", "bni"), "did you mean 'bin'"),
+        (("view", "--scene", "discs", "--robot", "planar2", "--port", "-1"), "port: got -1"),
+        (("view", "nowhere.json"), "no such file"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_show(arguments: tuple[str, ...], match: str) -> None:
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == 2
+    assert match in result.stderr
+
+
+def test_a_plan_file_is_shown_with_its_search(discs: PlannerService, tmp_path: Path) -> None:
+    request = asked(discs)
+    save_plan(SavedPlan(MadeFor.of(discs), request, discs.plan(request)), tmp_path / "plan.json")
+    service, shown, notes = opened(str(tmp_path / "plan.json"), None, None)
+    assert notes == ["against the scene in this file: discs"]
+    (segment,) = ViewState.of(service, shown).results
+    assert segment.result.trace is not None
+    assert segment.result.trace.graph is not None
+    other, shown, notes = opened(str(tmp_path / "plan.json"), None, "table")
+    assert other.scene.name == "table"
+    assert notes[0].startswith("against --scene table, not the scene in this file")
+    assert ViewState.of(other, shown).results[0].result.trace is None
+
+
+def test_a_task_from_a_file_is_shown_by_itself(
+    task: SavedTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[tuple[str, object]] = []
+    monkeypatch.setattr(PlannerService, "view", lambda self, what, **_: shown.append((self.scene.name, what)))
+    save_plan(task, tmp_path / "task.json")
+    read = load_task(tmp_path / "task.json")
+    read.show()
+    assert shown == [("bin", read)]

@@ -1,0 +1,446 @@
+"""Stills: what is drawn where, what hides what, what is red, and files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from scipy.spatial import ConvexHull
+from typer.testing import CliRunner
+
+from planner_service import (
+    Box,
+    CollisionChecker,
+    Obstacle,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    Pose,
+    Scene,
+    load_robot,
+    load_scene,
+)
+from planner_service.cli.commands import app
+from planner_service.errors import InvalidFile
+from planner_service.geometry.shapes import FloatArray
+from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.view.still import pictures as still
+from planner_service.view.still.camera import Camera
+from planner_service.view.still.composition import TOUCHING
+from planner_service.view.still.lettering import CAPTION, Caption, Mark, lettered, place_of
+from planner_service.view.still.paint import Drawing, Line, paint, placed
+from planner_service.view.still.pictures import SIZE, draw_check, draw_plan, draw_task, write_png
+from planner_service.view.still.sights import Sights
+from planner_service.view.triangles import Solid, placements, robot_solids, scene_solids
+
+SMALL = (320, 180)
+PAGE = (640, 400)
+"""Pixels of whole pictures here: a quarter of what users get, and of the time."""
+
+Pixels = NDArray[np.uint8]
+
+
+@pytest.fixture(autouse=True)
+def _smaller(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(still, "SIZE", PAGE)
+
+
+def solids(*boxes: tuple[str, tuple[float, float, float], tuple[float, float, float]]) -> tuple[Solid, ...]:
+    """Boxes by name, size and position."""
+    return scene_solids(Scene(tuple(Obstacle(name, Box(size), Pose(at)) for name, size, at in boxes)))
+
+
+def camera_for(drawn: tuple[Solid, ...], azimuth: float = 0.0, elevation: float = 0.3) -> Camera:
+    return Camera.around(np.concatenate([solid.vertices for solid in drawn]), SMALL, azimuth, elevation)
+
+
+def pixel(camera: Camera, point: tuple[float, float, float]) -> tuple[int, int]:
+    """Row and column."""
+    x, y, _ = camera.pixels(camera.seen(np.array(point))).tolist()
+    return int(y), int(x)
+
+
+def hull_mask(points: FloatArray, grown: float) -> NDArray[np.bool_]:
+    """Pixels whose middles are in the hull of points (k, 2) of the picture, moved outwards by ``grown`` pixels."""
+    y, x = np.mgrid[0 : SMALL[1], 0 : SMALL[0]] + 0.5
+    sides = ConvexHull(points).equations
+    return np.asarray(np.all([a * x + b * y + c <= grown for a, b, c in sides], axis=0))
+
+
+def read(file: Path) -> Pixels:
+    with Image.open(file) as picture:
+        return np.asarray(picture)
+
+
+def is_whole(file: Path) -> bool:
+    return read(file).shape == (PAGE[1], PAGE[0], 3)
+
+
+def red_part(file: Path) -> float:
+    """Part of a picture, its caption left out, that is as red as what touches."""
+    pixels = read(file).astype(int)[: PAGE[1] - CAPTION]
+    r, g, b = pixels.transpose(2, 0, 1)
+    return float(np.mean((r > 120) & (g < r // 3) & (b < r // 3)))
+
+
+# what is drawn where
+
+
+@pytest.mark.parametrize("name", ["planar2", "ur5", "panda_mbm"])
+def test_the_silhouette_of_a_link_is_where_its_corners_are_projected_to(name: str) -> None:
+    robot = load_robot(name)
+    frames = placements(robot, robot.home + 0.2)
+    convex = {item.link for item in robot.shapes if sum(other.link == item.link for other in robot.shapes) == 1}
+    for link in [solid for solid in robot_solids(robot) if solid.name in convex]:
+        solid = placed(link, frames[link.name])
+        camera = camera_for((solid,), azimuth=0.7)
+        owners = paint(Drawing((solid,)), camera, SMALL)[1]
+        points = camera.pixels(camera.seen(solid.vertices))[:, :2]
+        assert not np.any((owners == 0) & ~hull_mask(points, 1.0))
+        assert not np.any((owners != 0) & hull_mask(points, -1.0))
+
+
+def test_what_is_behind_something_is_hidden() -> None:
+    drawn = solids(("behind", (0.1, 0.1, 0.1), (-0.5, 0.0, 0.0)), ("ahead", (0.1, 0.6, 0.6), (0.0, 0.0, 0.0)))
+    owners = paint(Drawing(drawn), camera_for(drawn, elevation=0.05), SMALL)[1]
+    assert set(np.unique(owners)) == {-1, 1}
+    owners = paint(Drawing(drawn), camera_for(drawn, azimuth=math.pi, elevation=0.05), SMALL)[1]
+    assert set(np.unique(owners)) == {-1, 0, 1}
+
+
+def test_a_ghost_lets_through_what_is_behind_it() -> None:
+    back, ghost = solids(("back", (0.1, 2.0, 2.0), (-0.5, 0.0, 0.0)), ("ghost", (0.1, 0.5, 0.5), (0.0, 0.0, 0.0)))
+    camera = camera_for((back, ghost), elevation=0.05)
+    row, column = pixel(camera, (0.05, 0.0, 0.0))
+    through, alone, opaque = (
+        paint(drawing, camera, SMALL)[0][row, column].astype(float)
+        for drawing in (
+            Drawing((back,), ((replace(ghost, opacity=0.25),),)),
+            Drawing((back,)),
+            Drawing((back,), ((ghost,),)),
+        )
+    )
+    assert through == pytest.approx(0.75 * alone + 0.25 * opaque, abs=1.5)
+    hidden = paint(Drawing((ghost,), ((replace(back, opacity=0.5),),)), camera, SMALL)[0][row, column]
+    assert np.array_equal(hidden, paint(Drawing((ghost,)), camera, SMALL)[0][row, column])
+
+
+def test_ghosts_are_laid_over_each_other_by_depth_and_not_by_order() -> None:
+    far, near = solids(("one", (0.1, 0.8, 0.8), (-0.5, 0.0, 0.0)), ("two", (0.1, 0.5, 0.5), (0.0, 0.0, 0.0)))
+    groups = ((replace(far, opacity=0.5),), (replace(near, opacity=0.5),))
+    camera = camera_for((far, near), elevation=0.1)
+    one, other, *alone = (
+        paint(Drawing((), order), camera, SMALL)[0] for order in (groups, groups[::-1], (), ((far,),), ((near,),))
+    )
+    assert np.array_equal(one, other)
+    nothing, back, front = (image[pixel(camera, (0.05, 0.0, 0.0))].astype(float) for image in alone)
+    mixed = 0.25 * nothing + 0.25 * back + 0.5 * front
+    assert one[pixel(camera, (0.05, 0.0, 0.0))] == pytest.approx(mixed, abs=1.5)
+
+
+def test_a_line_is_seen_before_something_and_faintly_behind_it() -> None:
+    (wall,) = solids(("wall", (0.1, 1.0, 1.0), (0.0, 0.0, 0.0)))
+    camera = camera_for((wall,), elevation=0.05)
+    ends = [[[x, -0.3, 0.0], [x, 0.3, 0.0]] for x in (0.2, -0.2)]
+    colour = (10, 200, 30)
+    row, column = pixel(camera, (0.05, 0.0, 0.0))
+    plain = paint(Drawing((wall,)), camera, SMALL)[0]
+    for points, share in zip(ends, (1.0, 0.3), strict=True):
+        found = paint(Drawing((wall,), (), (Line(np.array(points), colour, 4.0),)), camera, SMALL)[0]
+        changed = found[row - 4 : row + 5, column].astype(float)
+        before = plain[row - 4 : row + 5, column]
+        furthest = np.abs(changed - before).sum(axis=1).argmax()
+        assert changed[furthest] == pytest.approx(
+            before[furthest] + share * (np.array(colour) - before[furthest]), abs=2
+        )
+
+
+def test_a_shadow_darkens_ground_and_nothing_is_lighter_for_it() -> None:
+    ground, post = solids(("ground", (2.0, 2.0, 0.1), (0.0, 0.0, -0.05)), ("post", (0.1, 0.1, 0.6), (0.0, 0.0, 0.3)))
+    camera = camera_for((ground, post), elevation=0.6)
+    bare, _ = paint(Drawing((ground,)), camera, SMALL)
+    image, owners = paint(Drawing((ground, post)), camera, SMALL)
+    on_ground = (owners == 0) & (np.abs(bare.astype(int) - image).sum(axis=2) > 12)
+    assert np.count_nonzero(on_ground) > 100
+    assert not np.any(image.astype(int)[owners == 0] > bare.astype(int)[owners == 0] + 1)
+
+
+def test_the_eye_goes_where_a_wall_does_not_hide_the_robot() -> None:
+    """The robot's middle is seen from the side that has no wall, whichever it is."""
+    for side in (-1.0, 1.0):
+        body, wall = solids(
+            ("body", (0.2, 0.2, 0.6), (0.0, 0.0, 0.3)), ("wall", (1.2, 0.02, 0.5), (0.2, 0.4 * side, 0.25))
+        )
+        camera = Sights((body,), (wall,), ()).camera(SMALL)
+        owners = paint(Drawing((body, wall)), camera, SMALL)[1]
+        assert camera.eye[1] * side < 0.0
+        assert np.count_nonzero(owners == 0) > 500
+
+
+def test_everything_near_the_robot_is_in_view_and_a_wide_ground_does_not_make_it_small() -> None:
+    scene = load_scene("bin")
+    robot = load_robot("wxai")
+    frames = placements(robot, robot.home)
+    arm = [placed(solid, frames[solid.name]) for solid in robot_solids(robot)]
+    obstacles = scene_solids(scene)
+    camera = Sights(arm, obstacles, ()).camera(SMALL)
+    for solid in (*arm, *(o for o in obstacles if o.name != "table")):
+        x, y, _ = camera.pixels(camera.seen(solid.vertices)).T
+        assert 0.0 <= x.min() <= x.max() <= SMALL[0]
+        assert 0.0 <= y.min() <= y.max() <= SMALL[1]
+    without = Sights(arm, [o for o in obstacles if o.name != "table"], ()).camera(SMALL)
+    assert np.array_equal(camera.eye, without.eye)
+
+
+# names
+
+
+def test_a_name_stands_on_what_it_names() -> None:
+    owners = np.full((100, 200), -1)
+    owners[10:90, 20:180] = 3
+    owners[30:90, 40:160] = 5  # a ring is left
+    x, y = place_of(owners, 3) or (0.0, 0.0)
+    assert owners[int(y), int(x)] == 3
+    assert place_of(owners, 5) == pytest.approx((100.0, 60.0), abs=24.0)
+
+
+def test_what_is_not_seen_has_no_name() -> None:
+    owners = np.full((100, 200), -1)
+    owners[0, :100] = 2
+    assert place_of(owners, 2) is None
+
+
+def test_names_do_not_cover_each_other() -> None:
+    plain = np.full((200, 400, 3), 255, dtype=np.uint8)
+    one = lettered(plain, [Mark("first", (200.0, 100.0))], Caption("", ()))
+    both = lettered(plain, [Mark("first", (200.0, 100.0)), Mark("second", (205.0, 102.0))], Caption("", ()))
+    rows = np.nonzero((one != 255).any(axis=(1, 2)))[0][:-1]
+    ink = slice(rows[0], rows[0] + 12)
+    assert np.array_equal(one[ink], both[ink])
+    assert not np.array_equal(one, both)
+
+
+@pytest.mark.parametrize("words", ["", "short", "long words " * 60, "x" * 2000, "näive Größe → 日本"])
+def test_whatever_is_said_fits_into_the_caption(words: str) -> None:
+    plain = np.zeros((100, 300, 3), dtype=np.uint8)
+    page = lettered(plain, [], Caption(words, (words, words, words), (((1, 2, 3), "key"),)))
+    assert page.shape == (100 + CAPTION, 300, 3)
+    assert np.array_equal(page[:100], plain)
+    assert (page[101:, -6:] == 255).all()
+    assert (page[-4:] == 255).all()
+
+
+# files
+
+
+def test_a_picture_is_read_as_it_was_written(tmp_path: Path) -> None:
+    image = np.random.default_rng(0).integers(0, 256, size=(20, 30, 3)).astype(np.uint8)
+    write_png(tmp_path / "a.png", image)
+    assert np.array_equal(read(tmp_path / "a.png"), image)
+
+
+def test_an_old_picture_stays_when_the_new_one_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "a.png"
+    file.write_bytes(b"\x89PNG old")
+
+    def no_room(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", no_room)
+    with pytest.raises(InvalidFile, match="No space left"):
+        write_png(file, np.zeros((4, 4, 3), dtype=np.uint8))
+    assert file.read_bytes() == b"\x89PNG old"
+    assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_a_picture_does_not_take_the_place_of_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(InvalidFile, match="cannot be written"):
+        write_png(tmp_path, np.zeros((4, 4, 3), dtype=np.uint8))
+
+
+# plans, tasks, configurations
+
+
+@pytest.fixture(scope="module")
+def planned() -> tuple[PlannerService, PlanRequest, PlanResult]:
+    service = PlannerService("planar2", "discs")
+    poses = service.robot.poses
+    request = PlanRequest(poses["lesson_start"], poses["lesson_goal"], time_limit=None)
+    return service, request, service.plan(request)
+
+
+DRAW = """
+import sys
+from planner_service import PlannerService, PlanRequest
+from planner_service.view.still.pictures import draw_plan
+service = PlannerService("planar2", "discs")
+poses = service.robot.poses
+request = PlanRequest(poses["lesson_start"], poses["lesson_goal"], time_limit=None)
+draw_plan(service, request, service.plan(request), sys.argv[1])
+"""
+
+
+def test_a_plan_has_the_same_picture_in_another_process(
+    tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(still, "SIZE", SIZE)
+    draw_plan(*planned, tmp_path / "here.png")
+    subprocess.run([sys.executable, "-c", DRAW, str(tmp_path / "there.png")], check=True)
+    assert (tmp_path / "here.png").read_bytes() == (tmp_path / "there.png").read_bytes()
+    assert read(tmp_path / "here.png").shape == (SIZE[1], SIZE[0], 3)
+
+
+def test_a_plan_shows_the_robot_on_the_way_in_blue_and_at_the_goal_in_green(
+    tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult]
+) -> None:
+    draw_plan(*planned, tmp_path / "a.png")
+    r, g, b = read(tmp_path / "a.png")[: PAGE[1] - CAPTION].astype(int).transpose(2, 0, 1)
+    assert np.count_nonzero((g > r + 25) & (g > b + 15)) > 100
+    assert np.count_nonzero((b > r + 20) & (b > g + 5) & (b > 200)) > 100
+
+
+def test_a_picture_changes_no_count(tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult]) -> None:
+    before = planned[0].checker.counts
+    draw_plan(*planned, tmp_path / "a.png")
+    assert planned[0].checker.counts == before
+
+
+COLLIDING = [0.0, 2.2, 1.2, -0.4, 0.0, 0.0]
+
+
+def test_of_an_end_in_collision_what_touches_is_red(tmp_path: Path) -> None:
+    service = PlannerService("wxai", Scene((Obstacle("bar", Box((0.05, 0.05, 0.05)), Pose((0.35, 0.0, 0.05))),)))
+    red = {}
+    for name, start, goal in (
+        ("free", service.robot.home, [0.8, 1.3, 1.0, -0.8, 0.0, 0.0]),
+        ("goal", service.robot.home, COLLIDING),
+        ("start", COLLIDING, service.robot.home),
+    ):
+        request = PlanRequest(start, goal, time_limit=None)
+        draw_plan(service, request, service.plan(request), tmp_path / f"{name}.png")
+        red[name] = red_part(tmp_path / f"{name}.png")
+    assert red["free"] == 0.0
+    assert red["goal"] > 0.002
+    assert red["start"] > 0.002
+
+
+def test_a_pose_without_a_configuration_is_drawn_as_axes(tmp_path: Path) -> None:
+    service = PlannerService("planar2", "discs")
+    request = PlanRequest(service.robot.home, Pose((0.5, 0.5, 0.5)), time_limit=None)
+    result = service.plan(request)
+    assert result.path is None
+    draw_plan(service, request, result, tmp_path / "a.png")
+    pixels = read(tmp_path / "a.png").reshape(-1, 3)
+    for colour in ((214, 52, 52), (46, 150, 70), (40, 90, 210)):
+        assert np.any((pixels == colour).all(axis=1))
+
+
+def test_a_failure_outside_the_limits_is_drawn_too(tmp_path: Path) -> None:
+    service = PlannerService("planar2", "discs")
+    request = PlanRequest(service.robot.home, service.robot.limits.upper + 1.0, time_limit=None)
+    draw_plan(service, request, service.plan(request), tmp_path / "a.png")
+    assert is_whole(tmp_path / "a.png")
+
+
+def test_a_configuration_is_red_where_it_touches_and_nowhere_else(tmp_path: Path) -> None:
+    robot = load_robot("wxai")
+    checker = CollisionChecker(robot, load_scene("bin"))
+    draw_check(checker, COLLIDING, tmp_path / "bad.png")
+    draw_check(checker, robot.home, tmp_path / "good.png")
+    assert red_part(tmp_path / "bad.png") > 0.01
+    assert red_part(tmp_path / "good.png") == 0.0
+
+
+def test_a_robot_alone_can_be_drawn(tmp_path: Path) -> None:
+    robot = load_robot("planar2")
+    draw_check(CollisionChecker(robot, Scene()), robot.home, tmp_path / "a.png")
+    assert is_whole(tmp_path / "a.png")
+
+
+def test_a_task_is_drawn_whole_or_as_far_as_it_goes(tmp_path: Path) -> None:
+    service = PlannerService("wxai", "bin")
+    request = PlanRequest(service.robot.home, service.robot.home, time_limit=None)
+    task = plan_pick_place(service, "blue_block", "tray", request)
+    for name, segments in (("all", task.segments), ("none", ())):
+        draw_task(service, replace(task, segments=segments), tmp_path / f"{name}.png")
+    paths = [
+        np.count_nonzero((read(tmp_path / f"{name}.png") == (20, 84, 190)).all(axis=2)) for name in ("all", "none")
+    ]
+    assert paths[0] > paths[1] + 200
+
+
+# the command line
+
+PLANAR = ("plan", "--robot", "planar2", "--scene", "discs", "--time-limit", "inf", "--start", "lesson_start")
+
+
+def run(*arguments: str) -> tuple[int, str, str]:
+    done = CliRunner(env={"COLUMNS": "100", "TERM": "dumb"}).invoke(app, list(arguments), catch_exceptions=False)
+    return done.exit_code, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(("goal", "code"), [("lesson_goal", 0), ("pose:0,0,3,1,0,0,0", 1)])
+def test_plan_draws_a_picture_of_a_plan_or_of_none(tmp_path: Path, goal: str, code: int) -> None:
+    assert run(*PLANAR, "--goal", goal, "--png", str(tmp_path / "a.png"))[0] == code
+    assert is_whole(tmp_path / "a.png")
+
+
+def test_check_draws_a_picture(tmp_path: Path) -> None:
+    file = tmp_path / "a.png"
+    code, *_ = run("check", "--scene", "bin", "--q", "0,2.2,1.2,-0.4,0,0", "--png", str(file))
+    assert code == 1
+    assert red_part(file) > 0.01
+
+
+def test_pick_place_draws_a_picture(tmp_path: Path) -> None:
+    code, *_ = run("pick-place", "--png", str(tmp_path / "a.png"))
+    assert code == 0
+    assert is_whole(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        (*PLANAR, "--goal", "lesson_goal"),
+        ("pick-place",),
+        ("check", "--scene", "bin", "--q", "home"),
+    ],
+    ids=["plan", "pick-place", "check"],
+)
+def test_a_place_where_no_picture_can_be_is_refused_before_anything_is_planned(
+    tmp_path: Path, command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PlannerService, "plan", lambda *_, **__: pytest.fail("planned"))
+    code, out, error = run(*command, "--png", str(tmp_path / "nowhere" / "a.png"))
+    assert (code, out) == (2, "")
+    assert "the folder" in error
+
+
+def test_a_picture_is_called_what_it_is(tmp_path: Path) -> None:
+    code, out, error = run(*PLANAR, "--goal", "lesson_goal", "--png", str(tmp_path / "a.jpg"))
+    assert (code, out) == (2, "")
+    assert "expected a name that ends in .png" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("other", ["--out", "--plot"])
+def test_a_picture_does_not_take_the_place_of_another_file(tmp_path: Path, other: str) -> None:
+    file = tmp_path / "a.png"
+    code, out, error = run(*PLANAR, "--goal", "lesson_goal", other, str(file), "--png", str(tmp_path / "." / "a.png"))
+    assert (code, out) == (2, "")
+    assert f"--png: got '{file}'; expected another file than {other}" in error
+    assert not file.exists()
+
+
+def test_what_touches_is_red() -> None:
+    assert TOUCHING[0] > 3 * max(TOUCHING[1:])

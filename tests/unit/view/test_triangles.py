@@ -1,0 +1,167 @@
+"""The triangles that are drawn: closed, outward, of the volume of what is judged, and where it is judged."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from planner_service import (
+    Attached,
+    Box,
+    Capsule,
+    Compound,
+    Cylinder,
+    HeightField,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Pose,
+    Scene,
+    Sphere,
+    load_robot,
+)
+from planner_service.geometry.composite import Solid as Shape
+from planner_service.geometry.shapes import FloatArray
+from planner_service.view.triangles import MAX_BOXES, TOOL, Solid, placements, robot_solids, scene_solids
+
+TURNED = Pose((0.3, -0.2, 0.5), (0.5, 0.5, -0.5, 0.5))
+TETRAHEDRON = Mesh(np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.4, 0], [0, 0, 0.5]]))
+STEPS = np.array([[0.1, 0.2, 0.0], [0.3, 0.3, 0.1]])
+CELLS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [-3, 2, -1]])
+
+VOLUMES: dict[str, tuple[Shape, float]] = {
+    "box": (Box((0.1, 0.2, 0.3)), 0.006),
+    "sphere": (Sphere(0.2), 4 / 3 * math.pi * 0.2**3),
+    "cylinder": (Cylinder(0.1, 0.5), math.pi * 0.1**2 * 0.5),
+    "capsule": (Capsule(0.1, 0.5), math.pi * 0.1**2 * (0.5 + 4 / 3 * 0.1)),
+    "mesh": (TETRAHEDRON, 0.3 * 0.4 * 0.5 / 6),
+    "compound": (Compound(((Box((0.1, 0.1, 0.1)), TURNED), (Sphere(0.05), Pose()))), 0.001 + 4 / 3 * math.pi * 0.05**3),
+    "cloud": (PointCloud.from_cells(CELLS, 0.1), 4 * 0.1**3),
+    "heights": (HeightField(STEPS, 0.1), 0.01 * float(STEPS.sum())),
+}
+every_shape = pytest.mark.parametrize("kind", VOLUMES)
+
+
+def corners(solid: Solid) -> FloatArray:
+    """The corners of the triangles, (m, 3, 3)."""
+    return solid.vertices[solid.faces]
+
+
+def volume(solid: Solid) -> float:
+    a, b, c = corners(solid).transpose(1, 0, 2)
+    return float((np.cross(a, b) * c).sum() / 6)
+
+
+def require_closed(solid: Solid) -> None:
+    """Each edge belongs to two triangles, which run along it in opposite directions; none is degenerate."""
+    edges = [edge for a, b, c in solid.faces.tolist() for edge in ((a, b), (b, c), (c, a))]
+    assert set(Counter(edges).values()) == {1}
+    assert {(b, a) for a, b in edges} == set(edges)
+    a, b, c = corners(solid).transpose(1, 0, 2)
+    assert (np.sqrt((np.cross(b - a, c - a) ** 2).sum(axis=-1)) / 2 > 1e-12).all()
+
+
+def drawn(shape: Shape, pose: Pose = TURNED) -> Solid:
+    (solid,) = scene_solids(Scene((Obstacle("thing", shape, pose),)))
+    return solid
+
+
+@every_shape
+def test_a_shape_is_closed_and_faces_outwards(kind: str) -> None:
+    require_closed(drawn(VOLUMES[kind][0]))
+
+
+@every_shape
+def test_a_shape_has_its_volume(kind: str) -> None:
+    shape, expected = VOLUMES[kind]
+    flat = kind in ("box", "mesh", "cloud", "heights")  # polyhedra inscribed in what is round have less
+    assert volume(drawn(shape)) == pytest.approx(expected, rel=1e-12 if flat else 0.01)
+
+
+@every_shape
+def test_every_corner_is_on_the_shape_and_reaches_as_far(kind: str) -> None:
+    shape = VOLUMES[kind][0]
+    found = drawn(shape, Pose()).vertices
+    assert float(shape.distance(found).max()) < 1e-12
+    for direction in np.vstack([np.eye(3), -np.eye(3)]):
+        farthest = float(shape.support(direction) @ direction)
+        assert float((found @ direction).max()) == pytest.approx(farthest, abs=1e-12)
+
+
+@every_shape
+def test_a_shape_stands_where_its_pose_says(kind: str) -> None:
+    shape = VOLUMES[kind][0]
+    expected = drawn(shape, Pose()).vertices @ TURNED.rotation.T + np.array(TURNED.position)
+    assert drawn(shape).vertices == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_large_cloud_is_drawn_in_coarser_cells_that_hold_its_own() -> None:
+    cells = np.random.default_rng(3).integers(-40, 40, size=(12_000, 3))
+    cloud = PointCloud.from_cells(cells, 0.01)
+    boxes = corners(drawn(cloud, Pose())).reshape(-1, 36, 3)
+    low, edge = boxes.min(axis=1), float(np.ptp(boxes[0, :, 0]))
+    assert len(low) <= MAX_BOXES < len(cloud.pieces.shapes)
+    held = {tuple(np.round(corner / edge).astype(int)) for corner in low}
+    assert {tuple(cell) for cell in np.floor(cloud.points / edge).astype(int)} == held
+
+
+def test_a_large_height_field_is_drawn_in_coarser_columns_that_hold_its_own() -> None:
+    heights = np.random.default_rng(4).uniform(0.0, 1.0, size=(101, 91))
+    field = HeightField(heights, 0.01)
+    solid = drawn(field, Pose())
+    assert len(solid.faces) / 12 <= MAX_BOXES < len(field.pieces.shapes)
+    tops = corners(solid).reshape(-1, 36, 3).max(axis=1)
+    for (i, j), top in np.ndenumerate(heights):
+        x, y = 0.01 * (i + 0.5), 0.01 * (j + 0.5)
+        here = (np.abs(tops[:, 0] - 0.01 - x) < 0.01) & (np.abs(tops[:, 1] - 0.01 - y) < 0.01)
+        assert float(tops[here, 2].max()) >= top
+
+
+@pytest.mark.parametrize("name", ["wxai", "wxai_dual", "panda", "planar2", "ur5"])
+def test_each_link_is_one_closed_solid_of_its_frame(name: str) -> None:
+    robot = load_robot(name)
+    solids = robot_solids(robot)
+    assert [solid.name for solid in solids] == list(dict.fromkeys(item.link for item in robot.shapes))
+    assert [solid.frame for solid in solids] == [solid.name for solid in solids]
+    for solid in solids:
+        require_closed(solid)
+
+
+def test_neighbouring_links_differ_in_colour() -> None:
+    solids = robot_solids(load_robot("wxai"))
+    assert all(a.colour != b.colour for a, b in pairwise(solids))
+
+
+def test_links_are_where_they_are_judged() -> None:
+    robot = load_robot("wxai").with_gripper(0.03)
+    q = robot.home + 0.1
+    frames = placements(robot, q)
+    bodies = robot.body_poses(q)
+    for solid in robot_solids(robot):
+        T = frames[solid.name]
+        world = solid.vertices @ T[:3, :3].T + T[:3, 3]
+        gaps = []
+        for item in (item for item in robot.shapes if item.link == solid.name):
+            pose = bodies[item.body]
+            local = (world - np.array(pose[9:])) @ np.array(pose[:9]).reshape(3, 3)
+            gaps.append(item.shape.distance((local - item.pose.position) @ item.pose.rotation))
+        assert float(np.min(gaps, axis=0).max()) < 1e-12
+
+
+def test_what_is_carried_moves_with_the_tool() -> None:
+    robot = load_robot("wxai")
+    held = Attached("cup", Box((0.02, 0.04, 0.06)), Pose((0.01, 0.02, 0.03)))
+    (solid,) = scene_solids(Scene(attached=(held,)))
+    assert solid.frame == TOOL
+    assert np.allclose(solid.vertices.mean(axis=0), (0.01, 0.02, 0.03), atol=1e-15)
+    assert np.array_equal(placements(robot, robot.home)[TOOL], robot.tool_pose(robot.home))
+
+
+def test_a_solid_cannot_be_written_to() -> None:
+    solid = drawn(Sphere(0.1))
+    assert not solid.vertices.flags.writeable
+    assert not solid.faces.flags.writeable
