@@ -37,6 +37,7 @@ test: $(BIN)/.dev lint types  ## lint, types and the test suite
 lint: $(BIN)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
 
 types: $(BIN)/.dev
 	$(BIN)/mypy
