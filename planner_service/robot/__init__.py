@@ -1,1 +1,25 @@
 """Robots as immutable values, and the files they are read from."""
+
+from planner_service.robot.model import (
+    AllowedContact,
+    Body,
+    ExemptRetreat,
+    Gripper,
+    JointLimits,
+    LinkShape,
+    Robot,
+    load_robot,
+    robot_names,
+)
+
+__all__ = [
+    "AllowedContact",
+    "Body",
+    "ExemptRetreat",
+    "Gripper",
+    "JointLimits",
+    "LinkShape",
+    "Robot",
+    "load_robot",
+    "robot_names",
+]

@@ -13,12 +13,8 @@ from typing import ClassVar
 from planner_service.geometry.shapes import number, whole
 from planner_service.search import ompl
 from planner_service.search.problem import (
-    Oracle,
-    Planner,
     SearchProblem,
     SearchResult,
-    SearchSpace,
-    Space,
 )
 
 __all__ = [
@@ -31,16 +27,10 @@ __all__ = [
     "RRT",
     "BITstar",
     "InformedRRTstar",
-    "Oracle",
-    "Planner",
     "RRTConnect",
     "RRTstar",
     "SORRTstar",
-    "SearchProblem",
-    "SearchResult",
-    "SearchSpace",
     "Settings",
-    "Space",
 ]
 
 _DEFAULT_CHECKS = 20_000
