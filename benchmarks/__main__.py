@@ -36,7 +36,7 @@ COMMANDS = {
 INTERRUPTED = 130
 """The exit code of a program that was ended by Ctrl-C."""
 
-STORED = ("queries", "golden", "readme")
+STORED = ("queries", "readme")
 """What is compared with what is stored, or stored."""
 
 SETTINGS = {
@@ -55,7 +55,7 @@ PARTS = {"roadmaps": ("warm", "lazy", "moved", "large"), "many": ("same", "speed
 USAGE = """\
 run       plan a suite: --suite NAME --planner P --seeds A:B --out FILE; goes on where it was interrupted
 compare   two results files, or the planners within one
-check     the gate: the smoke suite's counts against those stored; --write stores them
+check     the gate: the counts of the smoke suite, stored queries and roadmaps against their pins; --write stores them
 export    a results file in another format: --ompl-log FILE
 report    results files as one HTML page: FILE... -o report.html; or into a text: --markdown FILE
 attack    hostile inputs of every kind: [PART...] --minutes N --seed S; replay FILE...; table FOLDER...
@@ -91,7 +91,6 @@ differential  a million states and 20,000 edges of three robots: the kernel is F
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances
 queries   the stored queries are what their seed gives; --write stores them
-golden    the stored counts are what planning gives; --write stores them
 readme    the outputs in the README are what is printed; --write puts them there
 """
 
@@ -143,9 +142,9 @@ def _measured(arguments: argparse.Namespace, console: Console) -> int:
     """Exit code 0 if every promise was kept, else 1."""
     if arguments.json is not None:
         require_writable(arguments.json)
-    if arguments.what in ("queries", "golden"):
+    if arguments.what == "queries":
         stored = importlib.import_module("benchmarks.harness.stored")
-        return int(stored.main(arguments.what, write=arguments.write, console=console))
+        return int(stored.main(write=arguments.write, console=console))
     if arguments.what == "readme":
         readme = importlib.import_module("benchmarks.harness.readme")
         return int(readme.main(write=arguments.write, console=console))

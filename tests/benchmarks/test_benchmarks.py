@@ -20,7 +20,6 @@ from benchmarks import __main__ as command
 from benchmarks.baselines import plain_ompl
 from benchmarks.baselines.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
 from benchmarks.baselines.pairwise import PairwiseFcl
-from benchmarks.harness import stored
 from benchmarks.harness.report import Promise, Report, Row, p50, p95, show, write_json
 from benchmarks.studies import (
     agreement,
@@ -333,12 +332,6 @@ def test_changed_queries_are_told_and_stored_only_when_asked(
     assert called(monkeypatch, ["queries", "--write"]) == 0
     assert called(monkeypatch, ["queries"]) == 0
     assert [query.name for query in queries.load("post")][-1] == "post-19"
-
-
-def test_the_golden_file_reads_back_as_what_was_written() -> None:
-    row = {"outcome": "planned", "stages": {"search": [1, 2, 3]}, "waypoints": 2, "path": "ab"}
-    content = {"step": {"p50_p95": {"bin": {"search": [1.0, 1.0]}}, "queries": {"bin-00": row}}}
-    assert json.loads(stored.text_of(content)) == content
 
 
 def test_steps_are_named_after_what_they_are() -> None:

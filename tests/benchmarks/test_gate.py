@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from benchmarks.harness import environment, gate, runner
+from benchmarks.harness import environment, gate, pins, runner
 from benchmarks.harness.rows import Row
 from benchmarks.harness.suite import Suite, load_suite
 from planner_service.errors import InvalidFile
@@ -39,7 +39,7 @@ def baseline(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     folder = tmp_path_factory.mktemp("baseline")
     (folder / "small.toml").write_text(SMALL, "utf-8")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gate, "BASELINES", folder)
+        patch.setattr(pins, "FOLDER", folder)
         assert checked(str(folder / "small.toml"), "--write")[0] == 0
     return (folder / "small.json").read_bytes()
 
@@ -49,7 +49,7 @@ def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, baseline: bytes) -> s
     """A suite with a baseline of its own, in what counts as the pinned environment."""
     (tmp_path / "small.toml").write_text(SMALL, "utf-8")
     (tmp_path / "small.json").write_bytes(baseline)
-    monkeypatch.setattr(gate, "BASELINES", tmp_path)
+    monkeypatch.setattr(pins, "FOLDER", tmp_path)
     monkeypatch.setattr(gate, "unpinned", list)
     return str(tmp_path / "small.toml")
 
@@ -85,7 +85,7 @@ def test_it_is_green_on_what_is_stored_and_red_on_one_more_check_per_edge(
     assert "4 runs as stored: 4 differ" in printed
     assert "bin/0 rrtconnect seed 0" in printed
     assert "shortcut" in printed
-    assert f"{gate.REGENERATE} --suite {small}" in printed
+    assert f"{pins.REGENERATE} --suite {small}" in printed
     assert checked(small)[0] == 0
 
 
@@ -129,38 +129,32 @@ def test_a_plan_that_is_lost_and_a_path_that_is_rejected_are_told(small: str, mo
 
 def test_without_a_baseline_it_says_how_to_store_one(small: str, tmp_path: Path) -> None:
     (tmp_path / "small.json").unlink()
-    with pytest.raises(InvalidFile, match=f"{gate.REGENERATE} --suite .*small.toml"):
+    with pytest.raises(InvalidFile, match=pins.REGENERATE):
         checked(small)
 
 
 def test_a_baseline_that_cannot_be_stored_is_refused_before_anything_is_planned(
     small: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate, "BASELINES", tmp_path / "nowhere")
+    monkeypatch.setattr(pins, "FOLDER", tmp_path / "nowhere")
     monkeypatch.setattr(runner.Job, "row", lambda _: pytest.fail("it is planned"))
     with pytest.raises(InvalidFile, match="nowhere has to be there"):
         checked(small, "--write")
 
 
-@pytest.mark.parametrize("text", ["{}", '{"runs": []}', '{"runs": {"a": {"outcome": 1, "checks": {"search": [1]}}}}'])
-def test_a_baseline_that_is_none_is_refused(small: str, tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize("text", ["[]", '{"bin/0 rrtconnect seed 0": 1}'])
+def test_pins_that_are_none_are_refused(small: str, tmp_path: Path, text: str) -> None:
     (tmp_path / "small.json").write_text(text, "utf-8")
-    with pytest.raises(InvalidFile, match="runs"):
+    with pytest.raises(InvalidFile, match="expected an object that holds one for each run"):
         checked(small)
 
 
-def test_differences_are_told_stage_by_stage() -> None:
-    row = {"outcome": "planned", "path": "aa", "checks": {"search": [10, 2, 0]}}
-    other = {"outcome": "planned", "path": "bb", "checks": {"search": [9, 2, 0], "shortcut": [1, 1, 0]}}
-    assert gate.differences({"a": row}, {"a": row}) == []
-    told = [(d.run, d.what, d.then, d.now) for d in gate.differences({"a": row, "c": row}, {"a": other, "b": row})]
-    assert told == [
-        ("a", "search", "10 / 2 / 0", "9 / 2 / 0"),
-        ("a", "shortcut", "0 / 0 / 0", "1 / 1 / 0"),
-        ("a", "path", "aa", "bb"),
-        ("b", "run", "not stored", "planned"),
-        ("c", "run", "planned", "gone"),
-    ]
+def test_a_run_that_is_gone_is_reported(small: str, tmp_path: Path) -> None:
+    content = json.loads((tmp_path / "small.json").read_text("utf-8"))
+    pins.store_pins(tmp_path / "small.json", {**content, "more": {"outcome": "planned"}})
+    code, printed = checked(small)
+    assert code == 1
+    assert "4 runs as stored: 1 differ" in printed
 
 
 def smoke() -> Suite:
@@ -168,9 +162,10 @@ def smoke() -> Suite:
 
 
 def test_the_stored_baseline_is_of_every_run_of_the_smoke_suite() -> None:
-    content = json.loads((gate.BASELINES / "smoke.json").read_text("utf-8"))
     jobs = runner.jobs_of(smoke())
-    assert list(content["runs"]) == [f"{j.problem.id} {j.ask.planner} seed {j.ask.seed}" for j in jobs]
+    assert list(pins.load_pins(pins.FOLDER / "smoke.json")) == [
+        f"{j.problem.id} {j.ask.planner} seed {j.ask.seed}" for j in jobs
+    ]
     assert set(smoke().ceilings) == set(smoke().planners)
 
 
@@ -180,20 +175,19 @@ from benchmarks.harness import gate
 from benchmarks.harness import runner
 from benchmarks.harness.suite import load_suite
 jobs = runner.jobs_of(load_suite("smoke"), ["rrtconnect", "lbkpiece1"], [1])[::6]
-print(json.dumps(gate.stored_rows(runner.made(jobs[::-1]))))
+print(json.dumps(gate.pins_of(runner.made(jobs[::-1]))))
 """
 
 
 def test_two_runs_and_another_process_cost_the_same_as_is_stored() -> None:
     jobs = runner.jobs_of(smoke(), ["rrtconnect", "lbkpiece1"], [1])[::6]
-    here = gate.stored_rows(runner.made(jobs))
-    assert gate.stored_rows(runner.made(jobs)) == here
+    here = gate.pins_of(runner.made(jobs))
+    assert gate.pins_of(runner.made(jobs)) == here
     told = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "4321"}
     done = subprocess.run([sys.executable, "-c", ELSEWHERE], cwd=ROOT, env=told, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == here
-    then = json.loads((gate.BASELINES / "smoke.json").read_text("utf-8"))["runs"]
-    changed = gate.differences({run: then[run] for run in here}, here)
+    changed = pins.differences(pins.load_pins(pins.FOLDER / "smoke.json"), here)
     assert not changed or environment.unpinned(), changed
 
 

@@ -51,7 +51,7 @@ from planner_service.planning.accounting import NoPlan
 from planner_service.planning.polishing import judged
 from planner_service.planning.timing_stage import timed
 from planner_service.records.plan_file import MadeFor, SavedPlan, load_plan, save_plan
-from tests.integration.test_golden import OTHER_CPU
+from tests.integration.test_pins import OTHER_CPU
 
 ROOT = Path(__file__).parents[3]
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)

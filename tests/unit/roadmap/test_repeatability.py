@@ -15,7 +15,7 @@ import pytest
 
 from benchmarks.worlds import queries
 from planner_service import PRM, JointStep, LazyPRM, PlannerService, PlanRequest, Roadmap
-from tests.integration.test_golden import OTHER_CPU
+from tests.integration.test_pins import OTHER_CPU
 
 ROOT = Path(__file__).parents[3]
 

@@ -1,0 +1,71 @@
+"""What growing a roadmap, querying it and updating it for a moved obstacle costs: a run for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import astuple, replace
+from itertools import islice
+from types import MappingProxyType
+
+from benchmarks.harness.pins import fingerprint
+from benchmarks.harness.rows import Row
+from benchmarks.studies.states import STEPS, plan
+from benchmarks.worlds import queries
+from planner_service import PRM, PlannerService, PlanResult, Pose, Roadmap, RoadmapUpdate, Scene, Trapezoidal, Verdict
+
+__all__ = ["MOVED", "made"]
+
+STEP = "JointStep(0.02)"
+SEED = 0
+QUERIES = 5
+"""Stored queries of each scene, each asked of the roadmap as it was grown, and remembered."""
+
+MOVED = MappingProxyType({"bin": ("demo_post", (0.05, 0.02, 0.0)), "shelf": ("shelf_board", (0.02, 0.0, 0.03))})
+"""For each scene an obstacle, and by how many metres it moves."""
+
+
+def made(scenes: Iterable[str] = tuple(MOVED)) -> dict[str, Row]:
+    """Counts and hashes of a roadmap of each scene, of queries of it, and of what a moved obstacle leaves of it."""
+    return {f"{scene} {run}": row for scene in scenes for run, row in _of(scene)}
+
+
+def _of(scene: str) -> Iterator[tuple[str, Row]]:
+    service = PlannerService(queries.ROBOT, scene, edge_step=STEPS[STEP])
+    roadmap = service.build_roadmap(PRM(milestones=1000, neighbours=10), seed=SEED, progress=False)
+    elsewhere = service.with_scene(_moved(service.scene))
+    yield "build", _build(roadmap)
+    for name, row in _planned(service, roadmap, QUERIES):
+        yield f"query {name}", row
+    yield "update", _update(elsewhere.update_roadmap(roadmap))
+    for name, row in _planned(elsewhere, roadmap, 1):
+        yield f"moved {name}", row
+
+
+def _moved(scene: Scene) -> Scene:
+    name, by = MOVED[scene.name]
+    pose = scene.obstacle(name).pose
+    x, y, z = (at + metres for at, metres in zip(pose.position, by, strict=True))
+    return scene.moved(name, Pose((x, y, z), pose.quaternion))
+
+
+def _build(roadmap: Roadmap) -> Row:
+    counts = None if roadmap.built is None else astuple(roadmap.built.counts)
+    return {
+        "checks": {} if counts is None else {"roadmap": list(counts)},
+        "milestones": len(roadmap.milestones),
+        "free": roadmap.edge_knowledge.count(Verdict.FREE),
+        "blocked": roadmap.edge_knowledge.count(Verdict.BLOCKED),
+        "hash": roadmap.hash,
+    }
+
+
+def _planned(service: PlannerService, roadmap: Roadmap, count: int) -> Iterator[tuple[str, Row]]:
+    for query in islice(queries.load(service.scene.name), count):
+        result: PlanResult = plan(service, query, planner=replace(roadmap, remember=True), timing=Trapezoidal())
+        learned = None if result.roadmap is None else result.roadmap.hash
+        yield query.name, fingerprint(result) | {"learned": learned}
+
+
+def _update(update: RoadmapUpdate) -> Row:
+    numbers = {key: getattr(update, key) for key in ("kept", "judged", "fell", "rose")}
+    return {**numbers, "hash": update.roadmap.hash, "checks": {"update": list(astuple(update.counts))}}

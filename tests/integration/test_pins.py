@@ -1,0 +1,128 @@
+"""Counts are pinned: equal states, edges and bits for every stored query, whatever came before, in any process."""
+
+from __future__ import annotations
+
+import json
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.harness import pinned_queries, pinned_roadmaps
+from benchmarks.harness.pins import (
+    FOLDER,
+    REGENERATE,
+    Difference,
+    Pins,
+    differences,
+    fingerprint,
+    load_pins,
+    store_pins,
+)
+from benchmarks.studies.states import STEPS, plan
+from benchmarks.worlds import queries
+from benchmarks.worlds.queries import Query
+from planner_service import PlannerService, RRTConnect, Trapezoidal
+
+CHOSEN = 5
+"""Stored queries of each scene that the tests plan again; ``python -m benchmarks check`` plans all."""
+
+ROOT = Path(__file__).parents[2]
+JOINT_STEP = "JointStep(0.02)"
+
+
+def chosen(scene: str) -> tuple[Query, ...]:
+    return queries.load(scene)[:CHOSEN]
+
+
+def require_pinned(name: str, now: Pins) -> None:
+    changed = differences(load_pins(FOLDER / f"{name}.json"), now)
+    if changed:
+        lines = "\n  ".join(map(str, changed))
+        pytest.fail(f"{name}:\n  {lines}\nIf that is meant, store it, with a line in CHANGELOG.md: {REGENERATE}")
+
+
+@pytest.mark.parametrize("scene", queries.SCENES)
+@pytest.mark.parametrize("step", STEPS)
+def test_planning_a_stored_query_costs_exactly_what_is_pinned(step: str, scene: str) -> None:
+    require_pinned("queries", pinned_queries.planned(step, scene, chosen(scene)))
+
+
+def test_roadmaps_cost_exactly_what_is_pinned() -> None:
+    require_pinned("roadmaps", pinned_roadmaps.made())
+
+
+def test_every_stored_query_is_pinned_and_has_a_plan() -> None:
+    pinned = load_pins(FOLDER / "queries.json")
+    names = [f"{query.name} {step}" for step in STEPS for scene in queries.SCENES for query in queries.load(scene)]
+    assert list(pinned) == names
+    assert {row["outcome"] for row in pinned.values()} == {"planned"}
+
+
+@pytest.mark.parametrize("file", sorted(FOLDER.glob("*.json")), ids=lambda file: file.stem)
+def test_storing_pins_again_gives_the_same_file(file: Path, tmp_path: Path) -> None:
+    store_pins(tmp_path / "again.json", load_pins(file))
+    assert (tmp_path / "again.json").read_bytes() == file.read_bytes()
+
+
+def test_queries_planned_in_another_order_and_by_used_services_cost_the_same() -> None:
+    services = {scene: PlannerService(queries.ROBOT, scene, edge_step=STEPS[JOINT_STEP]) for scene in queries.SCENES}
+    mixed = [query for scene in queries.SCENES for query in chosen(scene)]
+    random.Random(1).shuffle(mixed)
+    rows = {}
+    for query in mixed:
+        service = services[query.scene]
+        plan(service, queries.load(query.scene)[-1], seed=99, planner=RRTConnect(range=1.0), timing=Trapezoidal())
+        rows[f"{query.name} {JOINT_STEP}"] = fingerprint(plan(service, query, timing=Trapezoidal()))
+    require_pinned("queries", rows)
+
+
+OTHER_CPU = {
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX,-AVX2,-AVX512F,-FMA,-FMA4",  # other sines and cosines, in their last bit
+    "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512CD AVX512_SKX",
+    "OPENBLAS_CORETYPE": "Prescott",
+}
+
+
+def printed(code: str, cpu: dict[str, str]) -> Pins:
+    """What a process prints as JSON that hashes in another order (what comes from a set would show), on another CPU."""
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "12345", **cpu}
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    rows: Pins = json.loads(done.stdout)
+    return rows
+
+
+any_cpu = pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
+
+
+@any_cpu
+def test_another_process_plans_the_same_to_the_last_bit(cpu: dict[str, str]) -> None:
+    code = (
+        "import json; from benchmarks.harness import pinned_queries; from benchmarks.worlds import queries\n"
+        f"rows = [pinned_queries.planned({JOINT_STEP!r}, s, queries.load(s)[{CHOSEN - 1}::-1])"
+        " for s in ('window', 'post', 'bin')]\n"
+        "print(json.dumps({name: row for scene in rows for name, row in scene.items()}))"
+    )
+    require_pinned("queries", printed(code, cpu))
+
+
+@any_cpu
+def test_another_process_has_the_same_roadmaps_to_the_last_bit(cpu: dict[str, str]) -> None:
+    code = "import json; from benchmarks.harness import pinned_roadmaps as p; print(json.dumps(p.made(['bin'])))"
+    require_pinned("roadmaps", printed(code, cpu))
+
+
+def test_a_change_is_reported_value_by_value() -> None:
+    row = {"outcome": "planned", "path": "aa", "checks": {"search": [1000, 2, 0], "timing": [0, 0, 0]}}
+    other = {"outcome": "planned", "path": "bb", "checks": {"search": [9, 2, 0], "shortcut": [1, 1, 0]}}
+    assert differences({"bin-00": row}, {"bin-00": row}) == []
+    assert differences({"bin-00": row, "bin-02": row}, {"bin-00": other, "bin-01": row}) == [
+        Difference("bin-00", "path", "aa", "bb"),
+        Difference("bin-00", "search", "1,000 / 2 / 0", "9 / 2 / 0"),
+        Difference("bin-00", "shortcut", "nothing", "1 / 1 / 0"),
+        Difference("bin-01", "run", "not stored", "planned"),
+    ]
+    assert str(differences({}, {"bin-01": row})[0]) == "bin-01: run not stored -> planned"
