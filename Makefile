@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint types bench attack measures micro docs clean
+.PHONY: demo test lint types bench attack measures micro docs wheel clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -56,6 +56,9 @@ micro: $(BIN)/.dev  ## what the parts of a plan take, by pytest-benchmark
 
 docs: $(BIN)/.docs  ## the pages and the reference as a site in site/, links checked
 	NO_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
+
+wheel: $(BIN)/.dev  ## a wheel in dist/, tested in a fresh virtual environment
+	WHEEL_DIR=dist $(BIN)/python -m pytest tests/integration/test_packaging.py
 
 clean:
 	rm -rf $(VENV)

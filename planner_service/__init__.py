@@ -9,6 +9,8 @@
     print(result.counts, result.trajectory.duration)
 """
 
+import importlib.metadata
+
 from planner_service.certify import (
     Certificate,
     Certifier,
@@ -81,6 +83,8 @@ from planner_service.service import PlannerService
 from planner_service.tasks.primitives import move_linear, pick, place
 from planner_service.tasks.result import Handling, Segment, TaskResult
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
+
+__version__ = importlib.metadata.version("planner-service")
 
 __all__ = [
     "AORRTC",

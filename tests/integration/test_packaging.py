@@ -1,35 +1,52 @@
-"""The built wheel: complete, tidy, and at home anywhere."""
+"""The built wheel: complete, tidy, and at home anywhere; ``make wheel`` keeps the one that is tested here in dist/."""
 
 from __future__ import annotations
 
+import email
 import os
+import re
 import subprocess
 import sys
+import sysconfig
+import venv
 import zipfile
 from pathlib import Path
 
 import pytest
+import tomli
+
+import planner_service
 
 ROOT = Path(__file__).resolve().parents[2]
+PIP = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+PROJECT = tomli.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "-w",
-        str(folder),
-        ".",
-    ]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    return next(folder.glob("*.whl"))
+    folder = Path(os.environ.get("WHEEL_DIR") or tmp_path_factory.mktemp("wheel"))
+    command = [*PIP, "wheel", "--no-deps", "--no-build-isolation", "-w", str(folder), str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True)
+    return max(folder.glob("*.whl"), key=lambda path: path.stat().st_mtime)
+
+
+@pytest.fixture(scope="module")
+def scripts(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The commands of a fresh virtual environment with the wheel.
+
+    For ``make wheel`` its dependencies are installed, too; in the test suite those of this environment are used.
+    """
+    folder = tmp_path_factory.mktemp("fresh")
+    venv.create(folder, symlinks=True)
+    python = folder / "bin" / "python"
+    install = [*PIP, "--python", str(python), "install", "-c", str(ROOT / "constraints.txt"), str(wheel)]
+    if "WHEEL_DIR" not in os.environ:
+        install.append("--no-deps")
+        borrowed = [entry for entry in sys.path if Path(entry).is_relative_to(sys.prefix)]
+        site_packages = folder / Path(sysconfig.get_path("purelib")).relative_to(sys.prefix)
+        (site_packages / "borrowed.pth").write_text("\n".join(borrowed))
+    subprocess.run(install, check=True, capture_output=True)
+    return folder / "bin"
 
 
 def test_the_wheel_puts_nothing_but_the_package_into_site_packages(wheel: Path) -> None:
@@ -54,18 +71,39 @@ def test_the_wheel_carries_compiled_code_for_this_platform_and_its_stubs_and_non
     assert not [name for name in inside if "/native/" in name or name.endswith((".cpp", ".hpp", ".inc"))]
 
 
+def test_the_wheel_states_its_licence_and_carries_the_texts(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        info = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        metadata = email.message_from_bytes(archive.read(info))
+        texts = metadata.get_all("License-File", [])
+        assert metadata["License-Expression"] == "BSD-3-Clause"
+        assert sorted(texts) == ["LICENSE", "robots/panda_mbm/LICENSE"]
+        assert {info.replace("METADATA", f"licenses/{text}") for text in texts} <= set(archive.namelist())
+
+
+def test_the_package_the_project_and_the_changelog_are_of_one_version() -> None:
+    releases = re.findall(r"^## (\d+\.\d+\.\d+)\b", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert planner_service.__version__ == PROJECT["version"] == releases[0]
+
+
 def test_an_installed_wheel_plans_from_the_root_folder_with_its_kernel_and_without_a_compiler(
-    wheel: Path, tmp_path: Path
+    scripts: Path, tmp_path: Path
 ) -> None:
-    zipfile.ZipFile(wheel).extractall(tmp_path)
     program = (
-        "import sys; sys.meta_path = [f for f in sys.meta_path if 'editable' not in type(f).__module__]; "
         "import planner_service as p; s = p.PlannerService('wxai', 'table'); "
         "print(p.__file__, s.plan(p.PlanRequest(s.robot.home, [0.5, 1.3, 1.0, -0.8, 0.0, 0.0])).ok, "
-        "s.checker.instruction_set is not None)"
+        "s.checker.instruction_set is not None, p.__version__)"
     )
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "PATH": str(tmp_path / "nothing")}
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd="/", env=environment, capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split() == [str(tmp_path / "planner_service" / "__init__.py"), "True", "True"]
+    place, *words = run_at_the_root([str(scripts / "python"), "-c", program], tmp_path).split()
+    assert Path(place).is_relative_to(scripts.parent)
+    assert words == ["True", "True", PROJECT["version"]]
+
+
+def test_an_installed_wheel_has_the_command(scripts: Path, tmp_path: Path) -> None:
+    assert "wxai_dual" in run_at_the_root([str(scripts / "planner-service"), "robots"], tmp_path)
+
+
+def run_at_the_root(command: list[str], empty: Path) -> str:
+    """What a command prints that finds no other program and no settings."""
+    environment = {"PATH": str(empty), "HOME": str(empty)}
+    return subprocess.run(command, cwd="/", env=environment, capture_output=True, text=True, check=True).stdout
