@@ -45,7 +45,7 @@ types: $(BIN)/.dev
 bench: $(BIN)/.dev  ## the gate: what the smoke suite costs is what is stored
 	$(BIN)/python -m benchmarks check
 
-attack: $(BIN)/.dev  ## hostile inputs of every kind for half a minute; docs/attack.md has the long version
+attack: $(BIN)/.dev  ## hostile inputs of every kind for half a minute; docs/figures/attack.md has the long version
 	$(BIN)/python -m benchmarks attack --minutes 0.5 --seed 20
 
 measures: $(BIN)/.dev  ## the tables of the README, printed

@@ -3,7 +3,7 @@
 A file holds its robot, its scene and what was asked, so that a plan is certified, shown, planned again and rehearsed
 from the file alone. What a file claims is only a claim: hashes are computed anew, and whoever moves an arm proves the
 motion again (``records/recertify.py``). Floats are written with the fewest digits that read back as the same bits;
-there is no NaN and no infinity in a file. ``docs/plan-files.md`` describes the format.
+there is no NaN and no infinity in a file. ``docs/reference/plan-files.md`` describes the format.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ def test_what_was_found_once_does_no_harm_any_more() -> None:
     assert {name: how for name, how in told.items() if how[0] not in ("passed", "refused")} == {}
 
 
-@pytest.mark.parametrize("page", ["attack.md", "limitations.md"])
+@pytest.mark.parametrize("page", ["figures/attack.md", "explanation/limitations.md"])
 def test_the_pages_tell_the_domain_that_is_drawn_from(page: str) -> None:
     text: Any = (ROOT / "docs" / page).read_text("utf-8")
     inside = text.split("<!-- domain: begin -->")[1].split("<!-- domain: end -->")[0]

@@ -35,14 +35,17 @@ from planner_service.scene import toml_reader as scene_file
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 RUN_HERE = (
-    "index.md",
-    "concepts.md",
-    "counting.md",
-    "choosing.md",
-    "timing.md",
-    "inside.md",
-    "lesson.md",
-    "robots-and-scenes.md",
+    "tutorial/first-plan.md",
+    "tutorial/pick-and-place.md",
+    "tutorial/your-own-robot.md",
+    "guides/choosing-a-planner.md",
+    "guides/robots-and-scenes.md",
+    "reference/command-line.md",
+    "explanation/concepts.md",
+    "explanation/counting.md",
+    "explanation/timing.md",
+    "explanation/how-it-works.md",
+    "explanation/background.md",
 )
 """Pages whose Python and commands are run below; other pages are with the tests of what they are about."""
 
@@ -145,12 +148,12 @@ def test_pages_load_nothing_from_elsewhere(site: dict[Path, Page]) -> None:
 
 def test_the_reference_has_every_public_name_once(site: dict[Path, Page]) -> None:
     public = {f"planner_service.{name}" for name in planner_service.__all__}
-    told = [place for path, page in site.items() if path.parent.name == "api" for place in page.ids if place in public]
+    told = [place for path, page in site.items() if path.parent.name == "reference" for place in page.ids if place in public]
     assert sorted(told) == sorted(public)
 
 
 def test_what_the_reference_explains_are_single_names(site: dict[Path, Page]) -> None:
-    pages = [path for path in site if path.parent.name == "api"]
+    pages = [path for path in site if path.parent.name == "reference"]
     text = "".join(path.read_text(encoding="utf-8") for path in pages)
     told = re.findall(r'field-body">\s*<b><code>(?:<[^>]+>)*([^<]+)', text)
     assert len(told) > 100
@@ -181,7 +184,7 @@ CAPS: dict[str, tuple[int, ...]] = {
 
 
 def test_the_caps_of_files_are_those_in_force() -> None:
-    table = (DOCS / "limitations.md").read_text(encoding="utf-8").split("## Files\n")[1].split("\n## ")[0]
+    table = (DOCS / "explanation" / "limitations.md").read_text(encoding="utf-8").split("## Files\n")[1].split("\n## ")[0]
     rows = dict(re.findall(r"^\| ([^|]+) \| (.*) \|$", table, flags=re.MULTILINE))
     told = {kind: tuple(int(n.replace(",", "")) for n in re.findall(r"\d[\d,]*\d|\d", rows[kind])) for kind in CAPS}
     assert told == CAPS

@@ -114,7 +114,7 @@ def test_what_the_page_on_roadmaps_shows_is_what_happens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    page = (EXAMPLES.parent / "docs" / "roadmaps.md").read_text(encoding="utf-8")
+    page = (EXAMPLES.parent / "docs" / "guides" / "roadmaps.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```(\w+)\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE)
     names: dict[str, Any] = {}
     for (language, code), (below, expected) in pairwise(blocks):
@@ -129,7 +129,7 @@ def test_what_the_page_on_roadmaps_shows_is_what_happens(
 def test_what_the_pages_on_optimising_and_replanning_show_is_what_happens(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (EXAMPLES.parent / "docs" / name).read_text(encoding="utf-8")
+    page = (EXAMPLES.parent / "docs" / "guides" / name).read_text(encoding="utf-8")
     blocks = re.findall(r"^```(\w+)\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE)
     names: dict[str, Any] = {}
     for (language, code), (below, expected) in pairwise([*blocks, ("", "")]):

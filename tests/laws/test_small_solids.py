@@ -1,6 +1,6 @@
 """Solids of any size get FCL's verdict from every backend: down to a micrometre and below, thin ones and flat ones.
 
-A few thousand states take seconds. The figures in docs/limitations.md are of 100,000 states for each size:
+A few thousand states take seconds. The figures in docs/explanation/limitations.md are of 100,000 states for each size:
 
     SMALL_STATES=100000 pytest tests/laws/test_small_solids.py
 """

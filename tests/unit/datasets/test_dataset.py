@@ -680,7 +680,7 @@ def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: P
 def test_the_examples_of_the_page_read_the_data_set(
     whole: tuple[Path, EpisodesSummary], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = (ROOT / "docs" / "episodes.md").read_text("utf-8")
+    text = (ROOT / "docs" / "guides" / "datasets.md").read_text("utf-8")
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     monkeypatch.chdir(whole[0].parent)
     Path("DIR").symlink_to(whole[0])

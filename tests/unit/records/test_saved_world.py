@@ -472,7 +472,7 @@ def test_whichever_is_in_a_file_it_is_read_once(
 
 
 def test_the_page_about_plan_files_says_what_happens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (Path(__file__).parents[3] / "docs" / "plan-files.md").read_text("utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "reference" / "plan-files.md").read_text("utf-8")
     blocks = dict(re.findall(r"^```(\w+)\n(.*?)^```$", page, flags=re.DOTALL | re.MULTILINE))
     monkeypatch.chdir(tmp_path)
     exec(compile(blocks["python"], "plan-files.md", "exec"), {})
