@@ -48,7 +48,7 @@ bench: $(BIN)/.dev  ## the gate: what the smoke suite costs is what is stored
 attack: $(BIN)/.dev  ## hostile inputs of every kind for half a minute; docs/figures/attack.md has the long version
 	$(BIN)/python -m benchmarks attack --minutes 0.5 --seed 20
 
-measures: $(BIN)/.dev  ## the tables of the README, printed
+measures: $(BIN)/.dev  ## the tables of docs/figures, printed
 	$(BIN)/python -m benchmarks
 
 micro: $(BIN)/.dev  ## what the parts of a plan take, by pytest-benchmark

@@ -1,4 +1,4 @@
-"""``python -m benchmarks``: measure what the README promises, print it, and say which promise is broken."""
+"""``python -m benchmarks``: measure what the documentation promises, print it, and say which promise is broken."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ COMMANDS = {
 INTERRUPTED = 130
 """The exit code of a program that was ended by Ctrl-C."""
 
-STORED = ("queries", "readme")
+STORED = ("queries",)
 """What is compared with what is stored, or stored."""
 
 SETTINGS = {
@@ -91,7 +91,6 @@ differential  a million states and 20,000 edges of three robots: the kernel is F
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances
 queries   the stored queries are what their seed gives; --write stores them
-readme    the outputs in the README are what is printed; --write puts them there
 """
 
 
@@ -145,9 +144,6 @@ def _measured(arguments: argparse.Namespace, console: Console) -> int:
     if arguments.what == "queries":
         stored = importlib.import_module("benchmarks.harness.stored")
         return int(stored.main(write=arguments.write, console=console))
-    if arguments.what == "readme":
-        readme = importlib.import_module("benchmarks.harness.readme")
-        return int(readme.main(write=arguments.write, console=console))
     reports, left_out = list[Report](), list[str]()
     for name in MEASURES if arguments.what == "all" else [arguments.what]:
         given = {key: getattr(arguments, key) for key in SETTINGS.get(name, ())}
