@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test lint types bench attack measures micro docs wheel clean
+.PHONY: demo quick test lint types bench attack mutants measures micro docs wheel clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -47,6 +47,9 @@ bench: $(BIN)/.dev  ## the gate: what the smoke suite costs is what is stored
 
 attack: $(BIN)/.dev  ## hostile inputs of every kind for half a minute; docs/figures/attack.md has the long version
 	$(BIN)/python -m benchmarks attack --minutes 0.5 --seed 20
+
+mutants: $(BIN)/.dev  ## do the tests notice small faults: 40 in each package, which takes hours; docs/figures/mutants.md has a table
+	$(BIN)/python -m benchmarks mutants --out mutants.json
 
 measures: $(BIN)/.dev  ## the tables of docs/figures, printed
 	$(BIN)/python -m benchmarks

@@ -30,6 +30,7 @@ COMMANDS = {
     "report": "pages.page",
     "attack": "attack.running",
     "lines": "studies.lines",
+    "mutants": "mutants",
 }
 """Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
 
@@ -59,6 +60,7 @@ check     the gate: the counts of the smoke suite, stored queries and roadmaps a
 export    a results file in another format: --ompl-log FILE
 report    results files as one HTML page: FILE... -o report.html; or into a text: --markdown FILE
 attack    hostile inputs of every kind: [PART...] --minutes N --seed S; replay FILE...; table FOLDER...
+mutants   do the tests notice small faults in a package: [PACKAGE...] --count N --seed S --out FILE
 peers     other planners in environments of their own: install PEER..., list, run --peer PEER --suite NAME --out FILE
 lines     lines of code by folder, now and at COMMIT...
 cold      from the start of a process to its first plan, then plan after plan

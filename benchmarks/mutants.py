@@ -1,0 +1,280 @@
+"""``mutants``: do a package's own tests notice a small fault in it?
+
+A mutant is a copy of the package with one small fault: a comparison negated, a boundary moved (``<`` to ``<=``), a
+number one up or down, another operator, a sign or a ``not`` dropped, ``and`` for ``or``. It is killed if a test of the
+package fails, or if a test file takes four times as long as it should. A mutant that survives shows what no test
+promises, unless it is equivalent: no input makes the program answer differently, or the answer is as good.
+Equivalent mutants are listed with the reason in equivalent_mutants.toml and do not count.
+
+Mutants are drawn at random from all places of a package; compiled code is not mutated. The tests run in a throw-away
+copy of the checkout, one mutant after the other. Every outcome is written to the file of ``--out`` at once, and a study
+that was interrupted goes on from there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from rich.console import Console
+
+from benchmarks.arguments import whole
+from benchmarks.environment import ROOT
+from benchmarks.mutation import apply, lines, sites
+from benchmarks.report import table
+from planner_service.errors import BrokenInvariant
+from planner_service.toml_file import read_tables
+from planner_service.written_file import require_writable, write_whole
+
+__all__ = ["EQUIVALENT", "Mutant", "Package", "draw", "main", "study"]
+
+EQUIVALENT = Path(__file__).parent / "equivalent_mutants.toml"
+PACKAGES = ("collision", "certify", "planning", "smoothing", "timing", "roadmap", "replanning", "execute")
+
+PATIENCE, GRACE = 4.0, 10.0
+"""A mutant is killed if a test file takes this many times as long as without it, and these seconds."""
+
+COMPILED = ("planner_service.collision._kernel", "planner_service.certify._proof")
+HIDE_CHECKOUT = """import sys
+sys.meta_path[:] = [finder for finder in sys.meta_path if "editable" not in type(finder).__module__]
+"""
+"""A sitecustomize.py: what is imported is the copy, not the checkout that is installed."""
+
+MARKS = "not sim and not ray and not browser"
+NO_TESTS = 5
+"""pytest's exit code when all tests of a file are deselected."""
+
+MAX_LIST = 1_000_000
+"""Bytes of the list of equivalent mutants."""
+
+FIRST_FAILURE = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Package:
+    """A package under test: its modules and its test files, relative to the checkout."""
+
+    name: str
+    modules: tuple[str, ...]
+    tests: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault: the line where it is, before and after, and the whole mutated source."""
+
+    package: str
+    file: str
+    line: int
+    kind: str
+    before: str
+    after: str
+    source: str
+
+    def description(self) -> dict[str, Any]:
+        """What is stored of it: all but the source."""
+        return {key: value for key, value in asdict(self).items() if key != "source"}
+
+
+def package_of(name: str, root: Path = ROOT) -> Package:
+    """The package of this name; its own tests are those in its folder and the laws that import it."""
+    modules = sorted((root / "planner_service" / name).rglob("*.py"))
+    laws = [
+        law for law in (root / "tests/laws").glob("test_*.py") if f"planner_service.{name}" in law.read_text("utf-8")
+    ]
+    tests = sorted([*(root / "tests/unit" / name).rglob("test_*.py"), *laws])
+    return Package(name, *(tuple(str(file.relative_to(root)) for file in files) for files in (modules, tests)))
+
+
+def draw(package: Package, root: Path, count: int, seed: int) -> list[Mutant]:
+    """``count`` mutants at different places of the package, in an order that only the seed and the source decide."""
+    rng = random.Random(f"{package.name} {seed}")
+    sources = {file: (root / file).read_text("utf-8") for file in package.modules}
+    places = [(file, site) for file, source in sources.items() for site in sites(source)]
+    rng.shuffle(places)  # more mutants are the same ones and others
+    drawn = []
+    for file, site in places[:count]:
+        edit = rng.choice(site)
+        line, before, after = lines(sources[file], edit)
+        drawn.append(Mutant(package.name, file, line, edit.kind, before, after, apply(sources[file], edit)))
+    return drawn
+
+
+class Sandbox:
+    """A copy of the checkout in which tests run on mutated modules."""
+
+    def __init__(self, root: Path, folder: Path) -> None:
+        self.folder = folder / "checkout"
+        self._cache, self._warm = folder / "cache", folder / "warm"
+        tracked = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, text=True, check=True).stdout
+        for name in tracked.rstrip("\0").split("\0"):
+            if (root / name).is_file():
+                (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(root / name, self.folder / name)
+        for name in COMPILED:
+            spec = importlib.util.find_spec(name)
+            if spec is not None and spec.origin is not None:
+                (self.folder.joinpath(*name.split(".")[:-1])).mkdir(parents=True, exist_ok=True)
+                shutil.copy(spec.origin, self.folder.joinpath(*name.split(".")[:-1]))
+        site = folder / "site"
+        site.mkdir()
+        (site / "sitecustomize.py").write_text(HIDE_CHECKOUT, "utf-8")
+        self._environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(site), str(self.folder)]),
+            "PLANNER_SERVICE_CACHE": str(self._cache),
+        }
+
+    def warm_up(self, tests: Sequence[str]) -> dict[str, float]:
+        """Seconds that each test file takes on the unchanged package."""
+        seconds = {}
+        for test in tests:
+            start = time.monotonic()
+            code, output = self._pytest(test, None)
+            if code not in (0, NO_TESTS):
+                raise BrokenInvariant(f"{test} fails without a mutant:\n{output[-2000:]}")
+            if code == 0:
+                seconds[test] = time.monotonic() - start
+        self._cache.mkdir(exist_ok=True)
+        shutil.copytree(self._cache, self._warm)
+        return seconds
+
+    def outcome(self, mutant: Mutant, seconds: Mapping[str, float]) -> dict[str, Any]:
+        """Whether the tests kill a mutant, which was the first to do so, and the seconds that took."""
+        file = self.folder / mutant.file
+        original = file.read_text("utf-8")
+        own = f"test_{file.stem}"
+        shutil.rmtree(self._cache, ignore_errors=True)
+        shutil.copytree(self._warm, self._cache)
+        file.write_text(mutant.source, "utf-8")
+        Path(importlib.util.cache_from_source(str(file))).unlink(missing_ok=True)
+        start, by = time.monotonic(), ""
+        try:
+            for test in sorted(seconds, key=lambda test: (Path(test).stem != own, seconds[test])):
+                by = self._failure(test, PATIENCE * seconds[test] + GRACE)
+                if by:
+                    break
+        finally:
+            file.write_text(original, "utf-8")
+            shutil.rmtree(self.folder / ".hypothesis", ignore_errors=True)  # or a later mutant would meet its examples
+        return {"killed": bool(by), "by": by, "seconds": round(time.monotonic() - start, 1)}
+
+    def _failure(self, test: str, limit: float) -> str:
+        """What fails first in a test file, empty if nothing does."""
+        code, output = self._pytest(test, limit, PYTHONDONTWRITEBYTECODE="1")
+        if code in (0, NO_TESTS):
+            return ""
+        failure = FIRST_FAILURE.search(output)
+        return f"{test} ran out of time" if code is None else failure[1] if failure else f"{test}: exit code {code}"
+
+    def _pytest(self, test: str, limit: float | None, **environment: str) -> tuple[int | None, str]:
+        """The exit code, None if the time was up, and what was printed."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", MARKS, test],
+            cwd=self.folder,
+            env={**self._environment, **environment},
+            start_new_session=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+        )
+        try:
+            output, _ = process.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            return None, ""
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # with the workers that a mutant may have left behind
+            process.wait()
+        return process.returncode, output
+
+
+def study(package: Package, root: Path, count: int, seed: int, out: Path, console: Console) -> list[dict[str, Any]]:
+    """The outcomes of ``count`` mutants of a package; those already in ``out`` are taken from there."""
+    known = json.loads(out.read_text("utf-8")) if out.exists() else []
+    mutants = draw(package, root, count, seed)
+    descriptions = [mutant.description() for mutant in mutants]
+    outcomes = {_key(row): row for row in known}
+    open_ = [mutant for mutant in mutants if _key(mutant.description()) not in outcomes]
+    if open_:
+        with TemporaryDirectory() as folder:
+            sandbox = Sandbox(root, Path(folder))
+            seconds = sandbox.warm_up(package.tests)
+            console.print(f"{package.name}: {sum(seconds.values()):.0f} s of tests, {len(open_)} mutants")
+            for mutant in open_:
+                row = {**mutant.description(), **sandbox.outcome(mutant, seconds)}
+                known.append(row)
+                outcomes[_key(row)] = row
+                write_whole(out, json.dumps(known, indent=1) + "\n")
+    return [outcomes[_key(description)] for description in descriptions]
+
+
+def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(row[name] for name in ("file", "line", "kind", "before", "after"))
+
+
+def equivalent() -> dict[tuple[str, str, str], str]:
+    """Why a mutant changes nothing that matters, by file, line before and line after."""
+    tables = read_tables(EQUIVALENT, MAX_LIST).get("mutant", [])
+    return {(entry["file"], entry["before"], entry["after"]): entry["reason"] for entry in tables}
+
+
+def show(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
+    """Print a line for each package, and the mutants that tests should have killed."""
+    reasons = equivalent()
+    missed = [row for row in rows if not row["killed"] and (row["file"], row["before"], row["after"]) not in reasons]
+    names = list(dict.fromkeys(row["package"] for row in rows))
+    cells = []
+    for title, members in [*((name, [name]) for name in names), ("all", names)]:
+        drawn, killed, survived = (
+            sum(row["package"] in members for row in part) for part in (rows, [r for r in rows if r["killed"]], missed)
+        )
+        share = f"{100.0 * killed / (killed + survived):.0f} %" if killed + survived else "-"
+        cells.append((title, str(drawn), str(killed), str(drawn - killed - survived), str(survived), share))
+    columns = ("package", "mutants", "killed", "equivalent", "survived", "killed of those not equivalent")
+    console.print(table("Mutation study", columns, cells))
+    for row in missed:
+        console.print(f"\n{row['file']}:{row['line']}: {row['kind']}", markup=False, highlight=False)
+        console.print(f"- {row['before']}\n+ {row['after']}", markup=False, highlight=False)
+
+
+def _package_name(text: str) -> str:
+    if text not in PACKAGES:
+        raise argparse.ArgumentTypeError(f"unknown package {text!r}; expected one of {', '.join(PACKAGES)}")
+    return text
+
+
+def main(arguments: Sequence[str], console: Console) -> int:
+    """Exit code 0."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks mutants", description=__doc__)
+    parser.add_argument(
+        "packages", nargs="*", type=_package_name, metavar="PACKAGE", help=f"{', '.join(PACKAGES)} (all)"
+    )
+    parser.add_argument("--count", type=whole(1), default=40, metavar="N", help="mutants of each package (40)")
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of the draw (0)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("mutants.json"), metavar="FILE", help="outcomes (mutants.json)"
+    )
+    options = parser.parse_args(arguments)
+    require_writable(options.out)
+    rows = []
+    for name in options.packages or PACKAGES:
+        rows += study(package_of(name), ROOT, options.count, options.seed, options.out, console)
+    show(rows, console)
+    return 0

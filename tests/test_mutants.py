@@ -1,0 +1,113 @@
+"""The mutation study: which faults it plants, and that it notices whether tests do."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from benchmarks.mutants import PACKAGES, Package, draw, main, package_of, show, study
+from benchmarks.mutation import apply, lines, sites
+
+ROOT = Path(__file__).parents[1]
+
+
+def mutants_of(source: str) -> list[str]:
+    """The mutated lines of a source."""
+    return [lines(source, edit)[2] for site in sites(source) for edit in site]
+
+
+def test_each_kind_of_fault_is_planted() -> None:
+    assert mutants_of("a < b") == ["a >= b", "a <= b"]
+    assert mutants_of("a is not None") == ["a is None"]
+    assert mutants_of("(a) not in (b)") == ["(a) in (b)"]
+    assert mutants_of("a and b and c") == ["a or b and c", "a and b or c"]
+    assert mutants_of("a - (b)") == ["a + (b)"]
+    assert mutants_of("a += b") == ["a -= b"]
+    assert mutants_of("a[1.5]") == ["a[2.5]", "a[0.5]"]
+    assert mutants_of("f(True)") == ["f(False)"]
+    assert mutants_of("f(-a, not b)") == ["f(a, not b)", "f(-a, b)"]
+    assert mutants_of("if f(a): pass") == ["if (not (f(a))): pass"]
+
+
+def test_text_types_and_asserts_are_left_alone() -> None:
+    source = '''
+"""A module of 1 line."""
+__all__ = ["A" + "B"]
+Number = int | float
+@dataclass(frozen=True)
+class A:
+    """Has 2 lines."""
+    b: tuple[int, 3] | None
+    def __repr__(self) -> Literal[4]:
+        return 5
+    def c(self, d: 6 = e) -> None:
+        assert d > 7
+        raise ValueError(8, f"{d + 9}")
+        zip(d, strict=True)
+        "a" + d
+'''
+    assert mutants_of(source) == []
+
+
+def test_every_mutant_of_a_package_is_another_program() -> None:
+    for file in package_of("timing").modules:
+        source = (ROOT / file).read_text("utf-8")
+        program = ast.dump(ast.parse(source))
+        for site in sites(source):
+            for edit in site:
+                assert ast.dump(ast.parse(apply(source, edit))) != program, edit
+
+
+def test_the_packages_have_modules_and_tests_of_their_own() -> None:
+    for name in PACKAGES:
+        package = package_of(name)
+        assert package.modules
+        assert any(test.startswith(f"tests/unit/{name}/") for test in package.tests)
+
+
+def test_more_mutants_are_the_same_ones_and_others() -> None:
+    package = package_of("smoothing")
+    many = draw(package, ROOT, 30, seed=5)
+    assert draw(package, ROOT, 10, seed=5) == many[:10]
+    assert draw(package, ROOT, 10, seed=6) != many[:10]
+    assert len({(mutant.file, mutant.line, mutant.after) for mutant in many}) == 30
+
+
+def test_a_study_tells_the_faults_that_tests_notice_from_those_they_do_not(tmp_path: Path) -> None:
+    module, test = tmp_path / "planner_service/tiny/sums.py", tmp_path / "tests/test_sums.py"
+    for file, content in (
+        (tmp_path / "planner_service/__init__.py", ""),
+        (tmp_path / "planner_service/tiny/__init__.py", ""),
+        (module, "def add(a, b):\n    return a + b\n\n\ndef untested(a, b):\n    return a * b\n"),
+        (test, "from planner_service.tiny.sums import add\n\n\ndef test_add():\n    assert add(1, 2) == 3\n"),
+    ):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(content, "utf-8")
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    subprocess.run(["git", "add", "."], cwd=tmp_path, check=True)
+    package = Package("tiny", ("planner_service/tiny/sums.py",), ("tests/test_sums.py",))
+    out, text = tmp_path / "out.json", StringIO()
+    console = Console(file=text, width=120)
+
+    rows = study(package, tmp_path, 40, 0, out, console)
+
+    assert {row["after"]: row["by"] for row in rows} == {
+        "return a - b": "tests/test_sums.py::test_add",
+        "return a / b": "",
+    }
+    assert module.read_text("utf-8").count("a + b") == 1
+    show(rows, console)
+    assert "sums.py:6: operator changed\n- return a * b\n+ return a / b" in text.getvalue()
+    test.write_text("def test_nothing_new_is_run():\n    raise AssertionError\n", "utf-8")
+    assert study(package, tmp_path, 40, 0, out, console) == rows
+
+
+def test_an_unknown_package_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["tiny"], Console())
+    assert "unknown package 'tiny'; expected one of collision, certify" in capsys.readouterr().err
