@@ -30,7 +30,7 @@ COMMANDS = {
     "report": "pages.page",
     "attack": "attack.running",
     "lines": "studies.lines",
-    "mutants": "mutants",
+    "mutants": "studies.mutants",
 }
 """Subcommands with options of their own, and the modules whose ``main(arguments, console)`` they are."""
 

@@ -33,13 +33,13 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks.arguments import whole
-from benchmarks.environment import ROOT
-from benchmarks.mutation import apply, lines, sites
-from benchmarks.report import table
+from benchmarks.harness.arguments import whole
+from benchmarks.harness.environment import ROOT
+from benchmarks.harness.report import table
+from benchmarks.studies.mutation import apply, lines, sites
 from planner_service.errors import BrokenInvariant
-from planner_service.toml_file import read_tables
-from planner_service.written_file import require_writable, write_whole
+from planner_service.files.toml_reader import read_tables
+from planner_service.files.writing import require_writable, write_whole
 
 __all__ = ["EQUIVALENT", "Mutant", "Package", "draw", "main", "study"]
 

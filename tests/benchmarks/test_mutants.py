@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from benchmarks.mutants import PACKAGES, Package, draw, main, package_of, show, study
-from benchmarks.mutation import apply, lines, sites
+from benchmarks.studies.mutants import PACKAGES, Package, draw, main, package_of, show, study
+from benchmarks.studies.mutation import apply, lines, sites
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def mutants_of(source: str) -> list[str]:
