@@ -1,0 +1,108 @@
+"""Durations, phases and peaks of every law on a few paths, so that no change of a law goes unseen.
+
+The numbers are those of release 0.1.0; the laws of the other files say why they are right.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from planner_service.geometry.shapes import FloatArray
+from planner_service.path.joint_path import JointPath
+from planner_service.timing.laws import SCurve, Timing, ToppRa, Trapezoidal
+from planner_service.timing.limit_check import peaks
+from planner_service.timing.segments import SpeedLimit
+from tests.unit.timing.test_limit_check import blended, rounded_corners
+from tests.unit.timing.test_segments import mixed_limits
+
+
+def slow_in_the_middle(s: FloatArray) -> FloatArray:
+    return 0.2 + (s - 1.0) ** 2
+
+
+def path_of(seed: int) -> JointPath:
+    """Rounded corners; with a stop and a waypoint on a straight line too if the seed is odd."""
+    path = rounded_corners(seed)
+    if seed % 2 == 0:
+        return path
+    points = [*path.waypoints.tolist(), *(path.waypoints[-1] + [[0.3], [0.6]] * np.ones(path.n)).tolist()]
+    return blended(points, [*path.blends.tolist(), 0.0, 0.0])
+
+
+CASES: list[tuple[int, Timing, SpeedLimit | None, float, int]] = [
+    (1, Trapezoidal(), None, 6.204715255, 13),
+    (1, Trapezoidal(), slow_in_the_middle, 21.00790268, 13),
+    (1, SCurve(), None, 8.184396358, 26),
+    (1, SCurve(), slow_in_the_middle, 22.01781657, 23),
+    (1, SCurve(25.0), None, 6.968933635, 29),
+    (1, SCurve(25.0), slow_in_the_middle, 21.50173686, 26),
+    (1, ToppRa(), None, 6.106678703, 95),
+    (1, ToppRa(), slow_in_the_middle, 9.78107517, 114),
+    (1, ToppRa(10), None, 6.204715255, 13),
+    (1, ToppRa(10), slow_in_the_middle, 9.78107517, 114),
+    (2, Trapezoidal(), None, 8.322068197, 19),
+    (2, Trapezoidal(), slow_in_the_middle, 21.99571388, 18),
+    (2, SCurve(), None, 10.22543035, 36),
+    (2, SCurve(), slow_in_the_middle, 23.56908819, 31),
+    (2, SCurve(25.0), None, 9.087629217, 39),
+    (2, SCurve(25.0), slow_in_the_middle, 22.71114591, 34),
+    (2, ToppRa(), None, 7.905057553, 142),
+    (2, ToppRa(), slow_in_the_middle, 10.76055335, 165),
+    (2, ToppRa(10), None, 8.038466963, 116),
+    (2, ToppRa(10), slow_in_the_middle, 10.76055335, 165),
+    (3, Trapezoidal(), None, 6.071891437, 18),
+    (3, Trapezoidal(), slow_in_the_middle, 11.92717483, 19),
+    (3, SCurve(), None, 8.769720589, 34),
+    (3, SCurve(), slow_in_the_middle, 13.74667208, 32),
+    (3, SCurve(25.0), None, 7.382583179, 34),
+    (3, SCurve(25.0), slow_in_the_middle, 12.89916667, 32),
+    (3, ToppRa(), None, 5.632122714, 138),
+    (3, ToppRa(), slow_in_the_middle, 8.809748421, 138),
+    (3, ToppRa(10), None, 5.832834005, 119),
+    (3, ToppRa(10), slow_in_the_middle, 8.805974486, 134),
+]
+
+
+@pytest.mark.parametrize(("seed", "law", "speed_limit", "seconds", "phases"), CASES)
+def test_each_law_takes_its_time(
+    seed: int, law: Timing, speed_limit: SpeedLimit | None, seconds: float, phases: int
+) -> None:
+    path = path_of(seed)
+    trajectory = law.time_path(path, mixed_limits(path, seed), speed_limit=speed_limit)
+    assert trajectory.duration == pytest.approx(seconds, rel=1e-7)
+    assert len(trajectory.durations) == phases
+
+
+@pytest.mark.parametrize(
+    ("seed", "share", "blend_share", "seconds", "phases"),
+    [
+        (1, 0.5, 1.0, 3.2951200352, 72),
+        (1, 0.5, 0.8, 3.3827990680, 72),
+        (2, 0.05, 0.8, 7.8608181031, 141),
+        (3, 0.05, 1.0, 5.2725512494, 136),
+        (3, 0.5, 0.8, 2.9967645890, 92),
+    ],
+)
+def test_the_rest_of_a_path_takes_its_time(
+    seed: int, share: float, blend_share: float, seconds: float, phases: int
+) -> None:
+    path = path_of(seed)
+    start = share * path.length
+    law = ToppRa().onward(path, mixed_limits(path, seed), (start, 0.05), blend_share=blend_share)
+    assert sum(phase.duration for phase in law) == pytest.approx(seconds, rel=1e-7)
+    assert (len(law), law[0].position, law[0].speed) == (phases, start, 0.05)
+
+
+def test_peaks_are_named_with_joint_and_time() -> None:
+    path = path_of(3)
+    given_limits = mixed_limits(path, 3)
+    found = peaks(SCurve(25.0).time_path(path, given_limits, speed_limit=slow_in_the_middle), given_limits)
+    for peak, ratio, joint, time in (
+        (found.velocity, 1.0, 1, 8.4290741762),
+        (found.acceleration, 0.65737510652, 1, 11.4391581638),
+        (found.jerk, 3.0300104863, 0, 9.3925878607),
+    ):
+        assert peak.ratio == pytest.approx(ratio, rel=1e-9)
+        assert peak.joint == joint
+        assert peak.time == pytest.approx(time, rel=1e-9)
