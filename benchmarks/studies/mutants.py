@@ -161,14 +161,13 @@ class Sandbox:
         """Whether the tests kill a mutant, which was the first to do so, and the seconds that took."""
         file = self.folder / mutant.file
         original = file.read_text("utf-8")
-        own = f"test_{file.stem}"
         shutil.rmtree(self._cache, ignore_errors=True)
         shutil.copytree(self._warm, self._cache)
         file.write_text(mutant.source, "utf-8")
         Path(importlib.util.cache_from_source(str(file))).unlink(missing_ok=True)
         start, by = time.monotonic(), ""
         try:
-            for test in sorted(seconds, key=lambda test: (Path(test).stem != own, seconds[test])):
+            for test in sorted(seconds, key=lambda test: seconds[test]):
                 by = self._failure(test, PATIENCE * seconds[test] + GRACE)
                 if by:
                     break
