@@ -31,13 +31,13 @@ def main() -> None:
     if picked.failure is not None:
         print(picked.failure)
         return
-    # From here on the gripper is closed and the block part of the arm: picked.service knows both.
-    placed = place(picked.service, picked.q, "blue_block", [ON_TRAY], Handling(support="tray"))
+    # From here on the gripper is closed and the block is part of the arm, as picked.world says.
+    placed = place(PlannerService.of(picked.world), picked.q, "blue_block", [ON_TRAY], Handling(support="tray"))
     show("place", [(segment.name, segment.result) for segment in placed.segments])
     if placed.failure is not None:
         print(placed.failure)
         return
-    back = placed.service.plan(PlanRequest(placed.q, home))
+    back = PlannerService.of(placed.world).plan(PlanRequest(placed.q, home))
     show("return", [("to home", back)])
     motions = [segment.result for segment in (*picked.segments, *placed.segments)] + [back]
 
@@ -45,7 +45,7 @@ def main() -> None:
     choosing = picked.choosing + placed.choosing
     seconds = sum(motion.trajectory.duration for motion in motions if motion.trajectory is not None)
     print(f"{spent.states:,} states for {seconds:.1f} s of motion; {choosing.states} more to choose grasp and place")
-    print(f"the block now stands at {placed.service.scene.obstacle('blue_block').pose.position}")
+    print(f"the block now stands at {placed.world.scene.obstacle('blue_block').pose.position}")
 
 
 def show(title: str, motions: list[tuple[str, PlanResult]]) -> None:

@@ -69,11 +69,9 @@ from planner_service.planners import (
 )
 from planner_service.planning.batch import Interrupted
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.planning.roadmap_work import RoadmapUpdate
-from planner_service.planning.seeds import best_of_seeds, plan_seeds
-from planner_service.planning.timing_stage import Pace
 from planner_service.replanning.result import Outcome, Replanned
 from planner_service.roadmap import Roadmap, Verdict
 from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
@@ -82,6 +80,7 @@ from planner_service.search.trace import SearchGraph, Trace
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import move_linear, pick, place
 from planner_service.tasks.result import Handling, Segment, TaskResult
+from planner_service.tasks.seeds import best_of_seeds, plan_seeds
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
 __version__ = importlib.metadata.version("planner-service")

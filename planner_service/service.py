@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,10 +31,11 @@ from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import WayOut, way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
 from planner_service.planning.pipeline import Run
-from planner_service.planning.request import Goal, PlanRequest, joint_vector
+from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
-from planner_service.planning.timing_stage import Pace
+from planner_service.planning.world import World
+from planner_service.presentation.page import OpenPage, Showable
 from planner_service.presentation.progress import bar
 from planner_service.replanning.replan import replan
 from planner_service.replanning.result import Replanned
@@ -44,9 +45,6 @@ from planner_service.scene.scene import Scene, load_scene
 from planner_service.search.problem import require_seed
 from planner_service.search.trace import Tracer
 from planner_service.timing.laws import Trapezoidal
-
-if TYPE_CHECKING:
-    from planner_service.view import Shown, Viewer
 
 __all__ = ["PlannerService"]
 
@@ -80,9 +78,20 @@ class PlannerService:
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
         self._edge_step, self._allowed = edge_step, pairs_of_names("allowed", allowed)
         self._planning = self._new_checker()
+        self.world = World(self.robot, self.scene, self._planning.allowed, self._planning.edge_step)
         self._certifier = Prepared(self._new_certifier)
         self._turns = Turns()
         self._process = os.getpid()
+
+    @classmethod
+    def of(cls, world: World) -> PlannerService:
+        """A service for a world, such as that of a ``TaskResult``.
+
+        Raises:
+            InvalidRequest: its robot, scene and pairs do not go together.
+        """
+        world = instance("world", world, World, "a World, such as task.world")
+        return cls(world.robot, world.scene, edge_step=world.edge_step, allowed=world.allowed)
 
     @cached_property
     def checker(self) -> CollisionChecker:
@@ -138,7 +147,8 @@ class PlannerService:
         run = Run(self._planning, self._certifier, request, cancel)
         run.tracer = Tracer() if trace else None
         result = run.result(self._turns)
-        return replace(result, trace=None if run.tracer is None else run.tracer.trace, origin=Origin(self, request))
+        found = None if run.tracer is None else run.tracer.trace
+        return replace(result, trace=found, origin=Origin(self.world, request))
 
     def plan_many(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None
@@ -174,7 +184,7 @@ class PlannerService:
 
     @property
     def _batch(self) -> Batch:
-        return Batch(self.plan, self._require_answerable, partial(Origin, self))
+        return Batch(self.plan, self._require_answerable, partial(Origin, self.world))
 
     def _require_answerable(self, request: PlanRequest) -> None:
         """Refuse what ``plan`` refuses."""
@@ -221,7 +231,7 @@ class PlannerService:
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
         motion, asked = (previous, at_time, latency), (request, goal)
         found = replan(self._planning, self._certifier, motion, asked, (self._turns, cancel))
-        return replace(found, result=replace(found.result, origin=Origin(self, found.request)))
+        return replace(found, result=replace(found.result, origin=Origin(self.world, found.request)))
 
     def _new_certifier(self) -> Certifier:
         return Certifier(self.robot, self.scene, allowed=self._allowed)
@@ -318,7 +328,7 @@ class PlannerService:
         pace = Pace(Trapezoidal()) if pace is None else pace
         request = FollowRequest(waypoints, contacts, pace, blends, padding)
         result = follow(self._planning, self._certifier, request, (self._turns, cancel))
-        return replace(result, origin=Origin(self, None, pace))
+        return replace(result, origin=Origin(self.world, None, pace))
 
     def build_roadmap(
         self,
@@ -398,12 +408,12 @@ class PlannerService:
 
     def view(
         self,
-        shown: Shown | None = None,
+        shown: Showable | None = None,
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
         block: bool | None = None,
-    ) -> Viewer:
+    ) -> OpenPage:
         """A page in the browser with the robot, the scene, and a plan or a task; it prints its address.
 
         Its last window closed, it is gone, and so is what served it. On it joints can be moved and motions planned.
@@ -418,13 +428,9 @@ class PlannerService:
             InvalidRequest: no such host or port, or nothing that can be shown.
             MissingDependency: the extra ``view`` is not installed.
         """
-        from planner_service.view import interactive, open_viewer
+        from planner_service.view import show
 
-        viewer = open_viewer(self, shown, host=host, port=port)
-        print(f"view: {viewer.url}", flush=True)
-        if not interactive() if block is None else block:
-            viewer.wait()
-        return viewer
+        return show(self.world, shown, host=host, port=port, block=block)
 
     def _in_turn(self, act: Callable[[], T], cancel: CancelToken | None = None) -> T:
         return in_turn(self._turns, self._planning.ledger, Limits(None, None, None, cancel), act)

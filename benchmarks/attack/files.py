@@ -435,4 +435,4 @@ def _forged_task(stock: _Stock, rng: np.random.Generator) -> Any:
             proof = replace(proof, exempt=(ps.ExemptInterval(0.0, curve.length, pairs, "grasp"),))
         law = ps.Trapezoidal().time_path(curve, limits)
         parts[k] = replace(parts[k], result=replace(parts[k].result, path=curve, trajectory=law, certificate=proof))
-    return replace(task, segments=tuple(parts)).document()
+    return plan_file.SavedTask.of(replace(task, segments=tuple(parts))).document()

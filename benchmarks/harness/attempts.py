@@ -230,12 +230,12 @@ def _parts(problem: Task, service: PlannerService, request: PlanRequest) -> Iter
     if not picked.ok:
         return
     setting_down = Handling(support=problem.onto, request=request)
-    placed = place(picked.service, picked.q, problem.target, places_on(target, support), setting_down)
+    placed = place(PlannerService.of(picked.world), picked.q, problem.target, places_on(target, support), setting_down)
     yield placed
     if placed.ok:
-        result = placed.service.plan(replace(request, start=placed.q, goal=request.start))
-        segment = Segment("home", result, placed.service.robot.gripper_width)
-        yield TaskResult((segment,), placed.service, placed.q, result.failure)
+        result = PlannerService.of(placed.world).plan(replace(request, start=placed.q, goal=request.start))
+        segment = Segment("home", result, placed.world.robot.gripper_width)
+        yield TaskResult((segment,), placed.world, placed.q, result.failure)
 
 
 def _judged(service: PlannerService, parts: Iterable[TaskResult]) -> Iterator[tuple[Scene, tuple[PlanResult, float]]]:
@@ -244,8 +244,8 @@ def _judged(service: PlannerService, parts: Iterable[TaskResult]) -> Iterator[tu
     for part in parts:
         for segment in part.segments:
             last = segment is part.segments[-1]
-            yield (part.service.scene if last else scene), (segment.result, segment.width)
-        scene = part.service.scene
+            yield (part.world.scene if last else scene), (segment.result, segment.width)
+        scene = part.world.scene
 
 
 # --- the lesson's disc

@@ -48,7 +48,7 @@ from planner_service.execute import (
     rehearse,
 )
 from planner_service.geometry.shapes import FloatArray
-from planner_service.records.plan_file import MadeFor, SavedTask
+from planner_service.records.plan_file import SavedTask
 from planner_service.tasks.pick_place import places_on
 
 __all__ = ["ERRANDS", "STREAMING", "Cut", "Errand", "audited", "control", "errand", "promises", "run", "stop_rows"]
@@ -91,15 +91,17 @@ def errand(name: str, arm: SimulatedArm) -> Errand:
         places = (Pose((x, -y, z + 0.001), block.pose.quaternion),)
     taking = Handling(support=under, request=request)
     picked = _done(pick(service, home, block.name, grasps, taking))
-    placed = _done(place(picked.service, picked.q, block.name, places, Handling(support=onto, request=request)))
-    back = placed.service.plan(PlanRequest(placed.q, home, padding=PADDING, time_limit=None))
+    placed = _done(
+        place(PlannerService.of(picked.world), picked.q, block.name, places, Handling(support=onto, request=request))
+    )
+    back = PlannerService.of(placed.world).plan(PlanRequest(placed.q, home, padding=PADDING, time_limit=None))
     back.unwrap()
-    home_again = Segment("home", back, placed.service.robot.gripper_width)
+    home_again = Segment("home", back, placed.world.robot.gripper_width)
     to, into, lift, transfer, lower, away = (*picked.segments, *placed.segments)
-    worlds = (service.scene, service.scene, *3 * (picked.service.scene,), *2 * (placed.service.scene,))
+    worlds = (service.scene, service.scene, *3 * (picked.world.scene,), *2 * (placed.world.scene,))
     segments = (to, into, lift, transfer, lower, away, home_again)
-    task = SavedTask(MadeFor.of(service), name, segments, picked.choosing + placed.choosing, 0.0)
-    return Errand(name, task, worlds, placed.service.scene.obstacle(block.name).pose)
+    task = SavedTask(service.world, name, segments, picked.choosing + placed.choosing, 0.0)
+    return Errand(name, task, worlds, placed.world.scene.obstacle(block.name).pose)
 
 
 def _done(result: TaskResult) -> TaskResult:

@@ -74,7 +74,7 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
-from planner_service.records.plan_file import MadeFor, SavedPlan, SavedTask, load_plan_or_task, save_plan
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task, save_plan
 from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
 from planner_service.robot.model import load_robot
 from planner_service.robot_setup.import_robot import Source, import_robot
@@ -146,7 +146,7 @@ def plan(
         )
         load_libraries(request, service.robot)
         result = service.plan(request)
-        saved = SavedPlan(MadeFor.of(service), request, result)
+        saved = SavedPlan.of(result)
         if out is not None:
             save_plan(saved, out)
         if png is not None:
@@ -197,7 +197,7 @@ def pick_place(
             max_tool_speed=max_tool_speed,
         )
         load_libraries(request, service.robot)
-        task = plan_pick_place(service, target, onto, request)
+        task = SavedTask.of(plan_pick_place(service, target, onto, request))
         if out is not None:
             save_plan(task, out)
         if png is not None:

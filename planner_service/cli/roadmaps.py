@@ -61,7 +61,7 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.roadmap_work import GROWERS, Grower, require_robot
-from planner_service.records.plan_file import MadeFor, SavedPlan, save_plan
+from planner_service.records.plan_file import SavedPlan, save_plan
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.roadmap.roadmap_file import OURS, SUFFIX
 from planner_service.robot.model import load_robot
@@ -175,7 +175,7 @@ def query(
         )
         load_libraries(request, service.robot)
         result = service.plan(request)
-        saved = SavedPlan(MadeFor.of(service), request, result)
+        saved = SavedPlan.of(result)
         if plan_out is not None:
             save_plan(saved, plan_out)
         learned = replace(result.roadmap or asked, fallback=kept.fallback, remember=kept.remember)

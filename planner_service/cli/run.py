@@ -173,7 +173,7 @@ def _planned(
         service = PlannerService(robot, arm.seen())
         request = PlanRequest(robot.home, robot.home, seed=seed, padding=PADDING)
         load_libraries(request, robot)
-        task = plan_pick_place(service, target, onto, request)
+        task = SavedTask.of(plan_pick_place(service, target, onto, request))
         return task, None if task.failure is not None else rehearse(arm, task, robot, streaming)
 
 

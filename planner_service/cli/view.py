@@ -17,11 +17,12 @@ from planner_service.cli.options import Allow
 from planner_service.cli.tables import emit
 from planner_service.errors import InvalidRequest
 from planner_service.planning.result import Origin
+from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedTask, load_plan_or_task
 from planner_service.robot.model import load_robot
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
-from planner_service.view import HOST, PORT, Shown, open_viewer
+from planner_service.view import HOST, PORT, open_viewer
 
 __all__ = ["opened", "view"]
 
@@ -54,7 +55,7 @@ def view(
 
 def opened(
     file: str | None, robot: str | None, scene: str | None, allow: Sequence[str] | None = None
-) -> tuple[PlannerService, Shown | None, list[str]]:
+) -> tuple[PlannerService, Showable | None, list[str]]:
     """The service, what it is to show, and what is to be said of that.
 
     Raises:
@@ -73,7 +74,7 @@ def opened(
     # of another robot or scene, or with another edge step, the search is not the same
     same = (saved.robot.hash, saved.scene.hash) == (made.robot.hash, made.scene.hash)
     known = same and saved.made_for.edge_step is not None
-    return service, replace(saved.result, origin=Origin(service, saved.request) if known else None), notes
+    return service, replace(saved.result, origin=Origin(service.world, saved.request) if known else None), notes
 
 
 def _has_display() -> bool:

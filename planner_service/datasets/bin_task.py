@@ -18,11 +18,11 @@ from planner_service.datasets.task import Drawn
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose
 from planner_service.planning.request import PlanRequest
-from planner_service.records.plan_file import SavedTask
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.tasks.result import TaskResult
 
 __all__ = ["BinPickPlace"]
 
@@ -79,7 +79,7 @@ class BinPickPlace:
                 return Drawn(scene, start, "block", "tray")
         raise BrokenInvariant(f"{robot.name} has no start with room in {TRIES} worlds")
 
-    def solve(self, service: PlannerService, drawn: Drawn, request: PlanRequest) -> SavedTask:
+    def solve(self, service: PlannerService, drawn: Drawn, request: PlanRequest) -> TaskResult:
         """See ``plan_pick_place``."""
         return plan_pick_place(service, drawn.target, drawn.onto, request)
 

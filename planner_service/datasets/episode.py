@@ -20,12 +20,11 @@ from planner_service.parallel import Lost
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason
-from planner_service.records.plan_file import SavedTask
 from planner_service.records.result import certificate_record, counts_record
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.scene.scene import Obstacle
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment
+from planner_service.tasks.result import Segment, TaskResult
 
 __all__ = ["Episode", "EpisodeWork", "lost", "numbers_stats"]
 
@@ -178,7 +177,7 @@ def _stats(values: Any) -> dict[str, list[float]]:
     return {"min": lowest, "max": highest, "mean": means, "std": spreads, "count": [len(values)]}
 
 
-def _rows(index: int, drawn: Drawn, solved: SavedTask) -> Rows:
+def _rows(index: int, drawn: Drawn, solved: TaskResult) -> Rows:
     counts = counts_record(solved.counts)
     request = {
         "request_index": index,

@@ -8,10 +8,10 @@ from typing import Protocol
 from planner_service.datasets.random_draws import Draws
 from planner_service.geometry.shapes import FloatArray, copied_in
 from planner_service.planning.request import PlanRequest
-from planner_service.records.plan_file import SavedTask
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
+from planner_service.tasks.result import TaskResult
 
 __all__ = ["Drawn", "EpisodeTask"]
 
@@ -54,5 +54,5 @@ class EpisodeTask(Protocol):
     def draw(self, robot: Robot, draws: Draws) -> Drawn:
         """A world in which nothing speaks against the task at the outset."""
 
-    def solve(self, service: PlannerService, drawn: Drawn, request: PlanRequest) -> SavedTask:
+    def solve(self, service: PlannerService, drawn: Drawn, request: PlanRequest) -> TaskResult:
         """The motions, or the failure that ended them; the request has start, seed and limits."""

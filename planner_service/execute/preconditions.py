@@ -142,7 +142,7 @@ def _unproven(plan: Plan, robot: Robot | None) -> tuple[Robot, list[Motion]]:
     if isinstance(plan, SavedTask | TaskResult):
         return robot, [_as_it_is(segment, robot) for segment in plan.segments]
     result = plan.result if isinstance(plan, SavedPlan) else plan
-    width = robot.gripper_width if result.origin is None else result.origin.service.robot.gripper_width
+    width = robot.gripper_width if result.origin is None else result.origin.world.robot.gripper_width
     return robot, [_as_it_is(Segment("motion", result, width), robot)]
 
 

@@ -18,8 +18,9 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, StageBook, not_certified
+from planner_service.planning.request import Pace
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.planning.timing_stage import Pace, timed
+from planner_service.planning.timing_stage import timed
 from planner_service.search.problem import joint_distance
 from planner_service.smoothing.smoothing import blended
 

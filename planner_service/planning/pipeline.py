@@ -27,10 +27,10 @@ from planner_service.planning.accounting import Entry, Limits, NoPlan, StageBook
 from planner_service.planning.collision_recovery import near
 from planner_service.planning.endpoints import Endpoints, Ends
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import MotionReport, PlanResult, Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow, require_robot
-from planner_service.planning.timing_stage import Pace, timed
+from planner_service.planning.timing_stage import timed
 from planner_service.planning.tries import FIRST_TRIES, fresh_tries
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.robot.model import ExemptRetreat

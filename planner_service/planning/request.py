@@ -14,10 +14,10 @@ from planner_service.geometry.shapes import FloatArray, Pose, as_sent, instance,
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect
-from planner_service.robot.model import Robot
-from planner_service.timing.laws import Timing, ToppRa
+from planner_service.robot.model import JointLimits, Robot
+from planner_service.timing.laws import Timing, ToppRa, held_limits
 
-__all__ = ["Goal", "PlanRequest", "joint_vector", "require_scale", "require_timing", "require_tool_speed"]
+__all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "require_timing"]
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A slower limit is a unit mistake."""
@@ -86,11 +86,11 @@ class PlanRequest:
         _number("padding", self.padding, 0.0, 0.1)
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
         _number("blend", self.blend, 0.0, 3.0)
-        require_tool_speed(self.max_tool_speed)
+        _require_tool_speed(self.max_tool_speed)
         if self.time_limit is not None:
             _number("time_limit", self.time_limit, 0.0, 86_400.0)
         for name in ("velocity_scale", "acceleration_scale"):
-            require_scale(name, getattr(self, name))
+            _require_scale(name, getattr(self, name))
         search = callable(getattr(self.planner, "search", None)) and not isinstance(self.planner, type)
         if not isinstance(self.planner, Optimise) and not search:
             raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
@@ -129,6 +129,51 @@ class PlanRequest:
             g if isinstance(g, Pose | PoseGoal) else joint_vector(f"goal[{k}]", g, robot)
             for k, g in enumerate(self.goal)
         )
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast to travel.
+
+    Attributes:
+        timing: The law s(t).
+        velocity_scale: Part in (0, 1] of the robot's velocity limits.
+        acceleration_scale: The same of its accelerations. The robot's jerk limit shrinks with it; one that the law has
+            of its own does not.
+        max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
+
+    Raises:
+        InvalidRequest: no timing law, a scale that is not in (0, 1], or a speed that is no number from 0.001 to 100.
+    """
+
+    timing: Timing
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+    max_tool_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        require_timing(self.timing)
+        _require_scale("velocity_scale", self.velocity_scale)
+        _require_scale("acceleration_scale", self.acceleration_scale)
+        _require_tool_speed(self.max_tool_speed)
+
+    @classmethod
+    def of(cls, request: PlanRequest, timing: Timing | None = None) -> Pace:
+        """That of a request, with another timing law if one is given."""
+        instance("request", request, PlanRequest, "a PlanRequest")
+        scales = request.velocity_scale, request.acceleration_scale
+        return cls(request.timing if timing is None else timing, *scales, request.max_tool_speed)
+
+    def limits(self, robot: Robot) -> JointLimits:
+        """The robot's limits as far as they may be used."""
+        instance("robot", robot, Robot, "a Robot")
+        limits = replace(
+            robot.limits,
+            velocity=robot.limits.velocity * self.velocity_scale,
+            acceleration=robot.limits.acceleration * self.acceleration_scale,
+            jerk=robot.limits.jerk * self.acceleration_scale,
+        )
+        return held_limits(self.timing, limits)
 
 
 def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | PoseGoal | FloatArray, ...]:
@@ -175,13 +220,13 @@ def _number(name: str, value: object, low: float, high: float) -> float:
     return number(name, value, f"a number in [{low:g}, {high:g}]", low, high)
 
 
-def require_scale(name: str, value: object) -> None:
+def _require_scale(name: str, value: object) -> None:
     """Refuse what is no part in (0, 1] of a limit."""
     if _number(name, value, 0.0, 1.0) == 0.0:
         raise InvalidRequest(name, value, "a part in (0, 1] of the limit")
 
 
-def require_tool_speed(value: object) -> None:
+def _require_tool_speed(value: object) -> None:
     """Refuse what is neither None nor a speed in m/s."""
     if value is not None:
         _number("max_tool_speed", value, MIN_TOOL_SPEED, 100.0)

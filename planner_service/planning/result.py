@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import os
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
@@ -14,15 +14,12 @@ from planner_service.geometry.shapes import FloatArray, as_sent, copied_in
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
+from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.world import World
+from planner_service.presentation.page import OpenPage
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Trace
 from planner_service.timing.limit_check import LimitPeaks
-
-if TYPE_CHECKING:
-    from planner_service.planning.request import PlanRequest
-    from planner_service.planning.timing_stage import Pace
-    from planner_service.service import PlannerService
-    from planner_service.view import Viewer
 
 __all__ = ["Failure", "MotionReport", "Origin", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
 
@@ -174,14 +171,15 @@ class PolishReport:
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """Where a result comes from: the service that planned it, and what it was asked.
+    """Where a result comes from.
 
     Attributes:
-        request: None for a given polyline.
-        pace: Of a given polyline, how fast it was to be travelled; else None.
+        world: What it was planned in.
+        request: What was asked; None for a given polyline.
+        pace: How fast a given polyline was to be travelled; None for a request.
     """
 
-    service: PlannerService
+    world: World
     request: PlanRequest | None
     pace: Pace | None = None
 
@@ -205,7 +203,7 @@ class PlanResult:
         roadmap: Of a planner with a roadmap, that roadmap with all that was learned; not kept in plan files.
         polish: What optimising came to; None if it was not asked for, or there was nothing to optimise.
         trace: How the search went; None if that was not asked for, not kept in plan files.
-        origin: What planned it, and what was asked; None of results that come from a file or another process.
+        origin: What it was planned in, and what was asked; None for a result from a file or another process.
     """
 
     path: JointPath | None
@@ -228,23 +226,25 @@ class PlanResult:
         copied_in(self, "stages", "notes")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Sent to another process it goes without its origin: a service is built there, and is larger than a plan."""
+        """Sent to another process it goes without its origin: robot and scene are larger than a plan."""
         return {**self.__dict__, "origin": None}
 
-    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+    def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the robot, the scene and this plan on a page in the browser; see ``PlannerService.view``.
 
         Raises:
             InvalidRequest: the result comes from a file or another process: ``service.view(result)`` shows it.
             MissingDependency: the extra ``view`` is not installed.
         """
+        from planner_service.view import show
+
         if self.origin is None:
             raise InvalidRequest(
                 "result",
                 "a result from a file or another process",
                 "one that a service in this process planned; show it with service.view(result)",
             )
-        return self.origin.service.view(self, port=port, block=block)
+        return show(self.origin.world, self, port=port, block=block)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan, or the failure in its place, to a JSON file with its robot, scene and request.

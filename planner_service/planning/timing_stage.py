@@ -7,26 +7,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
 from planner_service.concurrency.polling import waited
-from planner_service.geometry.shapes import FloatArray, instance
+from planner_service.geometry.shapes import FloatArray
 from planner_service.kinematics.inverse import tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import NoPlan, StageBook
-from planner_service.planning.request import PlanRequest, require_scale, require_timing, require_tool_speed
+from planner_service.planning.request import Pace
 from planner_service.planning.result import Failure, MotionReport, Reason, Stage
 from planner_service.robot.model import JointLimits, Robot
-from planner_service.timing.laws import Timing, TimingFailed, held_limits, measured, stop_duration
+from planner_service.timing.laws import TimingFailed, measured, stop_duration
 from planner_service.timing.segments import SpeedLimit
 
 T = TypeVar("T")
 
-__all__ = ["Pace", "peak_tool_speed", "timed", "tool_speed_limit"]
+__all__ = ["peak_tool_speed", "timed", "tool_speed_limit"]
 
 LONG = 200
 """Waypoints beyond which a path may take long to time: then the clock is looked at meanwhile."""
@@ -41,51 +40,6 @@ _SPLITS = np.arange(33) / 32
 _MISSED, _CLOSER = 0.003, 1024.0
 """Share by which speed may be higher between two first samples than at them, at most, and by how much less between
 samples 32 times closer: it is smooth between the ends of pieces of time, which are sampled themselves."""
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How fast to travel.
-
-    Attributes:
-        timing: The law s(t).
-        velocity_scale: Part in (0, 1] of the robot's velocity limits.
-        acceleration_scale: The same of its accelerations. The robot's jerk limit shrinks with it; one that the law has
-            of its own does not.
-        max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
-
-    Raises:
-        InvalidRequest: no timing law, a scale that is not in (0, 1], or a speed that is no number from 0.001 to 100.
-    """
-
-    timing: Timing
-    velocity_scale: float = 1.0
-    acceleration_scale: float = 1.0
-    max_tool_speed: float | None = None
-
-    def __post_init__(self) -> None:
-        require_timing(self.timing)
-        require_scale("velocity_scale", self.velocity_scale)
-        require_scale("acceleration_scale", self.acceleration_scale)
-        require_tool_speed(self.max_tool_speed)
-
-    @classmethod
-    def of(cls, request: PlanRequest, timing: Timing | None = None) -> Pace:
-        """That of a request, with another timing law if one is given."""
-        instance("request", request, PlanRequest, "a PlanRequest")
-        scales = request.velocity_scale, request.acceleration_scale
-        return cls(request.timing if timing is None else timing, *scales, request.max_tool_speed)
-
-    def limits(self, robot: Robot) -> JointLimits:
-        """The robot's limits as far as they may be used."""
-        instance("robot", robot, Robot, "a Robot")
-        limits = replace(
-            robot.limits,
-            velocity=robot.limits.velocity * self.velocity_scale,
-            acceleration=robot.limits.acceleration * self.acceleration_scale,
-            jerk=robot.limits.jerk * self.acceleration_scale,
-        )
-        return held_limits(self.timing, limits)
 
 
 def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[Trajectory, MotionReport]:

@@ -19,7 +19,7 @@ from functools import cached_property, lru_cache
 from importlib import metadata
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, JsonValue
 
@@ -30,6 +30,8 @@ from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult
+from planner_service.planning.world import World
+from planner_service.presentation.page import OpenPage
 from planner_service.records.old_versions import command_of
 from planner_service.records.request import TIMINGS, RequestRecord, TimingRecord
 from planner_service.records.result import (
@@ -48,16 +50,12 @@ from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
 
-if TYPE_CHECKING:
-    from planner_service.view import Viewer
-
 __all__ = [
     "OURS",
     "PLAN_FORMAT",
     "TASK_FORMAT",
     "TIMINGS",
     "VERSION",
-    "MadeFor",
     "SavedPlan",
     "SavedTask",
     "load_plan",
@@ -96,34 +94,6 @@ def _versions() -> Mapping[str, str]:
 
 
 @dataclass(frozen=True, eq=False)
-class MadeFor:
-    """The robot and the scene a plan was made for, and the terms: all that its ``PlannerService`` was made of.
-
-    Attributes:
-        allowed: Pairs that the service was told may touch, sorted.
-        edge_step: How finely edges were sampled; None of a file if it was by a rule of the caller's own.
-    """
-
-    robot: Robot
-    scene: Scene
-    allowed: tuple[tuple[str, str], ...] = ()
-    edge_step: EdgeStep | None = field(default_factory=MotionStep)
-
-    @classmethod
-    def of(cls, service: PlannerService) -> MadeFor:
-        """What a service plans for."""
-        return cls(service.robot, service.scene, service.allowed, service.edge_step)
-
-    def service(self) -> PlannerService:
-        """A service for these, its edges sampled by ``MotionStep()`` if the rule is not known.
-
-        Raises:
-            InvalidRequest: robot, scene and pairs do not go together.
-        """
-        return PlannerService(self.robot, self.scene, edge_step=self.edge_step, allowed=self.allowed)
-
-
-@dataclass(frozen=True, eq=False)
 class SavedPlan:
     """A plan with what was asked, and the world it was made in.
 
@@ -133,11 +103,23 @@ class SavedPlan:
         sections: Further parts of the file by name, JSON values; those that are not known are kept as they are.
     """
 
-    made_for: MadeFor
+    made_for: World
     request: PlanRequest | None
     result: PlanResult
     made_with: Mapping[str, str] = field(default_factory=_versions)
     sections: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, result: PlanResult) -> SavedPlan:
+        """A plan that was made in this process.
+
+        Raises:
+            InvalidRequest: it comes from a file or another process: its world and request are not known.
+        """
+        if result.origin is None:
+            expected = "SavedPlan(service.world, request, result): it does not know its world and request"
+            raise InvalidRequest("plan", "a result from a file or another process", expected)
+        return cls(result.origin.world, result.origin.request, result)
 
     @property
     def robot(self) -> Robot:
@@ -155,8 +137,12 @@ class SavedPlan:
         return self.made_for.allowed
 
     def service(self) -> PlannerService:
-        """A service like the one it was made with; see ``MadeFor.service``."""
-        return self.made_for.service()
+        """A service like the one it was made with; edges are sampled by ``MotionStep()`` if their rule is not known.
+
+        Raises:
+            InvalidRequest: robot, scene and pairs do not go together.
+        """
+        return PlannerService.of(self.made_for)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file; see ``save_plan``."""
@@ -188,7 +174,7 @@ class SavedTask:
         sections: As of ``SavedPlan``.
     """
 
-    made_for: MadeFor
+    made_for: World
     task: str
     segments: tuple[Segment, ...]
     choosing: CheckCounts
@@ -198,6 +184,13 @@ class SavedTask:
     request: PlanRequest | None = None
     made_with: Mapping[str, str] = field(default_factory=_versions)
     sections: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, task: TaskResult) -> SavedTask:
+        """A task that was planned in this process."""
+        return cls(
+            task.begin, task.task, task.segments, task.choosing, task.seconds, task.failure, task.notes, task.request
+        )
 
     @property
     def robot(self) -> Robot:
@@ -220,10 +213,10 @@ class SavedTask:
         return sum((segment.counts for segment in self.segments), self.choosing)
 
     def service(self) -> PlannerService:
-        """A service for the beginning of the task; see ``MadeFor.service``."""
-        return self.made_for.service()
+        """A service for the beginning of the task; see ``SavedPlan.service``."""
+        return PlannerService.of(self.made_for)
 
-    def within(self, made_for: MadeFor) -> SavedTask:
+    def within(self, made_for: World) -> SavedTask:
         """The same motions in another world, in which the task takes, carries and leaves the same things."""
         segments = [
             replace(segment, scene=segment.scene and _carried_over(segment.scene, self.scene, made_for.scene))
@@ -235,13 +228,15 @@ class SavedTask:
         """Write it to a file; see ``save_plan``."""
         save_plan(self, path)
 
-    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+    def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
 
         Raises:
             MissingDependency: the extra ``view`` is not installed.
         """
-        return self.service().view(self, port=port, block=block)
+        from planner_service.view import show
+
+        return show(self.made_for, self, port=port, block=block)
 
     def document(self) -> dict[str, Any]:
         """The content of the file, of plain JSON values.
@@ -310,13 +305,13 @@ class _Head(Record):
     edge_step: StepRecord | None
 
     @cached_property
-    def made_for(self) -> MadeFor:
+    def made_for(self) -> World:
         """What it was made for."""
         step = None if self.edge_step is None else self.edge_step.value
-        return MadeFor(self.robot.value, self.scene.value, name_pairs(self.allowed), step)
+        return World(self.robot.value, self.scene.value, name_pairs(self.allowed), step)
 
 
-def _head(made_for: MadeFor, made_with: Mapping[str, str]) -> dict[str, Any]:
+def _head(made_for: World, made_with: Mapping[str, str]) -> dict[str, Any]:
     return {
         "version": VERSION,
         "made_with": dict(made_with),
@@ -443,7 +438,7 @@ def _segment_records(task: SavedTask) -> list[SegmentRecord]:
     records = []
     for segment in task.segments:
         origin, before = segment.result.origin, scene
-        scene = (segment.scene or scene) if origin is None else origin.service.scene
+        scene = (segment.scene or scene) if origin is None else origin.world.scene
         records.append(
             SegmentRecord(
                 name=segment.name,
@@ -464,7 +459,7 @@ def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str |
     """Write a plan or a task, or the failure that is in their place; the file is there whole or not at all.
 
     Raises:
-        InvalidRequest: a result that does not know its service (from a file or another process), or something that has
+        InvalidRequest: a result that does not know its world (from a file or another process), or something that has
             no place in a file.
         InvalidFile: it cannot be written.
     """
@@ -479,17 +474,10 @@ def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan |
     if isinstance(plan, SavedPlan | SavedTask):
         return plan
     if isinstance(plan, PlanResult):
-        if plan.origin is None:
-            expected = "SavedPlan(MadeFor.of(service), request, result): it does not know its service and request"
-            raise InvalidRequest("plan", "a result from a file or another process", expected)
-        return SavedPlan(MadeFor.of(plan.origin.service), plan.origin.request, plan)
+        return SavedPlan.of(plan)
     if not isinstance(plan, TaskResult):
         raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
-    first = plan.segments[0].service_before(plan.service) if plan.segments else plan.service
-    words = ", ".join(segment.name for segment in plan.segments) or "a task without a motion"
-    seconds = math.fsum(segment.result.seconds for segment in plan.segments)
-    made_for, asked = MadeFor.of(first), plan.request
-    return SavedTask(made_for, words, plan.segments, plan.choosing, seconds, plan.failure, plan.notes, asked)
+    return SavedTask.of(plan)
 
 
 def load_plan(path: str | os.PathLike[str]) -> SavedPlan:

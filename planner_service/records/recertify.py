@@ -23,9 +23,10 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval, Grip
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, NotProven
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult
-from planner_service.planning.timing_stage import Pace, peak_tool_speed
+from planner_service.planning.timing_stage import peak_tool_speed
+from planner_service.planning.world import World
 from planner_service.records.exemptions import ruled
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.task_sequence import SAME_WIDTH, Leg, Step, fingers_of, gripped_by, legs
@@ -94,7 +95,7 @@ class Recertified:
         objections: What does not hold, motion by motion; nothing of a plan that is proven.
     """
 
-    world: PlannerService
+    world: World
     motions: tuple[ProvenMotion, ...]
     allowed: tuple[tuple[str, str], ...]
     objections: tuple[str, ...]
@@ -163,7 +164,7 @@ def _results(plan: Plan) -> list[PlanResult]:
     return [plan.result if isinstance(plan, SavedPlan) else plan]
 
 
-def world_of(plan: Plan) -> PlannerService:
+def world_of(plan: Plan) -> World:
     """The robot and the scene in which a plan begins, as far as they come with it.
 
     Raises:
@@ -171,10 +172,9 @@ def world_of(plan: Plan) -> PlannerService:
     """
     origins = [result.origin for result in _results(plan)]
     if origins and None not in origins and not isinstance(plan, SavedTask) and origins[0] is not None:
-        service = origins[0].service
-        return plan.segments[0].service_before(service) if isinstance(plan, TaskResult) else service
+        return plan.begin if isinstance(plan, TaskResult) else origins[0].world
     if isinstance(plan, SavedPlan | SavedTask):
-        return plan.service()
+        return plan.made_for
     expected = "the robot and the scene it was planned for: only plans of this process, and saved ones, know them"
     raise InvalidRequest("service", None, expected)
 
@@ -204,7 +204,7 @@ def recertify(
     """
     if service is not None:
         _require_same_world(plan, service)
-    world = world_of(plan) if service is None else service
+    world = world_of(plan) if service is None else service.world
     results = _results(plan)
     failure = plan.failure if isinstance(plan, SavedTask | TaskResult) else results[0].failure
     if failure is not None or not results:
@@ -271,7 +271,7 @@ def _named(made: Robot | Scene) -> str:
 
 
 def _robots(plan: Plan) -> list[Robot]:
-    made = [result.origin.service.robot for result in _results(plan) if result.origin is not None]
+    made = [result.origin.world.robot for result in _results(plan) if result.origin is not None]
     return [plan.robot, *made] if isinstance(plan, SavedPlan | SavedTask) else made
 
 
@@ -279,7 +279,7 @@ def _made_with(plan: Plan, results: Sequence[PlanResult]) -> tuple[tuple[str, st
     """Pairs that were allowed to touch all the time when a plan was made."""
     pairs = list(plan.allowed) if isinstance(plan, SavedPlan | SavedTask) else []
     for result in results:
-        pairs += [] if result.origin is None else result.origin.service.allowed
+        pairs += [] if result.origin is None else result.origin.world.allowed
     return tuple({frozenset(pair): pair for pair in pairs}.values())
 
 
@@ -298,23 +298,23 @@ def _how_to_name(pairs: Sequence[tuple[str, str]]) -> str:
     return f"if the contact is intended, allow it: {' '.join([*options, *more])} (Python: {python})"
 
 
-def _steps(plan: Plan, world: PlannerService) -> list[Step]:
+def _steps(plan: Plan, world: World) -> list[Step]:
     """What a plan says of its motions."""
     steps: list[Step] = []
     attached = world.scene.attached
     for segment in _segments(plan, world):
         origin = segment.result.origin
-        scene = segment.scene if origin is None else origin.service.scene
+        scene = segment.scene if origin is None else origin.world.scene
         attached = attached if scene is None else scene.attached
         steps.append(Step(segment.name, segment.result, segment.width, attached, scene))
     return steps
 
 
-def _segments(plan: Plan, world: PlannerService) -> Sequence[Segment]:
+def _segments(plan: Plan, world: World) -> Sequence[Segment]:
     if isinstance(plan, SavedTask | TaskResult):
         return plan.segments
     result = plan.result if isinstance(plan, SavedPlan) else plan
-    robot = world.robot if result.origin is None else result.origin.service.robot
+    robot = world.robot if result.origin is None else result.origin.world.robot
     return [Segment("motion", result, (plan.robot if isinstance(plan, SavedPlan) else robot).gripper_width)]
 
 

@@ -30,9 +30,9 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import Limits, NoPlan, StageBook, narrower, not_certified
 from planner_service.planning.endpoints import Endpoints, GoalState
 from planner_service.planning.pipeline import Run
-from planner_service.planning.request import Goal, PlanRequest
+from planner_service.planning.request import Goal, Pace, PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage
-from planner_service.planning.timing_stage import Pace, peak_tool_speed, tool_speed_limit
+from planner_service.planning.timing_stage import peak_tool_speed, tool_speed_limit
 from planner_service.replanning.detour import Detours, Way
 from planner_service.replanning.result import Old, Outcome, Replanned, request_for, underway
 from planner_service.replanning.splice import Handover

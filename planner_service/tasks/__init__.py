@@ -1,1 +1,1 @@
-"""Pick, place and straight tool moves, made of several motions."""
+"""What is made of several plans: pick, place, straight tool moves, and the best plan of several seeds."""

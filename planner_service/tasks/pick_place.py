@@ -13,11 +13,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, Pose, instance
 from planner_service.grasping.grasps import middle_of, top_grasps
 from planner_service.planning.request import PlanRequest
-from planner_service.records.plan_file import MadeFor, SavedTask
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.primitives import pick, place
-from planner_service.tasks.result import Handling, Segment
+from planner_service.tasks.result import Handling, Segment, TaskResult
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
 
@@ -29,7 +28,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def plan_pick_place(
     service: PlannerService, target: str, onto: str, request: PlanRequest, *, cancel: CancelToken | None = None
-) -> SavedTask:
+) -> TaskResult:
     """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
 
     Args:
@@ -44,30 +43,33 @@ def plan_pick_place(
     """
     instance("service", service, PlannerService, "a PlannerService")
     instance("request", request, PlanRequest, "a PlanRequest")
-    began, origin = time.perf_counter(), MadeFor.of(service)
-    scene = service.scene
+    began, scene = time.perf_counter(), service.scene
     obstacle, support = scene.obstacle(target), scene.obstacle(onto)
     if target == onto:
         raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
-    task = f"pick {target} from {scene.name or 'the scene'}, place on {onto}"
     picking = Handling(support=standing_on(scene, target), request=request, cancel=cancel)
-    picked = pick(service, request.start, target, top_grasps(service.robot, obstacle), picking)
-    notes, segments = [f"pick: {note}" for note in picked.notes], list(picked.segments)
-    choosing, failure = picked.choosing, picked.failure
-    if picked.ok:
+    done = pick(service, request.start, target, top_grasps(service.robot, obstacle), picking)
+    notes, segments, choosing = [f"pick: {note}" for note in done.notes], list(done.segments), done.choosing
+    if done.ok:
         segments[0] = replace(segments[0], name="home -> pregrasp")
         placing = Handling(support=onto, request=request, cancel=cancel)
-        placed = place(picked.service, picked.q, target, places_on(obstacle, support), placing)
-        notes += [f"place: {note}" for note in placed.notes]
-        segments += placed.segments
-        choosing, failure = choosing + placed.choosing, placed.failure
-        if placed.ok:
-            there = placed.service
-            home = there.plan(replace(request, start=placed.q, goal=request.start), cancel=cancel)
-            segments.append(Segment("retreat -> home", home, there.robot.gripper_width, there.scene))
-            failure = home.failure
-    asked, seconds = replace(request, goal=request.start), time.perf_counter() - began
-    return SavedTask(origin, task, tuple(segments), choosing, seconds, failure, tuple(notes), asked)
+        done = place(PlannerService.of(done.world), done.q, target, places_on(obstacle, support), placing)
+        notes += [f"place: {note}" for note in done.notes]
+        segments += done.segments
+        choosing += done.choosing
+        if done.ok:
+            home = PlannerService.of(done.world).plan(replace(request, start=done.q, goal=request.start), cancel=cancel)
+            segments.append(Segment("retreat -> home", home, done.world.robot.gripper_width, done.world.scene))
+            done = replace(done, failure=home.failure, q=np.asarray(request.start) if home.ok else done.q)
+    return replace(
+        done,
+        segments=tuple(segments),
+        choosing=choosing,
+        notes=tuple(notes),
+        request=replace(request, goal=request.start),
+        task=f"pick {target} from {scene.name or 'the scene'}, place on {onto}",
+        seconds=time.perf_counter() - began,
+    )
 
 
 def standing_on(scene: Scene, name: str) -> str | None:

@@ -28,9 +28,8 @@ from planner_service.grasping.guards import LONGEST_APPROACH, grasp_objection, u
 from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
 from planner_service.kinematics.inverse import ToolLine, inverse_kinematics, straight_tool_line
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.request import PlanRequest, joint_vector
+from planner_service.planning.request import Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
-from planner_service.planning.timing_stage import Pace
 from planner_service.robot.model import Gripper, Robot
 from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
@@ -112,7 +111,8 @@ def pick(
     _require_poses("grasps", grasps)
     if handling.support == target:
         raise InvalidRequest("support", target, "what the object stands on, not the object itself")
-    return _Task(service, q, handling).result([_grasping(service, obstacle, grasp, handling) for grasp in grasps])
+    task = _Task(service, q, handling, f"pick {target}")
+    return task.result([_grasping(service, obstacle, grasp, handling) for grasp in grasps])
 
 
 def place(
@@ -136,7 +136,8 @@ def place(
     if held is None:
         raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])
     _require_poses("poses", poses)
-    return _Task(service, q, handling).result([_placing(service, held, pose, handling) for pose in poses])
+    task = _Task(service, q, handling, f"place {carried}")
+    return task.result([_placing(service, held, pose, handling) for pose in poses])
 
 
 def _require_poses(name: str, poses: object) -> None:
@@ -264,8 +265,10 @@ def _standing(service: PlannerService, name: str, handling: Handling) -> tuple[_
 class _Task:
     """One pick or place under way: what it has tried and spent."""
 
-    def __init__(self, service: PlannerService, q: ArrayLike, handling: Handling) -> None:
+    def __init__(self, service: PlannerService, q: ArrayLike, handling: Handling, task: str) -> None:
+        self._began = time.perf_counter()
         self._service = service
+        self._task = task
         self._start = joint_vector("q", q, service.robot)
         limits = service.robot.limits
         self._standing = np.clip(self._start, limits.lower, limits.upper)
@@ -294,14 +297,26 @@ class _Task:
                 length = _travel(self._service.robot, outward)[-1]
                 notes = (f"way {number} of {len(contacts)}, {length * 100:.0f} cm of straight line", *self._tried)
                 choosing = self._spent - sum((segment.counts for segment in segments), CheckCounts())
-                return TaskResult(segments, contact.made[1], outward[-1], None, choosing, notes, self._template)
+                return self._result(segments, contact.made[1], outward[-1], None, choosing, notes)
             if self._ended is not None:
                 return self._failed(self._ended)
         detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
         return self._failed(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
 
     def _failed(self, failure: Failure) -> TaskResult:
-        return TaskResult((), self._service, self._start, failure, self._spent, tuple(self._tried), self._template)
+        return self._result((), self._service, self._start, failure, self._spent, tuple(self._tried))
+
+    def _result(
+        self,
+        segments: tuple[Segment, ...],
+        service: PlannerService,
+        q: FloatArray,
+        failure: Failure | None,
+        choosing: CheckCounts,
+        notes: tuple[str, ...],
+    ) -> TaskResult:
+        seconds = time.perf_counter() - self._began
+        return TaskResult(segments, service.world, q, failure, choosing, notes, self._template, self._task, seconds)
 
     def _start_trouble(self) -> Failure | None:
         """Why no motion can begin here: found out before any grasp is looked at."""

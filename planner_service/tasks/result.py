@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import NoneType
-from typing import TYPE_CHECKING
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.geometry.shapes import FloatArray, copied_in, instance, number
 from planner_service.planning.request import PlanRequest, require_timing
 from planner_service.planning.result import Failure, PlanResult
+from planner_service.planning.world import World
+from planner_service.presentation.page import OpenPage
 from planner_service.scene.scene import Scene
-from planner_service.service import PlannerService
 from planner_service.timing.laws import Timing
-
-if TYPE_CHECKING:
-    from planner_service.view import Viewer
 
 __all__ = ["MAX_SUPPORT_GAP", "Handling", "Segment", "TaskResult"]
 
@@ -64,8 +61,8 @@ class Segment:
 
     Attributes:
         width: The gripper's opening in metres during it; NaN or 0 without a gripper.
-        scene: What stands around the robot, and what it carries, during it. If None, those of the service that planned
-            it, or, where that is unknown, of the motion before.
+        scene: What stands around the robot, and what it carries, during it. If None, the scene it was planned in or,
+            where that is unknown, the scene of the motion before.
         gripper: How it comes to that opening, the arm standing at the motion's start; None if it has it already.
         timing: Its timing law, where that is another one than the task's request names.
     """
@@ -84,54 +81,63 @@ class Segment:
             return self.result.counts
         return self.result.counts + CheckCounts(distances=self.gripper.certificate.distances)
 
-    def service_before(self, before: PlannerService) -> PlannerService:
-        """The same as ``service_after``, its gripper as it stands until the motion's own opening or closing begins."""
-        service = self.service_after(before)
-        return service if self.gripper is None else service.changed(gripper=self.gripper.start)
+    def world_before(self, before: World) -> World:
+        """The same as ``world_after``, with the gripper as it stands before it opens or closes for the motion."""
+        world = self.world_after(before)
+        return world if self.gripper is None else replace(world, robot=world.robot.with_gripper(self.gripper.start))
 
-    def service_after(self, before: PlannerService) -> PlannerService:
-        """What plans for the robot and the scene as they are during this motion.
+    def world_after(self, before: World) -> World:
+        """The robot and the scene as they are during this motion.
 
         Args:
-            before: For the motion before it, or for the beginning of the task.
+            before: The same of the motion before it, or of the beginning of the task.
 
         Raises:
             InvalidRequest: the width is outside the gripper's range.
         """
-        origin = self.result.origin
-        if origin is not None:
-            return origin.service
+        if self.result.origin is not None:
+            return self.result.origin.world
         scene = before.scene if self.scene is None else self.scene
-        moved = before.robot.gripper is not None and before.robot.gripper_width != self.width
-        if not moved and scene == before.scene:
+        moves = before.robot.gripper is not None and before.robot.gripper_width != self.width
+        if not moves and scene == before.scene:
             return before
-        return before.changed(gripper=self.width if moved else None, scene=scene)
+        return replace(before, robot=before.robot.with_gripper(self.width) if moves else before.robot, scene=scene)
 
 
 @dataclass(frozen=True, eq=False)
 class TaskResult:
-    """What a pick or a place came to.
+    """What a pick, a place, or both came to.
 
     Attributes:
         segments: The motions, in order.
-        service: Plans what follows: the robot with its gripper as it now stands, the scene as it now is.
+        world: The robot with its gripper as it stands afterwards, and the scene as it is then; what follows is planned
+            by ``PlannerService.of(task.world)``.
         q: Where the robot ends, shape (n,).
         failure: None if every segment has a plan.
         choosing: What looking for a workable grasp or placement cost, beyond the segments.
         notes: What was chosen, and what was tried and left.
         request: What all motions were asked to keep: planner, timing, scales, limits; its goal means nothing.
+        task: What was to be done, in words.
+        seconds: Wall time of all of it.
     """
 
     segments: tuple[Segment, ...]
-    service: PlannerService
+    world: World
     q: FloatArray
     failure: Failure | None = None
     choosing: CheckCounts = field(default_factory=CheckCounts)
     notes: tuple[str, ...] = ()
     request: PlanRequest | None = None
+    task: str = ""
+    seconds: float = 0.0
 
     def __post_init__(self) -> None:
         copied_in(self, "segments", "q", "notes")
+
+    @property
+    def begin(self) -> World:
+        """The robot and the scene before the first motion."""
+        return self.segments[0].world_before(self.world) if self.segments else self.world
 
     @property
     def ok(self) -> bool:
@@ -143,13 +149,15 @@ class TaskResult:
         """What the whole task asked of the collision checker."""
         return sum((segment.counts for segment in self.segments), self.choosing)
 
-    def show(self, *, port: int = 8080, block: bool | None = None) -> Viewer:
+    def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
 
         Raises:
             MissingDependency: the extra ``view`` is not installed.
         """
-        return self.service.view(self, port=port, block=block)
+        from planner_service.view import show
+
+        return show(self.begin, self, port=port, block=block)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the motions, or how far there are plans, to a JSON file with the robot and the scene of each.

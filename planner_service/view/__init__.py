@@ -1,6 +1,5 @@
 """Pictures of robots, scenes and plans: their geometry as triangles, and a page in the browser to look at them."""
 
-from planner_service.view.state import Shown
-from planner_service.view.viewer import HOST, PORT, Viewer, interactive, open_viewer
+from planner_service.view.viewer import HOST, PORT, Viewer, open_viewer, show
 
-__all__ = ["HOST", "PORT", "Shown", "Viewer", "interactive", "open_viewer"]
+__all__ = ["HOST", "PORT", "Viewer", "open_viewer", "show"]

@@ -107,7 +107,8 @@ class Reel:
             result = segment.result
             if result.trajectory is None:
                 break
-            here = segment.service_after(here)
+            world = segment.world_after(here.world)
+            here = here if world is here.world else PlannerService.of(world)
             takes.append(Take(segment.name, here, result.trajectory, result.exempt, clock))
             clock = takes[-1].end
         return cls(tuple(takes)) if takes else None

@@ -15,15 +15,14 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planners import planner_by_name
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult
+from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedTask
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
 from planner_service.view.collision_report import Eye, Look
 from planner_service.view.playback import Reel
 
-__all__ = ["Shown", "ViewState"]
-
-Shown = PlanResult | TaskResult | SavedTask
+__all__ = ["ViewState"]
 
 PLAN_SECONDS = 10.0
 """That a plan asked for on the page may take."""
@@ -58,7 +57,7 @@ class ViewState:
     failure: Failure | None = None
 
     @classmethod
-    def of(cls, service: PlannerService, shown: Shown | None = None) -> ViewState:
+    def of(cls, service: PlannerService, shown: Showable | None = None) -> ViewState:
         """What is to be seen of a plan or a task, at its beginning; without one the robot at home.
 
         Raises:
@@ -141,7 +140,7 @@ def _traced(result: PlanResult) -> PlanResult:
     origin, quick = result.origin, result.deterministic and result.seconds < TRACED_SECONDS
     if result.trace is not None or origin is None or origin.request is None or not quick:
         return result
-    again = origin.service.plan(origin.request, trace=True)
+    again = PlannerService.of(origin.world).plan(origin.request, trace=True)
     return replace(result, trace=again.trace) if _same(result.path, again.path) else result
 
 

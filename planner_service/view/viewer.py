@@ -12,11 +12,13 @@ from typing import Any
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.geometry.shapes import whole
+from planner_service.planning.world import World
+from planner_service.presentation.page import Showable
 from planner_service.service import PlannerService
 from planner_service.view.page import Page
-from planner_service.view.state import Shown, ViewState
+from planner_service.view.state import ViewState
 
-__all__ = ["HOST", "PORT", "Viewer", "interactive", "open_viewer"]
+__all__ = ["HOST", "PORT", "Viewer", "interactive", "open_viewer", "show"]
 
 HOST, PORT = "127.0.0.1", 8080
 
@@ -87,8 +89,19 @@ class Viewer:
         return f'<iframe src="{self.url}" width="100%" height="640" style="border: 0"></iframe>'
 
 
+def show(
+    world: World, shown: Showable | None = None, *, host: str = HOST, port: int = PORT, block: bool | None = None
+) -> Viewer:
+    """Open a page and print its address; see ``PlannerService.view``."""
+    viewer = open_viewer(PlannerService.of(world), shown, host=host, port=port)
+    print(f"view: {viewer.url}", flush=True)
+    if not interactive() if block is None else block:
+        viewer.wait()
+    return viewer
+
+
 def open_viewer(
-    service: PlannerService, shown: Shown | None, *, host: str = HOST, port: int = PORT, keep: bool = False
+    service: PlannerService, shown: Showable | None, *, host: str = HOST, port: int = PORT, keep: bool = False
 ) -> Viewer:
     """A page that shows a service's robot and scene, and a plan or a task.
 

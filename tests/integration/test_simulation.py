@@ -53,7 +53,7 @@ from planner_service.execute import ExecutionStopped, SimulatedArm, Streaming, T
 from planner_service.execute import simulator as simulator_module
 from planner_service.execute.mjcf import link_of, mjcf_text
 from planner_service.execute.simulator import TCP_PORT, UDP_PORT, arm_file
-from planner_service.records.plan_file import MadeFor, SavedPlan, save_plan
+from planner_service.records.plan_file import SavedPlan, save_plan
 
 pytestmark = pytest.mark.sim
 
@@ -398,7 +398,7 @@ def test_a_simulation_may_complain_at_length(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_saved_plan_is_rehearsed_by_the_command(robot: Robot, tmp_path: Path) -> None:
     service = PlannerService("wxai", "table")
     plan = service.plan(PlanRequest(robot.home, robot.home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])))
-    save_plan(SavedPlan(MadeFor.of(service), None, plan), tmp_path / "plan.json")
+    save_plan(SavedPlan(service.world, None, plan), tmp_path / "plan.json")
     done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--sim"])
     assert (done.exit_code, done.stderr) == (0, "note: against the scene in this file: table\n")
     assert "executed in simulation" in done.stdout

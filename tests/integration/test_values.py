@@ -47,6 +47,7 @@ from planner_service import (
 from planner_service.datasets import Drawn
 from planner_service.execute import ArmLimits, Recording
 from planner_service.planning.follow import FollowRequest
+from planner_service.planning.world import World
 from planner_service.records.problem_set import Problem, ProblemSet
 from planner_service.roadmap import Built
 
@@ -135,7 +136,7 @@ VALUES: list[tuple[Callable[[Any], Any], str, Any]] = [
     (lambda v: Problem("p", ("j",), Scene(), np.array([0.0]), v), "goals", [np.array([0.5])]),
     (lambda v: Problem("p", ("j",), Scene(), v, ()), "start", np.array([0.5])),
     (lambda v: ProblemSet(v, ()), "joint_names", ["j"]),
-    (lambda v: TaskResult((), PlannerService(load_robot("planar2"), Scene()), v), "q", np.array([0.0, 0.5])),
+    (lambda v: TaskResult((), World(load_robot("planar2"), Scene()), v), "q", np.array([0.0, 0.5])),
     (lambda v: arm_with(base_links=v), "base_links", ["stand"]),
 ]
 

@@ -30,6 +30,7 @@ from planner_service.records.plan_file import SavedTask
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
+from planner_service.tasks.result import TaskResult
 from planner_service.view.still.composition import (
     GOAL,
     START,
@@ -73,7 +74,7 @@ def draw_plan(service: PlannerService, request: PlanRequest, result: PlanResult,
     write_png(file, picture(view, caption, SIZE))
 
 
-def draw_task(service: PlannerService, task: SavedTask, file: str | os.PathLike[str]) -> None:
+def draw_task(service: PlannerService, task: TaskResult | SavedTask, file: str | os.PathLike[str]) -> None:
     """A picture of a task in the scene it begins in: the robot there, faint where motions end, and its tool path.
 
     Raises:

@@ -145,12 +145,12 @@ def test_a_place_goes_where_the_gripper_can_open() -> None:
     service = PlannerService("wxai", scene)
     taken = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
     poses = [Pose((0.28, -0.10, 0.0215)), Pose((0.20, -0.16, 0.0215))]
-    free = place(taken.service, taken.q, "block", poses, Handling(support="table"))
+    free = place(PlannerService.of(taken.world), taken.q, "block", poses, Handling(support="table"))
     assert free.notes[0].startswith("way 1 of 2")
     q = free.segments[1].result.unwrap()[0].waypoints[-1]
     fingers = Pose.from_matrix(service.robot.tool_pose(q)) @ Pose((0.0, 0.044, 0.0))
     post = Obstacle("post", Box((0.004, 0.004, 0.04)), Pose((*fingers.position[:2], 0.0205)))
-    here = taken.service.with_scene(taken.service.scene.with_obstacle(post))
+    here = PlannerService.of(taken.world).with_scene(taken.world.scene.with_obstacle(post))
     put = place(here, taken.q, "block", poses, Handling(support="table"))
     assert put.notes[0].startswith("way 2 of 2")
     assert any(re.search(r"gripper cannot open from 45.0 to 69.0 mm: finger_\w+ x post", note) for note in put.notes), (

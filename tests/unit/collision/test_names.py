@@ -187,7 +187,7 @@ def test_a_block_called_like_a_finger_is_taken(carried: TaskResult) -> None:
     fingers = {"finger_left (link)", "finger_right"}
     assert descend.exempt[0].pairs == tuple((finger, "finger_left (object)") for finger in sorted(fingers))
     assert lift.exempt[0].pairs == (("finger_left (object)", "link_4 (object)"),)
-    service = carried.service
+    service = PlannerService.of(carried.world)
     held = service.scene.attached[0]
     pose = Pose.from_matrix(service.robot.tool_pose(carried.q)) @ held.pose
     there = Pose((pose.position[0], pose.position[1], pose.position[2] - 0.08), pose.quaternion)

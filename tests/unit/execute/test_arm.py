@@ -19,7 +19,7 @@ from planner_service.collision import CheckCounts
 from planner_service.execute import ArmLimits, ExecutionReport, ExecutionStopped, Streaming, execute
 from planner_service.execute import arm as arm_module
 from planner_service.execute import stream as execution
-from planner_service.records.plan_file import MadeFor, SavedTask
+from planner_service.records.plan_file import SavedTask
 from tests.support.arms import FakeArm, FakeTime
 
 QUICK = Streaming(settle=0.02, gripper_time=0.1)
@@ -65,7 +65,7 @@ def stopped(plan: Any, arm: Any, robot: Robot, how: Streaming = QUICK) -> Execut
 
 def in_two(service: PlannerService, plan: PlanResult) -> SavedTask:
     """A task whose gripper closes before its motion."""
-    return SavedTask(MadeFor.of(service), "close and go", (Segment("go", plan, 0.03),), CheckCounts(), 0.0)
+    return SavedTask(service.world, "close and go", (Segment("go", plan, 0.03),), CheckCounts(), 0.0)
 
 
 @pytest.mark.parametrize("joint", range(6))

@@ -45,7 +45,7 @@ from planner_service.execute import (
 )
 from planner_service.execute import stream as execution
 from planner_service.geometry.shapes import FloatArray
-from planner_service.records.plan_file import MadeFor, SavedPlan, SavedTask, save_plan
+from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
 from tests.support.arms import FakeArm, FakeTime
 
 WORLD = ["--robot", "wxai", "--scene", "empty"]
@@ -92,7 +92,7 @@ def motion_of(result: PlanResult) -> Trajectory:
 
 
 def task_of(service: PlannerService, *segments: Segment) -> SavedTask:
-    return SavedTask(MadeFor.of(service), "there and back", segments, CheckCounts(), 0.0)
+    return SavedTask(service.world, "there and back", segments, CheckCounts(), 0.0)
 
 
 def stopped(
@@ -143,11 +143,11 @@ def test_a_plan_made_for_another_robot_is_not_executed(
     service: PlannerService, there: PlanResult, arm: FakeArm, robot: Robot
 ) -> None:
     other = replace(robot, settle_time=9.0)
-    saved = SavedPlan(replace(MadeFor.of(service), robot=other), None, there)
+    saved = SavedPlan(replace(service.world, robot=other), None, there)
     with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
         execute(saved, arm, robot, QUICK)
     assert arm.told == []
-    assert execute(replace(saved, made_for=MadeFor.of(service)), arm, robot, QUICK).ok
+    assert execute(replace(saved, made_for=service.world), arm, robot, QUICK).ok
 
 
 def test_no_plan_is_not_executed(service: PlannerService, arm: FakeArm, robot: Robot) -> None:
@@ -651,7 +651,7 @@ def test_without_the_driver_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def saved(service: PlannerService, there: PlanResult, tmp_path: Path) -> str:
-    save_plan(SavedPlan(MadeFor.of(service), None, there), tmp_path / "plan.json")
+    save_plan(SavedPlan(service.world, None, there), tmp_path / "plan.json")
     return str(tmp_path / "plan.json")
 
 
@@ -679,7 +679,7 @@ def test_for_a_failure_no_arm_is_connected_to(
 ) -> None:
     monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
     failed = service.plan(PlanRequest(service.robot.home, np.full(6, 9.0)))
-    save_plan(SavedPlan(MadeFor.of(service), None, failed), tmp_path / "plan.json")
+    save_plan(SavedPlan(service.world, None, failed), tmp_path / "plan.json")
     done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
     assert done.exit_code == 2
     assert "expected a plan" in done.stderr
@@ -692,7 +692,7 @@ def test_for_a_plan_of_another_arm_no_arm_is_connected_to(
     monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
     service = PlannerService(robot_name, "empty")
     still = service.plan(PlanRequest(service.robot.home, service.robot.home))
-    save_plan(SavedPlan(MadeFor.of(service), None, still), tmp_path / "plan.json")
+    save_plan(SavedPlan(service.world, None, still), tmp_path / "plan.json")
     for words in ([], ["--yes"]):
         done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", *words])
         assert done.exit_code == 2
@@ -721,7 +721,7 @@ def test_what_a_file_says_is_proven_is_proven_anew(
     path = JointPath(np.array([robot.home, into]))
     motion = Trapezoidal().time_path(path, robot.limits)
     forged = replace(back, path=path, trajectory=motion)
-    plan, task = SavedPlan(MadeFor.of(service), None, forged), task_of(service, Segment("fold", forged, 0.08))
+    plan, task = SavedPlan(service.world, None, forged), task_of(service, Segment("fold", forged, 0.08))
     for saved in (plan, task):
         save_plan(saved, tmp_path / "plan.json")
         done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])

@@ -34,7 +34,7 @@ from planner_service import (
 from planner_service.cli.plot import write_clearance_plot
 from planner_service.datasets import EpisodeWork, episode_task, write_episodes
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.records.plan_file import MadeFor, SavedTask, load_plan, load_plan_or_task, load_task, save_plan
+from planner_service.records.plan_file import SavedTask, load_plan, load_plan_or_task, load_task, save_plan
 from planner_service.records.problem_set import read_problems
 from planner_service.records.trajectory_export import write_csv
 from planner_service.robot_setup.import_robot import Source, import_robot
@@ -70,8 +70,8 @@ def world() -> World:
     home = service.robot.home
     request = PlanRequest(home, home + 0.01)
     result = service.plan(request)
-    task = TaskResult((), service, home, result.failure)
-    saved = SavedTask(MadeFor.of(service), "nothing", (), result.counts, 0.0)
+    task = TaskResult((), service.world, home, result.failure)
+    saved = SavedTask(service.world, "nothing", (), result.counts, 0.0)
     return World(service, request, result, task, saved)
 
 

@@ -11,7 +11,7 @@ import pytest
 from planner_service.certify import certify
 from planner_service.geometry.mesh import Mesh
 from planner_service.planning.request import PlanRequest
-from planner_service.records.plan_file import MadeFor, SavedPlan, load_plan, save_plan
+from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
 from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
 from planner_service.service import PlannerService
 from tests.laws.test_certify_laws import COAL, anywhere, samples
@@ -96,7 +96,7 @@ def test_a_plan_among_meshes_is_proven_again_from_its_file(folder: Path, tmp_pat
     request = PlanRequest(start, goal, seed=3, time_limit=None)
     result = service.plan(request)
     assert result.ok, result.failure
-    save_plan(SavedPlan(MadeFor.of(service), request, result), tmp_path / "plan.json")
+    save_plan(SavedPlan(service.world, request, result), tmp_path / "plan.json")
     plan = load_plan(tmp_path / "plan.json")
     again = Scene(load_scene(tmp_path / "scene.toml").obstacles, (HELD,))
     other = HullSetup("again", folder).robot()

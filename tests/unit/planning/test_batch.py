@@ -226,7 +226,7 @@ def test_each_result_knows_its_own_request(service: PlannerService) -> None:
     ):
         origins = [result.origin for result in results if result.origin is not None]
         assert [origin.request for origin in origins] == requests
-        assert all(origin.service is service for origin in origins)
+        assert all(origin.world is service.world for origin in origins)
 
 
 def test_growth_is_looked_at_on_the_workers_themselves(monkeypatch: pytest.MonkeyPatch) -> None:

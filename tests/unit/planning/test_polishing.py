@@ -50,7 +50,7 @@ from planner_service.optimize.problem import Task
 from planner_service.planning.accounting import NoPlan
 from planner_service.planning.polishing import judged
 from planner_service.planning.timing_stage import timed
-from planner_service.records.plan_file import MadeFor, SavedPlan, load_plan, save_plan
+from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
 from tests.integration.test_pins import OTHER_CPU
 
 ROOT = Path(__file__).parents[3]
@@ -484,7 +484,7 @@ def test_requests_that_make_no_sense_are_refused_by_name(given: dict[str, Any], 
 def test_a_request_comes_back_from_a_file(discs: PlannerService, tmp_path: Path, changes: Any) -> None:
     request = asked(**changes)
     result = discs.plan(asked(polish=Optimise()))
-    save_plan(SavedPlan(MadeFor.of(discs), request, result), tmp_path / "plan.json")
+    save_plan(SavedPlan(discs.world, request, result), tmp_path / "plan.json")
     read = load_plan(tmp_path / "plan.json")
     assert read.request is not None
     assert (read.request.polish, read.request.planner) == (request.polish, request.planner)
@@ -504,7 +504,7 @@ def test_what_is_wrong_in_a_file_is_named(
     discs: PlannerService, tmp_path: Path, where: tuple[str, ...], value: Any, told: str
 ) -> None:
     file = tmp_path / "plan.json"
-    save_plan(SavedPlan(MadeFor.of(discs), asked(polish=Optimise()), discs.plan(asked())), file)
+    save_plan(SavedPlan(discs.world, asked(polish=Optimise()), discs.plan(asked())), file)
     document = json.loads(file.read_text())
     place = document["request"]["polish"]
     for key in where[:-1]:

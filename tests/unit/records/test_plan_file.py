@@ -23,7 +23,8 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, RRT, RRTConnect
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
-from planner_service.records.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
+from planner_service.planning.world import World
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
@@ -35,7 +36,7 @@ from planner_service.timing.limit_check import peaks
 
 Document = dict[str, Any]
 
-MADE_FOR = MadeFor(load_robot("planar2"), load_scene("discs"))
+MADE_FOR = World(load_robot("planar2"), load_scene("discs"))
 LIMITS = MADE_FOR.robot.limits
 
 
@@ -238,7 +239,7 @@ def test_a_planner_without_a_name_leaves_no_request_but_a_plan(there: Path) -> N
 def test_a_loaded_request_plans_the_loaded_path_again(there: Path) -> None:
     service = PlannerService("planar2", "discs")
     asked = request(start=service.robot.pose("lesson_start"), goal=service.robot.pose("lesson_goal"), time_limit=None)
-    read = reloaded(SavedPlan(MadeFor.of(service), asked, service.plan(asked)), there)
+    read = reloaded(SavedPlan(service.world, asked, service.plan(asked)), there)
     assert read.request is not None
     again = service.plan(read.request)
     assert again.unwrap()[0].waypoints.tobytes() == read.result.unwrap()[0].waypoints.tobytes()

@@ -42,8 +42,9 @@ from planner_service.execute import Streaming, execute
 from planner_service.execute import stream as execution
 from planner_service.kinematics.inverse import straight_tool_line
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.timing_stage import Pace
-from planner_service.records.plan_file import MadeFor, SavedPlan, SavedTask, load_plan, load_task, save_plan
+from planner_service.planning.request import Pace
+from planner_service.planning.world import World
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.records.recertify import recertify
 from planner_service.robot.model import AllowedContact
 from planner_service.tasks.pick_place import plan_pick_place
@@ -71,12 +72,12 @@ def good(bin_: PlannerService, home: Any) -> PlanResult:
 
 
 @pytest.fixture(scope="module")
-def task(bin_: PlannerService, home: Any) -> SavedTask:
+def task(bin_: PlannerService, home: Any) -> TaskResult:
     return plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, seed=0))
 
 
 @pytest.fixture(scope="module")
-def read(task: SavedTask, tmp_path_factory: pytest.TempPathFactory) -> SavedTask:
+def read(task: TaskResult, tmp_path_factory: pytest.TempPathFactory) -> SavedTask:
     """The same from a file."""
     path = tmp_path_factory.mktemp("tasks") / "task.json"
     save_plan(task, path)
@@ -92,7 +93,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
 
 def saved(service: PlannerService, result: PlanResult, folder: Path, request: PlanRequest | None = None) -> SavedPlan:
     """A plan as it comes back from a file."""
-    save_plan(SavedPlan(MadeFor.of(service), request, result), folder / "plan.json")
+    save_plan(SavedPlan(service.world, request, result), folder / "plan.json")
     return load_plan(folder / "plan.json")
 
 
@@ -142,10 +143,9 @@ def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(
         assert execute(plan, arm, bin_.robot, QUICK).ok
 
 
-def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: SavedTask, read: SavedTask) -> None:
-    in_memory = TaskResult(task.segments, task.service(), task.service().robot.home)
+def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: TaskResult, read: SavedTask) -> None:
     fingers = "finger_left x blue_block, finger_right x blue_block"
-    for plan in (task, in_memory, read):
+    for plan in (task, SavedTask.of(task), read):
         found = recertify(plan).required()
         assert [motion.name for motion in found.motions] == [segment.name for segment in task.segments]
         told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.lenience if "gripper" not in line]
@@ -339,7 +339,7 @@ def test_motions_of_a_task_faster_than_was_asked_for_are_refused(
     save_plan(slow, tmp_path / "slow.json")
     kept = load_task(tmp_path / "slow.json")
     assert recertify(kept).certified
-    for plan in (kept, slow):
+    for plan in (kept, SavedTask.of(slow)):
         for segment in plan.segments:
             _, trajectory = segment.result.unwrap()
             hasty = replace(segment.result, trajectory=trajectory.dilated(0.4))
@@ -623,7 +623,7 @@ def starting_at(task: SavedTask, name: str, robot: Robot, *segments: Segment) ->
     """A task that begins with one of a task's motions, what is carried then included."""
     (part,) = [part for part in task.segments if part.name == name]
     assert part.scene is not None
-    made_for = MadeFor(robot.with_gripper(part.width), part.scene, (), task.made_for.edge_step)
+    made_for = World(robot.with_gripper(part.width), part.scene, (), task.made_for.edge_step)
     return replace(task, made_for=made_for, segments=segments or (part,))
 
 

@@ -43,8 +43,8 @@ from planner_service.certify import ExemptInterval
 from planner_service.cli.commands import app
 from planner_service.files.json_reader import read_json
 from planner_service.geometry.composite import Solid
+from planner_service.planning.world import World
 from planner_service.records.plan_file import (
-    MadeFor,
     SavedPlan,
     SavedTask,
     load_plan,
@@ -120,7 +120,7 @@ EVERYTHING = Scene(
 def test_every_scene_and_every_kind_of_solid_comes_back_from_a_file(scene: Scene, tmp_path: Path) -> None:
     robot = load_robot("planar2")
     result = PlannerService(robot, "empty").plan(PlanRequest(robot.home, robot.home))
-    save_plan(SavedPlan(MadeFor(robot, scene), None, result), tmp_path / "plan.json")
+    save_plan(SavedPlan(World(robot, scene), None, result), tmp_path / "plan.json")
     read = load_plan(tmp_path / "plan.json").scene
     same(read, scene)
     assert read.hash == scene.hash
@@ -130,18 +130,18 @@ def test_every_scene_and_every_kind_of_solid_comes_back_from_a_file(scene: Scene
 def task() -> SavedTask:
     service = PlannerService("wxai", "bin")
     home = service.robot.home
-    return plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, time_limit=None))
+    return SavedTask.of(plan_pick_place(service, "blue_block", "tray", PlanRequest(home, home, time_limit=None)))
 
 
 def test_each_motion_of_a_task_knows_its_gripper_and_what_it_carries(task: SavedTask, tmp_path: Path) -> None:
     task.save(tmp_path / "task.json")
     read = load_task(tmp_path / "task.json")
-    here = read.service()
+    here = read.made_for
     for before, after in zip(task.segments, read.segments, strict=True):
-        here = after.service_after(here)
+        here = after.world_after(here)
         assert before.result.origin is not None
-        assert here.scene == before.result.origin.service.scene
-        assert here.robot.hash == before.result.origin.service.robot.hash
+        assert here.scene == before.result.origin.world.scene
+        assert here.robot.hash == before.result.origin.world.robot.hash
     carrying = [segment.name for segment in read.segments if segment.scene is not None and segment.scene.attached]
     assert carrying == ["lift", "transfer", "lower"]
     read.save(tmp_path / "again.json")
@@ -172,13 +172,13 @@ def test_a_pick_is_saved_as_a_task(tmp_path: Path) -> None:
     assert isinstance(read, SavedTask)
     assert [segment.name for segment in read.segments] == ["to pregrasp", "descend", "lift"]
     assert read.counts == found.counts
-    assert read.task == "to pregrasp, descend, lift"
+    assert read.task == "pick blue_block"
 
 
 def test_a_result_that_knows_no_service_is_not_saved_by_itself(tmp_path: Path) -> None:
     service = PlannerService("planar2", "discs")
     result = service.plan(PlanRequest(service.robot.home, service.robot.home))
-    with pytest.raises(InvalidRequest, match=r"expected SavedPlan\(MadeFor.of\(service\), request, result\)"):
+    with pytest.raises(InvalidRequest, match=r"expected SavedPlan\(service.world, request, result\)"):
         save_plan(replace(result, origin=None), tmp_path / "plan.json")
     with pytest.raises(InvalidRequest, match=r"plan: got 7; expected a PlanResult"):
         save_plan(7, tmp_path / "plan.json")  # type: ignore[arg-type]
@@ -222,7 +222,7 @@ def document_of(result_of: Callable[[PlannerService], Any] | None = None) -> Doc
     result = service.plan(PlanRequest(service.robot.home, near, time_limit=None))
     if result_of is not None:
         result = result_of(service)
-    document: Document = SavedPlan(MadeFor.of(service), PlanRequest(service.robot.home, near), result).document()
+    document: Document = SavedPlan(service.world, PlanRequest(service.robot.home, near), result).document()
     return document
 
 

@@ -18,7 +18,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
-from planner_service.records.plan_file import MadeFor, SavedPlan, save_plan
+from planner_service.records.plan_file import SavedPlan, save_plan
 from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
@@ -127,7 +127,7 @@ def test_a_table_that_cannot_be_written_leaves_what_was_there(trajectory: Trajec
 
 @pytest.fixture
 def plan_file(planned: PlanResult, tmp_path: Path) -> Path:
-    save_plan(SavedPlan(MadeFor.of(SERVICE), REQUEST, planned), tmp_path / "plan.json")
+    save_plan(SavedPlan(SERVICE.world, REQUEST, planned), tmp_path / "plan.json")
     return tmp_path / "plan.json"
 
 
@@ -186,7 +186,7 @@ def test_export_of_a_task_has_all_motions_on_one_clock(tmp_path: Path) -> None:
 
 def test_export_of_a_failure_is_refused(tmp_path: Path) -> None:
     request = PlanRequest(REQUEST.start, [0.0, 100.0], time_limit=None)
-    save_plan(SavedPlan(MadeFor.of(SERVICE), request, SERVICE.plan(request)), tmp_path / "plan.json")
+    save_plan(SavedPlan(SERVICE.world, request, SERVICE.plan(request)), tmp_path / "plan.json")
     done = run("export", tmp_path / "plan.json")
     assert (done.exit_code, done.stdout) == (2, "")
     assert "expected a plan, not a failure" in done.stderr

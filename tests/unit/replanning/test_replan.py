@@ -49,7 +49,7 @@ from planner_service import (
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
-from planner_service.records.plan_file import MadeFor, SavedPlan, save_plan
+from planner_service.records.plan_file import SavedPlan, save_plan
 from planner_service.records.result import ResultRecord, result_record
 from planner_service.replanning.splice import HOLD, Underway
 from planner_service.scene.scene import Scene
@@ -389,7 +389,7 @@ def test_nor_in_the_way_of_the_proof_of_its_saved_plan(room: PlannerService, swi
     service = room.with_scene(disc(float(trajectory_of(swing)(1.0)[0]) - 0.2))
     save_scene(service.scene, world)
     found = service.replan(swing, at_time=1.0)
-    save_plan(SavedPlan(MadeFor.of(service), found.request, found.result), plan)
+    save_plan(SavedPlan(service.world, found.request, found.result), plan)
     assert found.path is not None
     assert not service.certify(found.path).certified
     done = CliRunner().invoke(app, ["certify", plan, "--robot", "planar2", "--scene", world])
@@ -503,7 +503,7 @@ def test_a_saved_rest_of_a_motion_is_proven_again_from_where_the_robot_was(
     service = room.with_scene(scene)
     found = service.replan(swing, at_time=1.5)
     assert found.outcome is Outcome.KEPT
-    save_plan(SavedPlan(MadeFor.of(service), None, found.result), tmp_path / "rest.json")
+    save_plan(SavedPlan(service.world, None, found.result), tmp_path / "rest.json")
     save_scene(scene, tmp_path / "disc.toml")
     done = CliRunner().invoke(app, ["certify", str(tmp_path / "rest.json"), "--scene", str(tmp_path / "disc.toml")])
     assert done.exit_code == 0, done.output
@@ -799,7 +799,7 @@ def descend() -> PlanResult:
 
 def made_by(result: PlanResult) -> PlannerService:
     assert result.origin is not None
-    return result.origin.service
+    return PlannerService.of(result.origin.world)
 
 
 def test_contact_stays_meant_with_an_object_that_stands_where_it_stood(descend: PlanResult) -> None:

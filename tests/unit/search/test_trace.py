@@ -20,7 +20,7 @@ from planner_service import (
     Stage,
 )
 from planner_service.planners import PLANNERS
-from planner_service.records.plan_file import MadeFor, SavedPlan, load_plan, save_plan
+from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
 from planner_service.records.result import result_record
 from planner_service.search.trace import Trace
 
@@ -127,10 +127,10 @@ def test_a_result_knows_who_planned_it_and_what_was_asked(discs: PlannerService)
     request = asked(discs)
     result = discs.plan(request)
     assert result.origin is not None
-    assert (result.origin.service, result.origin.request) == (discs, request)
+    assert (result.origin.world, result.origin.request) == (discs.world, request)
     line = discs.follow(np.array([request.start, np.array(request.start) + 0.01]))
     assert line.origin is not None
-    assert (line.origin.service, line.origin.request) == (discs, None)
+    assert (line.origin.world, line.origin.request) == (discs.world, None)
 
 
 def test_a_result_sent_to_another_process_goes_without_its_service(discs: PlannerService) -> None:
@@ -142,7 +142,7 @@ def test_a_result_sent_to_another_process_goes_without_its_service(discs: Planne
 
 def test_a_result_from_a_file_says_how_it_is_shown(discs: PlannerService, tmp_path: object) -> None:
     request = asked(discs)
-    save_plan(SavedPlan(MadeFor.of(discs), request, discs.plan(request)), f"{tmp_path}/plan.json")
+    save_plan(SavedPlan(discs.world, request, discs.plan(request)), f"{tmp_path}/plan.json")
     read = load_plan(f"{tmp_path}/plan.json").result
     with pytest.raises(InvalidRequest, match=r"from a file or another process.*service\.view\(result\)"):
         read.show()

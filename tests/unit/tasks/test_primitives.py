@@ -56,8 +56,10 @@ def picked(service: PlannerService, **handling: object) -> TaskResult:
 
 def test_a_clear_table_pick_and_place_never_searches_and_judges_each_piece_once(cell: PlannerService) -> None:
     taken = picked(cell)
-    put = place(taken.service, taken.q, "block", yaws(0.28, -0.10, HALF - 0.001), Handling(support="table"))
-    back = put.service.plan(PlanRequest(put.q, cell.robot.home))
+    put = place(
+        PlannerService.of(taken.world), taken.q, "block", yaws(0.28, -0.10, HALF - 0.001), Handling(support="table")
+    )
+    back = PlannerService.of(put.world).plan(PlanRequest(put.q, cell.robot.home))
     assert taken.ok
     assert put.ok
     assert back.ok
@@ -77,8 +79,8 @@ def test_a_pick_approaches_straight_takes_the_object_along_and_closes_on_it(cell
     tips = np.array([cell.robot.tool_pose(q)[:3, 3] for q in descend(np.linspace(0.0, descend.length, 200))])
     assert np.abs(tips[:, :2] - [0.28, 0.10]).max() < 1e-3
     assert tips[0, 2] - tips[-1, 2] == pytest.approx(0.10, abs=1e-6)
-    assert [a.name for a in task.service.scene.attached] == ["block"]
-    assert "block" not in [o.name for o in task.service.scene.obstacles]
+    assert [a.name for a in task.world.scene.attached] == ["block"]
+    assert "block" not in [o.name for o in task.world.scene.obstacles]
 
 
 def test_segments_join_end_to_start(cell: PlannerService) -> None:
@@ -127,9 +129,9 @@ def test_high_up_a_lean_or_a_shorter_line_is_chosen_and_said(cell: PlannerServic
 def test_a_placed_object_stands_where_it_was_put(cell: PlannerService) -> None:
     taken = picked(cell)
     poses = yaws(0.28, -0.10, HALF - 0.001)
-    put = place(taken.service, taken.q, "block", poses, Handling(support="table"))
-    assert put.service.scene.obstacle("block").pose in poses
-    assert put.service.scene.attached == ()
+    put = place(PlannerService.of(taken.world), taken.q, "block", poses, Handling(support="table"))
+    assert put.world.scene.obstacle("block").pose in poses
+    assert put.world.scene.attached == ()
     assert put.segments[2].width == pytest.approx(0.069)
 
 
@@ -235,7 +237,13 @@ def test_an_object_is_set_down_on_its_support_not_into_it_or_above_it(
     cell: PlannerService, height: float, message: str
 ) -> None:
     taken = picked(cell)
-    put = place(taken.service, taken.q, "block", yaws(0.28, -0.10, HALF - 0.001 + height), Handling(support="table"))
+    put = place(
+        PlannerService.of(taken.world),
+        taken.q,
+        "block",
+        yaws(0.28, -0.10, HALF - 0.001 + height),
+        Handling(support="table"),
+    )
     assert put.failure is not None
     assert re.search(message, put.failure.detail)
 

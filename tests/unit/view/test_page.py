@@ -256,6 +256,7 @@ def test_a_script_waits_for_its_page_and_a_prompt_does_not(browser: Any, monkeyp
     monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
     viewer = result.show(port=0)
     assert viewer.open
+    assert isinstance(viewer, Viewer)
     assert viewer.url in viewer._repr_html_()
     viewer.close()
     monkeypatch.delattr(sys, "ps1")

@@ -25,12 +25,13 @@ from planner_service import (
     Roadmap,
     Scene,
     Segment,
+    TaskResult,
     UnknownName,
 )
 from planner_service.cli.commands import app
 from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
-from planner_service.records.plan_file import MadeFor, SavedPlan, SavedTask, load_task, save_plan
+from planner_service.records.plan_file import SavedPlan, SavedTask, load_task, save_plan
 from planner_service.search.trace import SearchGraph
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view import open_viewer
@@ -52,7 +53,7 @@ def bin_() -> PlannerService:
 
 
 @pytest.fixture(scope="module")
-def task(bin_: PlannerService) -> SavedTask:
+def task(bin_: PlannerService) -> TaskResult:
     home = bin_.robot.home
     return plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, time_limit=None))
 
@@ -85,7 +86,7 @@ def test_a_plan_is_at_its_ends_when_its_reel_is(discs: PlannerService) -> None:
     assert state.at(0.7).q.tolist() == result.trajectory(0.7).tolist()
 
 
-def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService, task: SavedTask) -> None:
+def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService, task: TaskResult) -> None:
     reel = Reel.of_task(bin_, task.segments)
     assert reel is not None
     assert [take.name for take in reel.takes] == [segment.name for segment in task.segments]
@@ -94,7 +95,7 @@ def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService
         np.testing.assert_allclose(reel.at(before.end - 1e-9).q, reel.at(after.begin).q, atol=1e-6)
 
 
-def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: SavedTask) -> None:
+def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
     assert state.reel is not None
     for take, segment in zip(state.reel.takes, task.segments, strict=True):
@@ -105,7 +106,7 @@ def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: S
 
 
 def test_a_task_from_a_file_tells_what_each_motion_carries(
-    bin_: PlannerService, task: SavedTask, tmp_path: Path
+    bin_: PlannerService, task: TaskResult, tmp_path: Path
 ) -> None:
     save_plan(task, tmp_path / "task.json")
     read = load_task(tmp_path / "task.json")
@@ -117,7 +118,7 @@ def test_a_task_from_a_file_tells_what_each_motion_carries(
         assert one.service.scene == other.service.scene
 
 
-def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: SavedTask) -> None:
+def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: TaskResult) -> None:
     reel = Reel.of_task(bin_, task.segments)
     assert reel is not None
     samples = reel.samples
@@ -169,7 +170,7 @@ def test_a_name_from_a_file_is_no_html_and_no_markdown(discs: PlannerService) ->
     assert "\\<img src\\=x\\> \\[a\\]\\(http\\:\\/\\/b\\) \\`c\\` \\&lt\\; \\|" in words
     result = discs.plan(asked(discs))
     segments = tuple(Segment(name, result, 0.0) for _ in range(2))
-    state = ViewState.of(discs, SavedTask(MadeFor.of(discs), "", segments, CheckCounts(), 0.0))
+    state = ViewState.of(discs, SavedTask(discs.world, "", segments, CheckCounts(), 0.0))
     assert "<img" not in result_words(state).replace("\\<", "")
     assert "<img" not in state_words(state).replace("\\<", "")
 
@@ -188,7 +189,7 @@ def test_looking_changes_nobodys_counts(discs: PlannerService) -> None:
     assert discs.checker.counts == before
 
 
-def test_what_is_meant_to_touch_is_told_apart(bin_: PlannerService, task: SavedTask) -> None:
+def test_what_is_meant_to_touch_is_told_apart(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
     assert state.reel is not None
     descend = next(take for take in state.reel.takes if take.name == "descend")
@@ -282,7 +283,7 @@ def test_what_is_said_of_a_plan_adds_up(discs: PlannerService) -> None:
     assert "**certified**: " in words
 
 
-def test_the_clock_says_which_motion_it_is_and_what_is_carried(bin_: PlannerService, task: SavedTask) -> None:
+def test_the_clock_says_which_motion_it_is_and_what_is_carried(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
     assert state.reel is not None
     lift = next(take for take in state.reel.takes if take.name == "lift")
@@ -391,7 +392,7 @@ def test_the_command_refuses_what_it_cannot_show(arguments: tuple[str, ...], mat
 
 def test_a_plan_file_is_shown_with_its_search(discs: PlannerService, tmp_path: Path) -> None:
     request = asked(discs)
-    save_plan(SavedPlan(MadeFor.of(discs), request, discs.plan(request)), tmp_path / "plan.json")
+    save_plan(SavedPlan(discs.world, request, discs.plan(request)), tmp_path / "plan.json")
     service, shown, notes = opened(str(tmp_path / "plan.json"), None, None)
     assert notes == ["against the scene in this file: discs"]
     (segment,) = ViewState.of(service, shown).results
@@ -404,10 +405,10 @@ def test_a_plan_file_is_shown_with_its_search(discs: PlannerService, tmp_path: P
 
 
 def test_a_task_from_a_file_is_shown_by_itself(
-    task: SavedTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    task: TaskResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[tuple[str, object]] = []
-    monkeypatch.setattr(PlannerService, "view", lambda self, what, **_: shown.append((self.scene.name, what)))
+    monkeypatch.setattr("planner_service.view.show", lambda world, what, **_: shown.append((world.scene.name, what)))
     save_plan(task, tmp_path / "task.json")
     read = load_task(tmp_path / "task.json")
     read.show()

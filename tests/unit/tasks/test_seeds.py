@@ -28,7 +28,7 @@ from planner_service import (
     best_of_seeds,
     plan_seeds,
 )
-from planner_service.planning.seeds import _worth
+from planner_service.tasks.seeds import _worth
 
 SEEDS = (0, 1, 2)
 
