@@ -1,1 +1,35 @@
-"""The pipeline behind ``PlannerService.plan``: request, stages, result."""
+"""What ``PlannerService.plan`` runs: a request, the stages in their order, and the result."""
+
+from planner_service.planning.batch import Interrupted
+from planner_service.planning.follow import AllowedStretch
+from planner_service.planning.request import Goal, Pace, PlanRequest
+from planner_service.planning.result import (
+    Failure,
+    MotionReport,
+    Origin,
+    PlanResult,
+    PolishReport,
+    Reason,
+    Stage,
+    StageReport,
+)
+from planner_service.planning.roadmap_work import RoadmapUpdate
+from planner_service.planning.world import World
+
+__all__ = [
+    "AllowedStretch",
+    "Failure",
+    "Goal",
+    "Interrupted",
+    "MotionReport",
+    "Origin",
+    "Pace",
+    "PlanRequest",
+    "PlanResult",
+    "PolishReport",
+    "Reason",
+    "RoadmapUpdate",
+    "Stage",
+    "StageReport",
+    "World",
+]

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,12 +21,10 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
+from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import TimingFailed, ToppRa
 from planner_service.timing.limit_check import STANDING, TOLERANCE, LimitPeaks, peaks
 from planner_service.timing.segments import SpeedLimit
-
-if TYPE_CHECKING:
-    from planner_service.robot.model import JointLimits
 
 __all__ = ["HOLD", "Handover", "Underway"]
 

@@ -1,1 +1,20 @@
 """What is made of several plans: pick, place, straight tool moves, and the best plan of several seeds."""
+
+from planner_service.tasks.pick_place import places_on, plan_pick_place, standing_on
+from planner_service.tasks.primitives import move_linear, pick, place
+from planner_service.tasks.result import Handling, Segment, TaskResult
+from planner_service.tasks.seeds import best_of_seeds, plan_seeds
+
+__all__ = [
+    "Handling",
+    "Segment",
+    "TaskResult",
+    "best_of_seeds",
+    "move_linear",
+    "pick",
+    "place",
+    "places_on",
+    "plan_pick_place",
+    "plan_seeds",
+    "standing_on",
+]
