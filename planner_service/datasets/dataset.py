@@ -78,7 +78,7 @@ def write_episodes(
     engine: Engine | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EpisodesSummary:
-    """Write a data set of so many requests, going on with what is there of it; ``docs/guides/datasets.md`` tells its files.
+    """Write a data set of so many requests, going on with what is there of it (files: ``docs/guides/datasets.md``).
 
     The bytes of every file depend on ``work``, ``count`` and the releases of the libraries alone: not on the engine,
     nor on whether the run was interrupted, or asked for fewer before. An interrupted run leaves a data set of what is
