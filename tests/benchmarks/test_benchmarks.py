@@ -656,7 +656,7 @@ def test_what_cannot_be_measured_is_told_and_ends_nothing_else(
 ) -> None:
     monkeypatch.setattr("benchmarks.__main__.MEASURES", ("view", "queries_of_a_test"))
     monkeypatch.setattr("tests.support.chromium.executable", lambda: None)
-    other = ModuleType("benchmarks.queries_of_a_test")
+    other = ModuleType("benchmarks.studies.queries_of_a_test")
     other.run = lambda: Report("other", (), (), (Promise("it is measured", "yes", True),))  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, other.__name__, other)
     monkeypatch.setattr(sys, "argv", ["benchmarks", asked])
