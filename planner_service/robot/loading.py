@@ -44,7 +44,7 @@ def robot_from_file(path: Path) -> Robot:
         raise InvalidFile(path, problems)
     fingers = file.gripper.joints if file.gripper else ()
     locked = locked_positions(urdf, file.joints, {**file.locked, **dict.fromkeys(fingers, 0.0)})
-    assembly = assemble(file.urdf, urdf, file.joints, locked)
+    assembly = assemble(urdf, file.joints, locked)
     moving = [link for link in file.base_links if assembly.frames[link][0] != 0]
     if moving:
         raise InvalidFile(path, [f"base_links: {link} moves; expected a link fixed to the base" for link in moving])
@@ -221,7 +221,7 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
         raise InvalidFile(path, problems)
     srdf = Srdf() if selection.srdf is None else read_srdf(selection.srdf, urdf)
     tool = _last_link(urdf) if selection.tool_frame is None else selection.tool_frame
-    assembly = assemble(path, urdf, names, locked)
+    assembly = assemble(urdf, names, locked)
     if not isinstance(tool, str) or tool not in assembly.frames:
         raise UnknownName("tool frame", tool, assembly.frames)
     return Robot(

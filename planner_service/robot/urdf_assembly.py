@@ -1,27 +1,31 @@
-"""From a checked URDF to moving bodies: Pinocchio builds the kinematics, yourdfpy reads the collision geometry.
+"""The moving bodies of a robot that ``read_urdf`` read: Pinocchio's model, built joint by joint.
 
-Both see only the canonical text of ``Urdf.xml()``, and what they return is compared with what the strict reading
-counted and measured: a shape that one of them dropped or changed is a bug here, never a silent "free".
+A second reader would be a second opinion about the same text, so there is none: what is built here is compared with
+what Pinocchio and yourdfpy read in a file by themselves in the tests.
 """
 
 from __future__ import annotations
 
-import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from planner_service.concurrency.library_import import loaded
-from planner_service.errors import BrokenInvariant, InvalidFile
-from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose, Shape, Sphere, rpy_matrix
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry.shapes import FloatArray, Pose, rpy_matrix
 from planner_service.robot.kinematic_tree import Body, LinkShape
-from planner_service.robot.urdf_model import JOINT, LINK, Urdf, UrdfLink, mesh_name
+from planner_service.robot.urdf_model import Urdf, UrdfJoint
 
 __all__ = ["Assembly", "assemble", "compose", "locked_positions", "transform"]
+
+LINK, JOINT = "link:", "joint:"
+"""How names begin in Pinocchio's model: it has one list of names for both, with "universe" in it from the start."""
+
+ALIGNED = 1e-12
+"""How near an axis is to x, y or z for Pinocchio's URDF reader to take it for that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,47 +79,74 @@ def _pinocchio() -> Any:
     return pinocchio
 
 
-def assemble(path: Path, urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> Assembly:
-    """Bodies moved by ``joints``, the other movable joints standing at ``locked``.
-
-    Raises:
-        InvalidFile: Pinocchio refuses the robot; ``path`` is the file it comes from.
-    """
+def assemble(urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> Assembly:
+    """The bodies that ``joints`` move, with every other movable joint standing at its position in ``locked``."""
     pin = loaded(_pinocchio)
-    try:
-        full = pin.buildModelFromXML(urdf.xml())
-    except (ValueError, RuntimeError, IndexError, ArithmeticError) as error:
-        raise InvalidFile(path, [f"Pinocchio cannot build this robot: {error}"]) from error
+    full = _model(pin, urdf)
     q = np.zeros(full.nq)
     for name, position in locked.items():
         q[full.joints[full.getJointId(JOINT + name)].idx_q] = position
     model = pin.buildReducedModel(full, [full.getJointId(JOINT + name) for name in locked], q)
-    moving = [name.removeprefix(JOINT) for name in model.names.tolist()[1:]]
-    if sorted(moving) != sorted(joints) or model.nq != len(joints):
-        raise BrokenInvariant(f"Pinocchio moves {moving}, the robot says {list(joints)}")
-    bodies = _bodies(pin, model, joints)
+    names = [name.removeprefix(JOINT) for name in model.names.tolist()[1:]]
+    if sorted(names) != sorted(joints):
+        raise BrokenInvariant(f"Pinocchio moves {names}, the robot says {list(joints)}")
+    bodies = [Body("base", -1, np.eye(4), np.zeros(3), False, -1)]
+    for index, name in enumerate(names, 1):
+        motion = np.asarray(model.joints[index].createData().S) + 0.0  # + 0.0 drops the sign of -0.0
+        prismatic = bool(np.abs(motion[:3]).max() > 0.5)
+        placement = _exact(model.jointPlacements[index].homogeneous)
+        axis = motion[:3] if prismatic else motion[3:]
+        bodies.append(Body(name, int(model.parents[index]), placement, axis, prismatic, joints.index(name)))
     frames = {}
     for link in urdf.links:
         frame = model.frames[model.getFrameId(LINK + link.name, pin.FrameType.BODY)]
         frames[link.name] = (int(frame.parentJoint), _exact(frame.placement.homogeneous))
-    return Assembly(bodies, _shapes(urdf, frames), frames)
+    return Assembly(tuple(bodies), _shapes(urdf, frames), frames)
 
 
-def _bodies(pin: Any, model: Any, joints: Sequence[str]) -> tuple[Body, ...]:
-    names = [name.removeprefix(JOINT) for name in model.names.tolist()]
-    data, neutral = model.createData(), pin.neutral(model)
-    bodies = [Body("base", -1, np.eye(4), np.zeros(3), False, -1)]
-    for index in range(1, model.njoints):
-        # of a robot with one joint Pinocchio returns the only column as a vector
-        jacobian = np.asarray(pin.computeJointJacobian(model, data, neutral, index)).reshape(6, -1)
-        column = jacobian[:, model.joints[index].idx_v]
-        prismatic = bool(np.abs(column[:3]).max() > 0.5)
-        axis = column[:3] if prismatic else column[3:]
-        placement = _exact(model.jointPlacements[index].homogeneous)
-        bodies.append(
-            Body(names[index], int(model.parents[index]), placement, axis, prismatic, joints.index(names[index]))
-        )
-    return tuple(bodies)
+def _model(pin: Any, urdf: Urdf) -> Any:
+    """Pinocchio's model of all joints, numbered and placed to the last bit as its own URDF reader does it."""
+    joints_below: dict[str, list[UrdfJoint]] = {}
+    for joint in sorted(urdf.joints, key=lambda joint: joint.name.encode(), reverse=True):
+        joints_below.setdefault(joint.parent, []).append(joint)
+    model = pin.Model()
+    frames = {urdf.root: model.addBodyFrame(LINK + urdf.root, 0, pin.SE3.Identity(), 0)}
+    waiting = list(joints_below.get(urdf.root, ()))
+    while waiting:  # depth first
+        joint = waiting.pop()
+        frame = frames[joint.parent]
+        above = model.frames[frame]
+        body, placement = above.parentJoint, above.placement * _placement(pin, joint)
+        if joint.kind != "fixed":
+            body = model.addJoint(body, _joint_model(pin, joint), placement, JOINT + joint.name)
+            frame, placement = model.addJointFrame(body, frame), pin.SE3.Identity()
+        frames[joint.child] = model.addBodyFrame(LINK + joint.child, body, placement, frame)
+        waiting += joints_below.get(joint.child, ())
+    return model
+
+
+def _placement(pin: Any, joint: UrdfJoint) -> Any:
+    """T_parent_joint by way of a unit quaternion, as urdfdom turns roll, pitch and yaw into one."""
+    (cr, cp, cy), (sr, sp, sy) = ([turn(angle / 2.0) for angle in joint.rpy] for turn in (math.cos, math.sin))
+    x = sr * cp * cy - cr * sp * sy
+    y = cr * sp * cy + sr * cp * sy
+    z = cr * cp * sy - sr * sp * cy
+    w = cr * cp * cy + sr * sp * sy
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    return pin.SE3(pin.Quaternion(w / norm, x / norm, y / norm, z / norm).toRotationMatrix(), np.array(joint.xyz))
+
+
+def _joint_model(pin: Any, joint: UrdfJoint) -> Any:
+    prismatic = joint.kind == "prismatic"
+    aligned = (
+        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
+        if prismatic
+        else (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
+    )
+    for kind, unit in zip(aligned, np.eye(3).tolist(), strict=True):
+        if math.dist(joint.axis, unit) <= ALIGNED:
+            return kind()
+    return (pin.JointModelPrismaticUnaligned if prismatic else pin.JointModelRevoluteUnaligned)(*joint.axis)
 
 
 def _exact(T: FloatArray) -> FloatArray:
@@ -128,46 +159,10 @@ def _exact(T: FloatArray) -> FloatArray:
 
 
 def _shapes(urdf: Urdf, frames: Mapping[str, tuple[int, FloatArray]]) -> tuple[LinkShape, ...]:
-    import yourdfpy  # 0.6 s
-
-    robot = yourdfpy.URDF.load(
-        io.BytesIO(urdf.xml().encode()), build_scene_graph=False, build_collision_scene_graph=False, load_meshes=False
-    ).robot
-    read = {link.name.removeprefix(LINK): link.collisions for link in robot.links}
     shapes = []
     for link in urdf.links:
         body, T_body_link = frames[link.name]
-        for shape, T_link_shape in _agreed(link, read.get(link.name, [])):
-            shapes.append(LinkShape(link.name, body, shape, Pose.from_matrix(compose(T_body_link, T_link_shape))))
-    if len(shapes) != urdf.shape_count:
-        raise BrokenInvariant(f"{len(shapes)} shapes would be judged, the file has {urdf.shape_count}")
+        for item in link.collisions:
+            T_body_shape = compose(T_body_link, transform(item.xyz, item.rpy))
+            shapes.append(LinkShape(link.name, body, item.shape, Pose.from_matrix(T_body_shape)))
     return tuple(shapes)
-
-
-def _agreed(link: UrdfLink, read: Sequence[Any]) -> list[tuple[Shape, FloatArray]]:
-    """The shapes yourdfpy read for a link, with T_link_shape, if they are those of the strict reading."""
-    if len(read) != len(link.collisions):
-        raise BrokenInvariant(
-            f"link {link.name}: yourdfpy reads {len(read)} shapes, the file has {len(link.collisions)}"
-        )
-    result = []
-    for other, own in zip(read, link.collisions, strict=True):
-        shape, T = _shape(other.geometry, own.shape), transform(own.xyz, own.rpy)
-        origin = np.eye(4) if other.origin is None else other.origin
-        if shape != own.shape or np.abs(origin - T).max() > 1e-9:
-            raise BrokenInvariant(f"link {link.name}: yourdfpy reads {shape} at {origin}, the file has {own}")
-        result.append((shape, T))
-    return result
-
-
-def _shape(geometry: Any, own: Shape) -> Shape | None:
-    """What yourdfpy read; ``own`` if that is a mesh and it read its name, all there is of it in our text."""
-    if geometry.mesh is not None:
-        return own if isinstance(own, Mesh) and geometry.mesh.filename == mesh_name(own) else None
-    if geometry.box is not None:
-        return Box(tuple(geometry.box.size.tolist()))
-    if geometry.cylinder is not None:
-        return Cylinder(geometry.cylinder.radius, geometry.cylinder.length)
-    if geometry.sphere is not None:
-        return Sphere(geometry.sphere.radius)
-    return None

@@ -1,8 +1,7 @@
-"""A strict reading of URDF: everything that later code believes about the text is checked here first.
+"""The URDF reader: strict, and the only one that sees a file.
 
 Other readers repair, drop or follow what they do not understand: a box with a NaN edge vanishes, swapped limits
-load, ``package://../`` is followed. ``read_urdf`` refuses instead, and names every problem of the file at once.
-What it returns can be written again as canonical text (``Urdf.xml``), the only text other libraries get to see.
+load, ``package://../`` is followed. ``read_urdf`` refuses such a file instead, and names all of its problems at once.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollisio
 __all__ = ["read_urdf"]
 
 MAX_ELEMENTS = 500
-"""Links, and joints: a 3000-joint file exhausts the memory of a 4 GiB machine inside the kinematics library."""
+"""Links, and joints: several times those of a humanoid with hands; pairs of links grow with the square."""
 MAX_OFFSET = 1e3
 """No joint of an arm sits a kilometre from its parent: a longer offset is a unit mistake."""
 CONTINUOUS_RANGE = 2.0 * math.pi
