@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import lru_cache
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -110,52 +105,18 @@ def _algorithm() -> Any:
 
 
 def _toppra() -> Any:
-    """The toppra library, quiet: what it says of a failure would only repeat what comes back."""
-    with _no_plotting_yet():
-        import toppra
+    """The toppra library, which imports matplotlib to draw its plots; importing them logs nothing."""
+    plotting = logging.getLogger("matplotlib")
+    level = plotting.level
+    plotting.setLevel(logging.ERROR)  # it would complain of a home folder without a cache
+    try:
+        import toppra  # 0.5 s, half of it for matplotlib
         import toppra.algorithm
         import toppra.constraint
         import toppra.solverwrapper
-    own = logging.getLogger("toppra")
-    if own.level == logging.NOTSET:
-        own.setLevel(logging.CRITICAL)
-    return toppra
-
-
-@contextmanager
-def _no_plotting_yet() -> Iterator[None]:
-    """Within the block importing matplotlib costs nothing: toppra does so in order to plot, which nobody asks of it.
-
-    It is more than half of what toppra's import takes, and comes when toppra plots. While other threads run, who might
-    want it meanwhile, it is imported, quietly: complaints about its cache do not concern the caller.
-    """
-    others = [thread for thread in threading.enumerate() if not thread.name.startswith("planner-service:")]
-    if "matplotlib" not in sys.modules and len(others) == 1:
-        names = ("matplotlib", "matplotlib.pyplot")
-        sys.modules.update({name: _Later(name) for name in names})
-        try:
-            yield
-        finally:
-            for name in names:
-                del sys.modules[name]
-        return
-    plotting = logging.getLogger("matplotlib")
-    level = plotting.level
-    plotting.setLevel(logging.ERROR)
-    try:
-        yield
     finally:
         plotting.setLevel(level)
-
-
-class _Later(ModuleType):
-    """Stands for matplotlib.pyplot, and for matplotlib as its parent, until something of it is used."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        if name == "pyplot":
-            return sys.modules["matplotlib.pyplot"]
-        import matplotlib.pyplot
-
-        return getattr(matplotlib.pyplot, name)
+    own = logging.getLogger("toppra")
+    if own.level == logging.NOTSET:
+        own.setLevel(logging.CRITICAL)  # a failure is returned, not logged
+    return toppra
