@@ -15,7 +15,7 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect
 from planner_service.robot.model import JointLimits, Robot
-from planner_service.timing.laws import Timing, ToppRa, held_limits
+from planner_service.timing.laws import Timing, ToppRa, effective_limits
 
 __all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "require_timing"]
 
@@ -173,7 +173,7 @@ class Pace:
             acceleration=robot.limits.acceleration * self.acceleration_scale,
             jerk=robot.limits.jerk * self.acceleration_scale,
         )
-        return held_limits(self.timing, limits)
+        return effective_limits(self.timing, limits)
 
 
 def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | PoseGoal | FloatArray, ...]:

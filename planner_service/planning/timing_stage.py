@@ -20,7 +20,7 @@ from planner_service.planning.accounting import NoPlan, StageBook
 from planner_service.planning.request import Pace
 from planner_service.planning.result import Failure, MotionReport, Reason, Stage
 from planner_service.robot.model import JointLimits, Robot
-from planner_service.timing.laws import TimingFailed, measured, stop_duration
+from planner_service.timing.laws import TimingFailed, stop_duration, time_with_peaks
 from planner_service.timing.segments import SpeedLimit
 
 T = TypeVar("T")
@@ -56,7 +56,7 @@ def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[T
     with book.during(Stage.TIMING) as entry:
         try:
             limit = tool_speed_limit(path, pace, robot)
-            trajectory, found = away(lambda: measured(pace.timing, path, limits, limit))
+            trajectory, found = away(lambda: time_with_peaks(pace.timing, path, limits, limit))
             tool_speed = away(lambda: peak_tool_speed(robot, trajectory))
             if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
                 factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed

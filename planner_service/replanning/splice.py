@@ -23,7 +23,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import TimingFailed, ToppRa
-from planner_service.timing.limit_check import STANDING, TOLERANCE, LimitPeaks, peaks
+from planner_service.timing.limit_check import MIN_SHARE, TOLERANCE, LimitPeaks, peaks
 from planner_service.timing.segments import SpeedLimit
 
 __all__ = ["HOLD", "Handover", "Underway"]
@@ -273,8 +273,9 @@ class Underway:
         timing, limits = law
         head = self.rows(handover.time)
         for share in SHARES:
-            moving = (handover.s, handover.rate)
-            phases = timing.onward(path, limits, moving, speed_limit=speed_limit, blend_share=share)
+            phases = timing.continue_to_rest(
+                path, limits, handover.s, handover.rate, speed_limit=speed_limit, blend_share=share
+            )
             rows = [_Row(p.duration, p.position, p.speed, p.acceleration / 2.0, p.jerk / 6.0) for p in phases]
             try:
                 found = self._along(path, [*head, *rows], path.length)
@@ -300,7 +301,7 @@ def _window(
     per_change = slopes + np.array([[0.0], [2.0 * length]])[: len(slopes)] * bends
     fixed = bends * square
     acceleration = np.broadcast_to(limits.acceleration, slopes.shape)
-    on = np.abs(per_change) > STANDING
+    on = np.abs(per_change) > MIN_SHARE
     if not np.any(on):
         return None
     a, b = (-acceleration[on] - fixed[on]) / per_change[on], (acceleration[on] - fixed[on]) / per_change[on]

@@ -1,4 +1,4 @@
-"""How close a trajectory comes to its limits, exactly: not by samples, which miss what lies between them."""
+"""How close a trajectory comes to its limits, computed exactly: samples would miss what lies between them."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from planner_service.path.trajectory import Trajectory
 if TYPE_CHECKING:
     from planner_service.robot.model import JointLimits
 
-__all__ = ["STANDING", "TOLERANCE", "LimitPeaks", "Peak", "peaks", "require_usable"]
+__all__ = ["MIN_SHARE", "TOLERANCE", "LimitPeaks", "Peak", "peaks", "require_limits"]
 
 TOLERANCE = 1e-9
-"""How far a ratio to a limit may exceed 1: rounding, six orders below what an encoder resolves."""
+"""How far a ratio to a limit may exceed 1 by rounding: six orders of magnitude below what an encoder resolves."""
 
-STANDING = 1e-12
-"""A joint with a smaller share of a direction stands still; its limits are not asked."""
+MIN_SHARE = 1e-12
+"""A joint whose share of a direction, abs(dq_i/ds), is smaller stands still: its limits are ignored."""
 
 EXACT = 1e-12
-"""A peak on a blend is found to this relative error, a thousandth of the tolerance."""
+"""Relative error of a peak on a blend: a thousandth of ``TOLERANCE``."""
 
-MAX_ROUNDS, MANY = 300, 1_200
-"""Of splitting intervals of time, as often again for every so many intervals there are to begin with. Every fifth time
-they are halved, and after 60 halvings their ends are one number. What is then still open counts with its bound."""
+MAX_ROUNDS, INTERVALS_PER_MAX = 300, 1_200
+"""Rounds of splitting intervals of time, and as many more for every so many intervals at the start. Every fifth round
+halves them, and after 60 halvings both ends are one number. For intervals that are then still open the bound counts."""
 
-AT_ONCE = 24
-"""Intervals split at once: those with the highest bounds first, since a peak found there rules out most of the rest."""
+BATCH = 24
+"""Intervals split per round: those with the highest bounds, since a peak found there rules out most of the others."""
 
 
 class Peak(NamedTuple):
-    """The closest a motion comes to a limit: its share of it, the joint's index, and when (seconds)."""
+    """Where a motion comes closest to a limit: its ratio to the limit, the joint's index, and the time in seconds."""
 
     ratio: float
     joint: int
@@ -52,7 +52,7 @@ ORDERS = ("velocity", "acceleration", "jerk")
 
 @dataclass(frozen=True)
 class LimitPeaks:
-    """How close a trajectory comes to each kind of limit; a ratio above 1 breaks it."""
+    """How close a trajectory comes to each kind of limit; a ratio above 1 exceeds it."""
 
     velocity: Peak
     acceleration: Peak
@@ -60,17 +60,21 @@ class LimitPeaks:
 
     @property
     def highest(self) -> float:
-        """The larger of the ratios of velocity and acceleration."""
+        """The larger of the velocity and acceleration ratios."""
         return max(self.velocity.ratio, self.acceleration.ratio)
 
     def dilated(self, factor: float) -> LimitPeaks:
-        """Those of the same motion ``factor`` times slower."""
+        """The peaks of the same motion ``factor`` times slower."""
         by_order = enumerate((self.velocity, self.acceleration, self.jerk), start=1)
         return LimitPeaks(*(Peak(p.ratio / math.pow(factor, k), p.joint, p.time * factor) for k, p in by_order))
 
 
-def require_usable(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
-    """Raise unless every joint that moves on the path has positive, finite limits."""
+def require_limits(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
+    """Refuse limits that are not positive and finite for each joint that moves on the path.
+
+    Raises:
+        InvalidRequest: such a limit, limits of another length than the path's, or something that is no path.
+    """
     instance("path", path, JointPath, "a JointPath")
     share = np.abs(path(path.breaks, 1)).max(axis=0)
     for name in ("velocity", "acceleration", "jerk")[: 3 if jerk else 2]:
@@ -79,7 +83,7 @@ def require_usable(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
             raise InvalidRequest("limits", limits, "JointLimits")
         if row.shape != (path.n,):
             raise InvalidRequest(f"limits.{name}", row.shape, f"one number for each of the path's {path.n} joints")
-        bad = np.flatnonzero((share > STANDING) & ~((row > 0.0) & np.isfinite(row)))
+        bad = np.flatnonzero((share > MIN_SHARE) & ~((row > 0.0) & np.isfinite(row)))
         if len(bad):
             joint = int(bad[0])
             expected = f"a positive, finite number: joint {joint} moves on this path"
@@ -88,40 +92,40 @@ def require_usable(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
         raise InvalidRequest("limits.jerk", limits.jerk.shape, f"one number for each of the path's {path.n} joints")
 
 
-@np.errstate(over="ignore")  # what is too large for a float is too large for a limit
+@np.errstate(over="ignore")  # a rate that overflows exceeds every limit
 def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     """The largest velocity, acceleration and jerk of any joint relative to its limit.
 
-    Exact: on a straight piece the extrema of a cubic s(t) are at its ends and at the roots of its derivatives; on a
-    blend the joint's motion is a polynomial of time too, between the least and the largest of its Bernstein
-    coefficients, which halving its interval brings as close together as wanted; never too low, should it take too
-    many halvings. The jerk's ratio is infinite where
-    acceleration jumps, as it does under a trapezoidal law. All are 0 when nothing moves.
+    Exact on straight pieces, where the extrema of the cubic s(t) are at its ends and at the roots of its derivatives.
+    On a blend the joint's motion is a polynomial of time too; it lies between its smallest and largest Bernstein
+    coefficients, and splitting its interval brings these together. The result is exact to a relative 1e-12, or too
+    high if that takes too many splits. The jerk ratio is infinite where acceleration jumps, as it does under a
+    trapezoidal law. All ratios are 0 if nothing moves.
 
     Raises:
         InvalidRequest: limits of another length than the trajectory's joints, or a velocity or acceleration limit
             that is not positive and finite for a joint that moves.
     """
-    require_usable(trajectory.path, limits, jerk=False)
+    require_limits(trajectory.path, limits, jerk=False)
     if not len(trajectory.durations):
         return LimitPeaks(NONE, NONE, NONE)
     jump = _jump(trajectory)
     orders = [getattr(limits, name) for name in (ORDERS if jump is None else ORDERS[:2])]
     blended = trajectory.path.blended[trajectory.geometry]
-    found = _straight_peaks(trajectory, orders, np.flatnonzero(~blended))
+    highest = _straight_peaks(trajectory, orders, np.flatnonzero(~blended))
     if blended.any():
-        found = _blend_peaks(trajectory, orders, np.flatnonzero(blended), found)
-    velocity, acceleration, jerk = found if jump is None else (*found, jump)
+        highest = _blend_peaks(trajectory, orders, np.flatnonzero(blended), highest)
+    velocity, acceleration, jerk = highest if jump is None else (*highest, jump)
     return LimitPeaks(velocity, acceleration, jerk)
 
 
 def _straight_peaks(trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp]) -> list[Peak]:
-    """One for each of the limits: of velocity, acceleration and jerk, in this order, as many as there are."""
+    """The peaks on straight pieces, one for each of the given limits: velocity, acceleration and, if given, jerk."""
     if not len(rows):
         return [NONE] * len(limits)
     path, geometry = trajectory.path, trajectory.geometry[rows]
     share = np.abs(path.on_pieces(geometry, path.breaks[geometry], 1))
-    share = np.where(share > STANDING, share, 0.0)
+    share = np.where(share > MIN_SHARE, share, 0.0)
     h, starts = trajectory.durations[rows], trajectory.knots[rows]
     _, c1, c2, c3 = trajectory.coefficients[rows].T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -130,12 +134,12 @@ def _straight_peaks(trajectory: Trajectory, limits: Sequence[FloatArray], rows: 
     speed = np.abs(c1[:, None] + at * (2.0 * c2[:, None] + 3.0 * c3[:, None] * at))
     rate = np.abs(2.0 * c2[:, None] + 6.0 * c3[:, None] * at)
     times = starts[:, None] + at
-    told = ((speed, times), (rate, times), (np.abs(6.0 * c3)[:, None], starts[:, None]))
-    return [_peak(rates, share, limit, when) for limit, (rates, when) in zip(limits, told, strict=False)]
+    orders = ((speed, times), (rate, times), (np.abs(6.0 * c3)[:, None], starts[:, None]))
+    return [_peak(rates, share, limit, when) for limit, (rates, when) in zip(limits, orders, strict=False)]
 
 
 def _peak(rates: FloatArray, share: FloatArray, limit: FloatArray, times: FloatArray) -> Peak:
-    """The largest of rate x share / limit; rates and times have a row per piece of time, share a column per joint."""
+    """The largest rate x share / limit; rates and times have a row per piece of time, share a column per joint."""
     with np.errstate(divide="ignore", invalid="ignore"):
         per_joint = np.where(share > 0.0, share / limit, 0.0)
         ratios = rates.max(axis=1)[:, None] * per_joint
@@ -147,10 +151,11 @@ def _peak(rates: FloatArray, share: FloatArray, limit: FloatArray, times: FloatA
 
 
 def _jump(trajectory: Trajectory) -> Peak | None:
-    """The largest instantaneous change of acceleration, rest before and after included, or None where there is none.
+    """The largest jump of acceleration as a peak with an infinite ratio, or None if acceleration never jumps.
 
-    A start at speed continues another motion, and is none. The path's own curvature has no part in it: it is zero where
-    blends meet straight pieces, and the path is smooth where it is passed at speed.
+    The arm is at rest before and after; a start at speed continues another motion and is no jump. The path's own
+    curvature adds nothing: it is zero where blends meet straight pieces, and where the path is passed at speed it is
+    smooth.
     """
     path, geometry = trajectory.path, trajectory.geometry
     c0, c1, c2, c3 = trajectory.coefficients.T
@@ -173,12 +178,12 @@ def _jump(trajectory: Trajectory) -> Peak | None:
 def _blend_peaks(
     trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp], floor: Sequence[Peak]
 ) -> list[Peak]:
-    """The floor, or what blends have above it; one for each of the limits."""
+    """For each of the limits the peak on blends, or ``floor`` if that is higher."""
     path, pieces, h = trajectory.path, trajectory.geometry[rows], trajectory.durations[rows]
     before = path.on_pieces(pieces, path.breaks[pieces], 1)
     turn = path.on_pieces(pieces, path.breaks[pieces + 1], 1) - before
     rates = _rates(trajectory, rows)
-    found = list(floor)
+    highest = list(floor)
     for order, limit in enumerate(limits):
         plain, turning = np.moveaxis(_bernstein(rates), 1, 0)[..., None]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -187,24 +192,24 @@ def _blend_peaks(
         if not np.isfinite(ratios).all():
             ratios[moving == 0.0] = 0.0  # a joint that stands still may have any limit
             ratios = np.nan_to_num(ratios, nan=math.inf, posinf=math.inf, neginf=-math.inf)
-        found[order] = _highest(ratios, found[order], trajectory.knots[rows], h)
+        highest[order] = _highest(ratios, highest[order], trajectory.knots[rows], h)
         rates = _slope(rates) / h
-    return found
+    return highest
 
 
 def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> FloatArray:
-    """ds/dt, and the same times f(y(s)), on each row's piece of time, (degree + 1, 2, rows).
+    """ds/dt and f(y(s)) ds/dt as polynomials on each row's piece of time, shape (degree + 1, 2, rows).
 
-    Polynomials of time as its share of the piece. With u and v the tangents before and after the corner,
-    u ds/dt + (v - u) f ds/dt is the velocity.
+    Time runs from 0 to 1 on each piece. With u and v the tangents before and after the corner, the velocity is
+    u ds/dt + (v - u) f ds/dt.
     """
     path, h = trajectory.path, trajectory.durations[rows]
     corners = np.flatnonzero(path.blends > 0.0)[np.cumsum(path.blended)[trajectory.geometry[rows]] - 1]
     width, c = path.blends[corners], trajectory.coefficients[rows].T
     y0 = (c[0] - path.knots[corners]) / width
     terms = 1 + int(np.flatnonzero(np.any(c[1:] != 0.0, axis=1)).max(initial=0))  # fewer where s(t) has no jerk
-    way = c[1 : terms + 1] * np.multiply.accumulate(np.broadcast_to(h, (terms, len(h))), axis=0)
-    y = way / width  # since the piece began, without its constant term, which is 0; f is expanded there
+    travel = c[1 : terms + 1] * np.multiply.accumulate(np.broadcast_to(h, (terms, len(h))), axis=0)
+    y = travel / width  # from the start of the piece, where f is expanded; its constant term is 0
     cube = y0 * y0 * y0
     share = np.stack([-0.125 * np.ones_like(h)])
     for term in (
@@ -215,7 +220,7 @@ def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> FloatArray:
         0.5 + y0 * (5.0 - cube * y0) / 8.0,
     ):
         share = np.concatenate([term[None], _product(share, y)])
-    speed = way * np.arange(1.0, terms + 1.0)[:, None] / h
+    speed = travel * np.arange(1.0, terms + 1.0)[:, None] / h
     turning = _product(share, speed)
     rates = np.zeros((len(turning), 2, len(h)))
     rates[:terms, 0], rates[:, 1] = speed, turning
@@ -223,7 +228,7 @@ def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> FloatArray:
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Products of polynomials, column by column."""
+    """The products of polynomials, column by column."""
     out = np.zeros((len(a) + len(b) - 1, a.shape[1]))
     for i, row in enumerate(b):
         out[i : i + len(a)] += a * row
@@ -231,14 +236,14 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _slope(a: FloatArray) -> FloatArray:
-    """Derivatives of polynomials, column by column."""
+    """The derivatives of polynomials, column by column."""
     return np.asarray(a[1:] * np.arange(1.0, len(a))[:, None, None])
 
 
 def _bernstein(a: FloatArray) -> FloatArray:
-    """Bernstein coefficients over [0, 1] of polynomials, column by column: their range holds the polynomial's.
+    """The Bernstein coefficients of polynomials over [0, 1], column by column; they enclose the polynomial's values.
 
-    Coefficient i over the binomial of the degree is the i-th difference of what is looked for, hence the sums.
+    Power coefficient i over binomial (n, i) is the i-th difference of the Bernstein coefficients, hence the sums.
     """
     n = len(a) - 1
     out: FloatArray = a / np.array([float(math.comb(n, i)) for i in range(n + 1)])[:, None, None]
@@ -248,11 +253,13 @@ def _bernstein(a: FloatArray) -> FloatArray:
 
 
 def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: FloatArray) -> Peak:
-    """The floor, or the largest abs of polynomials if that is above it.
+    """The largest absolute value of polynomials, as a peak, or ``floor`` if that is higher.
 
-    Bernstein coefficients over each piece of time, of each joint, shape (degree + 1, pieces, joints). What cannot
-    exceed the best value found is dropped, the rest split (de Casteljau), until nothing is left. Of what is left after
-    ``MAX_ROUNDS``, or is too large for a float, the bound is taken for the peak.
+    Intervals that cannot exceed the best value so far are dropped, the others split (de Casteljau), until none is
+    left. If some are left after ``MAX_ROUNDS``, or overflow, their bound is taken for the peak.
+
+    Args:
+        ratios: Bernstein coefficients for each piece of time and joint, shape (degree + 1, pieces, joints).
     """
     joints = ratios.shape[2]
     b: FloatArray = ratios.reshape(len(ratios), -1)
@@ -270,18 +277,18 @@ def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: Flo
     for values, end in ((size[0], np.zeros(len(row))), (size[-1], np.ones(len(row)))):
         best = better(values, row, end)
     bound, low, high = size.max(axis=0), np.zeros(len(row)), np.ones(len(row))
-    rounds = MAX_ROUNDS * (1 + len(row) // MANY)
-    for turn in range(rounds + 1):
+    rounds = MAX_ROUNDS * (1 + len(row) // INTERVALS_PER_MAX)
+    for count in range(rounds + 1):
         (open_,) = (bound > best.ratio * (1.0 + EXACT)).nonzero()
         if not len(open_):
             break
-        if turn == rounds or bound[open_].max() == math.inf:
+        if count == rounds or bound[open_].max() == math.inf:
             best = better(bound[open_], row[open_], low[open_])
             break
-        if len(open_) > AT_ONCE:
+        if len(open_) > BATCH:
             open_ = open_[np.argsort(-bound[open_], kind="stable")]
-        now, later = open_[:AT_ONCE], open_[AT_ONCE:]
-        share = np.full(len(now), 0.5) if turn % 5 == 4 else _where_to_split(b[:, now])
+        now, later = open_[:BATCH], open_[BATCH:]
+        share = np.full(len(now), 0.5) if count % 5 == 4 else _where_to_split(b[:, now])
         middle = low[now] + share * (high[now] - low[now])
         first, second = _split(b[:, now], share)
         best = better(np.abs(second[0]), row[now], middle)
@@ -295,9 +302,9 @@ def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: Flo
 
 
 def _where_to_split(b: FloatArray) -> FloatArray:
-    """Shares of intervals: about where each polynomial's slope is zero, if it has different signs at the ends.
+    """Where to split each interval, as a share of it: near the polynomial's extremum, if its slope changes sign.
 
-    Bernstein coefficients of each half then fall from there, and leave no room for a higher peak.
+    The Bernstein coefficients of both halves then fall from there and leave no room for a higher peak.
     """
     n = len(b) - 1
     first, last = b[1] - b[0], b[-1] - b[-2]
@@ -312,7 +319,7 @@ def _where_to_split(b: FloatArray) -> FloatArray:
 
 
 def _split(b: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bernstein coefficients over both parts of intervals split at a share of each."""
+    """The Bernstein coefficients of both parts of intervals that are split at a share of each."""
     first, second = np.empty_like(b), b.copy()
     first[0] = b[0]
     for k in range(1, len(b)):

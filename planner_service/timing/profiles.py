@@ -1,4 +1,4 @@
-"""Motions along a line in closed form: trapezoids, S-curves of seven phases, and both between any two speeds."""
+"""Closed-form motions along a line: trapezoids, seven-phase S-curves, and ramps between any two speeds."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-__all__ = ["Bounds", "Part", "Phase", "TooFast", "chained", "s_curve", "trapezoid"]
+__all__ = ["Phase", "ScalarLimits", "Section", "TooFast", "s_curve", "speed_profile", "trapezoid"]
 
-CLOSE = 2e-15
-"""Relative: about what rounding makes of a speed computed in closed form."""
+ROUNDING = 2e-15
+"""Relative: about the rounding error of a speed computed in closed form."""
 
-ALIKE = 1e-9
-"""Relative: a speed that much above the highest is taken for it."""
+SPEED_TOLERANCE = 1e-9
+"""Relative: an entry speed that exceeds the highest possible one by at most this is taken for it."""
 
 
 class TooFast(ArithmeticError):
-    """A speed from which there is no way to slow down in time."""
+    """The entry speed is too high to slow down in time."""
 
 
 class Phase(NamedTuple):
-    """A stretch of time with constant jerk: what holds at its start, and how long it lasts (seconds)."""
+    """An interval of time with constant jerk: its duration in seconds, and the motion where it starts."""
 
     duration: float
     position: float
@@ -31,9 +31,9 @@ class Phase(NamedTuple):
 
 
 def trapezoid(distance: float, speed: float, acceleration: float) -> tuple[Phase, ...]:
-    """The fastest motion over ``distance`` with bounded speed and acceleration: up to three phases.
+    """The fastest rest-to-rest motion over ``distance`` with bounded speed and acceleration: up to three phases.
 
-    The speed bound is reached when ``distance`` is at least speed^2 / acceleration; shorter moves are triangles
+    It reaches the speed bound if ``distance`` is at least speed^2 / acceleration; a shorter move is a triangle
     (Biagiotti & Melchiorri, Trajectory Planning for Automatic Machines and Robots, 2008, par. 3.2). All arguments
     are positive.
     """
@@ -41,20 +41,20 @@ def trapezoid(distance: float, speed: float, acceleration: float) -> tuple[Phase
     peak = speed if reached else math.sqrt(distance) * math.sqrt(acceleration)
     ramp = peak / acceleration
     cruise = distance / speed - ramp if reached else 0.0
-    way = peak * ramp / 2.0
+    ramp_distance = peak * ramp / 2.0
     phases = (
         Phase(ramp, 0.0, 0.0, acceleration, 0.0),
-        Phase(cruise, way, peak, 0.0, 0.0),
-        Phase(ramp, distance - way, peak, -acceleration, 0.0),
+        Phase(cruise, ramp_distance, peak, 0.0, 0.0),
+        Phase(ramp, distance - ramp_distance, peak, -acceleration, 0.0),
     )
     return tuple(phase for phase in phases if phase.duration > 0.0)
 
 
 def s_curve(distance: float, speed: float, acceleration: float, jerk: float) -> tuple[Phase, ...]:
-    """The fastest motion over ``distance`` with bounded speed, acceleration and jerk: up to seven phases.
+    """The fastest rest-to-rest motion over ``distance`` with bounded speed, acceleration and jerk: up to seven phases.
 
-    Biagiotti & Melchiorri 2008, par. 3.4; all arguments are positive. With t_j the time a jerk lasts and t_a the time
-    to the peak speed, the peaks are jerk t_j of acceleration and jerk t_j (t_a - t_j) of speed.
+    Biagiotti & Melchiorri 2008, par. 3.4; all arguments are positive. With t_j the duration of one phase of jerk and
+    t_a the time to the peak speed, the peak acceleration is jerk t_j and the peak speed jerk t_j (t_a - t_j).
     """
     t_j, t_a, cruise = _s_curve_times(distance, speed, acceleration, jerk)
     flat = t_a - 2.0 * t_j
@@ -76,7 +76,7 @@ def s_curve(distance: float, speed: float, acceleration: float, jerk: float) -> 
 
 
 def _s_curve_times(distance: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float, float]:
-    """Seconds of one jerk, of the whole speeding up, and of the cruise."""
+    """Seconds of one phase of jerk, of the whole ramp, and of the cruise."""
     if speed / acceleration < acceleration / jerk:  # the speed is reached before the acceleration is
         t_j = math.sqrt(speed / jerk)
         t_a = 2.0 * t_j
@@ -94,130 +94,138 @@ def _s_curve_times(distance: float, speed: float, acceleration: float, jerk: flo
     return t_j, 2.0 * t_j, 0.0
 
 
-class Bounds(NamedTuple):
-    """Largest speed, acceleration and jerk along a line; a jerk of ``math.inf`` is none."""
+class ScalarLimits(NamedTuple):
+    """Bounds of ds/dt and its derivatives along a curve; a jerk of ``math.inf`` is unbounded."""
 
     speed: float
     acceleration: float
     jerk: float
 
 
-class Part(NamedTuple):
-    """Part of a curve between two stops: straight, or a blend, of which the speed bound alone counts."""
+class Section(NamedTuple):
+    """One straight line or one blend of a curve, where it starts in s; on a blend only the speed limit counts."""
 
     start: float
     length: float
-    bounds: Bounds
+    limits: ScalarLimits
     blended: bool
 
 
-def chained(parts: Sequence[Part], entry: float = 0.0) -> list[Phase]:
-    """The motion to rest along parts of a curve, each blend at one speed; positions are the curve's own.
+def speed_profile(sections: Sequence[Section], entry: float = 0.0) -> list[Phase]:
+    """The motion along consecutive sections of a curve, to rest at its end, with one constant speed on each blend.
 
-    Straight parts speed up as far as their length and bounds allow, cruise, and slow down, with no acceleration where
-    they end if jerk is bounded. The speed on each blend is the largest that its own bound, its neighbours' and a
-    pass forwards and one backwards over what straight parts can reach leave. A single straight part is a trapezoid or
-    an S-curve.
+    Each straight section speeds up as far as its length and limits allow, cruises, and slows down; if jerk is bounded
+    the acceleration is zero at its ends. The speed on each blend is the largest that its own limit, its neighbours'
+    limits, and one pass forwards and one backwards over the reachable speeds leave. A single straight section is a
+    trapezoid or an S-curve. Positions are values of s.
 
     Args:
-        entry: Speed where the first part begins.
+        entry: ds/dt where the first section starts.
 
     Raises:
-        ZeroDivisionError: a blend begins or ends at a stop, where no constant speed will do.
-        TooFast: the speed at the start is too high to slow down in time.
+        ZeroDivisionError: a blend starts or ends at a stop, so that it has no constant speed.
+        TooFast: the entry speed is too high to slow down in time.
     """
-    if len(parts) == 1 and not parts[0].blended and entry == 0.0:
-        start, length, (speed, acceleration, jerk), _ = parts[0]
-        rest = trapezoid(length, speed, acceleration) if jerk == math.inf else s_curve(length, *parts[0].bounds)
-        return [phase._replace(position=start + phase.position) for phase in rest]
-    speeds = [entry, *_meeting(parts), 0.0]
-    for k, part in enumerate(parts):
-        speeds[k + 1] = min(speeds[k + 1], _leaving(part, speeds[k]))
-    for k, part in reversed(list(enumerate(parts))):
-        speeds[k] = min(speeds[k], _leaving(part, speeds[k + 1]))
-    fast = speeds[1] if parts[0].blended else speeds[0]
-    if fast < entry * (1.0 - ALIKE):
+    if len(sections) == 1 and not sections[0].blended and entry == 0.0:
+        start, length, limits, _ = sections[0]
+        at_rest = trapezoid(length, *limits[:2]) if limits.jerk == math.inf else s_curve(length, *limits)
+        return [phase._replace(position=start + phase.position) for phase in at_rest]
+    speeds = [entry, *_junction_speeds(sections), 0.0]
+    for k, section in enumerate(sections):
+        speeds[k + 1] = min(speeds[k + 1], _reachable_speed(section, speeds[k]))
+    for k, section in reversed(list(enumerate(sections))):
+        speeds[k] = min(speeds[k], _reachable_speed(section, speeds[k + 1]))
+    highest_entry = speeds[1] if sections[0].blended else speeds[0]
+    if highest_entry < entry * (1.0 - SPEED_TOLERANCE):
         raise TooFast(f"{entry:.6g} is too fast to slow down in time")
     speeds[0] = entry
     phases: list[Phase] = []
-    for part, (entry, leave) in zip(parts, pairwise(speeds), strict=True):
-        if part.blended:
-            phases.append(Phase(part.length / entry, part.start, entry, 0.0, 0.0))
+    for section, (v0, v1) in zip(sections, pairwise(speeds), strict=True):
+        if section.blended:
+            phases.append(Phase(section.length / v0, section.start, v0, 0.0, 0.0))
         else:
-            moves = _between(part.length, entry, leave, part.bounds)
-            phases.extend(phase._replace(position=part.start + phase.position) for phase in moves)
+            straight = _between(section.length, v0, v1, section.limits)
+            phases.extend(phase._replace(position=section.start + phase.position) for phase in straight)
     return phases
 
 
-def _meeting(parts: Sequence[Part]) -> list[float]:
-    """The largest speed at which each part may meet the next, as their own bounds have it."""
-    return [min(before.bounds.speed, after.bounds.speed) for before, after in pairwise(parts)]
+def _junction_speeds(sections: Sequence[Section]) -> list[float]:
+    """The largest speed where each section meets the next, by the speed limits of both."""
+    return [min(before.limits.speed, after.limits.speed) for before, after in pairwise(sections)]
 
 
-def _leaving(part: Part, speed: float) -> float:
-    """The largest speed at the other end of a part, whichever way it is passed, with ``speed`` at one."""
-    if part.blended:
+def _reachable_speed(section: Section, speed: float) -> float:
+    """The largest speed at one end of a section, in either direction, given the speed at the other."""
+    if section.blended:
         return speed
-    length, bounds = part.length, part.bounds
-    near = math.sqrt(speed * speed + 2.0 * bounds.acceleration * length)
-    return _fastest(length, (speed, near, bounds.speed), lambda v: _way(speed, v, bounds))
+    length, limits = section.length, section.limits
+    estimate = math.sqrt(speed * speed + 2.0 * limits.acceleration * length)
+    return _largest_speed(length, speed, estimate, limits.speed, lambda v: _ramp_distance(speed, v, limits))
 
 
-def _between(distance: float, v0: float, v1: float, bounds: Bounds) -> list[Phase]:
+def _between(distance: float, v0: float, v1: float, limits: ScalarLimits) -> list[Phase]:
     """Speed up from v0, cruise if there is room, slow down to v1."""
-    near = math.sqrt((v0 * v0 + v1 * v1) / 2.0 + bounds.acceleration * distance)
-    peak = _fastest(distance, (max(v0, v1), near, bounds.speed), lambda v: _way(v0, v, bounds) + _way(v, v1, bounds))
-    up, down = _way(v0, peak, bounds), _way(peak, v1, bounds)
+
+    def ramps(peak: float) -> float:
+        return _ramp_distance(v0, peak, limits) + _ramp_distance(peak, v1, limits)
+
+    estimate = math.sqrt((v0 * v0 + v1 * v1) / 2.0 + limits.acceleration * distance)
+    peak = _largest_speed(distance, max(v0, v1), estimate, limits.speed, ramps)
+    up, down = _ramp_distance(v0, peak, limits), _ramp_distance(peak, v1, limits)
     cruise = max(0.0, distance - up - down)
     phases = [
-        *_ramp(0.0, v0, peak, bounds),
+        *_ramp(0.0, v0, peak, limits),
         Phase(cruise / peak, up, peak, 0.0, 0.0),
-        *_ramp(distance - down, peak, v1, bounds),
+        *_ramp(distance - down, peak, v1, limits),
     ]
     return [phase for phase in phases if phase.duration > 0.0]
 
 
-def _fastest(distance: float, speeds: tuple[float, float, float], way: Callable[[float], float]) -> float:
-    """The largest speed between two bounds whose ``way``, growing with it, is no longer than ``distance``.
+def _largest_speed(
+    distance: float, low: float, estimate: float, high: float, ramp_distance: Callable[[float], float]
+) -> float:
+    """The largest speed from ``low`` to ``high`` whose ramps, longer at higher speeds, fit into ``distance``.
 
     Args:
-        speeds: The lowest, about the one looked for, which it is where jerk is not bounded, and the highest.
+        estimate: A guess at the result, right to within rounding if jerk is unbounded.
     """
-    low, near, high = speeds
     high = max(low, high)
-    if way(high) <= distance:
+    if ramp_distance(high) <= distance:
         return high
-    for guess in (near * (1.0 - CLOSE), near * (1.0 + CLOSE)):
+    for guess in (estimate * (1.0 - ROUNDING), estimate * (1.0 + ROUNDING)):
         if low < guess < high:
-            low, high = (guess, high) if way(guess) <= distance else (low, guess)
+            low, high = (guess, high) if ramp_distance(guess) <= distance else (low, guess)
     middle = low + (high - low) / 2.0
-    while low < middle < high:  # until no number is left in between: some 5 times if the guess was good, else 55
-        low, high = (middle, high) if way(middle) <= distance else (low, middle)
+    while low < middle < high:  # until no number is left in between: about 5 times if the estimate was good, else 55
+        low, high = (middle, high) if ramp_distance(middle) <= distance else (low, middle)
         middle = low + (high - low) / 2.0
     return low
 
 
-def _way(v0: float, v1: float, bounds: Bounds) -> float:
-    """Distance of a ramp between two speeds: its mean speed is the mean of both."""
-    jerking, flat = _ramp_times(abs(v1 - v0), bounds)
-    return (v0 + v1) / 2.0 * (2.0 * jerking + flat)
+def _ramp_distance(v0: float, v1: float, limits: ScalarLimits) -> float:
+    """The length of a ramp between two speeds: its mean speed is the mean of both."""
+    t_j, flat = _ramp_times(abs(v1 - v0), limits)
+    return (v0 + v1) / 2.0 * (2.0 * t_j + flat)
 
 
-def _ramp_times(change: float, bounds: Bounds) -> tuple[float, float]:
-    """Seconds for which jerk lasts, twice, and constant acceleration in between (Biagiotti & Melchiorri, par. 3.4)."""
-    _, a, j = bounds
+def _ramp_times(change: float, limits: ScalarLimits) -> tuple[float, float]:
+    """Seconds of each of the two phases of jerk, and of the constant acceleration between them.
+
+    Biagiotti & Melchiorri, par. 3.4.
+    """
+    _, a, j = limits
     if change / a < a / j:  # the change is over before the acceleration is reached
         return math.sqrt(change / j), 0.0
     return a / j, change / a - a / j
 
 
-def _ramp(start: float, v0: float, v1: float, bounds: Bounds) -> list[Phase]:
-    """From speed v0 to v1, without acceleration at both ends if jerk is bounded."""
+def _ramp(start: float, v0: float, v1: float, limits: ScalarLimits) -> list[Phase]:
+    """From speed v0 to v1; if jerk is bounded, without acceleration at both ends."""
     sign = math.copysign(1.0, v1 - v0)
-    t_j, flat = _ramp_times(abs(v1 - v0), bounds)
+    t_j, flat = _ramp_times(abs(v1 - v0), limits)
     if t_j == 0.0:
-        return [Phase(flat, start, v0, sign * bounds.acceleration, 0.0)]
-    j = sign * bounds.jerk
+        return [Phase(flat, start, v0, sign * limits.acceleration, 0.0)]
+    j = sign * limits.jerk
     a, change = j * t_j, j * t_j * t_j / 2.0
     x1 = (v0 + change / 3.0) * t_j
     x2 = x1 + (v0 + change + a * flat / 2.0) * flat

@@ -731,14 +731,14 @@ def test_a_part_that_is_not_on_the_path_is_refused(part: tuple[float, float]) ->
 
 def test_a_law_that_goes_on_from_a_speed_is_the_rest_of_the_fastest(room: PlannerService) -> None:
     path, limits = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]])), room.robot.limits
-    phases = ToppRa().onward(path, limits, (0.25, 1.0))
+    phases = ToppRa().continue_to_rest(path, limits, 0.25, 1.0)
     assert math.fsum(phase.duration for phase in phases) == pytest.approx(1.75 / 1.0 + 1.0 / 4.0, rel=1e-12)
 
 
 def test_a_speed_from_which_nothing_slows_down_in_time_is_refused(room: PlannerService) -> None:
     path, limits = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]])), room.robot.limits
     with pytest.raises(TimingFailed, match=r"Uncontrollable|too fast"):
-        ToppRa().onward(path, limits, (1.9, 1.0))
+        ToppRa().continue_to_rest(path, limits, 1.9, 1.0)
 
 
 def straight_part(begin: float, rate: float, seconds: float, end: float) -> Trajectory:

@@ -29,7 +29,7 @@ QUARTER = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([0.
 
 LAWS: tuple[Timing, ...] = (Trapezoidal(), SCurve(), ToppRa())
 HELD = 1.0 + 1e-9
-WITHIN_GRID = 1e-3  # TOPP-RA's 50 intervals per stretch, denser at its ends: at most 0.06 % above the optimum
+WITHIN_GRID = 1e-3  # TOPP-RA's 50 intervals per segment, denser at its ends: at most 0.06 % above the optimum
 
 law_cases = pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
 
@@ -348,7 +348,7 @@ def test_a_path_toppra_cannot_time_is_a_typed_failure(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", uncontrollable)
     law, path, given_limits = ToppRa(), QUARTER, limits(2)
-    with pytest.raises(TimingFailed, match=r"piece from s = 0: FailUncontrollable"):
+    with pytest.raises(TimingFailed, match=r"segment from s = 0: FailUncontrollable"):
         law.time_path(path, given_limits)
 
 

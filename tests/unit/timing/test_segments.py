@@ -17,11 +17,10 @@ from planner_service.geometry.shapes import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
-from planner_service.timing import laws as timing
 from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration, within_limits
 from planner_service.timing.limit_check import peaks
-from planner_service.timing.profiles import Phase, chained
-from planner_service.timing.segments import Stretch, stretches
+from planner_service.timing.profiles import Phase, Section, speed_profile, trapezoid
+from planner_service.timing.segments import path_segments
 from tests.unit.timing.test_laws import HELD, law_cases, limits, line
 from tests.unit.timing.test_limit_check import blended, rounded_corners
 
@@ -277,10 +276,11 @@ def test_our_passes_of_toppra_give_what_its_own_give(seed: int, monkeypatch: pyt
         return told["speeds"]
 
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", recorded)
-    (stretch,) = stretches(path, given_limits, None)
+    (segment,) = path_segments(path, given_limits, None)
     ToppRa().time_path(path, given_limits)
     monkeypatch.undo()
-    unit = min(timing._seconds(found) for found in (chained(stretch.parts(jerk=False)), slowest(stretch)))
+    sections = segment.sections(jerk=False)
+    unit = min(sum(phase.duration for phase in phases) for phases in (speed_profile(sections), slowest(sections)))
     bounds = [
         toppra.constraint.JointVelocityConstraint(given_limits.velocity * unit),
         toppra.constraint.JointAccelerationConstraint(given_limits.acceleration * unit * unit),
@@ -289,8 +289,10 @@ def test_our_passes_of_toppra_give_what_its_own_give(seed: int, monkeypatch: pyt
     np.testing.assert_allclose(told["speeds"][1], own.compute_parameterization(0.0, 0.0)[1], rtol=1e-6)
 
 
-def slowest(stretch: Stretch) -> Sequence[Phase]:
-    return timing._slowest(stretch.parts(jerk=False))
+def slowest(sections: Sequence[Section]) -> Sequence[Phase]:
+    """A trapezoid over the whole length under the lowest limits of any section."""
+    speed, acceleration = (min(section.limits[k] for section in sections) for k in range(2))
+    return trapezoid(sum(section.length for section in sections), speed, acceleration)
 
 
 class UnitCurve:
