@@ -38,6 +38,9 @@ __all__ = [
 MOST_PROBLEMS = 10
 """Of a plan that does not hold, in one message; a file can have thousands."""
 
+MAX_LISTED = 100
+"""Problems of a file that are listed; a small file can have a million."""
+
 SHOWN = 300
 """Characters of a value that an error message shows; callers can hand in a list of a million."""
 
@@ -109,19 +112,20 @@ def _nearest(name: str, available: Sequence[str]) -> list[str]:
 
 
 class InvalidFile(InvalidRequest):
-    """A file that cannot be used, with every problem found in it.
+    """A file that cannot be used, with the problems found in it.
 
     Attributes:
         path: The file.
-        problems: One line each, in the order of the file.
+        problems: One line each, in the order of the file; after the first 100 one line that counts the rest.
     """
 
     def __init__(self, path: Path | str, problems: Sequence[str]) -> None:
         self.path = Path(path)
-        self.problems = tuple(problems)
+        more = len(problems) - MAX_LISTED
+        self.problems = (*problems[:MAX_LISTED], *([f"and {more:,} more"] if more > 0 else []))
         lines = "".join(f"\n  - {problem}" for problem in self.problems)
         name = str(path).encode("utf-8", "backslashreplace").decode()  # half a surrogate pair cannot be printed
-        super().__init__("file", str(path), "a valid file", message=f"{name}: {len(self.problems)} problem(s){lines}")
+        super().__init__("file", str(path), "a valid file", message=f"{name}: {len(problems):,} problem(s){lines}")
 
 
 class NotProven(InvalidRequest):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["read_tables"]
+__all__ = ["read_tables", "toml_value"]
 
 MAX_KEY_PARTS = 4
 """Of a dotted key or header; ours have two."""
@@ -49,3 +50,12 @@ def _require_few_dots(text: str) -> None:
     found = _DOTTED.search(_QUOTED.sub("q", text))  # a quoted part is as good as a bare one
     if found is not None:
         raise ValueError(f"a key of more than {MAX_KEY_PARTS} parts: {found.group()[:40]!r}")
+
+
+def toml_value(value: Any) -> str:
+    """A text, number, list or dictionary as TOML on one line; a number reads back as the same bits."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {toml_value(entry)}' for key, entry in value.items())} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)  # its escapes are TOML's

@@ -27,6 +27,7 @@ from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionSt
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import MAX_BYTES, read_json
 from planner_service.files.reading import as_path
+from planner_service.files.schema import Record, Text, as_text, at_most, read_record, recorded
 from planner_service.files.writing import write_whole
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult
@@ -43,8 +44,7 @@ from planner_service.records.result import (
     name_pairs,
 )
 from planner_service.records.robot import RobotRecord
-from planner_service.records.scene import SceneRecord, WorldRecord
-from planner_service.records.schema import Reading, Record, Text, as_text, at_most, read_record, recorded
+from planner_service.records.scene import PlanReading, SceneRecord, WorldRecord
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
@@ -522,7 +522,7 @@ def _task(file: Path, document: Any) -> SavedTask:
     return found
 
 
-def _reading(file: Path, document: Any, kind: str) -> Reading:
+def _reading(file: Path, document: Any, kind: str) -> PlanReading:
     """What a file's records are read with; InvalidFile at once if it is another file."""
     content = document if isinstance(document, dict) else {}
     found, version = content.get("format"), content.get("version")
@@ -533,4 +533,4 @@ def _reading(file: Path, document: Any, kind: str) -> Reading:
         raise InvalidFile(file, [f"{lacking}; plan again: {command_of(content)}"])
     robot = content.get("robot")
     names = robot.get("joint_names") if isinstance(robot, dict) else None
-    return Reading(joints=len(names) if isinstance(names, list) else None)
+    return PlanReading(joints=len(names) if isinstance(names, list) else None)

@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import Discriminator, Field, JsonValue, Tag
 
 from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.files.schema import Count, Joints, Record, Text, Vector3, at_most
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import METHODS, Optimise
 from planner_service.planners import PLANNERS
 from planner_service.planning.request import PlanRequest
 from planner_service.records.scene import PoseRecord
-from planner_service.records.schema import Count, Joints, Record, Text, Vector3, at_most
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 

@@ -20,12 +20,7 @@ from pydantic import AfterValidator
 from planner_service.certify import Certificate, ExemptInterval, GripperMotion, Refusal
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import read_only
-from planner_service.optimize import Figures
-from planner_service.path.joint_path import JointPath
-from planner_service.path.trajectory import Trajectory
-from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
-from planner_service.records.schema import (
+from planner_service.files.schema import (
     Count,
     FirstOnly,
     Joints,
@@ -40,6 +35,11 @@ from planner_service.records.schema import (
     at_most,
     recorded,
 )
+from planner_service.geometry.shapes import read_only
+from planner_service.optimize import Figures
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
+from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.timing.limit_check import LimitPeaks, Peak
 
 __all__ = [

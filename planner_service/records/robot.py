@@ -11,9 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, Pose
-from planner_service.records.scene import PoseRecord, ShapeRecord, shape_record
-from planner_service.records.schema import (
+from planner_service.files.schema import (
     Count,
     FirstOnly,
     Joints,
@@ -25,6 +23,8 @@ from planner_service.records.schema import (
     as_text,
     at_most,
 )
+from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, Pose
+from planner_service.records.scene import PoseRecord, ShapeRecord, shape_record
 from planner_service.robot.kinematic_tree import Body, LinkShape
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 

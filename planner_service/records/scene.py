@@ -2,37 +2,70 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
+import reprlib
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
 
 from planner_service.errors import InvalidRequest
+from planner_service.files.schema import Count, Reading, Record, Text, Vector3, Vector4, at_most
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import MAX_HULL, Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.records.schema import (
-    Count,
-    Packed,
-    Reading,
-    Record,
-    Text,
-    Vector3,
-    Vector4,
-    at_most,
-    packed,
-    unpacked,
-)
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene
 
-__all__ = ["ObstacleRecord", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord", "shape_record"]
+__all__ = ["ObstacleRecord", "PlanReading", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord", "shape_record"]
 
 CORNER = 32
 """Characters of a hull's corner in base64: three numbers of eight bytes."""
 
 MAX_HULLS = 16 * MAX_HULL**2
 """To rebuild a hull takes time in proportion to the square of its corners: as much as sixteen of the largest."""
+
+
+@dataclass
+class PlanReading(Reading):
+    """What is known while a plan file is read.
+
+    Attributes:
+        hulls: The texts of its meshes: one that occurs twice is rebuilt once.
+        work: Sum of their squared corner counts: rebuilding a hull takes time in proportion to that.
+    """
+
+    hulls: set[str] = field(default_factory=set)
+    work: int = 0
+
+
+Packed = Annotated[str, Field(max_length=20_000_000)]
+"""An array as base64 of its little-endian bytes."""
+
+
+def packed(array: NDArray[Any], kind: str) -> str:
+    """The text of an array; ``kind`` is "<f8" or "<i8"."""
+    return base64.b64encode(np.ascontiguousarray(array).astype(kind).tobytes()).decode("ascii")
+
+
+def unpacked(field: str, text: str, kind: str, columns: int) -> FloatArray:
+    """An array (k, columns) from its text.
+
+    Raises:
+        InvalidRequest: it is no base64, or not of whole rows.
+    """
+    expected = f"base64 of rows of {columns} little-endian numbers of eight bytes"
+    try:
+        data = base64.b64decode(text.encode("ascii"), validate=True)
+    except (binascii.Error, ValueError):
+        raise InvalidRequest(field, reprlib.repr(text), expected) from None
+    if len(data) % (8 * columns):
+        raise InvalidRequest(field, f"{len(data)} bytes", expected)
+    return np.frombuffer(data, dtype=kind).reshape(-1, columns)
 
 
 class PoseRecord(Record):
@@ -103,7 +136,7 @@ def _within_reason(vertices: str, info: ValidationInfo) -> str:
     if corners > MAX_HULL:
         raise ValueError(f"a hull of at most {MAX_HULL:,} corners")
     reading = info.context
-    if isinstance(reading, Reading) and vertices not in reading.hulls:
+    if isinstance(reading, PlanReading) and vertices not in reading.hulls:
         reading.hulls.add(vertices)
         reading.work += corners**2
         if reading.work > MAX_HULLS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +13,7 @@ from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.shapes import FloatArray, number
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
-from planner_service.robot.toml_reader import GripperEntry, RobotFile, read_robot_file
+from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
 from planner_service.robot.urdf_assembly import Assembly, assemble, compose, locked_positions, transform
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
 from planner_service.robot.urdf_reader import read_urdf
@@ -38,60 +39,79 @@ def robot_from_file(path: Path) -> Robot:
         MissingDependency: its files come with a package that is not installed.
     """
     file = read_robot_file(path)
-    urdf = read_urdf(file.urdf, file.package_dirs, file.decompose)
-    problems = _disagreements(file, urdf)
+    table, limits = file.table, file.table.limits
+    urdf = read_urdf(file.urdf, file.package_dirs, table.decompose)
+    problems = _disagreements(table, urdf)
     if problems:
         raise InvalidFile(path, problems)
-    fingers = file.gripper.joints if file.gripper else ()
-    locked = locked_positions(urdf, file.joints, {**file.locked, **dict.fromkeys(fingers, 0.0)})
-    assembly = assemble(urdf, file.joints, locked)
-    moving = [link for link in file.base_links if assembly.frames[link][0] != 0]
+    fingers = table.gripper.joints if table.gripper else []
+    joints = tuple(table.joints)
+    locked = locked_positions(urdf, joints, {**table.locked_joints, **dict.fromkeys(fingers, 0.0)})
+    assembly = assemble(urdf, joints, locked)
+    moving = [link for link in table.base_links if assembly.frames[link][0] != 0]
     if moving:
         raise InvalidFile(path, [f"base_links: {link} moves; expected a link fixed to the base" for link in moving])
-    tool_body, tool_placement = assembly.frames[file.tool_frame]
-    gripper = _gripper(file.gripper, urdf, assembly)
+    tool_body, tool_placement = assembly.frames[table.tool_frame]
+    gripper = _gripper(table.gripper, urdf, assembly)
     if gripper is not None:
         _require_closing(path, gripper, tool_body, tool_placement)
     robot = Robot(
-        name=file.name,
-        joint_names=file.joints,
-        limits=JointLimits(**{key: np.array(values) for key, values in file.limits.items()}),
-        named_poses=tuple((name, np.array(q)) for name, q in file.poses.items()),
-        base_links=file.base_links,
-        tool_frame=file.tool_frame,
+        name=table.name,
+        joint_names=joints,
+        limits=JointLimits(
+            lower=np.array(limits.position.lower),
+            upper=np.array(limits.position.upper),
+            velocity=np.array(limits.velocity.values),
+            acceleration=np.array(limits.acceleration.values),
+            jerk=np.array(limits.jerk.values),
+        ),
+        named_poses=tuple((name, np.array(q)) for name, q in table.poses.items()),
+        base_links=tuple(table.base_links),
+        tool_frame=table.tool_frame,
         tool_body=tool_body,
         tool_placement=tool_placement,
         bodies=assembly.bodies,
         shapes=assembly.shapes,
-        allowed_contacts=tuple(AllowedContact(links, reason) for links, reason in file.allowed),
+        allowed_contacts=tuple(AllowedContact(_pair(c.links), c.reason) for c in table.allowed_contacts),
         gripper=gripper,
-        retreats=tuple(ExemptRetreat(r.pose, np.array(r.to), r.pairs, r.reason) for r in file.retreats),
-        inverse=file.inverse,
-        settle_time=file.settle_time,
+        retreats=tuple(
+            ExemptRetreat(r.pose, np.array(r.to), tuple(map(_pair, r.pairs)), r.reason) for r in table.retreat
+        ),
+        inverse=table.inverse_kinematics,
+        settle_time=table.settle_time,
     )
-    return robot if file.gripper is None else robot.with_gripper(file.gripper.width)
+    width = None if table.gripper is None else table.gripper.width
+    return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
 
 
-def _disagreements(file: RobotFile, urdf: Urdf) -> list[str]:
+def _pair(links: Sequence[str]) -> tuple[str, str]:
+    a, b = links
+    return (a, b)
+
+
+def _disagreements(table: RobotTable, urdf: Urdf) -> list[str]:
     """What robot.toml says that its URDF does not know or bear."""
     links = {link.name for link in urdf.links}
     movable = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
     problems = []
-    fingers = file.gripper.joints if file.gripper else ()
-    for where, names in (("joints", file.joints), ("gripper.joints", fingers), ("locked_joints", tuple(file.locked))):
+    fingers = table.gripper.joints if table.gripper else []
+    locked = list(table.locked_joints)
+    for where, names in (("joints", table.joints), ("gripper.joints", fingers), ("locked_joints", locked)):
         problems += [f"{where}: {name!r} is no movable joint of the URDF" for name in names if name not in movable]
-    used = [*file.joints, *fingers, *file.locked]
-    problems += [f"joint {name!r} is listed more than once" for name in sorted(set(used)) if used.count(name) > 1]
-    standing = locked_positions(urdf, file.joints, {**file.locked, **dict.fromkeys(fingers, 0.0)})
-    problems += _unaccounted(movable.values(), file.joints, standing)
-    named = [("tool_frame", file.tool_frame), *(("base_links", link) for link in file.base_links)]
-    named += [(f"allowed_contacts[{i}].links", link) for i, (pair, _) in enumerate(file.allowed) for link in pair]
-    named += [(f"retreat[{i}].pairs", link) for i, r in enumerate(file.retreats) for pair in r.pairs for link in pair]
+    used = [*table.joints, *fingers, *locked]
+    problems += [
+        f"joint {name!r} is listed more than once" for name, times in sorted(Counter(used).items()) if times > 1
+    ]
+    standing = locked_positions(urdf, table.joints, {**table.locked_joints, **dict.fromkeys(fingers, 0.0)})
+    problems += _unaccounted(movable.values(), table.joints, standing)
+    named = [("tool_frame", table.tool_frame), *(("base_links", link) for link in table.base_links)]
+    named += [(f"allowed_contacts[{i}].links", link) for i, c in enumerate(table.allowed_contacts) for link in c.links]
+    named += [(f"retreat[{i}].pairs", link) for i, r in enumerate(table.retreat) for pair in r.pairs for link in pair]
     problems += [f"{where}: {link!r} is no link of the URDF" for where, link in named if link not in links]
-    seen = [frozenset(pair) for pair, _ in file.allowed]
-    problems += [f"allowed_contacts: {' x '.join(sorted(p))} is listed twice" for p in set(seen) if seen.count(p) > 1]
-    problems += _loose_limits(file, movable) + _unjudged(urdf)
-    return problems + (_gripper_problems(file.gripper, movable) if file.gripper else [])
+    pairs = Counter(" x ".join(sorted(contact.links)) for contact in table.allowed_contacts)
+    problems += [f"allowed_contacts: {pair} is listed twice" for pair in pairs if pairs[pair] > 1]
+    problems += _loose_limits(table, movable) + _unjudged(urdf)
+    return problems + (_gripper_problems(table.gripper, movable) if table.gripper else [])
 
 
 def _unjudged(urdf: Urdf) -> list[str]:
@@ -115,19 +135,19 @@ def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: 
     return problems
 
 
-def _loose_limits(file: RobotFile, movable: Mapping[str, UrdfJoint]) -> list[str]:
+def _loose_limits(table: RobotTable, movable: Mapping[str, UrdfJoint]) -> list[str]:
     problems = []
-    for index, name in enumerate(file.joints):
+    for index, name in enumerate(table.joints):
         if name in movable:
             joint = movable[name]
-            low, high = file.limits["lower"][index], file.limits["upper"][index]
+            low, high = table.limits.position.lower[index], table.limits.position.upper[index]
             if low < joint.lower or high > joint.upper:
                 problems.append(
                     f"limits.position: {name} [{low:g}, {high:g}] exceeds the URDF's [{joint.lower:g}, {joint.upper:g}]"
                 )
-            if file.limits["velocity"][index] > joint.velocity:
+            if table.limits.velocity.values[index] > joint.velocity:
                 problems.append(f"limits.velocity: {name} exceeds the URDF's {joint.velocity:g}")
-    for name, position in file.locked.items():
+    for name, position in table.locked_joints.items():
         if name in movable and not movable[name].lower <= position <= movable[name].upper:
             problems.append(
                 f"locked_joints: {name} = {position:g} is outside [{movable[name].lower:g}, {movable[name].upper:g}]"
@@ -135,7 +155,7 @@ def _loose_limits(file: RobotFile, movable: Mapping[str, UrdfJoint]) -> list[str
     return problems
 
 
-def _gripper_problems(entry: GripperEntry, movable: Mapping[str, UrdfJoint]) -> list[str]:
+def _gripper_problems(entry: GripperTable, movable: Mapping[str, UrdfJoint]) -> list[str]:
     problems = []
     for name in entry.joints:
         joint = movable.get(name)
@@ -150,7 +170,7 @@ def _gripper_problems(entry: GripperEntry, movable: Mapping[str, UrdfJoint]) -> 
     return problems
 
 
-def _gripper(entry: GripperEntry | None, urdf: Urdf, assembly: Assembly) -> Gripper | None:
+def _gripper(entry: GripperTable | None, urdf: Urdf, assembly: Assembly) -> Gripper | None:
     """The gripper, with the directions in which its fingers open; the assembly has it closed."""
     if entry is None:
         return None
@@ -163,8 +183,9 @@ def _gripper(entry: GripperEntry | None, urdf: Urdf, assembly: Assembly) -> Grip
             directions |= dict.fromkeys(_downstream(urdf, joint.child), (x, y, z))
     closed = tuple(item for item in assembly.shapes if item.link in directions)
     along = tuple(directions[item.link] for item in closed)
-    links, axes = tuple(directions), (entry.approach, entry.closing)
-    return Gripper(entry.joints, links, entry.lower, entry.upper, closed, along, *axes)
+    (x, y, z), (u, v, w) = entry.approach, entry.closing
+    names, links = tuple(entry.joints), tuple(directions)
+    return Gripper(names, links, entry.lower, entry.upper, closed, along, (x, y, z), (u, v, w))
 
 
 def _require_closing(path: Path, gripper: Gripper, tool_body: int, tool: FloatArray) -> None:

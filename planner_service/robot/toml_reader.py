@@ -1,362 +1,251 @@
-"""robot.toml: a robot as data, read strictly, with every problem named at once."""
+"""robot.toml: what each of its keys is, and what the keys have to be to each other."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from planner_service.errors import InvalidFile, shown
+from pydantic import AfterValidator, Field
+
+from planner_service.errors import InvalidFile, InvalidRequest, shown
+from planner_service.files.schema import ONE_PER_JOINT, Joints, Numbers, Reading, Record, of_length, read_record
 from planner_service.files.toml_reader import read_tables
 from planner_service.robot.package_files import package_folder
 
-__all__ = ["GripperEntry", "RetreatEntry", "RobotFile", "read_robot_file"]
+__all__ = ["GripperTable", "RobotFile", "RobotTable", "read_robot_file"]
 
 MAX_BYTES = 1_000_000
+"""A robot.toml has a few kilobytes."""
+
+MAX_NUMBER = 1e9
+"""Larger numbers than this are no angle, length, velocity, acceleration or jerk."""
 
 MAX_SHOWN = 20
 """Names of poses that a problem lists."""
-"""A robot.toml has a few kilobytes."""
+
 PACKAGE = "package://"
+
 AXIS_SLACK = 1e-6
 """By which an axis may be longer or shorter than 1, and lean from a right angle."""
-LIMIT_KINDS = ("velocity", "acceleration", "jerk")
-
-Numbers = tuple[float, ...]
-Pair = tuple[str, str]
 
 
-@dataclass(frozen=True)
-class GripperEntry:
-    """The ``[gripper]`` table; widths in metres, axes as unit vectors in the tool frame."""
-
-    joints: tuple[str, ...]
-    lower: float
-    upper: float
-    width: float
-    approach: tuple[float, float, float]
-    closing: tuple[float, float, float]
+# Kinds of values.
 
 
-@dataclass(frozen=True)
-class RetreatEntry:
-    """One ``[[retreat]]`` table."""
+def _not_blank(text: str) -> str:
+    if not text.strip():
+        raise ValueError("a text")
+    return text
 
-    pose: str
-    to: Numbers
-    pairs: tuple[Pair, ...]
-    reason: str
+
+def _moderate(value: float) -> float:
+    if abs(value) > MAX_NUMBER:
+        raise ValueError(f"a number from -{MAX_NUMBER:g} to {MAX_NUMBER:g}")
+    return value
+
+
+def _moderate_all(values: list[float]) -> list[float]:
+    return [_moderate(value) for value in values]
+
+
+def _different(names: list[str]) -> list[str]:
+    if not names or not all(names) or len(set(names)) != len(names):
+        raise ValueError("one or more different names")
+    return names
+
+
+def _two_links(names: list[str]) -> list[str]:
+    if len(names) != 2 or not all(names) or names[0] == names[1]:
+        raise ValueError("two different link names")
+    return names
+
+
+def _unit(axis: list[float]) -> list[float]:
+    if abs(math.hypot(*axis) - 1.0) > AXIS_SLACK:
+        raise ValueError(f"a unit vector in the tool frame; its length is {math.hypot(*axis):g}")
+    return axis
+
+
+def _with_home(poses: dict[str, Any]) -> dict[str, Any]:
+    if "home" not in poses:
+        raise ValueError("a pose named 'home' among them")
+    return poses
+
+
+Sentence = Annotated[str, AfterValidator(_not_blank), Field(description="a text")]
+Number = Annotated[float, AfterValidator(_moderate)]
+Distance = Annotated[float, Field(ge=0.0, le=MAX_NUMBER, description=f"a number from 0 to {MAX_NUMBER:g}")]
+Positions = Annotated[Joints, AfterValidator(_moderate_all), Field(description="a list of one number for each joint")]
+Rate = Annotated[float, Field(gt=0.0, le=MAX_NUMBER)]
+Rates = Annotated[list[Rate], ONE_PER_JOINT, Field(description="a list of one number for each joint")]
+Names = Annotated[list[str], AfterValidator(_different), Field(description="one or more different names")]
+LinkPair = Annotated[list[str], AfterValidator(_two_links), Field(description="two different link names")]
+Axis = Annotated[Numbers, of_length(3, "3 finite numbers"), AfterValidator(_unit), Field(description="[x, y, z]")]
+
+
+# Tables.
+
+
+class PositionTable(Record):
+    """``[limits.position]``: radians or metres, one number for each joint."""
+
+    lower: Positions
+    upper: Positions
+    source: Sentence
+
+
+class RateTable(Record):
+    """``[limits.velocity]``, and those of acceleration and jerk."""
+
+    values: Rates
+    source: Sentence
+
+
+class LimitsTable(Record):
+    """``[limits]``."""
+
+    position: PositionTable = Field(description="a table")
+    velocity: RateTable = Field(description="a table")
+    acceleration: RateTable = Field(description="a table")
+    jerk: RateTable = Field(description="a table")
+
+
+class GripperTable(Record):
+    """``[gripper]``: widths in metres, axes as unit vectors in the tool frame; ``width`` is ``upper`` if not given."""
+
+    joints: Names
+    lower: Distance
+    upper: Distance
+    width: Distance | None = Field(None, description=f"a number from 0 to {MAX_NUMBER:g}")
+    approach: Axis
+    closing: Axis
+
+
+class ContactTable(Record):
+    """``[[allowed_contacts]]``."""
+
+    links: LinkPair
+    reason: Sentence
+
+
+class RetreatTable(Record):
+    """``[[retreat]]``."""
+
+    pose: Sentence
+    to: Positions
+    pairs: Annotated[list[LinkPair], Field(min_length=1, description="one or more pairs of link names")]
+    reason: Sentence
+
+
+class RobotTable(Record):
+    """A robot.toml. Names of links and joints are not compared with the URDF yet.
+
+    ``decompose`` names links whose meshes are cut into convex pieces, and how many of each at most.
+    """
+
+    name: Sentence
+    urdf: Sentence
+    packages: Names | None = Field(None, description="one or more different names")
+    joints: Names
+    tool_frame: Sentence
+    base_links: Names
+    inverse_kinematics: Literal["numeric", "wxai"] = "numeric"
+    settle_time: Distance = 0.0
+    poses: Annotated[dict[str, Positions], AfterValidator(_with_home), Field(description="a table")]
+    limits: LimitsTable = Field(description="a table")
+    locked_joints: dict[str, Number] = Field({}, description="a table")
+    decompose: dict[str, Annotated[int, Field(ge=1)]] = Field({}, description="a table")
+    gripper: GripperTable | None = Field(None, description="a table")
+    allowed_contacts: list[ContactTable] = Field([], description="an array of tables")
+    retreat: list[RetreatTable] = Field([], description="an array of tables")
 
 
 @dataclass(frozen=True)
 class RobotFile:
-    """What a robot.toml says; names of links and joints of the URDF are not checked yet.
+    """A robot.toml and where the files are that it names.
 
     Attributes:
-        decompose: Links whose meshes are cut into convex pieces, and how many of each at most.
         package_dirs: Folders of installed packages in which the URDF and meshes may lie, beside the robot's own.
     """
 
-    path: Path
-    name: str
+    table: RobotTable
     urdf: Path
     package_dirs: tuple[Path, ...]
-    decompose: Mapping[str, int]
-    joints: tuple[str, ...]
-    tool_frame: str
-    base_links: tuple[str, ...]
-    inverse: str
-    settle_time: float
-    poses: Mapping[str, Numbers]
-    limits: Mapping[str, Numbers]
-    locked: Mapping[str, float]
-    gripper: GripperEntry | None
-    allowed: tuple[tuple[Pair, str], ...]
-    retreats: tuple[RetreatEntry, ...]
 
 
 def read_robot_file(path: Path) -> RobotFile:
-    """The contents of a robot.toml whose shape is right.
+    """The contents of a robot.toml that does not contradict itself.
 
     Raises:
-        InvalidFile: with every problem found.
+        InvalidFile: with every problem found; those of single keys first, those between keys once each key is right.
         MissingDependency: its files come with a package that is not installed, but which an extra would bring.
     """
-    data = read_tables(path, MAX_BYTES)
-    problems: list[str] = []
-    result = _robot_file(path, _Table(data, "", problems), problems)
+    document = read_tables(path, MAX_BYTES)
+    joints = document.get("joints")
+    reading = Reading(joints=len(joints) if isinstance(joints, list) else None)
+    table = read_record(RobotTable, document, path, reading)
+    problems = list(_contradictions(table))
+    packages: dict[str, Path] = {}
+    for name in table.packages or ():
+        try:
+            packages[name] = package_folder(name)
+        except LookupError as error:  # unknown, too
+            problems.append(f"packages: {error}")
+    urdf = path
+    try:
+        urdf = _urdf_path(table.urdf, path.resolve().parent, packages)
+    except InvalidRequest as error:
+        problems.append(str(error))
     if problems:
         raise InvalidFile(path, problems)
-    return result
+    return RobotFile(table, urdf, tuple(packages.values()))
 
 
-def _robot_file(path: Path, table: _Table, problems: list[str]) -> RobotFile:
-    joints = table.names("joints", 1)
-    n = len(joints)
-    packages = _packages(table)
-    urdf = _urdf_path(path.resolve().parent, packages, table)
-    result = RobotFile(
-        path=path,
-        name=table.text("name"),
-        urdf=urdf,
-        package_dirs=tuple(packages.values()),
-        decompose=_decompose(table),
-        joints=joints,
-        tool_frame=table.text("tool_frame"),
-        base_links=table.names("base_links", 1),
-        inverse=table.choice("inverse_kinematics", ("numeric", "wxai"), "numeric"),
-        settle_time=table.number("settle_time", 0.0, default=0.0),
-        poses=_poses(table, n),
-        limits=_limits(table, n),
-        locked=_locked(table),
-        gripper=_gripper(table),
-        allowed=tuple(_allowed(entry) for entry in table.tables("allowed_contacts")),
-        retreats=tuple(_retreat(entry, n) for entry in table.tables("retreat")),
-    )
-    table.close()
-    _check_poses(result, problems)
-    return result
-
-
-def _packages(table: _Table) -> dict[str, Path]:
-    """The folders of the installed packages that are named."""
-    folders = {}
-    for name in table.names("packages", 1) if "packages" in table.data else ():
-        try:
-            folders[name] = package_folder(name)
-        except LookupError as error:  # unknown, too
-            table.problems.append(f"packages: {error}")
-    return folders
-
-
-def _urdf_path(own: Path, packages: Mapping[str, Path], table: _Table) -> Path:
+def _urdf_path(text: str, own: Path, packages: Mapping[str, Path]) -> Path:
     """The file beside robot.toml, or ``package://name/rest``: ``rest`` in the folder of a package named in it."""
-    text = table.text("urdf")
-    folder, tail, whose = own, text, "the robot's folder"
+    folder, tail, whose = own, text, "in the robot's folder"
     if text.startswith(PACKAGE):
         name, _, tail = text[len(PACKAGE) :].partition("/")
         if name not in packages:
-            table.problems.append(f"urdf = {shown(text)}: {name!r} is none of the packages; list it there")
-            return own
-        folder, whose = packages[name], f"the folder of package {name!r}"
+            raise InvalidRequest("urdf", text, f"a package that is listed in packages, which {name!r} is not")
+        folder, whose = packages[name], f"in the folder of package {name!r}"
     try:
         urdf = (folder / tail).resolve()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL character, or a circle of links
-        table.problems.append(f"urdf = {shown(text)}: {error}")
-        return folder
+        raise InvalidRequest("urdf", text, f"a path; {error}") from None
     if not urdf.is_relative_to(folder):
-        table.problems.append(f"urdf = {shown(text)} lies outside {whose}")
+        raise InvalidRequest("urdf", text, f"a path {whose}")
     return urdf
 
 
-def _poses(table: _Table, n: int) -> dict[str, Numbers]:
-    poses = table.table("poses")
-    result = {name: poses.numbers(name, n) for name in poses.data}
-    if "home" not in result:
-        poses.problems.append("poses.home is missing")
-    poses.close()
-    return result
-
-
-def _limits(table: _Table, n: int) -> dict[str, Numbers]:
-    limits = table.table("limits")
-    position = limits.table("position")
-    result = {"lower": position.numbers("lower", n), "upper": position.numbers("upper", n)}
-    position.text("source")
-    position.close()
-    for index, (low, high) in enumerate(zip(result["lower"], result["upper"], strict=False)):
+def _contradictions(robot: RobotTable) -> Iterator[str]:
+    """What is wrong between keys that are right on their own."""
+    lower, upper = robot.limits.position.lower, robot.limits.position.upper
+    for joint, low, high in zip(robot.joints, lower, upper, strict=True):
         if low >= high:
-            limits.problems.append(
-                f"limits.position: joint {index} has lower {low:g}, upper {high:g}; expected lower < upper"
-            )
-    for kind in LIMIT_KINDS:
-        entry = limits.table(kind)
-        result[kind] = entry.numbers("values", n)
-        limits.problems.extend(
-            f"limits.{kind}.values[{i}] = {v:g}; expected more than 0" for i, v in enumerate(result[kind]) if v <= 0.0
-        )
-        entry.text("source")
-        entry.close()
-    limits.close()
-    return result
-
-
-def _locked(table: _Table) -> dict[str, float]:
-    if "locked_joints" not in table.data:
-        return {}
-    locked = table.table("locked_joints")
-    result = {name: locked.number(name, -math.inf) for name in locked.data}
-    locked.close()
-    return result
-
-
-def _decompose(table: _Table) -> dict[str, int]:
-    if "decompose" not in table.data:
-        return {}
-    entry = table.table("decompose")
-    result = {link: entry.number(link, 1.0) for link in entry.data}
-    for link, count in result.items():
-        if count != int(count):
-            entry.problems.append(f"decompose.{link}: {count:g}; expected a whole number of pieces")
-    entry.close()
-    return {link: int(count) for link, count in result.items()}
-
-
-def _gripper(table: _Table) -> GripperEntry | None:
-    if "gripper" not in table.data:
-        return None
-    entry = table.table("gripper")
-    lower, upper = entry.number("lower", 0.0), entry.number("upper", 0.0)
-    width = entry.number("width", 0.0, default=upper)
-    if not lower <= width <= upper or lower >= upper:
-        entry.problems.append(
-            f"gripper: lower {lower:g}, width {width:g}, upper {upper:g}; expected lower <= width <= upper"
-        )
-    approach, closing = _axis(entry, "approach"), _axis(entry, "closing")
-    if abs(math.fsum(a * b for a, b in zip(approach, closing, strict=True))) > AXIS_SLACK:
-        entry.problems.append(
-            f"gripper: approach {approach} and closing {closing}; expected a right angle between them"
-        )
-    result = GripperEntry(entry.names("joints", 1), lower, upper, width, approach, closing)
-    entry.close()
-    return result
-
-
-def _axis(entry: _Table, name: str) -> tuple[float, float, float]:
-    values = entry.numbers(name, 3)
-    if len(values) == 3:
-        x, y, z = values
-        if abs(math.hypot(x, y, z) - 1.0) <= AXIS_SLACK:
-            return x, y, z
-        entry.problems.append(
-            f"gripper.{name}: length {math.hypot(x, y, z):g}; expected a unit vector in the tool frame"
-        )
-    return (1.0, 0.0, 0.0) if name == "approach" else (0.0, 1.0, 0.0)
-
-
-def _allowed(entry: _Table) -> tuple[Pair, str]:
-    result = (entry.pair("links"), entry.text("reason"))
-    entry.close()
-    return result
-
-
-def _retreat(entry: _Table, n: int) -> RetreatEntry:
-    result = RetreatEntry(entry.text("pose"), entry.numbers("to", n), entry.pairs("pairs"), entry.text("reason"))
-    entry.close()
-    return result
-
-
-def _check_poses(robot: RobotFile, problems: list[str]) -> None:
-    lower, upper = robot.limits["lower"], robot.limits["upper"]
+            yield f"limits.position: {joint} has lower {low:g}, upper {high:g}; expected lower < upper"
     named = [(f"poses.{name}", q) for name, q in robot.poses.items()]
-    named += [(f"retreat[{i}].to", retreat.to) for i, retreat in enumerate(robot.retreats)]
+    named += [(f"retreat[{k}].to", retreat.to) for k, retreat in enumerate(robot.retreat)]
     for where, q in named:
-        for joint, value, low, high in zip(robot.joints, q, lower, upper, strict=False):
+        for joint, value, low, high in zip(robot.joints, q, lower, upper, strict=True):
             if not low <= value <= high:
-                problems.append(f"{where}: {joint} = {value:g} is outside [{low:g}, {high:g}]")
+                yield f"{where}: {joint} = {value:g} is outside [{low:g}, {high:g}]"
     known = ", ".join([shown(name)[1:-1] for name in list(robot.poses)[:MAX_SHOWN]])
     known += ", ..." if len(robot.poses) > MAX_SHOWN else ""
-    for index, retreat in enumerate(robot.retreats):
+    for k, retreat in enumerate(robot.retreat):
         if retreat.pose not in robot.poses:
-            problems.append(f"retreat[{index}].pose = {shown(retreat.pose)}; expected one of {known}")
+            yield f"retreat[{k}].pose: got {shown(retreat.pose)}; expected one of {known}"
+    if robot.gripper is not None:
+        yield from _gripper_contradictions(robot.gripper)
 
 
-class _Table:
-    """A TOML table being read: each getter marks its key as known and reports what is wrong with the value."""
-
-    def __init__(self, data: Any, where: str, problems: list[str]) -> None:
-        self.problems = problems
-        self.where = where
-        if not isinstance(data, dict):
-            problems.append(f"{where} = {shown(data)}; expected a table")
-        self.data: dict[str, Any] = data if isinstance(data, dict) else {}
-        self.known: set[str] = set()
-
-    def close(self) -> None:
-        """Report the keys nobody asked for."""
-        self.problems.extend(f"unknown key {self.path(key)}" for key in self.data if key not in self.known)
-
-    def path(self, key: str) -> str:
-        return f"{self.where}.{key}" if self.where else key
-
-    def value(self, key: str, expected: str, read: Callable[[Any], Any], stand_in: Any) -> Any:
-        """The value as ``read`` returns it; a problem and ``stand_in`` when it is missing or ``read`` returns None."""
-        self.known.add(key)
-        if key not in self.data:
-            self.problems.append(f"{self.path(key)} is missing; expected {expected}")
-            return stand_in
-        result = read(self.data[key])
-        if result is None:
-            self.problems.append(f"{self.path(key)} = {shown(self.data[key])}; expected {expected}")
-            return stand_in
-        return result
-
-    def text(self, key: str) -> str:
-        return str(self.value(key, "a text", lambda v: v if isinstance(v, str) and v.strip() else None, "?"))
-
-    def choice(self, key: str, choices: tuple[str, ...], default: str) -> str:
-        self.known.add(key)
-        expected = "one of " + ", ".join(choices)
-        return (
-            default
-            if key not in self.data
-            else str(self.value(key, expected, lambda v: v if v in choices else None, default))
-        )
-
-    def number(self, key: str, lowest: float, default: float | None = None) -> float:
-        self.known.add(key)
-        if default is not None and key not in self.data:
-            return default
-        expected = "a finite number" + ("" if lowest == -math.inf else f" of at least {lowest:g}")
-        return float(
-            self.value(key, expected, lambda v: v if _is_number(v) and v >= lowest else None, max(lowest, 0.0))
-        )
-
-    def numbers(self, key: str, count: int) -> Numbers:
-        def read(value: Any) -> Numbers | None:
-            fits = isinstance(value, list) and len(value) == count and all(map(_is_number, value))
-            return tuple(float(v) for v in value) if fits else None
-
-        return tuple(self.value(key, f"{count} finite numbers", read, ()))
-
-    def names(self, key: str, fewest: int) -> tuple[str, ...]:
-        def read(value: Any) -> tuple[str, ...] | None:
-            fits = isinstance(value, list) and len(value) >= fewest and all(isinstance(v, str) and v for v in value)
-            return tuple(value) if fits and len(set(value)) == len(value) else None
-
-        return tuple(self.value(key, f"at least {fewest} different names", read, ()))
-
-    def pair(self, key: str) -> Pair:
-        first, second = self.value(key, "two different link names", _pair, ("?", "?"))
-        return (first, second)
-
-    def pairs(self, key: str) -> tuple[Pair, ...]:
-        def read(value: Any) -> tuple[Pair, ...] | None:
-            found = [_pair(v) for v in value] if isinstance(value, list) else [None]
-            pairs = tuple(pair for pair in found if pair is not None)
-            return pairs if pairs and len(pairs) == len(found) else None
-
-        return tuple(self.value(key, "a list of pairs of link names", read, ()))
-
-    def table(self, key: str) -> _Table:
-        found = self.value(key, "a table", lambda v: v if isinstance(v, dict) else None, None)
-        # what a missing table should hold is not listed key by key: one problem is enough
-        return _Table({}, self.path(key), []) if found is None else _Table(found, self.path(key), self.problems)
-
-    def tables(self, key: str) -> list[_Table]:
-        self.known.add(key)
-        if key not in self.data:
-            return []
-        items = self.value(key, "an array of tables", lambda v: v if isinstance(v, list) else None, [])
-        return [_Table(item, f"{self.path(key)}[{index}]", self.problems) for index, item in enumerate(items)]
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= 1e9
-
-
-def _pair(value: Any) -> Pair | None:
-    fits = isinstance(value, list) and len(value) == 2 and all(isinstance(v, str) and v for v in value)
-    return (value[0], value[1]) if fits and value[0] != value[1] else None
+def _gripper_contradictions(gripper: GripperTable) -> Iterator[str]:
+    lower, upper, approach, closing = gripper.lower, gripper.upper, gripper.approach, gripper.closing
+    width = upper if gripper.width is None else gripper.width
+    if not lower <= width <= upper or lower >= upper:
+        yield f"gripper: lower {lower:g}, width {width:g}, upper {upper:g}; expected lower <= width <= upper"
+    if abs(math.fsum(a * b for a, b in zip(approach, closing, strict=True))) > AXIS_SLACK:
+        yield f"gripper: approach {approach} and closing {closing}; expected a right angle between them"

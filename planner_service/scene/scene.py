@@ -34,30 +34,21 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NoReturn
 
-from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
+from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
-from planner_service.files.toml_reader import read_tables
-from planner_service.files.writing import write_whole
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.mesh_paths import MeshShelf
 from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere, instance, items, text
-from planner_service.scene.toml_reader import MAX_BYTES, SHAPE_KEYS, Table, pose_texts, shape_key, shape_text
 
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
-
-OURS = re.compile(rb"(?:\s|#[^\n]*\n|(?:name|description)[ \t]*=[^\n]*\n)*(?:\[\[(?:obstacle|attached)\]\]|\Z)")
-"""How scene files begin."""
 
 MAX_NAME = 64
 KIND_SUFFIXES = (" (link)", " (object)")
@@ -67,20 +58,25 @@ MAX_OBJECTS = 10_000
 """A scene made by hand or from detections has far fewer; more would rather be a point cloud."""
 
 _KINDS: tuple[type[Solid], ...] = (Box, Sphere, Cylinder, Capsule, Mesh, Compound, PointCloud, HeightField)
+_KIND_NAMES: Mapping[type, str] = {PointCloud: "cloud", HeightField: "heights"}
+"""What a hash calls a kind of shape, where that is not its class."""
+
 _ANY_KIND = "one of " + ", ".join(kind.__name__ for kind in _KINDS)
-_BODY_KEYS = ("name", *SHAPE_KEYS, "position", "quaternion_wxyz")
 
 
-def _checked_name(field_name: str, value: Any) -> str:
+def checked_name(field_name: str, value: Any) -> str:
+    """The name of a scene or of something in it, if it can be one."""
     good = isinstance(value, str) and value.isprintable() and value == value.strip()
     if not good or not 0 < len(value) <= MAX_NAME:
         _refuse_text(field_name, value, f"1 to {MAX_NAME} printable characters, no space at the ends")
     return str(value)
 
 
-def _check_description(value: Any) -> None:
+def checked_description(value: Any) -> str:
+    """The description of a scene, if it can be one."""
     if not isinstance(value, str) or len(value) > MAX_DESCRIPTION or not value.replace("\n", "").isprintable():
         _refuse_text("description", value, f"at most {MAX_DESCRIPTION} printable characters and line ends")
+    return str(value)
 
 
 def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
@@ -89,7 +85,7 @@ def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
 
 
 def _check_body(name: str, shape: Any, pose: Any) -> None:
-    if _checked_name("name", name).endswith(KIND_SUFFIXES):
+    if checked_name("name", name).endswith(KIND_SUFFIXES):
         raise InvalidRequest("name", name, f"a name that does not end in {' or '.join(map(repr, KIND_SUFFIXES))}")
     if not isinstance(shape, _KINDS):
         raise InvalidRequest(f"shape of {name!r}", shape, _ANY_KIND)
@@ -139,7 +135,7 @@ class Attached:
         links = items("touch_links", self.touch_links, str, "a sequence of link names")
         object.__setattr__(self, "touch_links", links)
         for link in self.touch_links:
-            _checked_name("touch_links", link)
+            checked_name("touch_links", link)
         if len(set(self.touch_links)) != len(self.touch_links):
             raise InvalidRequest("touch_links", self.touch_links, "each link once")
 
@@ -173,8 +169,8 @@ class Scene:
                 raise InvalidRequest("name", name, "each name once among obstacles and attached objects")
             seen.add(name)
         if text("name", self.name) != "":
-            _checked_name("name of the scene", self.name)
-        _check_description(self.description)
+            checked_name("name of the scene", self.name)
+        checked_description(self.description)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -278,7 +274,7 @@ def _canonical(body: Obstacle | Attached) -> list[Any]:
 
 def _canonical_shape(shape: Solid) -> list[Any]:
     """What makes a solid, to the last bit."""
-    kind = shape_key(shape)
+    kind = _KIND_NAMES.get(type(shape), type(shape).__name__.lower())
     if isinstance(shape, Compound):
         return [
             kind,
@@ -312,13 +308,15 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
         UnknownName: no scene of that name comes with the package.
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
+    from planner_service.scene.toml_reader import read_scene
+
     instance("scene", name_or_path, (str, os.PathLike), "the name of a scene or the path of a file")
     path = as_path("scene", name_or_path)
     if isinstance(name_or_path, str) and path.name == name_or_path and path.suffix != ".toml":
         if name_or_path not in scene_names():
             raise UnknownName("scene", name_or_path, scene_names())
-        return _read_scene(data_folder("scenes") / f"{name_or_path}.toml")
-    return _read_scene(path)
+        return read_scene(data_folder("scenes") / f"{name_or_path}.toml")
+    return read_scene(path)
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
@@ -332,92 +330,6 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
         InvalidRequest: the file would be too large to be loaded again.
         InvalidFile: it cannot be written.
     """
-    instance("scene", scene, Scene, "a Scene")
-    target = as_path("path", path)
-    told = {"name": scene.name, "description": scene.description}
-    top = [f"{key} = {_quoted(text)}" for key, text in told.items() if text]
-    parts = ["\n".join(top)] if top else []
-    parts += ["\n".join(["[[obstacle]]", *_body_lines(o)]) for o in scene.obstacles]
-    for a in scene.attached:
-        links = ", ".join(_quoted(link) for link in a.touch_links)
-        parts.append("\n".join(["[[attached]]", *_body_lines(a), f"touch_links = [{links}]"]))
-    content = "\n\n".join(parts) + "\n"
-    if len(content.encode()) > MAX_BYTES:
-        raise InvalidRequest("scene", f"{len(content.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
-    write_whole(target, content, OURS)
+    from planner_service.scene.toml_reader import write_scene
 
-
-def _quoted(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)  # its escapes are TOML's too
-
-
-def _body_lines(body: Obstacle | Attached) -> list[str]:
-    lines = [f"name = {_quoted(body.name)}", f"{shape_key(body.shape)} = {shape_text(body.shape)}"]
-    return [*lines, *pose_texts(body.pose)]
-
-
-def _read_scene(path: Path) -> Scene:
-    problems: list[str] = []
-    top = Table("", read_tables(path, MAX_BYTES), problems, MeshShelf((path.resolve().parent,)))
-    top.allow_only(("name", "description", "obstacle", "attached"))
-    name, description = top.text("name") or "", top.text("description") or ""
-    obstacles, attached = top.tables("obstacle"), top.tables("attached")
-    if len(obstacles) + len(attached) > MAX_OBJECTS:
-        top.problem(f"{len(obstacles) + len(attached):,} obstacles and attached objects; at most {MAX_OBJECTS:,}")
-        raise InvalidFile(path, problems)
-    standing = [_read_obstacle(_entry("obstacle", k, content, top)) for k, content in enumerate(obstacles, 1)]
-    carried = [_read_attached(_entry("attached", k, content, top)) for k, content in enumerate(attached, 1)]
-    _note_duplicates(top, [*obstacles, *attached])
-    top.attempt(lambda: Scene(name=name))
-    top.attempt(lambda: Scene(description=description))
-    if problems:
-        raise InvalidFile(path, problems)
-    return Scene(
-        tuple(o for o in standing if o is not None), tuple(a for a in carried if a is not None), name, description
-    )
-
-
-def _note_duplicates(top: Table, entries: Sequence[dict[str, Any]]) -> None:
-    counts: dict[str, int] = {}
-    for content in entries:
-        name = content.get("name")
-        if isinstance(name, str):
-            counts[name] = counts.get(name, 0) + 1
-    for name, count in counts.items():
-        if count > 1:
-            top.problem(
-                f"name {reprlib.repr(name)} is there {count} times; expected once among obstacles and attached objects"
-            )
-
-
-def _entry(kind: str, number: int, content: dict[str, Any], top: Table) -> Table:
-    name = content.get("name")
-    label = f" {name!r}" if isinstance(name, str) and len(name) <= MAX_NAME else ""
-    return top.inner(f"{kind} {number}{label}", content)
-
-
-def _read_body(table: Table) -> tuple[str, Solid, Pose] | None:
-    name, shape, pose = _read_name(table), table.solid(), table.pose()
-    return None if name is None or shape is None or pose is None else (name, shape, pose)
-
-
-def _read_obstacle(table: Table) -> Obstacle | None:
-    table.allow_only(_BODY_KEYS)
-    body = _read_body(table)
-    return None if body is None else Obstacle(*body)
-
-
-def _read_attached(table: Table) -> Attached | None:
-    table.allow_only((*_BODY_KEYS, "touch_links"))
-    body, links = _read_body(table), table.texts("touch_links")
-    return None if body is None else table.attempt(lambda: Attached(*body, links))
-
-
-def _read_name(table: Table) -> str | None:
-    if "name" not in table.content:
-        table.problem("name is missing")
-        return None
-    name = table.text("name")
-    if name is None:
-        return None
-    return table.attempt(lambda: _checked_name("name", name))
+    write_scene(instance("scene", scene, Scene, "a Scene"), as_path("path", path))

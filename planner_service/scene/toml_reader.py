@@ -1,329 +1,362 @@
-"""TOML files of shapes and poses: read with all their problems told at once, written whole or not at all."""
+"""Scene files: what each key of a scene's TOML file is, declared once for reading and for writing."""
 
 from __future__ import annotations
 
 import math
-import reprlib
-from collections.abc import Callable, Iterable, Sequence
-from difflib import get_close_matches
-from typing import Any, TypeVar
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
 
 from planner_service.errors import InvalidRequest
+from planner_service.files.schema import Reading, Record, of_length, read_record
+from planner_service.files.toml_reader import read_tables, toml_value
+from planner_service.files.writing import write_whole
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshShelf
 from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene, checked_description, checked_name
 
-__all__ = [
-    "MAX_BYTES",
-    "SHAPE_KEYS",
-    "Table",
-    "pose_texts",
-    "shape_key",
-    "shape_text",
-]
-
-T = TypeVar("T")
+__all__ = ["MAX_BYTES", "read_scene", "write_scene"]
 
 MAX_BYTES = 5_000_000
 """A scene of 10,000 obstacles takes about 2 MB; a larger file is no scene."""
 
+OURS = re.compile(rb"(?:\s|#[^\n]*\n|(?:name|description)[ \t]*=[^\n]*\n)*(?:\[\[(?:obstacle|attached)\]\]|\Z)")
+"""How scene files begin."""
+
 CONVEX_KEYS = ("box", "sphere", "cylinder", "capsule", "mesh")
-"""Shapes that a compound may have, one of them per table."""
+"""Shapes that a part of a compound may have, one of them per table."""
 
 SHAPE_KEYS = (*CONVEX_KEYS, "cloud", "heights", "compound")
-"""What ``Table.solid`` reads, one of them per table."""
-
-POSE_KEYS = ("position", "quaternion_wxyz")
-
-MAX_PROBLEMS = 1_000
-"""Of a file, told one by one."""
-
-MAX_HINTS = 100
-"""Spelling hints per file: finding one takes far longer than naming the problem."""
+"""Shapes that an obstacle may have, one of them per table."""
 
 
-class Table:
-    """A TOML table read key by key; what is wrong goes to ``problems``, and None comes back in its place.
+def read_scene(path: Path) -> Scene:
+    """The scene in a TOML file.
 
-    Args:
-        where: How problems begin, such as ``obstacle 3 'post'``; empty for the top of the file.
-        problems: The list that all tables of a file share.
-        shelf: Where meshes are read from.
+    Raises:
+        InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
-
-    def __init__(self, where: str, content: dict[str, Any], problems: list[str], shelf: MeshShelf) -> None:
-        self.where = where
-        self.content = content
-        self._problems = problems
-        self._shelf = shelf
-
-    def inner(self, where: str, content: dict[str, Any]) -> Table:
-        """A table of the same file."""
-        return Table(where, content, self._problems, self._shelf)
-
-    def problem(self, text: str) -> None:
-        """Note one problem of this table; those after the first ``MAX_PROBLEMS`` are not told one by one."""
-        if len(self._problems) < MAX_PROBLEMS:
-            self._problems.append(f"{self.where}: {text}" if self.where else text)
-        elif len(self._problems) == MAX_PROBLEMS:
-            self._problems.append("and more")
-
-    def attempt(self, make: Callable[[], T]) -> T | None:
-        """What ``make`` returns, or None if it refuses: its reason becomes a problem."""
-        try:
-            return make()
-        except InvalidRequest as error:
-            self.problem(str(error))
-            return None
-
-    def allow_only(self, keys: Iterable[str]) -> None:
-        """Note every other key, with the nearest one that is allowed."""
-        allowed = tuple(keys)
-        for key in self.content:
-            if key in allowed:
-                continue
-            near = get_close_matches(key, allowed, n=1) if len(self._problems) < MAX_HINTS else []
-            hint = f"did you mean {near[0]!r}?" if near else f"allowed: {', '.join(allowed)}"
-            self.problem(f"unknown key {reprlib.repr(key)}; {hint}")
-
-    def text(self, key: str) -> str | None:
-        """The text under ``key``, or None if the key is missing (no problem) or holds something else (one)."""
-        value = self.content.get(key)
-        if value is None or isinstance(value, str):
-            return value
-        self.problem(f"{key}: got {_shown(value)}; expected a text")
-        return None
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        """The texts under ``key``; none if the key is missing."""
-        value = self.content.get(key, [])
-        if isinstance(value, list) and all(isinstance(item, str) for item in value):
-            return tuple(value)
-        self.problem(f"{key}: got {_shown(value)}; expected a list of texts")
-        return ()
-
-    def tables(self, key: str) -> list[dict[str, Any]]:
-        """The array of tables under ``key``; empty if the key is missing."""
-        value = self.content.get(key, [])
-        if isinstance(value, list) and all(isinstance(item, dict) for item in value):
-            return value
-        self.problem(f"{key}: got {_shown(value)}; expected tables, each headed [[{key}]]")
-        return []
-
-    def solid(self) -> Solid | None:
-        """The one shape among the table's keys."""
-        shapes = [self._solid(key) for key in self._keys(SHAPE_KEYS)]  # of two, both are read, for their own problems
-        return shapes[0] if len(shapes) == 1 else None
-
-    def _solid(self, key: str) -> Solid | None:
-        if key == "cloud":
-            return self._cloud()
-        if key == "heights":
-            return self._heights()
-        if key == "mesh" and isinstance(self.content[key], dict) and "pieces" in self.content[key]:
-            return self._cut()
-        return self._compound() if key == "compound" else self._shape(key)
-
-    def _keys(self, among: Sequence[str]) -> list[str]:
-        """The keys of shapes in the table, which should be one."""
-        keys = [key for key in among if key in self.content]
-        if len(keys) != 1:
-            found = f"two or more shapes, {' and '.join(keys)}" if keys else "shape is missing"
-            self.problem(f"{found}; expected exactly one of {', '.join(among)}")
-        return keys
-
-    def pose(self) -> Pose | None:
-        """The pose of ``position``, which must be there, and ``quaternion_wxyz``, which need not."""
-        position = self._numbers("position", "xyz", self._number)
-        quaternion: list[float] | None = [1.0, 0.0, 0.0, 0.0]
-        if "quaternion_wxyz" in self.content:
-            quaternion = self._numbers("quaternion_wxyz", "wxyz", self._number)
-        if quaternion is None:
-            return None
-        w, x, y, z = quaternion
-        norm = math.sqrt(w * w + x * x + y * y + z * z)
-        try:
-            turned = Pose(quaternion=(w, x, y, z))
-        except InvalidRequest:
-            self.problem(f"quaternion_wxyz: got {quaternion}; expected a unit quaternion, but its norm is {norm:.6g}")
-            return None
-        return None if position is None else Pose((position[0], position[1], position[2]), turned.quaternion)
-
-    def _shape(self, key: str) -> Shape | None:
-        value = self.content[key]
-        if key == "box":
-            size = self._numbers(key, "xyz", self._positive)
-            return None if size is None else Box((size[0], size[1], size[2]))
-        if key == "sphere":
-            radius = self._positive(key, value)
-            return None if radius is None else Sphere(radius)
-        if key == "mesh":
-            return self._mesh(value)
-        if not isinstance(value, dict):
-            self.problem(f"{key}: got {_shown(value)}; expected {{ radius = ..., length = ... }}")
-            return None
-        inner = self.inner(f"{self.where}: {key}", value)
-        inner.allow_only(("radius", "length"))
-        radius, length = inner._length("radius"), inner._length("length")
-        if radius is None or length is None:
-            return None
-        return Cylinder(radius, length) if key == "cylinder" else Capsule(radius, length)
-
-    def _mesh(self, value: Any) -> Mesh | None:
-        """A hull by the name of a file, or by the points in the file at hand."""
-        inner = self._mesh_table(value)
-        if inner is None:
-            return None
-        if "vertices" in inner.content:
-            inner.allow_only(("vertices",))
-            return inner.attempt(lambda: Mesh(inner.content["vertices"]))
-        inner.allow_only(("file", "scale"))
-        name, scale = inner.text("file"), inner.content.get("scale", [1.0, 1.0, 1.0])
-        return None if name is None else inner.attempt(lambda: self._shelf.mesh(name, scale))
-
-    def _cut(self) -> Compound | None:
-        """The convex pieces of a mesh file."""
-        inner = self._mesh_table(self.content["mesh"])
-        if inner is None:
-            return None
-        inner.allow_only(("file", "scale", "pieces"))
-        name, scale, most = inner.text("file"), inner.content.get("scale", [1.0, 1.0, 1.0]), inner.content["pieces"]
-        if name is None:
-            return None
-        return inner.attempt(lambda: Compound.of_pieces(self._shelf.pieces(name, scale, most)))
-
-    def _mesh_table(self, value: Any) -> Table | None:
-        table = {"file": value} if isinstance(value, str) else value
-        if not isinstance(table, dict) or ("file" in table) == ("vertices" in table):
-            expected = '"file.stl", { file = "file.stl", scale = [x, y, z] } or { vertices = [[x, y, z], ...] }'
-            self.problem(f"mesh: got {_shown(value)}; expected {expected}")
-            return None
-        return self.inner(f"{self.where}: mesh" if self.where else "mesh", table)
-
-    def _cloud(self) -> PointCloud | None:
-        """A cloud by the name of a file, or by its cells."""
-        inner = self._described("cloud", ("file", "cells"), "resolution", ("resolution",))
-        if inner is None:
-            return None
-        cell = inner._length("resolution")
-        if cell is None:
-            return None
-        if "cells" in inner.content:
-            return inner.attempt(lambda: PointCloud.from_cells(inner.content["cells"], cell))
-        name = inner.text("file")
-        return None if name is None else inner.attempt(lambda: self._shelf.cloud(name, cell))
-
-    def _heights(self) -> HeightField | None:
-        """A height field by the name of a file, or by its numbers."""
-        inner = self._described("heights", ("file", "values"), "cell", ("cell", "floor"))
-        if inner is None:
-            return None
-        cell, floor = inner._length("cell"), inner._number("floor", inner.content.get("floor", 0.0))
-        if cell is None or floor is None:
-            return None
-        if "values" in inner.content:
-            return inner.attempt(lambda: HeightField(inner.content["values"], cell, floor))
-        name = inner.text("file")
-        return None if name is None else inner.attempt(lambda: self._shelf.heights(name, cell, floor))
-
-    def _described(self, key: str, sources: tuple[str, str], size: str, rest: tuple[str, ...]) -> Table | None:
-        """The table under ``key``, of what comes from one of two sources and has a size."""
-        value = self.content[key]
-        if not isinstance(value, dict) or (sources[0] in value) == (sources[1] in value):
-            expected = f"{{ {sources[0]} = ..., {size} = ... }} or {{ {sources[1]} = [...], {size} = ... }}"
-            self.problem(f"{key}: got {_shown(value)}; expected {expected}")
-            return None
-        inner = self.inner(f"{self.where}: {key}" if self.where else key, value)
-        inner.allow_only((*sources, *rest))
-        return inner
-
-    def _compound(self) -> Compound | None:
-        value = self.content["compound"]
-        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
-            self.problem(f"compound: got {_shown(value)}; expected [{{ box = [...], position = [...] }}, ...]")
-            return None
-        parts = []
-        for k, item in enumerate(value, 1):
-            inner = self.inner(f"{self.where}: compound {k}" if self.where else f"compound {k}", item)
-            inner.allow_only((*CONVEX_KEYS, *POSE_KEYS))
-            shapes, pose = [inner._shape(key) for key in inner._keys(CONVEX_KEYS)], inner.pose()
-            parts += [(shape, pose) for shape in shapes[:1] if shape is not None and pose is not None]
-        return self.attempt(lambda: Compound(tuple(parts))) if len(parts) == len(value) else None
-
-    def _length(self, key: str) -> float | None:
-        if key in self.content:
-            return self._positive(key, self.content[key])
-        self.problem(f"{key} is missing; expected a length in metres")
-        return None
-
-    def _numbers(self, key: str, axes: str, read: Callable[[str, Any], float | None]) -> list[float] | None:
-        if key not in self.content:
-            self.problem(f"{key} is missing; expected [{', '.join(axes)}]")
-            return None
-        value = self.content[key]
-        if not isinstance(value, list) or len(value) != len(axes):
-            self.problem(f"{key}: got {_shown(value)}; expected [{', '.join(axes)}]")
-            return None
-        found = [read(f"{key} {axis}", item) for axis, item in zip(axes, value, strict=True)]
-        numbers = [number for number in found if number is not None]
-        return numbers if len(numbers) == len(axes) else None
-
-    def _number(self, label: str, value: Any) -> float | None:
-        if _is_number(value) and -MAX_LENGTH <= value <= MAX_LENGTH:
-            return float(value)
-        self.problem(f"{label}: got {_shown(value)}; expected a number from -{MAX_LENGTH:g} to {MAX_LENGTH:g}")
-        return None
-
-    def _positive(self, label: str, value: Any) -> float | None:
-        if _is_number(value) and 0 < value <= MAX_LENGTH:
-            return float(value)
-        self.problem(f"{label}: got {_shown(value)}; expected a positive length up to {MAX_LENGTH:g} m")
-        return None
+    document = read_tables(path, MAX_BYTES)
+    reading = _SceneReading(shelf=MeshShelf((path.resolve().parent,)))
+    scene: Scene = read_record(SceneFile, document, path, reading).value
+    return scene
 
 
-def shape_key(shape: Solid) -> str:
-    """Under which key a file has a shape."""
-    return _KEYS.get(type(shape).__name__, type(shape).__name__.lower())
+def write_scene(scene: Scene, path: Path) -> None:
+    """Write a scene to a TOML file that ``read_scene`` gives back bit for bit, whole or not at all.
+
+    Raises:
+        InvalidRequest: the file would be too large to be read again.
+        InvalidFile: it cannot be written.
+    """
+    content = "\n\n".join(_paragraphs(SceneFile.of(scene).model_dump(exclude_unset=True))) + "\n"
+    if len(content.encode()) > MAX_BYTES:
+        raise InvalidRequest("scene", f"{len(content.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
+    write_whole(path, content, OURS)
 
 
-_KEYS = {"PointCloud": "cloud", "HeightField": "heights"}
+def _paragraphs(document: dict[str, Any]) -> Iterator[str]:
+    """The keys at the top of a scene file, then its tables one by one."""
+    top = {key: value for key, value in document.items() if key not in ("obstacle", "attached")}
+    if top:
+        yield _lines(top)
+    for kind in ("obstacle", "attached"):
+        for table in document[kind]:
+            yield f"[[{kind}]]\n{_lines(table)}"
 
 
-def shape_text(shape: Solid) -> str:
-    """A shape as TOML, read again as an equal one."""
-    if isinstance(shape, Box):
-        return repr(list(shape.size))
-    if isinstance(shape, Sphere):
-        return repr(shape.radius)
-    if isinstance(shape, Mesh):
-        return f"{{ vertices = {shape.vertices.tolist()!r} }}"
-    if isinstance(shape, PointCloud):
-        return f"{{ resolution = {shape.resolution!r}, cells = {shape.cells.tolist()!r} }}"
-    if isinstance(shape, HeightField):
-        return f"{{ cell = {shape.cell!r}, floor = {shape.floor!r}, values = {shape.heights.tolist()!r} }}"
-    if isinstance(shape, Compound):
-        parts = [
-            ", ".join([f"{shape_key(part)} = {shape_text(part)}", *pose_texts(pose)]) for part, pose in shape.parts
-        ]
-        return f"[{', '.join(f'{{ {part} }}' for part in parts)}]"
-    return f"{{ {', '.join(f'{key} = {float(value)!r}' for key, value in vars(shape).items())} }}"
+def _lines(table: dict[str, Any]) -> str:
+    return "\n".join(f"{key} = {toml_value(value)}" for key, value in table.items())
 
 
-def pose_texts(pose: Pose) -> list[str]:
-    """The lines of a pose; a turn by nothing is left out."""
-    lines = [f"position = {list(pose.position)!r}"]
-    if pose.quaternion != (1.0, 0.0, 0.0, 0.0):
-        lines.append(f"quaternion_wxyz = {list(pose.quaternion)!r}")
-    return lines
+@dataclass
+class _SceneReading(Reading):
+    """What is known while a scene file is read: where meshes and clouds are read from."""
+
+    shelf: MeshShelf | None = None
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+# How values are written, for messages.
+
+XYZ, WXYZ = "[x, y, z]", "[w, x, y, z]"
+ROUND = "{ radius = ..., length = ... }"
+MESH = '"file.stl", { file = "file.stl", scale = [x, y, z] } or { vertices = [[x, y, z], ...] }'
+CLOUD = "{ file = ..., resolution = ... } or { cells = [...], resolution = ... }"
+HEIGHTS = "{ file = ..., cell = ... } or { values = [...], cell = ... }"
 
 
-def _shown(value: Any) -> str:
+# Kinds of values.
+
+
+def _checked_length(value: float) -> float:
+    if not 0.0 < value <= MAX_LENGTH:
+        raise ValueError(f"a positive length up to {MAX_LENGTH:g} m")
+    return value
+
+
+def _checked_coordinate(value: float) -> float:
+    if not -MAX_LENGTH <= value <= MAX_LENGTH:
+        raise ValueError(f"a number from -{MAX_LENGTH:g} to {MAX_LENGTH:g}")
+    return value
+
+
+def _unit_quaternion(values: list[float]) -> list[float]:
+    w, x, y, z = values
     try:
-        return reprlib.repr(value)
-    except ValueError:  # Python refuses to print integers of thousands of digits
-        return "an integer of thousands of digits"
+        Pose(quaternion=(w, x, y, z))
+    except InvalidRequest:
+        raise ValueError(f"a unit quaternion, but its norm is {math.hypot(*values):.6g}") from None
+    return values
+
+
+Length = Annotated[float, AfterValidator(_checked_length)]
+Coordinate = Annotated[float, AfterValidator(_checked_coordinate)]
+Size = Annotated[list[Length], of_length(3, XYZ)]
+Position = Annotated[list[Coordinate], of_length(3, XYZ), Field(description=XYZ)]
+Quaternion = Annotated[list[float], of_length(4, WXYZ), AfterValidator(_unit_quaternion)]
+Name = Annotated[str, AfterValidator(lambda name: checked_name("name", name)), Field(description="a text")]
+Edge = Annotated[float, Field(description="a length in metres")]
+Metres = Annotated[Length, Field(description="a length in metres")]
+
+
+# Tables.
+
+
+class RoundTable(Record):
+    """``cylinder = { radius = ..., length = ... }``, and a capsule."""
+
+    radius: Metres
+    length: Metres
+
+
+class FileTable(Record):
+    """What is read from a file in the scene's folder."""
+
+    _shelf: MeshShelf = PrivateAttr(MeshShelf(()))
+
+    def model_post_init(self, context: Any) -> None:
+        if isinstance(context, _SceneReading) and context.shelf is not None:
+            self._shelf = context.shelf
+
+
+class HullTable(FileTable):
+    """``mesh = { file = "file.stl", scale = [...] }`` or ``{ vertices = [[x, y, z], ...] }``: a convex hull."""
+
+    file: str | None = None
+    scale: list[Any] = Field([1.0, 1.0, 1.0])
+    vertices: Any = None
+
+    @cached_property
+    def value(self) -> Any:
+        self._require_one_source()
+        return Mesh(self.vertices) if self.file is None else self._shelf.mesh(self.file, self.scale)
+
+    def _require_one_source(self) -> None:
+        keys = self.model_fields_set
+        if ("file" in keys) == ("vertices" in keys) or ("vertices" in keys and len(keys) > 1):
+            raise ValueError(MESH)
+
+
+class MeshTable(HullTable):
+    """As ``HullTable``; with ``pieces`` a mesh that is cut into at most so many convex ones."""
+
+    pieces: int | None = None
+
+    @cached_property
+    def value(self) -> Any:
+        self._require_one_source()
+        if self.file is None or self.pieces is None:
+            return super().value
+        return Compound.of_pieces(self._shelf.pieces(self.file, self.scale, self.pieces))
+
+
+class CloudTable(FileTable):
+    """``cloud = { file = "scan.ply", resolution = ... }`` or ``{ cells = [[i, j, k], ...], resolution = ... }``."""
+
+    resolution: Edge
+    file: str | None = None
+    cells: Any = None
+
+    @cached_property
+    def value(self) -> PointCloud:
+        if (self.file is None) == (self.cells is None):
+            raise ValueError(CLOUD)
+        if self.file is not None:
+            return self._shelf.cloud(self.file, self.resolution)
+        return PointCloud.from_cells(self.cells, self.resolution)
+
+
+class HeightsTable(FileTable):
+    """``heights = { file = "ground.npy", cell = ... }`` or ``{ values = [[z, ...], ...], cell = ... }``."""
+
+    cell: Edge
+    floor: float = 0.0
+    file: str | None = None
+    values: Any = None
+
+    @cached_property
+    def value(self) -> HeightField:
+        if (self.file is None) == (self.values is None):
+            raise ValueError(HEIGHTS)
+        if self.file is not None:
+            return self._shelf.heights(self.file, self.cell, self.floor)
+        return HeightField(self.values, self.cell, self.floor)
+
+
+_ROUND: Mapping[str, Callable[[float, float], Shape]] = {"cylinder": Cylinder, "capsule": Capsule}
+
+
+def _tables(expected: str) -> BeforeValidator:
+    """For a list of tables; ``expected`` says how it is written."""
+
+    def checked(value: Any) -> Any:
+        if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+            raise ValueError(expected)
+        return value
+
+    return BeforeValidator(checked)
+
+
+def _as_table(mesh: Any) -> Any:
+    """``mesh = "file.stl"`` is short for ``mesh = { file = "file.stl" }``."""
+    return {"file": mesh} if isinstance(mesh, str) else mesh
+
+
+class PartTable(Record):
+    """A convex shape at a pose: one part of a compound."""
+
+    box: Size | None = Field(None, description=XYZ)
+    sphere: Length | None = None
+    cylinder: RoundTable | None = Field(None, description=ROUND)
+    capsule: RoundTable | None = Field(None, description=ROUND)
+    mesh: Annotated[HullTable | None, BeforeValidator(_as_table)] = Field(None, description=MESH)
+    position: Position
+    quaternion_wxyz: Quaternion = Field([1.0, 0.0, 0.0, 0.0], description=WXYZ)
+
+    @cached_property
+    def value(self) -> tuple[Shape, Pose]:
+        return _shape_in(self), _pose(self.position, self.quaternion_wxyz)
+
+
+class ObstacleTable(Record):
+    """``[[obstacle]]``."""
+
+    name: Name
+    box: Size | None = Field(None, description=XYZ)
+    sphere: Length | None = None
+    cylinder: RoundTable | None = Field(None, description=ROUND)
+    capsule: RoundTable | None = Field(None, description=ROUND)
+    mesh: Annotated[MeshTable | None, BeforeValidator(_as_table)] = Field(None, description=MESH)
+    cloud: CloudTable | None = Field(None, description=CLOUD)
+    heights: HeightsTable | None = Field(None, description=HEIGHTS)
+    compound: Annotated[list[PartTable], _tables("[{ box = [...], position = [...] }, ...]")] | None = None
+    position: Position
+    quaternion_wxyz: Quaternion = Field([1.0, 0.0, 0.0, 0.0], description=WXYZ)
+
+    @cached_property
+    def value(self) -> Any:
+        return Obstacle(self.name, _shape_in(self), _pose(self.position, self.quaternion_wxyz))
+
+
+class AttachedTable(ObstacleTable):
+    """``[[attached]]``."""
+
+    touch_links: list[str] = Field([], description="a list of texts")
+
+    @cached_property
+    def value(self) -> Attached:
+        pose = _pose(self.position, self.quaternion_wxyz)
+        return Attached(self.name, _shape_in(self), pose, tuple(self.touch_links))
+
+
+class SceneFile(Record):
+    """A scene file."""
+
+    name: Annotated[str, AfterValidator(lambda name: name and checked_name("name", name))] = ""
+    description: Annotated[str, AfterValidator(checked_description)] = ""
+    obstacle: Annotated[list[ObstacleTable], _tables("tables, each headed [[obstacle]]")] = Field([])
+    attached: Annotated[list[AttachedTable], _tables("tables, each headed [[attached]]")] = Field([])
+
+    @model_validator(mode="before")
+    @classmethod
+    def _few(cls, document: dict[str, Any]) -> dict[str, Any]:
+        tables = [document.get(kind) for kind in ("obstacle", "attached")]
+        count = sum(len(entries) for entries in tables if isinstance(entries, list))
+        if count > MAX_OBJECTS:
+            expected = f"at most {MAX_OBJECTS:,}"
+            message = f"{count:,} obstacles and attached objects; expected {expected}"
+            raise InvalidRequest("obstacle", count, expected, message=message)
+        return document
+
+    @classmethod
+    def of(cls, scene: Scene) -> SceneFile:
+        texts = {"name": scene.name, "description": scene.description}
+        obstacles = [_body_keys(body) for body in scene.obstacles]
+        attached = [{**_body_keys(body), "touch_links": list(body.touch_links)} for body in scene.attached]
+        given = {key: text for key, text in texts.items() if text}
+        return cls.model_validate({**given, "obstacle": obstacles, "attached": attached})
+
+    @cached_property
+    def value(self) -> Scene:
+        attached = tuple(table.value for table in self.attached)
+        return Scene(tuple(table.value for table in self.obstacle), attached, self.name, self.description)
+
+
+def _shape_in(table: PartTable | ObstacleTable) -> Any:
+    """The one shape that a table has."""
+    known = [key for key in SHAPE_KEYS if key in type(table).model_fields]
+    given = [key for key in known if key in table.model_fields_set]
+    if len(given) != 1:
+        found = f"two or more shapes, {' and '.join(given)}" if given else "shape is missing"
+        expected = f"exactly one of {', '.join(known)}"
+        raise InvalidRequest("shape", given, expected, message=f"{found}; expected {expected}")
+    content = getattr(table, given[0])
+    if isinstance(content, RoundTable):
+        return _ROUND[given[0]](content.radius, content.length)
+    if isinstance(content, FileTable):
+        return content.value
+    if given[0] == "compound":
+        return Compound(tuple(part.value for part in content))
+    return Sphere(content) if given[0] == "sphere" else Box(tuple(content))
+
+
+def _pose(position: list[float], quaternion: list[float]) -> Pose:
+    (x, y, z), (w, i, j, k) = position, quaternion
+    return Pose((x, y, z), (w, i, j, k))
+
+
+def _body_keys(body: Obstacle | Attached) -> dict[str, Any]:
+    return {"name": body.name, **_shape_keys(body.shape), **_pose_keys(body.pose)}
+
+
+def _shape_keys(shape: Solid) -> dict[str, Any]:
+    """The key of a shape, with what stands under it; a mesh as its corners, so that the file needs no other."""
+    if isinstance(shape, Box):
+        return {"box": list(shape.size)}
+    if isinstance(shape, Sphere):
+        return {"sphere": shape.radius}
+    if isinstance(shape, Mesh):
+        return {"mesh": {"vertices": shape.vertices.tolist()}}
+    if isinstance(shape, PointCloud):
+        return {"cloud": {"resolution": shape.resolution, "cells": shape.cells.tolist()}}
+    if isinstance(shape, HeightField):
+        return {"heights": {"cell": shape.cell, "floor": shape.floor, "values": shape.heights.tolist()}}
+    if isinstance(shape, Compound):
+        return {"compound": [_shape_keys(part) | _pose_keys(pose) for part, pose in shape.parts]}
+    if isinstance(shape, Cylinder | Capsule):
+        key = "cylinder" if isinstance(shape, Cylinder) else "capsule"
+        return {key: {"radius": float(shape.radius), "length": float(shape.length)}}
+    raise InvalidRequest("shape", shape, "a shape of this package: others cannot be written to a file")
+
+
+def _pose_keys(pose: Pose) -> dict[str, Any]:
+    """The keys of a pose; the identity rotation is left out."""
+    turned = {} if pose.quaternion == (1.0, 0.0, 0.0, 0.0) else {"quaternion_wxyz": list(pose.quaternion)}
+    return {"position": list(pose.position), **turned}

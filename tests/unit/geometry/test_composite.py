@@ -323,21 +323,21 @@ def test_a_scene_file_names_cloud_and_heights_in_its_own_folder(tmp_path: Path) 
 BAD_ENTRIES: dict[str, tuple[str, str]] = {
     "no source": ("cloud = { resolution = 0.1 }", "cloud: got .*; expected { file = ..., resolution = ... }"),
     "two sources": ('cloud = { file = "a.npz", cells = [], resolution = 0.1 }', "cloud: got .*; expected { file"),
-    "no resolution": ('cloud = { file = "a.npz" }', "resolution is missing; expected a length in metres"),
+    "no resolution": ('cloud = { file = "a.npz" }', "resolution: missing; expected a length in metres"),
     "outside": ('cloud = { file = "../a.npz", resolution = 0.1 }', "lies outside the folders that may be read"),
     "missing": ('cloud = { file = "a.npz", resolution = 0.1 }', "'a.npz' does not exist"),
     "unknown key": ("cloud = { cells = [[0, 0, 0]], resolution = 0.1, scale = 2 }", "unknown key 'scale'"),
     "halves": ("cloud = { cells = [[0.5, 0, 0]], resolution = 0.1 }", "cells: got .*; expected whole numbers"),
     "heights": ("heights = { values = [[1, 2], [3]], cell = 0.1 }", "heights: got .*; expected finite heights"),
     "no list": ("compound = { box = [1, 1, 1] }", "compound: got .*; expected "),
-    "no pose in it": ("compound = [{ box = [1, 1, 1] }]", "compound 1: position is missing"),
+    "no pose in it": ("compound = [{ box = [1, 1, 1] }]", r"compound\[0\].position: missing"),
     "no shape in it": (
         "compound = [{ position = [0, 0, 0] }]",
-        "compound 1: shape is missing; expected exactly one of",
+        r"compound\[0\]: shape is missing; expected exactly one of",
     ),
     "a cloud in it": (
         "compound = [{ cloud = { cells = [[0, 0, 0]], resolution = 1 }, position = [0, 0, 0] }]",
-        "compound 1: unknown key 'cloud'",
+        r"compound\[0\]: unknown key 'cloud'",
     ),
 }
 
@@ -345,7 +345,7 @@ BAD_ENTRIES: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize(("text", "message"), BAD_ENTRIES.values(), ids=BAD_ENTRIES)
 def test_a_bad_entry_of_a_scene_file_is_named(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "s.toml").write_text(f'[[obstacle]]\nname = "a"\n{text}\nposition = [0, 0, 0]\n')
-    with pytest.raises(InvalidFile, match=f"obstacle 1 'a'.*{message}"):
+    with pytest.raises(InvalidFile, match=rf"obstacle\[0\] 'a'.*{message}"):
         load_scene(tmp_path / "s.toml")
 
 

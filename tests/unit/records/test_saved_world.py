@@ -267,20 +267,20 @@ def _put(*path: Any) -> Callable[[Document, Any], None]:
         (("robot", "hash"), "0" * 64, "robot.hash: got"),
         (("robot", "bodies", 2, "parent"), 2, "robot.bodies: got [-1, 0, 2"),
         (("robot", "bodies", 2, "q_index"), 5, "robot.bodies: got [-1, 0, 5"),
-        (("robot", "bodies", 1, "axis"), [0.0, 0.0, 0.5], "robot.bodies[1].axis: got [0.0, 0.0, 0.5]; expected a unit"),
-        (("robot", "bodies", 1, "placement", 0), [1.0, 0.0], "robot.bodies[1].placement: got"),
+        (("robot", "bodies", 1, "axis"), [0.0, 0.0, 0.5], "robot.bodies[1] 'joint_0'.axis: got [0.0, 0.0, 0.5]"),
+        (("robot", "bodies", 1, "placement", 0), [1.0, 0.0], "robot.bodies[1] 'joint_0'.placement: got"),
         (("robot", "tool_body"), 99, "robot.tool_body: got 99"),
         (("robot", "shapes", 0, "body"), 99, "robot.shapes[0].body: got 99"),
         (
             ("robot", "shapes", 0, "shape"),
             {"kind": "cone"},
-            "robot.shapes[0].shape: got {'kind': 'cone'}; expected",
+            "robot.shapes[0].shape.kind: got 'cone'; expected one of 'box'",
         ),
         (("robot", "named_poses"), [], 'robot.named_poses: got []; expected each pose once, "home" among them'),
         (("robot", "gripper_width"), 5.0, "robot.gripper_width: got 5.0"),
         (("robot", "gripper", "closed"), [], "robot.gripper.directions: got"),
         (("robot", "joint_names", 0), "joint_1", "robot.joint_names: got"),
-        (("robot", "extra"), 1, "robot.extra: got 1; expected no such key"),
+        (("robot", "extra"), 1, "robot: unknown key 'extra'"),
         (("robot", "limits", "velocity", 0), -1.0, "robot.limits.velocity: got"),
         (("allowed",), [["a"]], "allowed[0]: got ['a']; expected two names"),
         (("edge_step",), {"kind": "motion", "size": 0.0}, "edge_step: distance: got 0.0"),
@@ -353,7 +353,7 @@ def test_text_that_a_terminal_would_obey_is_refused(place: tuple[Any, ...], text
 def test_a_key_that_a_terminal_would_obey_is_shown_by_its_escape(tmp_path: Path) -> None:
     document = document_of()
     document["robot"]["\x1b[2J"] = 1
-    assert r"robot.'\x1b[2J': got 1; expected no such key" in refused(document, tmp_path / "plan.json")
+    assert r"robot: unknown key '\x1b[2J'" in refused(document, tmp_path / "plan.json")
 
 
 def test_a_note_that_a_terminal_would_obey_is_written_by_its_escapes(tmp_path: Path) -> None:

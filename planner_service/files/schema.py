@@ -1,0 +1,345 @@
+"""Models of files: what each field of a file is, declared once for reading and for writing.
+
+A model is a pydantic class. ``X.of(value)`` makes it from a value of this package, and ``model.value`` is that value
+again. ``read_record`` reads a document strictly: a text is never taken for a number, NaN and infinity are refused, and
+so is a key that the model does not have. Every problem is reported, each with its place as the file has it, the value
+found there and what would be right.
+"""
+
+from __future__ import annotations
+
+import re
+import reprlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    FailFast,
+    Field,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+
+from planner_service.errors import InvalidFile, InvalidRequest
+
+__all__ = [
+    "ONE_PER_JOINT",
+    "Count",
+    "FirstOnly",
+    "Joints",
+    "NamePair",
+    "Numbers",
+    "Reading",
+    "Record",
+    "Rows",
+    "Text",
+    "Vector2",
+    "Vector3",
+    "Vector4",
+    "as_text",
+    "at_most",
+    "of_length",
+    "read_record",
+    "recorded",
+]
+
+MAX_TEXT = 10_000
+"""Characters of a name, a reason or a note."""
+
+MAX_PROBLEMS = 1_000
+"""After this many problems reading stops: the file is probably of another kind."""
+
+MAX_WAYPOINTS = 100_000
+
+MAX_LABEL = 64
+"""Characters of a name by which an entry of a list is shown."""
+
+MAX_HINTS = 100
+"""Unknown keys of a file for which the nearest key is looked up, which takes far longer than naming the problem."""
+
+R = TypeVar("R", bound="Record")
+T = TypeVar("T")
+
+
+@dataclass
+class Reading:
+    """What is known while a file is read.
+
+    Attributes:
+        joints: Joints of its robot; None if that is not known.
+        problems: Problems found so far, in models that are done.
+        hints: Unknown keys found so far.
+        models: For each object of the document in which there are problems, by its ``id``, the model it should fit.
+    """
+
+    joints: int | None = None
+    problems: int = 0
+    hints: int = 0
+    models: dict[int, type[Record]] = field(default_factory=dict)
+
+
+class _TooManyProblemsError(Exception):
+    """Not a ValueError: it ends the reading at once."""
+
+
+class Record(BaseModel):
+    """A part of a file: an object with the keys that the class declares, and no others."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+
+    @cached_property
+    def value(self) -> Any:
+        """What this package makes of it; InvalidRequest if it makes no sense."""
+        return None
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_value(cls: type[R], data: Any, handler: ModelWrapValidatorHandler[R], info: ValidationInfo) -> R:
+        """While a file is read, make the value at once, so that its problems are found with all others."""
+        reading = info.context
+        if not isinstance(reading, Reading):
+            return handler(data)
+        try:
+            record = handler(data)
+            record.value  # noqa: B018 - a cached property
+        except ValidationError as error:
+            reading.models[id(data)] = cls
+            reading.problems += error.error_count()
+            if reading.problems > MAX_PROBLEMS:
+                raise _TooManyProblemsError(_problem(None, error.errors(include_url=False)[0], reading)) from None
+            raise
+        return record
+
+
+def read_record(model: type[R], document: Any, path: Path, reading: Reading) -> R:
+    """The model that a document fits.
+
+    Args:
+        path: The file that the document was read from.
+
+    Raises:
+        InvalidFile: it does not fit; with the place of each problem, the value there, and what would be right.
+    """
+    try:
+        return model.model_validate(document, context=reading)
+    except ValidationError as error:
+        problems = [_problem(document, entry, reading) for entry in error.errors(include_url=False)]
+    except _TooManyProblemsError as error:
+        problems = [f"more than {MAX_PROBLEMS:,} problems, such as {error}"]
+    raise InvalidFile(path, problems)
+
+
+def recorded(field: str, make: Callable[[], T]) -> T:
+    """What ``make`` writes; InvalidRequest, naming ``field``, where a value cannot be written, such as NaN."""
+    try:
+        return make()
+    except ValidationError as error:
+        entry = error.errors(include_url=False)[0]
+        where = _place(None, entry["loc"])
+        raise InvalidRequest(f"{field}.{where}" if where else field, entry["input"], _expected(entry)) from None
+
+
+def _problem(document: Any, entry: Any, reading: Reading) -> str:
+    """One line for an error of pydantic's."""
+    kind, loc, context = entry["type"], entry["loc"], entry.get("ctx", {})
+    if kind == "extra_forbidden":
+        return _located(_place(document, loc[:-1]), _unknown_key(loc[-1], _at(document, loc[:-1]), reading))
+    if kind in ("union_tag_invalid", "union_tag_not_found") and context["discriminator"].startswith("'"):
+        loc = (*loc, context["discriminator"].strip("'"))
+        if kind == "union_tag_not_found" and isinstance(entry["input"], dict):
+            return _located(_place(document, loc), "missing")
+    where, description = _place(document, loc), _description(document, loc, reading)
+    if kind == "missing":
+        return _located(where, f"missing; expected {description}" if description else "missing")
+    error = context.get("error")
+    if isinstance(error, InvalidRequest):
+        field = re.match(r"\w*", error.field)
+        if isinstance(entry["input"], dict) and field is not None and field[0] in entry["input"]:
+            return f"{where}.{error}" if where else str(error)
+        return _located(where, str(error).removeprefix(f"{loc[-1]}: " if loc else ""))
+    value = context["tag"] if kind == "union_tag_invalid" else entry["input"]
+    expected = _expected(entry) if description is None or kind in _SPEAKING else description
+    return _located(where, f"got {_shown(value)}; expected {expected}")
+
+
+def _located(where: str, problem: str) -> str:
+    return f"{where}: {problem}" if where else problem
+
+
+def _unknown_key(key: Any, parent: Any, reading: Reading) -> str:
+    model = reading.models.get(id(parent))
+    known = [] if model is None else list(model.model_fields)
+    reading.hints += 1
+    near = get_close_matches(str(key), known, n=1) if reading.hints <= MAX_HINTS and len(str(key)) <= MAX_LABEL else []
+    hint = f"did you mean {near[0]!r}?" if near else f"expected one of {', '.join(known)}"
+    return f"unknown key {_shown(key)}" + (f"; {hint}" if known else "")
+
+
+def _description(document: Any, loc: Sequence[int | str], reading: Reading) -> str | None:
+    """What the field at a place is, in the words of its model."""
+    model = reading.models.get(id(_at(document, loc[:-1]))) if loc else None
+    field = None if model is None else model.model_fields.get(str(loc[-1]))
+    return None if field is None else field.description
+
+
+def _at(document: Any, parts: Sequence[int | str]) -> Any:
+    """The object at a place: the innermost that the document has on the way there."""
+    found = document
+    for part in parts:
+        inside = part in found if isinstance(found, dict) else isinstance(found, list) and part in range(len(found))
+        found = found[part] if inside else found
+    return found
+
+
+def _place(document: Any, parts: Sequence[int | str]) -> str:
+    """Such as ``result.path.waypoints[3][2]``, or ``obstacle[1] 'post'.box`` where entries of a list have names.
+
+    Only keys of the document are named, not the names that pydantic gives the kinds of a union.
+    """
+    value, where = document, ""
+    for k, part in enumerate(parts):
+        last = k == len(parts) - 1
+        if isinstance(part, int):
+            where += f"[{part}]"
+            value = value[part] if isinstance(value, list) and part < len(value) else None
+            where += _label(value)
+        elif isinstance(value, dict) and part in value:
+            where, value = _joined(where, part), value[part]
+        elif last or document is None:
+            where = _joined(where, part)
+    return where
+
+
+def _label(entry: Any) -> str:
+    name = entry.get("name") if isinstance(entry, dict) else None
+    return f" {name!r}" if isinstance(name, str) and 0 < len(name) <= MAX_LABEL else ""
+
+
+def _joined(where: str, key: str) -> str:
+    shown = key if key.isprintable() and len(key) <= 100 else reprlib.repr(key)
+    return f"{where}.{shown}" if where else shown
+
+
+def _shown(value: Any) -> str:
+    try:
+        return reprlib.repr(value)
+    except ValueError:  # Python refuses to print integers of thousands of digits
+        return "an integer of thousands of digits"
+
+
+_SPEAKING = ("value_error", "literal_error", "too_long", "string_too_long")
+"""Errors that say more than the description of the field."""
+
+_EXPECTED = {
+    "float_type": "a finite number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_parsing_size": "a whole number",
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "dict_type": "an object",
+    "model_type": "an object",
+    "model_attributes_type": "an object",
+    "none_required": "null",
+}
+
+
+def _expected(entry: Any) -> str:
+    """What would be right, for an error of pydantic's."""
+    kind, context = entry["type"], entry.get("ctx", {})
+    if kind in _EXPECTED:
+        return _EXPECTED[kind]
+    if kind in ("too_short", "too_long"):
+        return (
+            f"at least {context['min_length']} of them" if kind == "too_short" else f"at most {context['max_length']:,}"
+        )
+    if kind == "string_too_long":
+        return f"at most {context['max_length']:,} characters"
+    if kind in ("greater_than_equal", "less_than_equal"):
+        return f"at least {context['ge']}" if kind == "greater_than_equal" else f"at most {context['le']}"
+    if kind == "greater_than":
+        return f"more than {context['gt']}"
+    if kind == "literal_error":
+        return str(context["expected"])
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        return f"one of {context['expected_tags']}" if "expected_tags" in context else "an object"
+    if kind == "value_error":
+        return str(context["error"])
+    return str(entry["msg"])
+
+
+# Kinds of values.
+
+
+def _printable(value: str) -> str:
+    if not value.isprintable():
+        raise ValueError("printable characters only")
+    return value
+
+
+def as_text(value: str) -> str:
+    """A text for people, as a file holds it: what cannot be printed by its escape, and cut if it is very long."""
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in value[:MAX_TEXT])
+    return text[:MAX_TEXT]
+
+
+def _one_per_joint(values: list[float], info: ValidationInfo) -> list[float]:
+    joints = info.context.joints if isinstance(info.context, Reading) else None
+    if joints is not None and len(values) != joints:
+        raise ValueError(f"{joints} finite numbers, one for each joint")
+    return values
+
+
+def of_length(count: int, expected: str) -> AfterValidator:
+    """For a list: it has ``count`` entries; ``expected`` says so in a message."""
+
+    def checked(values: list[T]) -> list[T]:
+        if len(values) != count:
+            raise ValueError(expected)
+        return values
+
+    return AfterValidator(checked)
+
+
+class FirstOnly(FailFast):
+    """For a list: only its first problem is reported, not each of a million wrong numbers."""
+
+    __hash__ = object.__hash__  # so that a list of these may be optional
+
+
+def at_most(count: int) -> BeforeValidator:
+    """For a list or an object: it has at most ``count`` entries, which is checked before any of them is looked at."""
+
+    def checked(values: Any) -> Any:
+        if isinstance(values, list | dict) and len(values) > count:
+            raise ValueError(f"at most {count:,} entries; there are {len(values):,}")
+        return values
+
+    return BeforeValidator(checked)
+
+
+Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(_printable)]
+"""Without control characters, escapes and half surrogates: a terminal may print it."""
+
+Count = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Numbers = Annotated[list[float], FirstOnly()]
+Vector2 = Annotated[Numbers, of_length(2, "2 finite numbers")]
+Vector3 = Annotated[Numbers, of_length(3, "3 finite numbers")]
+Vector4 = Annotated[Numbers, of_length(4, "4 finite numbers")]
+ONE_PER_JOINT = AfterValidator(_one_per_joint)
+Joints = Annotated[Numbers, ONE_PER_JOINT]
+"""One number for each joint of the robot in the file."""
+
+Rows = Annotated[list[Joints], FirstOnly(), at_most(MAX_WAYPOINTS)]
+NamePair = Annotated[list[Text], of_length(2, "two names")]
