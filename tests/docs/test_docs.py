@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 import planner_service
 from planner_service.cli.commands import app
 from planner_service.files import json_reader as json_file
+from planner_service.files import schema as record
 from planner_service.files import toml_reader as toml_file
 from planner_service.files import xml_reader as xml_file
 from planner_service.geometry import mesh
@@ -30,7 +31,6 @@ from planner_service.geometry import mesh_formats as mesh_file
 from planner_service.geometry import mesh_paths as mesh_path
 from planner_service.geometry import point_files as grid_file
 from planner_service.records import plan_file, problem_set
-from planner_service.records import schema as record
 from planner_service.roadmap import roadmap_file
 from planner_service.robot import toml_reader as robot_file
 from planner_service.robot import urdf_reader as urdf

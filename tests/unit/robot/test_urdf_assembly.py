@@ -224,7 +224,8 @@ def test_a_chain_as_long_as_a_file_may_have_takes_no_gigabytes(tmp_path: Path) -
     path.write_text("".join(["<robot name='chain'>", *links, *joints, "</robot>"]))
     code = (
         "import sys, resource, pathlib; resource.setrlimit(resource.RLIMIT_AS, (3 * 10**9, 3 * 10**9));"
-        "from planner_service.robot.urdf_reader import read_urdf; from planner_service.robot.urdf_assembly import assemble;"
+        "from planner_service.robot.urdf_reader import read_urdf;"
+        "from planner_service.robot.urdf_assembly import assemble;"
         "urdf = read_urdf(pathlib.Path(sys.argv[1])); joints = [joint.name for joint in urdf.joints];"
         "print(len(assemble(urdf, joints, {}).bodies))"
     )

@@ -89,7 +89,7 @@ def test_the_rest_of_a_path_takes_its_time(
 ) -> None:
     path = path_of(seed)
     start = share * path.length
-    law = ToppRa().onward(path, mixed_limits(path, seed), (start, 0.05), blend_share=blend_share)
+    law = ToppRa().continue_to_rest(path, mixed_limits(path, seed), start, 0.05, blend_share=blend_share)
     assert sum(phase.duration for phase in law) == pytest.approx(seconds, rel=1e-7)
     assert (len(law), law[0].position, law[0].speed) == (phases, start, 0.05)
 
