@@ -246,3 +246,51 @@ def test_corners_of_short_pieces_stay_where_no_edge_is_free() -> None:
 def test_both_ends_of_a_short_path_stay() -> None:
     points = [[0.0, 0.0], [0.05, 0.0]]
     assert without_short_pieces(points, DiscWorld(NOTHING)).tolist() == points
+
+
+@pytest.mark.parametrize(
+    ("seed", "n", "cut", "pulled", "glances"),
+    [
+        (0, 3, (4.795398907, 129), (4.729281695, 92), 11),
+        (1, 2, (4.514989383, 182), (4.514989383, 3), 3),
+        (1, 6, (5.186583761, 248), (4.704539249, 218), 26),
+        (4, 3, (4.820823163, 227), (4.680716808, 59), 5),
+        (5, 6, (5.192555935, 162), (5.146914944, 71), 10),
+    ],
+)
+def test_smoothing_takes_these_states_and_leaves_this_length(
+    seed: int, n: int, cut: tuple[float, int], pulled: tuple[float, int], glances: int
+) -> None:
+    world = GlancingWorld(step=0.05)
+    path = found(world, n=n, seed=seed)
+    before, seen = world.states, world.glances
+    short = shortcut(path, world, np.random.default_rng(seed))
+    assert length(short) == pytest.approx(cut[0], abs=1e-8)
+    assert world.states - before == cut[1]
+    before = world.states
+    shorter = pulled_in(short, world)
+    assert length(shorter) == pytest.approx(pulled[0], abs=1e-8)
+    assert world.states - before == pulled[1]
+    assert world.glances - seen == glances
+
+
+@pytest.mark.parametrize(("height", "asked"), [(0.099, False), (0.102, True)])
+def test_a_pull_that_gains_less_than_half_a_percent_is_not_asked_about(height: float, asked: bool) -> None:
+    world = GlancingWorld(NOTHING)  # of a path of 2 rad the whole pull gains 0.0098 and 0.0104
+    short = pulled_in([[0.0, 0.0], [1.0, height], [2.0, 0.0]], world)
+    assert (world.glances > 0) == asked
+    assert (short[1][1] == 0.0) == asked
+
+
+@pytest.mark.parametrize(("size", "left"), [(0.0999, 2), (0.1001, 3)])
+def test_a_piece_is_short_below_a_tenth_of_a_radian(size: float, left: int) -> None:
+    points = [[0.0, 0.0], [size, 0.0], [size, 1.0]]
+    assert len(without_short_pieces(points, DiscWorld(NOTHING))) == left
+    assert len(without_short_pieces(points[::-1], DiscWorld(NOTHING))) == left
+
+
+def test_a_corner_whose_neighbour_was_left_out_is_looked_at_again() -> None:
+    world = DiscWorld(NOTHING)
+    points = [[0.0, 0.0], [1.0, 0.0], [1.12, 0.0], [1.04, 0.04], [2.0, 1.0]]
+    assert without_short_pieces(points, world).tolist() == [points[0], points[3], points[4]]
+    assert world.edges == [((1.0, 0.0), (1.04, 0.04)), ((0.0, 0.0), (1.04, 0.04))]
