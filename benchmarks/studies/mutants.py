@@ -60,6 +60,12 @@ sys.meta_path[:] = [finder for finder in sys.meta_path if "editable" not in type
 """
 """A sitecustomize.py: what is imported is the copy, not the checkout that is installed."""
 
+NO_SHRINKING = """from hypothesis import Phase, settings
+settings.register_profile("mutants", phases=[Phase.explicit, Phase.generate], database=None)
+settings.load_profile("mutants")
+"""
+"""A plugin of pytest: a property that fails has killed the mutant, and no simpler example is looked for."""
+
 MARKS = "not sim and not ray and not browser"
 NO_TESTS = 5
 """pytest's exit code when all tests of a file are deselected."""
@@ -137,6 +143,7 @@ class Sandbox:
         site = folder / "site"
         site.mkdir()
         (site / "sitecustomize.py").write_text(HIDE_CHECKOUT, "utf-8")
+        (site / "no_shrinking.py").write_text(NO_SHRINKING, "utf-8")
         self._environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join([str(site), str(self.folder)]),
@@ -173,7 +180,6 @@ class Sandbox:
                     break
         finally:
             file.write_text(original, "utf-8")
-            shutil.rmtree(self.folder / ".hypothesis", ignore_errors=True)  # or a later mutant would meet its examples
         return {"killed": bool(by), "by": by, "seconds": round(time.monotonic() - start, 1)}
 
     def _failure(self, test: str, limit: float) -> str:
@@ -187,7 +193,20 @@ class Sandbox:
     def _pytest(self, test: str, limit: float | None, **environment: str) -> tuple[int | None, str]:
         """The exit code, None if the time was up, and what was printed."""
         process = subprocess.Popen(
-            [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", MARKS, test],
+            [
+                sys.executable,
+                "-m",
+                "pytest",
+                "-x",
+                "-q",
+                "-p",
+                "no:cacheprovider",
+                "-p",
+                "no_shrinking",
+                "-m",
+                MARKS,
+                test,
+            ],
             cwd=self.folder,
             env={**self._environment, **environment},
             start_new_session=True,
