@@ -8,12 +8,14 @@ metres are read. Whatever else would move a vertex is refused: skins, morphs, an
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.xml_reader import MAX_DEPTH, Malformed, parse_xml
 from planner_service.geometry.shapes import FloatArray
 
@@ -27,8 +29,6 @@ MAX_PLACED = 2_000_000
 """Vertices of all instances of all geometries."""
 MAX_READ = 20_000_000
 """Positions of all geometries, used or not: many may share one source."""
-MAX_DIGITS = 64
-"""Characters of a number; Python would read megabytes of digits."""
 
 UNIT = 1e-5
 """How far from 1 the length of an axis may be that is written with six digits."""
@@ -165,7 +165,11 @@ class _Document:
         if name not in self._numbers:
             self._numbers[name] = _floats(array.text)
         values = self._numbers[name]
-        count, stride, start = _count(accessor, "count"), _count(accessor, "stride", 1), _count(accessor, "offset", 0)
+        count, stride, start = (
+            _count(accessor, "count"),
+            _count(accessor, "stride", "1"),
+            _count(accessor, "offset", "0"),
+        )
         names = [param.get("name", "") for param in _all(accessor, "param")]
         if names[:3] != ["X", "Y", "Z"] or stride < 3 or start + count * stride > len(values):
             raise Malformed(f"{count} positions {', '.join(names)[:80]} every {stride} of {len(values)} numbers")
@@ -250,31 +254,22 @@ def _indices(faces: Element, vertices: str) -> Iterator[IntArray]:
             raise Malformed(f"<{_tag(faces)}> with {corners} corners; expected {wanted}")
 
 
-def _count(element: Element, key: str, default: int | None = None) -> int:
-    text = element.get(key)
-    if text is None and default is not None:
-        return default
-    if text is None or not text.isascii() or not text.isdigit() or len(text) > 9:
-        raise Malformed(f"<{_tag(element)}> {key} = {(text or '')[:20]!r}; expected a number of things")
+def _count(element: Element, key: str, default: str = "") -> int:
+    text = element.get(key, default)
+    if not re.fullmatch("[0-9]{1,9}", text):
+        raise Malformed(f"<{_tag(element)}> {key} = {text[:20]!r}; expected how many")
     return int(text)
 
 
 def _floats(text: str | None) -> FloatArray:
     try:
-        return np.array([float(word) for word in _words(text)], dtype=np.float64)
+        return np.array([plain_float(word) for word in (text or "").split()], dtype=np.float64)
     except ValueError as error:
-        raise Malformed(f"no number: {str(error)[:80]}") from None
+        raise Malformed(f"{error} is not a number") from None
 
 
 def _integers(text: str | None) -> IntArray:
     try:
-        return np.array([int(word) for word in _words(text)], dtype=np.int64)
-    except (ValueError, OverflowError) as error:
-        raise Malformed(f"no index: {str(error)[:80]}") from None
-
-
-def _words(text: str | None) -> list[str]:
-    words = (text or "").split()
-    if "_" in (text or "") or not (text or "").isascii() or max(map(len, words), default=0) > MAX_DIGITS:
-        raise Malformed("a number that is not written as one")
-    return words
+        return np.array([plain_int(word) for word in (text or "").split()], dtype=np.int64)
+    except ValueError as error:
+        raise Malformed(f"{error} is not an index") from None

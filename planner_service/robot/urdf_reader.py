@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.numerals import plain_float
 from planner_service.files.xml_reader import read_xml
 from planner_service.geometry.mesh_paths import MeshShelf
 from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
@@ -282,7 +283,7 @@ class _Reader:
         text = element.get(key)
         words = (text or "").split()
         try:
-            values = tuple(float(word) for word in words if "_" not in word and word.isascii())
+            values = tuple(map(plain_float, words))
         except ValueError:
             values = ()
         if len(words) == len(values) == count and all(math.isfinite(value) for value in values):

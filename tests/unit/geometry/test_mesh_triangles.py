@@ -141,7 +141,11 @@ REFUSED = [
     ("below.ply", PLY.replace("3 1 2 3", "3 1 2 -1"), "a corner of a triangle is none of the 4 vertices"),
     ("points.ply", PLY.replace("element face 4", "comment no faces"), "expected a plain number"),
     ("other.ply", PLY.replace("element face", "element edge"), "expected 'element face <count>' as the second element"),
-    ("many.ply", PLY.replace("element face 4", "element face 1000001"), "1000001 faces; expected at most 1,000,000"),
+    (
+        "many.ply",
+        PLY.replace("element face 4", "element face 1000001"),
+        "1,000,001 face rows; expected at most 1,000,000",
+    ),
     ("floats.ply", PLY.replace("uchar int", "uchar float"), "expected a plain number or a list of corners"),
     ("named.ply", PLY.replace("vertex_indices", "texcoord"), "a list 'texcoord'; expected vertex_indices alone"),
     ("twice.ply", PLY.replace(LIST, LIST + LIST), "expected vertex_indices alone"),
@@ -162,7 +166,7 @@ def test_too_many_triangles_are_refused(
 ) -> None:
     monkeypatch.setattr(mesh_file, "MAX_TRIANGLES", 3)
     path = written(tmp_path, name, data)
-    with pytest.raises(InvalidFile, match=r"(4 triangles; expected at most 3|more than 3 triangles|4 faces)"):
+    with pytest.raises(InvalidFile, match=r"(4 triangles; expected at most 3|more than 3 triangles|4 face rows)"):
         read_triangles(path)
 
 
