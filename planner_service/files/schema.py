@@ -29,6 +29,7 @@ from pydantic import (
     ValidationInfo,
     model_validator,
 )
+from pydantic_core import PydanticCustomError
 
 from planner_service.errors import InvalidFile, InvalidRequest
 
@@ -57,7 +58,10 @@ MAX_TEXT = 10_000
 """Characters of a name, a reason or a note."""
 
 MAX_PROBLEMS = 1_000
-"""After this many problems reading stops: the file is probably of another kind."""
+"""After this many problems the rest is not read: the file is probably of another kind."""
+
+UNREAD = "unread"
+"""Type of pydantic's error for what is not read."""
 
 MAX_WAYPOINTS = 100_000
 
@@ -88,10 +92,6 @@ class Reading:
     models: dict[int, type[Record]] = field(default_factory=dict)
 
 
-class _TooManyProblemsError(Exception):
-    """Not a ValueError: it ends the reading at once."""
-
-
 class Record(BaseModel):
     """A part of a file: an object with the keys that the class declares, and no others."""
 
@@ -109,14 +109,15 @@ class Record(BaseModel):
         reading = info.context
         if not isinstance(reading, Reading):
             return handler(data)
+        if reading.problems > MAX_PROBLEMS:
+            raise PydanticCustomError(UNREAD, "not read")
+        before = reading.problems
         try:
             record = handler(data)
             record.value  # noqa: B018 - a cached property
         except ValidationError as error:
             reading.models[id(data)] = cls
-            reading.problems += error.error_count()
-            if reading.problems > MAX_PROBLEMS:
-                raise _TooManyProblemsError(_problem(None, error.errors(include_url=False)[0], reading)) from None
+            reading.problems = before + error.error_count()
             raise
         return record
 
@@ -133,10 +134,8 @@ def read_record(model: type[R], document: Any, path: Path, reading: Reading) -> 
     try:
         return model.model_validate(document, context=reading)
     except ValidationError as error:
-        problems = [_problem(document, entry, reading) for entry in error.errors(include_url=False)]
-    except _TooManyProblemsError as error:
-        problems = [f"more than {MAX_PROBLEMS:,} problems, such as {error}"]
-    raise InvalidFile(path, problems)
+        entries = [entry for entry in error.errors(include_url=False) if entry["type"] != UNREAD]
+    raise InvalidFile(path, [_problem(document, entry, reading) for entry in entries])
 
 
 def recorded(field: str, make: Callable[[], T]) -> T:
@@ -145,8 +144,8 @@ def recorded(field: str, make: Callable[[], T]) -> T:
         return make()
     except ValidationError as error:
         entry = error.errors(include_url=False)[0]
-        where = _place(None, entry["loc"])
-        raise InvalidRequest(f"{field}.{where}" if where else field, entry["input"], _expected(entry)) from None
+        where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in entry["loc"])
+        raise InvalidRequest(f"{field}{where}", entry["input"], _expected(entry)) from None
 
 
 def _problem(document: Any, entry: Any, reading: Reading) -> str:
@@ -157,10 +156,12 @@ def _problem(document: Any, entry: Any, reading: Reading) -> str:
     if kind in ("union_tag_invalid", "union_tag_not_found") and context["discriminator"].startswith("'"):
         loc = (*loc, context["discriminator"].strip("'"))
         if kind == "union_tag_not_found" and isinstance(entry["input"], dict):
-            return _located(_place(document, loc), "missing")
-    where, description = _place(document, loc), _description(document, loc, reading)
+            return f"{_joined(_place(document, loc[:-1]), loc[-1])}: missing"
+    description = _description(document, loc, reading)
     if kind == "missing":
-        return _located(where, f"missing; expected {description}" if description else "missing")
+        where = _joined(_place(document, loc[:-1]), loc[-1])
+        return f"{where}: missing; expected {description}" if description else f"{where}: missing"
+    where = _place(document, loc)
     error = context.get("error")
     if isinstance(error, InvalidRequest):
         field = re.match(r"\w*", error.field)
@@ -207,16 +208,12 @@ def _place(document: Any, parts: Sequence[int | str]) -> str:
     Only keys of the document are named, not the names that pydantic gives the kinds of a union.
     """
     value, where = document, ""
-    for k, part in enumerate(parts):
-        last = k == len(parts) - 1
+    for part in parts:
         if isinstance(part, int):
-            where += f"[{part}]"
             value = value[part] if isinstance(value, list) and part < len(value) else None
-            where += _label(value)
+            where += f"[{part}]{_label(value)}"
         elif isinstance(value, dict) and part in value:
             where, value = _joined(where, part), value[part]
-        elif last or document is None:
-            where = _joined(where, part)
     return where
 
 
@@ -234,7 +231,8 @@ def _shown(value: Any) -> str:
     try:
         return reprlib.repr(value)
     except ValueError:  # Python refuses to print integers of thousands of digits
-        return "an integer of thousands of digits"
+        digits = "an integer of thousands of digits"
+        return digits if isinstance(value, int) else f"a {type(value).__name__} with {digits}"
 
 
 _SPEAKING = ("value_error", "literal_error", "too_long", "string_too_long")
@@ -246,6 +244,7 @@ _EXPECTED = {
     "int_type": "a whole number",
     "int_parsing_size": "a whole number",
     "string_type": "a text",
+    "string_unicode": "a text of printable characters",
     "bool_type": "true or false",
     "list_type": "a list",
     "dict_type": "an object",
@@ -268,6 +267,8 @@ def _expected(entry: Any) -> str:
         return f"at most {context['max_length']:,} characters"
     if kind in ("greater_than_equal", "less_than_equal"):
         return f"at least {context['ge']}" if kind == "greater_than_equal" else f"at most {context['le']}"
+    if kind == "string_too_short":
+        return "a text that is not empty"
     if kind == "greater_than":
         return f"more than {context['gt']}"
     if kind == "literal_error":
@@ -284,7 +285,7 @@ def _expected(entry: Any) -> str:
 
 def _printable(value: str) -> str:
     if not value.isprintable():
-        raise ValueError("printable characters only")
+        raise ValueError("a text of printable characters")
     return value
 
 
@@ -294,22 +295,26 @@ def as_text(value: str) -> str:
     return text[:MAX_TEXT]
 
 
-def _one_per_joint(values: list[float], info: ValidationInfo) -> list[float]:
+def _one_per_joint(values: Any, info: ValidationInfo) -> Any:
     joints = info.context.joints if isinstance(info.context, Reading) else None
-    if joints is not None and len(values) != joints:
+    if joints is not None and isinstance(values, list) and len(values) != joints:
         raise ValueError(f"{joints} finite numbers, one for each joint")
     return values
 
 
-def of_length(count: int, expected: str) -> AfterValidator:
-    """For a list: it has ``count`` entries; ``expected`` says so in a message."""
+def of_length(count: int, expected: str) -> BeforeValidator:
+    """For a list: it has ``count`` entries, which is checked before any of them is looked at.
 
-    def checked(values: list[T]) -> list[T]:
-        if len(values) != count:
+    Args:
+        expected: What would be right, for a message.
+    """
+
+    def checked(values: Any) -> Any:
+        if isinstance(values, list) and len(values) != count:
             raise ValueError(expected)
         return values
 
-    return AfterValidator(checked)
+    return BeforeValidator(checked)
 
 
 class FirstOnly(FailFast):
@@ -337,7 +342,7 @@ Numbers = Annotated[list[float], FirstOnly()]
 Vector2 = Annotated[Numbers, of_length(2, "2 finite numbers")]
 Vector3 = Annotated[Numbers, of_length(3, "3 finite numbers")]
 Vector4 = Annotated[Numbers, of_length(4, "4 finite numbers")]
-ONE_PER_JOINT = AfterValidator(_one_per_joint)
+ONE_PER_JOINT = BeforeValidator(_one_per_joint)
 Joints = Annotated[Numbers, ONE_PER_JOINT]
 """One number for each joint of the robot in the file."""
 

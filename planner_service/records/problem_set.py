@@ -24,18 +24,19 @@ the format in which problems of MotionBenchMaker (Chamzas et al., RA-L 2022) are
 from __future__ import annotations
 
 import os
-import reprlib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from functools import cached_property
+from typing import Annotated, Any, Literal
 
-from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.files.json_reader import Node, read_json
+from pydantic import AfterValidator, Discriminator, Field
+
+from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.files.json_reader import read_json
 from planner_service.files.reading import as_path
+from planner_service.files.schema import Joints, Reading, Record, Text, Vector3, Vector4, at_most, read_record
 from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose, Shape, Sphere, copied_in, read_only
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot
-from planner_service.scene.obstacle_list import MAX_FOUND
 from planner_service.scene.scene import MAX_OBJECTS, Obstacle, Scene
 
 __all__ = ["Problem", "ProblemSet", "read_problems"]
@@ -44,10 +45,6 @@ MAX_JOINTS = 100
 MAX_GOALS = 1000
 MAX_PROBLEMS = 10_000
 """The largest set of MotionBenchMaker has 100 for each of its worlds."""
-
-_PROBLEM_KEYS = ("id", "scene", "index", "start", "goals", "obstacles")
-_SIZE_KEYS = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-_BODY_KEYS = ("name", "type", "position", "quaternion_xyzw")
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,101 +113,111 @@ def read_problems(path: str | os.PathLike[str]) -> ProblemSet:
     """The problems in a JSON file.
 
     Raises:
-        InvalidFile: with the problems found, up to where there are too many of them; a key of a problem or an
-            obstacle that is not known is one, as it would change what is meant.
+        InvalidFile: with all problems found, up to where there are too many of them; an unknown key is one, as it would
+            change what is meant.
     """
     path = as_path("path", path)
-    root = Node("", read_json(path), [])
-    joints = _joints(root.at("joints"))
-    texts = [root.at(key).text() if root.has(key) else "" for key in ("robot", "source")]
-    _refuse(path, root)
-    problems, ids = [], set[str]()
-    for node in _at_most(root.at("problems"), MAX_PROBLEMS).items():
-        problem = _problem(node, joints)
-        if problem is not None and problem.id in ids:
-            node.problem(f"the id {problem.id!r} is taken")
-        elif problem is not None:
-            ids.add(problem.id)
-            problems.append(problem)
-        if _hopeless(root):
-            break
-    _refuse(path, root)
-    return ProblemSet(joints, tuple(problems), *texts)
+    document = read_json(path)
+    joints = document.get("joints") if isinstance(document, dict) else None
+    reading = Reading(joints=len(joints) if isinstance(joints, list) and len(joints) <= MAX_JOINTS else None)
+    problems: ProblemSet = read_record(ProblemFile, document, path, reading).value
+    return problems
 
 
-def _refuse(path: Path, root: Node) -> None:
-    if root.problems:
-        raise InvalidFile(path, root.problems)
+# The file, declared.
 
 
-def _hopeless(node: Node) -> bool:
-    return len(node.problems) > MAX_FOUND
-
-
-def _joints(node: Node) -> tuple[str, ...]:
-    names = tuple(item.text() for item in _at_most(node, MAX_JOINTS).items())
-    if node.sound and not (names and len(set(names)) == len(names) and all(names)):
-        node.wrong(f"1 to {MAX_JOINTS} names, each once")
+def _each_once(names: list[str]) -> list[str]:
+    if not names or not all(names) or len(set(names)) != len(names):
+        raise ValueError(f"1 to {MAX_JOINTS} names, each once")
     return names
 
 
-def _problem(node: Node, joints: tuple[str, ...]) -> Problem | None:
-    n = len(joints)
-    _allow_only(node, _PROBLEM_KEYS)
-    name = node.at("id").text()
-    start = node.at("start").numbers(n)
-    goals = _at_most(node.at("goals"), MAX_GOALS).rows(n)
-    obstacles = []
-    for item in _at_most(node.at("obstacles"), MAX_OBJECTS).items():
-        obstacles.append(_obstacle(item))
-        if _hopeless(node):
-            return None
-    scene = node.attempt(lambda: Scene(tuple(o for o in obstacles if o is not None), name=name))
-    if not node.sound or scene is None:
-        return None
-    if not goals or not name:
-        node.problem("expected an id and at least one goal")
-        return None
-    return Problem(name, joints, scene, read_only(start), tuple(map(read_only, goals)))
+class BodyEntry(Record):
+    """What the obstacles of all types have."""
+
+    name: Text
+    position: Vector3
+    quaternion_xyzw: Vector4 = Field([0.0, 0.0, 0.0, 1.0])
+
+    def at_pose(self, shape: Shape) -> Obstacle:
+        """The obstacle with a shape."""
+        (x, y, z), (qx, qy, qz, qw) = self.position, self.quaternion_xyzw
+        return Obstacle(self.name, shape, Pose((x, y, z), (qw, qx, qy, qz)))
 
 
-def _obstacle(node: Node) -> Obstacle | None:
-    kind = node.at("type").text()
-    if not node.sound:
-        return None
-    if kind not in _SIZE_KEYS:
-        node.at("type").wrong(f"one of {', '.join(_SIZE_KEYS)}")
-        return None
-    _allow_only(node, (*_BODY_KEYS, *_SIZE_KEYS[kind]))
-    shape = _shape(node, kind)
-    name, (x, y, z) = node.at("name").text(), node.at("position").numbers(3)
-    qx, qy, qz, qw = node.at("quaternion_xyzw").numbers(4) if node.has("quaternion_xyzw") else (0.0, 0.0, 0.0, 1.0)
-    pose = node.attempt(lambda: Pose((x, y, z), (qw, qx, qy, qz)))
-    if shape is None or pose is None:
-        return None
-    return node.attempt(lambda: Obstacle(name, shape, pose))
+class BoxEntry(BodyEntry):
+    """A box."""
+
+    type: Literal["box"]
+    size: Vector3
+
+    @cached_property
+    def value(self) -> Obstacle:
+        x, y, z = self.size
+        return self.at_pose(Box((x, y, z)))
 
 
-def _shape(node: Node, kind: str) -> Shape | None:
-    if kind == "box":
-        x, y, z = node.at("size").numbers(3)
-        return node.attempt(lambda: Box((x, y, z)))
-    radius = node.at("radius").number()
-    if kind == "sphere":
-        return node.attempt(lambda: Sphere(radius))
-    length = node.at("length").number()
-    return node.attempt(lambda: Cylinder(radius, length))
+class CylinderEntry(BodyEntry):
+    """A cylinder along its local z."""
+
+    type: Literal["cylinder"]
+    radius: float
+    length: float
+
+    @cached_property
+    def value(self) -> Obstacle:
+        return self.at_pose(Cylinder(self.radius, self.length))
 
 
-def _at_most(node: Node, most: int) -> Node:
-    """The node, noted as wrong if it is a longer list: a file of megabytes would keep its reader busy for minutes."""
-    if isinstance(node.value, list) and len(node.value) > most:
-        node.wrong(f"at most {most:,} entries; there are {len(node.value):,}")
-    return node
+class SphereEntry(BodyEntry):
+    """A sphere."""
+
+    type: Literal["sphere"]
+    radius: float
+
+    @cached_property
+    def value(self) -> Obstacle:
+        return self.at_pose(Sphere(self.radius))
 
 
-def _allow_only(node: Node, keys: tuple[str, ...]) -> None:
-    """Note the first key that is not among them: a quaternion in another order must not be overlooked."""
-    unknown = next((key for key in node.value if key not in keys), None) if isinstance(node.value, dict) else None
-    if unknown is not None:
-        node.problem(f"unknown key {reprlib.repr(unknown)}; allowed: {', '.join(keys)}")
+Entry = Annotated[BoxEntry | CylinderEntry | SphereEntry, Discriminator("type")]
+
+
+class ProblemEntry(Record):
+    """One of the problems; ``scene`` and ``index`` are not used."""
+
+    id: Annotated[Text, Field(min_length=1)]
+    scene: Any = None
+    index: Any = None
+    start: Joints
+    goals: Annotated[list[Joints], Field(min_length=1, description="a list of at least one goal"), at_most(MAX_GOALS)]
+    obstacles: Annotated[list[Entry], at_most(MAX_OBJECTS)]
+
+    @cached_property
+    def value(self) -> Scene:
+        """The scene of the problem."""
+        return Scene(tuple(entry.value for entry in self.obstacles), name=self.id)
+
+
+class ProblemFile(Record):
+    """A problem set; ``units`` and ``conventions`` are for people."""
+
+    joints: Annotated[list[Text], AfterValidator(_each_once), at_most(MAX_JOINTS)]
+    robot: Text = ""
+    source: Text = ""
+    units: Any = None
+    conventions: Any = None
+    problems: Annotated[list[ProblemEntry], at_most(MAX_PROBLEMS)]
+
+    @cached_property
+    def value(self) -> ProblemSet:
+        joints, ids = tuple(self.joints), set[str]()
+        problems = []
+        for k, entry in enumerate(self.problems):
+            if entry.id in ids:
+                raise InvalidRequest(f"problems[{k}].id", entry.id, "an id that no problem before it has")
+            ids.add(entry.id)
+            goals = tuple(map(read_only, entry.goals))
+            problems.append(Problem(entry.id, joints, entry.value, read_only(entry.start), goals))
+        return ProblemSet(joints, tuple(problems), self.robot, self.source)

@@ -1,4 +1,4 @@
-"""Roadmaps in npz files: written whole, with their hash; refused when read if anything in them is not as it was."""
+"""Roadmaps in npz files: written whole with their hash, and refused when read if anything in them has changed."""
 
 from __future__ import annotations
 
@@ -7,17 +7,30 @@ import json
 import os
 import re
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import MAX_BYTES as MAX_HEAD
-from planner_service.files.json_reader import Node, parse_json
+from planner_service.files.json_reader import parse_json
 from planner_service.files.reading import as_path
+from planner_service.files.schema import (
+    Count,
+    FirstOnly,
+    NamePair,
+    Reading,
+    Record,
+    Text,
+    of_length,
+    read_record,
+    recorded,
+)
 from planner_service.files.writing import write_whole
 from planner_service.geometry.point_files import arrays_of
 from planner_service.roadmap.graph import Net
@@ -53,6 +66,7 @@ def save_roadmap(roadmap: Roadmap, path: str | os.PathLike[str]) -> None:
         raise InvalidRequest("path", os.fspath(path), f"a path that ends in {SUFFIX}")
     head = {"format": FORMAT, "version": VERSION, "hash": roadmap.hash, **roadmap.head}
     text = json.dumps(head, sort_keys=True, allow_nan=False).encode("ascii")
+    recorded("roadmap", lambda: HeadRecord.model_validate_json(text))  # what is written can be read
     if len(text) > MAX_HEAD:
         raise InvalidRequest("roadmap", f"{len(text):,} bytes of names", f"at most {MAX_HEAD:,}")
     arrays = {name: _narrow(array) for name, array in roadmap.arrays.items()}
@@ -78,52 +92,120 @@ def load_roadmap(path: str | os.PathLike[str]) -> Roadmap:
     if source.suffix.lower() != SUFFIX:
         raise InvalidFile(source, [f"suffix {source.suffix!r}; expected {SUFFIX}"])
     array = arrays_of(source, MAX_BYTES)
-    root = Node("", _head(source, array(HEAD, "u")), [])
-    if root.at("format").text() != FORMAT or root.problems:
-        raise InvalidFile(source, [f"no roadmap: expected the format {FORMAT!r}"])
-    if root.at("version").whole() != VERSION:
-        found = repr(root.value["version"]) if "version" in root.value else "is missing"
-        raise InvalidFile(source, [f"version {found}; this package reads version {VERSION}"])
+    document = _document(source, array(HEAD, "u"))
+    head = read_record(HeadRecord, document, source, Reading())
     try:
-        roadmap = _roadmap(root, array)
+        roadmap = _roadmap(head, array)
     except InvalidFile:
         raise
     except InvalidRequest as error:
-        root.problem(str(error))
-    if root.problems:
-        raise InvalidFile(source, root.problems)
-    if roadmap.hash != root.at("hash").text():
-        raise InvalidFile(source, ["not what was written: its hash differs"])
+        raise InvalidFile(source, [str(error)]) from None
+    if roadmap.hash != head.hash:
+        raise InvalidFile(source, [f"hash: got {head.hash!r}; expected that of the content, {roadmap.hash!r}"])
     return roadmap
 
 
-def _head(path: Path, codes: NDArray[Any]) -> Any:
+def _document(path: Path, codes: NDArray[Any]) -> dict[str, Any]:
+    """The JSON object in a file; InvalidFile if it is another file, or of another version."""
     if codes.ndim != 1 or codes.dtype != np.uint8:
         raise InvalidFile(path, [f"no roadmap: {HEAD}: it holds no bytes"])
     if len(codes) > MAX_HEAD:
         raise InvalidFile(path, [f"no roadmap: {HEAD}: more than {MAX_HEAD:,} bytes"])
     try:
-        return parse_json(path, codes.tobytes())
+        document = parse_json(path, codes.tobytes())
     except InvalidFile as error:
         raise InvalidFile(path, [f"no roadmap: {HEAD}: {problem}" for problem in error.problems]) from None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InvalidFile(path, [f"no roadmap: expected the format {FORMAT!r}"])
+    version = document.get("version")
+    if type(version) is not int or version != VERSION:
+        found = repr(version) if "version" in document else "is missing"
+        raise InvalidFile(path, [f"version {found}; this package reads version {VERSION}"])
+    return document
 
 
-def _roadmap(root: Node, array: Callable[[str, str], NDArray[Any]]) -> Roadmap:
+# The head, declared.
+
+Texts = Annotated[list[Text], FirstOnly()]
+Pairs = Annotated[list[NamePair], FirstOnly()]
+
+
+class TermsRecord(Record):
+    """``Terms``."""
+
+    robot: Text
+    robot_hash: Text
+    joint_names: Texts
+    scene: Text
+    scene_hash: Text
+    obstacles: Pairs
+    attached: Text
+    allowed: Pairs
+    padding: float
+    step: Text
+
+    @cached_property
+    def value(self) -> Terms:
+        obstacles, allowed = tuple((a, b) for a, b in self.obstacles), tuple((a, b) for a, b in self.allowed)
+        robot, scene = (self.robot, self.robot_hash, tuple(self.joint_names)), (self.scene, self.scene_hash)
+        return Terms(*robot, *scene, obstacles, self.attached, allowed, self.padding, self.step)
+
+
+class CostRecord(Record):
+    """``CheckCounts``."""
+
+    states: Count
+    edges: Count
+    distances: Count
+
+
+class BuiltRecord(Record):
+    """``Built``."""
+
+    planner: Text
+    settings: dict[Text, Count]
+    seed: Annotated[int, Field(ge=0)]
+    counts: CostRecord
+
+    @cached_property
+    def value(self) -> Built:
+        counts = CheckCounts(self.counts.states, self.counts.edges, self.counts.distances)
+        return Built(self.planner, self.settings, self.seed, counts)
+
+
+class HeadRecord(Record):
+    """All of a roadmap but its arrays."""
+
+    format: Literal["planner-service/roadmap"]
+    version: Literal[1]
+    hash: Text
+    terms: TermsRecord | None
+    pending: Texts
+    built: BuiltRecord | None
+    fallback: bool
+    remember: bool
+    grown: Annotated[list[Count], of_length(2, "two whole numbers")]
+    milestone_names: Texts
+    edge_names: Texts
+
+
+# The roadmap, put together.
+
+
+def _roadmap(head: HeadRecord, array: Callable[[str, str], NDArray[Any]]) -> Roadmap:
     plain = Roadmap.of(array("milestones", "f"), reach=array("reach", "f"))
     count = len(plain.milestones)
     edges = _edges(array("edges", "iu"), count)
-    grown = [item.whole() for item in root.at("grown").items()]
-    if len(grown) != 2:
-        raise InvalidRequest("grown", grown, "two whole numbers")
+    milestones, added = head.grown
     return Roadmap(
-        Net.of(plain.milestones, edges, plain.net.reach, (grown[0], grown[1])),
-        _knowledge(root.at("milestone_names"), "milestone", count, array),
-        _knowledge(root.at("edge_names"), "edge", len(edges), array),
-        root.at("terms").optional(_terms),
-        _texts(root.at("pending")),
-        root.at("built").optional(_built),
-        root.at("fallback").flag(),
-        root.at("remember").flag(),
+        Net.of(plain.milestones, edges, plain.net.reach, (milestones, added)),
+        _knowledge(tuple(head.milestone_names), "milestone", count, array),
+        _knowledge(tuple(head.edge_names), "edge", len(edges), array),
+        None if head.terms is None else head.terms.value,
+        tuple(head.pending),
+        None if head.built is None else head.built.value,
+        head.fallback,
+        head.remember,
     )
 
 
@@ -139,8 +221,8 @@ def _edges(found: NDArray[Any], count: int) -> NDArray[np.int64]:
     return _read_only(edges)
 
 
-def _knowledge(node: Node, kind: str, count: int, array: Callable[[str, str], NDArray[Any]]) -> Knowledge:
-    names = _texts(node)
+def _knowledge(names: tuple[str, ...], kind: str, count: int, array: Callable[[str, str], NDArray[Any]]) -> Knowledge:
+    """What is known of the milestones, or of the edges."""
     verdicts, blockers = array(f"{kind}_verdicts", "iu"), array(f"{kind}_blockers", "iu")
     for name, found, least, most in (
         ("verdicts", verdicts, 0, max(Verdict)),
@@ -154,49 +236,3 @@ def _knowledge(node: Node, kind: str, count: int, array: Callable[[str, str], ND
 def _read_only(array: NDArray[np.int64]) -> NDArray[np.int64]:
     array.flags.writeable = False
     return array
-
-
-def _texts(node: Node) -> tuple[str, ...]:
-    return tuple(item.text() for item in node.items())
-
-
-def _pairs(node: Node) -> tuple[tuple[str, str], ...]:
-    pairs = []
-    for item in node.items():
-        names = _texts(item)
-        if len(names) != 2:
-            item.wrong("two texts")
-            continue
-        pairs.append((names[0], names[1]))
-    return tuple(pairs)
-
-
-def _terms(node: Node) -> Terms:
-    return Terms(
-        node.at("robot").text(),
-        node.at("robot_hash").text(),
-        _texts(node.at("joint_names")),
-        node.at("scene").text(),
-        node.at("scene_hash").text(),
-        _pairs(node.at("obstacles")),
-        node.at("attached").text(),
-        _pairs(node.at("allowed")),
-        node.at("padding").number(),
-        node.at("step").text(),
-    )
-
-
-def _built(node: Node) -> Built:
-    settings, counts = node.at("settings"), node.at("counts")
-    names = settings.value if isinstance(settings.value, dict) else {}
-    if names is not settings.value:
-        settings.wrong("an object")
-    seed = node.at("seed")
-    if type(seed.value) is not int or seed.value < 0:
-        seed.wrong("a whole number of at least 0")
-    return Built(
-        node.at("planner").text(),
-        {str(name): settings.at(name).whole() for name in names},
-        seed.value,
-        CheckCounts(counts.at("states").whole(), counts.at("edges").whole(), counts.at("distances").whole()),
-    )

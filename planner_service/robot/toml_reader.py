@@ -11,7 +11,17 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from planner_service.errors import InvalidFile, InvalidRequest, shown
-from planner_service.files.schema import ONE_PER_JOINT, Joints, Numbers, Reading, Record, of_length, read_record
+from planner_service.files.schema import (
+    ONE_PER_JOINT,
+    FirstOnly,
+    Joints,
+    Numbers,
+    Reading,
+    Record,
+    at_most,
+    of_length,
+    read_record,
+)
 from planner_service.files.toml_reader import read_tables
 from planner_service.robot.package_files import package_folder
 
@@ -19,6 +29,9 @@ __all__ = ["GripperTable", "RobotFile", "RobotTable", "read_robot_file"]
 
 MAX_BYTES = 1_000_000
 """A robot.toml has a few kilobytes."""
+
+MAX_TABLES = 10_000
+"""Allowed contacts, and retreats: a robot of a hundred links has some 5,000 pairs."""
 
 MAX_NUMBER = 1e9
 """Larger numbers than this are no angle, length, velocity, acceleration or jerk."""
@@ -75,14 +88,15 @@ def _with_home(poses: dict[str, Any]) -> dict[str, Any]:
     return poses
 
 
+PER_JOINT = "a list of one number for each joint"
 Sentence = Annotated[str, AfterValidator(_not_blank), Field(description="a text")]
 Number = Annotated[float, AfterValidator(_moderate)]
 Distance = Annotated[float, Field(ge=0.0, le=MAX_NUMBER, description=f"a number from 0 to {MAX_NUMBER:g}")]
-Positions = Annotated[Joints, AfterValidator(_moderate_all), Field(description="a list of one number for each joint")]
+Positions = Annotated[Joints, AfterValidator(_moderate_all), Field(description=PER_JOINT)]
 Rate = Annotated[float, Field(gt=0.0, le=MAX_NUMBER)]
-Rates = Annotated[list[Rate], ONE_PER_JOINT, Field(description="a list of one number for each joint")]
-Names = Annotated[list[str], AfterValidator(_different), Field(description="one or more different names")]
-LinkPair = Annotated[list[str], AfterValidator(_two_links), Field(description="two different link names")]
+Rates = Annotated[list[Rate], ONE_PER_JOINT, at_most(MAX_TABLES), Field(description=PER_JOINT)]
+Names = Annotated[list[str], FirstOnly(), AfterValidator(_different), Field(description="one or more different names")]
+LinkPair = Annotated[list[str], FirstOnly(), AfterValidator(_two_links), Field(description="two different link names")]
 Axis = Annotated[Numbers, of_length(3, "3 finite numbers"), AfterValidator(_unit), Field(description="[x, y, z]")]
 
 
@@ -136,7 +150,7 @@ class RetreatTable(Record):
 
     pose: Sentence
     to: Positions
-    pairs: Annotated[list[LinkPair], Field(min_length=1, description="one or more pairs of link names")]
+    pairs: Annotated[list[LinkPair], FirstOnly(), Field(min_length=1, description="one or more pairs of link names")]
     reason: Sentence
 
 
@@ -159,8 +173,8 @@ class RobotTable(Record):
     locked_joints: dict[str, Number] = Field({}, description="a table")
     decompose: dict[str, Annotated[int, Field(ge=1)]] = Field({}, description="a table")
     gripper: GripperTable | None = Field(None, description="a table")
-    allowed_contacts: list[ContactTable] = Field([], description="an array of tables")
-    retreat: list[RetreatTable] = Field([], description="an array of tables")
+    allowed_contacts: Annotated[list[ContactTable], at_most(MAX_TABLES)] = Field([], description="an array of tables")
+    retreat: Annotated[list[RetreatTable], at_most(MAX_TABLES)] = Field([], description="an array of tables")
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
 
 from planner_service.errors import InvalidRequest
-from planner_service.files.schema import Reading, Record, of_length, read_record
+from planner_service.files.schema import FirstOnly, Reading, Record, at_most, of_length, read_record
 from planner_service.files.toml_reader import read_tables, toml_value
 from planner_service.files.writing import write_whole
-from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
+from planner_service.geometry.composite import MAX_COMPOUND, Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshShelf
 from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
@@ -86,6 +86,7 @@ class _SceneReading(Reading):
 # How values are written, for messages.
 
 XYZ, WXYZ = "[x, y, z]", "[w, x, y, z]"
+PARTS = "[{ box = [...], position = [...] }, ...]"
 ROUND = "{ radius = ..., length = ... }"
 MESH = '"file.stl", { file = "file.stl", scale = [x, y, z] } or { vertices = [[x, y, z], ...] }'
 CLOUD = "{ file = ..., resolution = ... } or { cells = [...], resolution = ... }"
@@ -256,7 +257,7 @@ class ObstacleTable(Record):
     mesh: Annotated[MeshTable | None, BeforeValidator(_as_table)] = Field(None, description=MESH)
     cloud: CloudTable | None = Field(None, description=CLOUD)
     heights: HeightsTable | None = Field(None, description=HEIGHTS)
-    compound: Annotated[list[PartTable], _tables("[{ box = [...], position = [...] }, ...]")] | None = None
+    compound: Annotated[list[PartTable], _tables(PARTS), at_most(MAX_COMPOUND)] | None = None
     position: Position
     quaternion_wxyz: Quaternion = Field([1.0, 0.0, 0.0, 0.0], description=WXYZ)
 
@@ -268,7 +269,7 @@ class ObstacleTable(Record):
 class AttachedTable(ObstacleTable):
     """``[[attached]]``."""
 
-    touch_links: list[str] = Field([], description="a list of texts")
+    touch_links: Annotated[list[str], FirstOnly()] = Field([], description="a list of texts")
 
     @cached_property
     def value(self) -> Attached:

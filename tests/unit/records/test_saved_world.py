@@ -366,12 +366,12 @@ def test_a_note_that_a_terminal_would_obey_is_written_by_its_escapes(tmp_path: P
 # Files made to cost time. Each took time in proportion to the square of its size, or would.
 
 
-def test_many_empty_stretches_are_told_as_one_problem_more_than_there_may_be(tmp_path: Path) -> None:
+def test_of_many_empty_stretches_a_hundred_problems_are_listed_and_the_others_counted(tmp_path: Path) -> None:
     document = document_of()
     document["result"]["certificate"]["exempt"] = [{}] * 100_000
     assert "expected at most 1,000 entries; there are 100,000" in refused(document, tmp_path / "plan.json")
     document["result"]["certificate"]["exempt"] = [{}] * 900
-    assert refused(document, tmp_path / "plan.json") == "more than 1,000 problems, such as s_start: missing"
+    assert refused(document, tmp_path / "plan.json").endswith("\nand 904 more")
 
 
 def test_a_file_with_some_problems_in_a_hundred_places_names_a_hundred(tmp_path: Path) -> None:
