@@ -1,1 +1,1 @@
-"""How things look to people on a terminal."""
+"""How results, robots and scenes look as text and as HTML: what ``print``, notebooks, the CLI and the viewer show."""
