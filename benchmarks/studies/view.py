@@ -144,12 +144,12 @@ def _steps(browser: Any) -> dict[str, Any]:
         window = browser.new_page(viewport={"width": 800, "height": 500})
         window.goto(viewer.url)
         window.get_by_text("joint_0").first.wait_for()
-        reel = viewer.page.state.reel
-        if reel is None:
+        playback = viewer.page.state.playback
+        if playback is None:
             raise BrokenInvariant("there is no motion")
-        path = reel.takes[0].trajectory.path
+        path = playback.clips[0].trajectory.path
         server = []
-        for t in np.linspace(0.0, reel.duration, len(path.waypoints)):
+        for t in np.linspace(0.0, playback.duration, len(path.waypoints)):
             clock = time.thread_time()
             viewer.page.scrub(float(t))
             server.append(1e3 * (time.thread_time() - clock))

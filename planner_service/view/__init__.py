@@ -1,4 +1,4 @@
-"""Pictures of robots, scenes and plans: their geometry as triangles, and a page in the browser to look at them."""
+"""Shows robots, scenes and plans: an interactive page in the browser, and PNG pictures."""
 
 from planner_service.view.viewer import HOST, PORT, Viewer, open_viewer, show
 

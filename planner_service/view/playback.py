@@ -17,24 +17,24 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment
-from planner_service.view.collision_report import Eye
+from planner_service.view.collision_report import CollisionReporter
 
-__all__ = ["Moment", "Reel", "Samples", "Take"]
+__all__ = ["Clip", "Frame", "Playback", "Samples"]
 
 SAMPLES = 400
-"""Instants of a plot."""
+"""Points of a plot."""
 
 Pairs = frozenset[tuple[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class Clip:
     """One motion.
 
     Attributes:
-        service: Plans for the robot and the scene as they are during it.
+        service: Plans for the robot and the scene as they are during this motion.
         exempt: Stretches of its path on which named pairs may touch.
-        begin: Seconds on the reel's clock.
+        begin: When it begins, in seconds on the clock of the playback.
     """
 
     name: str
@@ -45,33 +45,32 @@ class Take:
 
     @property
     def end(self) -> float:
-        """Seconds on the reel's clock."""
+        """When it ends, in seconds on the clock of the playback."""
         return self.begin + self.trajectory.duration
 
     @cached_property
-    def eye(self) -> Eye:
-        """Judges its configurations."""
-        return Eye(self.service)
+    def reporter(self) -> CollisionReporter:
+        """Reports collisions during this motion."""
+        return CollisionReporter(self.service)
 
-    def meant(self, t: float) -> Pairs:
-        """Pairs that may touch, t seconds after it began."""
+    def expected(self, t: float) -> Pairs:
+        """Pairs that may touch t seconds after the motion began."""
         s = float(self.trajectory.s(t))
         return frozenset(pair for part in self.exempt if part.s_start <= s <= part.s_end for pair in part.pairs)
 
 
-class Moment(NamedTuple):
-    """An instant of a reel: the motion, the seconds since that began, where the robot is (n,), what may touch."""
+class Frame(NamedTuple):
+    """One instant: the motion, the seconds since it began, the configuration (n,), and the pairs that may touch."""
 
-    take: Take
+    clip: Clip
     t: float
     q: FloatArray
-    meant: Pairs
+    expected: Pairs
 
 
 class Samples(NamedTuple):
-    """A reel at m instants ``t``: parts of the limits from -1 to 1, (m, n) each, and proven clearances in metres, (m,).
-
-    Of positions -1 is the lower limit and 1 the upper one.
+    """A playback at m instants ``t``: fractions of the limits from -1 to 1, (m, n) each, and proven clearances in
+    metres, (m,). A position of -1 is the lower limit, 1 the upper one.
     """
 
     t: FloatArray
@@ -82,51 +81,51 @@ class Samples(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Reel:
-    """One or more motions, one after another; what a gripper takes to open or close is left out."""
+class Playback:
+    """One or more motions, one after another; the time in which a gripper opens or closes is left out."""
 
-    takes: tuple[Take, ...]
+    clips: tuple[Clip, ...]
 
     @classmethod
-    def of_result(cls, service: PlannerService, result: PlanResult) -> Reel | None:
-        """The motion of a plan that a service made; None without one."""
+    def of_result(cls, service: PlannerService, result: PlanResult) -> Playback | None:
+        """The motion of a plan made by a service; None if there is no plan."""
         if result.trajectory is None:
             return None
-        return cls((Take("plan", service, result.trajectory, result.exempt, 0.0),))
+        return cls((Clip("plan", service, result.trajectory, result.exempt, 0.0),))
 
     @classmethod
-    def of_task(cls, service: PlannerService, segments: Sequence[Segment]) -> Reel | None:
-        """The motions of a task, as far as there are plans; None without any.
+    def of_task(cls, service: PlannerService, segments: Sequence[Segment]) -> Playback | None:
+        """The motions of a task up to the first without a plan; None if there are none.
 
         Args:
-            service: For the beginning of the task.
+            service: Plans for the beginning of the task.
         """
-        takes = list[Take]()
-        here, clock = service, 0.0
+        clips = list[Clip]()
+        clock = 0.0
         for segment in segments:
             result = segment.result
             if result.trajectory is None:
                 break
-            world = segment.world_after(here.world)
-            here = here if world is here.world else PlannerService.of(world)
-            takes.append(Take(segment.name, here, result.trajectory, result.exempt, clock))
-            clock = takes[-1].end
-        return cls(tuple(takes)) if takes else None
+            world = segment.world_after(service.world)
+            service = service if world is service.world else PlannerService.of(world)
+            clips.append(Clip(segment.name, service, result.trajectory, result.exempt, clock))
+            clock = clips[-1].end
+        return cls(tuple(clips)) if clips else None
 
     @property
     def duration(self) -> float:
         """Seconds of motion."""
-        return self.takes[-1].end
+        return self.clips[-1].end
 
     @cached_property
     def _begins(self) -> list[float]:
-        return [take.begin for take in self.takes]
+        return [clip.begin for clip in self.clips]
 
-    def at(self, t: float) -> Moment:
-        """Where the robot is after t seconds; before the beginning at the start, after the end at the goal."""
-        take = self.takes[max(0, bisect_right(self._begins, t) - 1)]
-        inside = min(max(t - take.begin, 0.0), take.trajectory.duration)
-        return Moment(take, inside, take.trajectory(inside), take.meant(inside))
+    def at(self, t: float) -> Frame:
+        """The robot after t seconds: at the start before the beginning, at the goal after the end."""
+        clip = self.clips[max(0, bisect_right(self._begins, t) - 1)]
+        since = min(max(t - clip.begin, 0.0), clip.trajectory.duration)
+        return Frame(clip, since, clip.trajectory(since), clip.expected(since))
 
     @property
     def ends(self) -> tuple[FloatArray, FloatArray]:
@@ -135,21 +134,21 @@ class Reel:
 
     @cached_property
     def samples(self) -> Samples:
-        """What is plotted."""
-        parts = [_sampled(take, self.duration) for take in self.takes]
+        """The curves to plot."""
+        parts = [_sampled(clip, self.duration) for clip in self.clips]
         return Samples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _sampled(take: Take, whole: float) -> Samples:
-    count = max(3, round(SAMPLES * take.trajectory.duration / whole)) if whole > 0.0 else 2
-    t: FloatArray = np.linspace(0.0, take.trajectory.duration, count, dtype=np.float64)
-    q, qd, qdd = (take.trajectory(t, order) for order in (0, 1, 2))
-    limits = take.service.robot.limits
+def _sampled(clip: Clip, whole: float) -> Samples:
+    count = max(3, round(SAMPLES * clip.trajectory.duration / whole)) if whole > 0.0 else 2
+    t: FloatArray = np.linspace(0.0, clip.trajectory.duration, count, dtype=np.float64)
+    q, qd, qdd = (clip.trajectory(t, order) for order in (0, 1, 2))
+    limits = clip.service.robot.limits
     middle, half = (limits.lower + limits.upper) / 2.0, (limits.upper - limits.lower) / 2.0
     inside = np.minimum(np.maximum(q, limits.lower), limits.upper)
-    meant = [take.meant(at) for at in t.tolist()]
+    expected = [clip.expected(at) for at in t.tolist()]
     clearance = np.zeros(count)
-    for pairs in set(meant):
-        rows: NDArray[np.bool_] = np.array([other == pairs for other in meant])
-        clearance[rows] = take.eye.clearances(inside[rows], pairs)
-    return Samples(t + take.begin, (q - middle) / half, qd / limits.velocity, qdd / limits.acceleration, clearance)
+    for pairs in set(expected):
+        rows: NDArray[np.bool_] = np.array([other == pairs for other in expected])
+        clearance[rows] = clip.reporter.clearances(inside[rows], pairs)
+    return Samples(t + clip.begin, (q - middle) / half, qd / limits.velocity, qdd / limits.acceleration, clearance)

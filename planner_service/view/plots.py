@@ -1,4 +1,4 @@
-"""Plots along time: positions, velocities and accelerations as parts of their limits, and the proven clearance."""
+"""Plots over time: positions, velocities and accelerations as fractions of their limits, and proven clearance."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Any
 import numpy as np
 
 from planner_service.geometry.shapes import FloatArray
-from planner_service.view.playback import Reel, Samples
+from planner_service.view.playback import Playback, Samples
 
 __all__ = ["Plots"]
 
 COLOURS = ("#1f6fb2", "#d9822b", "#3b8f4f", "#b0452c", "#7a4fa0", "#8c6d46", "#c65b9e")
 LIMIT, NOW = "#999999", "#222222"
 HEIGHT = 190
-MOST = 0.1
-"""Metres from which on more room is drawn as this."""
+MAX_CLEARANCE = 0.1
+"""Metres; more clearance is drawn as this."""
 
-KINDS = {"position": "position, -1 and 1 are the limits", "velocity": "velocity, part of the limit",
-         "acceleration": "acceleration, part of the limit"}  # fmt: skip
-CLEARANCE = "clearance in mm, what is meant to touch apart"
+KINDS = {"position": "position (limits at -1 and 1)", "velocity": "velocity (fraction of limit)",
+         "acceleration": "acceleration (fraction of limit)"}  # fmt: skip
+CLEARANCE = "clearance in mm (without expected contacts)"
 
 
 class Plots:
-    """Four plots below each other.
+    """Four plots, one below the other.
 
     Args:
-        gui: viser's.
+        gui: viser's panel.
         joints: Names of the n joints.
     """
 
@@ -41,7 +41,7 @@ class Plots:
         self._plots = {
             kind: self._added(gui, title, many, (-1.1, 1.1), legend=kind == "position") for kind, title in KINDS.items()
         }
-        self._plots["clearance"] = self._added(gui, CLEARANCE, one, (-5.0, 1000.0 * MOST + 5.0), legend=False)
+        self._plots["clearance"] = self._added(gui, CLEARANCE, one, (-5.0, 1000.0 * MAX_CLEARANCE + 5.0), legend=False)
 
     @staticmethod
     def _added(gui: Any, title: str, series: Any, ends: tuple[float, float], *, legend: bool) -> Any:
@@ -52,25 +52,27 @@ class Plots:
             legend={"show": legend, "live": False},
         )  # fmt: skip
 
-    def show(self, reel: Reel | None) -> None:
-        """Draw a reel, None to draw nothing."""
-        self._samples = None if reel is None else reel.samples
-        self._none.visible = reel is None
+    def show(self, playback: Playback | None) -> None:
+        """Plot a playback; None clears the plots."""
+        self._samples = None if playback is None else playback.samples
+        self._none.visible = playback is None
         for plot in self._plots.values():
-            plot.visible = reel is not None
-        if reel is not None:
+            plot.visible = playback is not None
+        if playback is not None:
             self.mark(0.0)
 
     def mark(self, seconds: float) -> None:
-        """Mark an instant."""
+        """Move the time mark."""
         samples = self._samples
         if samples is None:
             return
         row = int(np.argmin(np.abs(samples.t - seconds)))
         for kind in KINDS:
             self._plots[kind].data = _data(samples.t, getattr(samples, kind), (-1.0, 1.0), row, (-1.1, 1.1))
-        room = 1000.0 * np.minimum(samples.clearance, MOST)
-        self._plots["clearance"].data = _data(samples.t, room[:, None], (0.0,), row, (-5.0, 1000.0 * MOST + 5.0))
+        room = 1000.0 * np.minimum(samples.clearance, MAX_CLEARANCE)
+        self._plots["clearance"].data = _data(
+            samples.t, room[:, None], (0.0,), row, (-5.0, 1000.0 * MAX_CLEARANCE + 5.0)
+        )
 
 
 def _line(label: str, colour: str) -> dict[str, Any]:
@@ -88,7 +90,7 @@ def _now() -> dict[str, Any]:
 def _data(
     t: FloatArray, values: FloatArray, limits: tuple[float, ...], row: int, ends: tuple[float, float]
 ) -> tuple[FloatArray, ...]:
-    """Columns of a plot; "now" is a line from bottom to top, at two samples next to each other."""
+    """Columns of a plot; the time mark is a vertical line drawn between two neighbouring samples."""
     now = np.full(len(t), np.nan)
     now[row], now[row - 1 if row else row + 1] = ends[1], ends[0]
     return (t, *np.ascontiguousarray(values.T), *(np.full(len(t), level) for level in limits), now)

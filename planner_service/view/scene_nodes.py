@@ -1,4 +1,4 @@
-"""Robots and scenes as nodes of a viser scene: drawn once, then moved link by link."""
+"""Robots and scenes as nodes of a viser scene: each mesh is sent once, then only moved and recoloured."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planner_service.scene.scene import Attached, Obstacle, Scene
 from planner_service.view.still.composition import TOUCHING
 from planner_service.view.triangles import GROUND, TOOL, Colour, Solid, placements, robot_solids, scene_solids
 
-__all__ = ["Figure", "Props", "colours_of"]
+__all__ = ["RobotNodes", "SceneNodes", "colours_of"]
 
 AMBER: Colour = (235, 165, 30)
 
@@ -33,13 +33,16 @@ def _add(scene: Any, path: str, solid: Solid, colour: Colour, opacity: float) ->
     )
 
 
-class Figure:
-    """A robot that is drawn, or the ghost of one.
+class RobotNodes:
+    """The nodes of a robot, or of a translucent ghost of one.
 
     Args:
         scene: viser's scene.
-        root: The node below which it is drawn.
-        ghost: Its one colour; None for those of its links.
+        root: The name of the parent node.
+        ghost: The one colour of a ghost; None for a robot in the colours of its links.
+
+    Attributes:
+        tool: The name of the tool frame's node.
     """
 
     def __init__(self, scene: Any, root: str, robot: Robot, *, ghost: Colour | None = None) -> None:
@@ -54,11 +57,11 @@ class Figure:
             for k, (name, solid) in enumerate(self._solids.items())
         }
         self.tool = f"{root}/{len(links) - 1}"
-        self._where: dict[str, FloatArray] = {}
+        self._poses: dict[str, FloatArray] = {}
         self._painted: dict[str, Colour] = {}
 
-    def wear(self, robot: Robot) -> None:
-        """Draw it with its gripper as that robot's."""
+    def set_robot(self, robot: Robot) -> None:
+        """Take over the gripper opening of another value of the same robot."""
         if robot is self._robot or robot.gripper_width == self._robot.gripper_width:
             return
         self._robot = robot
@@ -67,26 +70,26 @@ class Figure:
                 self._solids[solid.name] = solid
                 self._meshes[solid.name].vertices = solid.vertices.astype(np.float32)
 
-    def stand(self, q: FloatArray) -> None:
-        """Move it to q (n,); what has not moved is left alone."""
+    def move(self, q: FloatArray) -> None:
+        """Move the robot to q (n,); only links that moved are sent."""
         for link, T in placements(self._robot, q).items():
-            before = self._where.get(link)
+            before = self._poses.get(link)
             if before is not None and np.array_equal(before, T):
                 continue
-            self._where[link], frame = T, self._frames[link]
+            self._poses[link], frame = T, self._frames[link]
             pose = Pose.from_matrix(T)
             frame.position, frame.wxyz = pose.position, pose.quaternion
 
     def paint(self, colours: dict[Owner, Colour]) -> None:
-        """Give some links another colour, the others their own."""
+        """Recolour some links; the others get their own colour back."""
         for name, solid in self._solids.items():
-            wanted = colours.get(Owner(Kind.LINK, name), solid.colour)
-            if self._painted.get(name, solid.colour) != wanted:
-                self._painted[name] = self._meshes[name].color = wanted
+            colour = colours.get(Owner(Kind.LINK, name), solid.colour)
+            if self._painted.get(name, solid.colour) != colour:
+                self._painted[name] = self._meshes[name].color = colour
 
     @property
     def visible(self) -> bool:
-        """Whether it is drawn."""
+        """Whether the robot is drawn."""
         return bool(self._root.visible)
 
     @visible.setter
@@ -95,17 +98,17 @@ class Figure:
             self._root.visible = value
 
 
-class Props:
-    """The obstacles, with their names, and what the robot carries.
+class SceneNodes:
+    """The nodes of obstacles, their labels, and what the robot carries.
 
     Args:
         scene: viser's scene.
-        tool: The node of the frame that carries.
+        tool: The name of the tool frame's node, the parent of what is carried.
     """
 
     def __init__(self, scene: Any, tool: str) -> None:
         self._scene, self._tool = scene, tool
-        self._things: dict[str, Obstacle | Attached] = {}
+        self._bodies: dict[str, Obstacle | Attached] = {}
         self._nodes: dict[str, tuple[Any, Any]] = {}
         self._colours: dict[tuple[str, bool], Colour] = {}
         self._painted: dict[str, Colour] = {}
@@ -113,20 +116,20 @@ class Props:
         self._count = 0
 
     def show(self, scene: Scene) -> None:
-        """Draw the things of a scene; those that are drawn already stay."""
+        """Draw a scene; nodes of bodies that did not change are kept."""
         standing: dict[str, Obstacle | Attached] = {obstacle.name: obstacle for obstacle in scene.obstacles}
-        things = standing | {held.name: held for held in scene.attached}
-        gone = [name for name, thing in self._things.items() if things.get(name) != thing]
+        bodies = standing | {held.name: held for held in scene.attached}
+        gone = [name for name, body in self._bodies.items() if bodies.get(name) != body]
         for name in gone:
             for node in self._nodes.pop(name):
                 node.remove()
             self._painted.pop(name, None)
-        fresh = {name for name, thing in things.items() if name not in self._nodes}
+        fresh = {name for name, body in bodies.items() if name not in self._nodes}
         if fresh:
             for solid in scene_solids(scene):
                 if solid.name in fresh:
                     self._draw(solid)
-        self._things = things
+        self._bodies = bodies
 
     def _draw(self, solid: Solid) -> None:
         self._count += 1
@@ -145,25 +148,27 @@ class Props:
         self._nodes[solid.name] = mesh, label
 
     def paint(self, colours: dict[Owner, Colour]) -> None:
-        """Give some things another colour, the others their own."""
+        """Recolour some bodies; the others get their own colour back."""
         for name, (mesh, _) in self._nodes.items():
-            own = self._colours[name, isinstance(self._things[name], Obstacle)]
-            wanted = colours.get(Owner(Kind.OBJECT, name), own)
-            if self._painted.get(name, own) != wanted:
-                self._painted[name] = mesh.color = wanted
+            own = self._colours[name, isinstance(self._bodies[name], Obstacle)]
+            colour = colours.get(Owner(Kind.OBJECT, name), own)
+            if self._painted.get(name, own) != colour:
+                self._painted[name] = mesh.color = colour
 
     def label(self, shown: bool) -> None:
-        """Show the names of obstacles, or hide them."""
+        """Show or hide the names of obstacles."""
         if shown == self._labels:
             return
         self._labels = shown
         for name, (_, label) in self._nodes.items():
-            label.visible = shown and isinstance(self._things[name], Obstacle)
+            label.visible = shown and isinstance(self._bodies[name], Obstacle)
 
 
 def colours_of(
-    bad: Collection[tuple[str, str]], meant: Collection[tuple[str, str]], robot: Robot
+    colliding: Collection[tuple[str, str]], expected: Collection[tuple[str, str]], robot: Robot
 ) -> dict[Owner, Colour]:
-    """Red for what touches and must not, amber for what may."""
-    told = {name: AMBER for pair in meant for name in pair} | {name: TOUCHING for pair in bad for name in pair}
-    return {owner_of(name, robot): colour for name, colour in told.items()}
+    """Red for links and bodies in collision, amber for those in a contact that is expected."""
+    colours = {name: AMBER for pair in expected for name in pair} | {
+        name: TOUCHING for pair in colliding for name in pair
+    }
+    return {owner_of(name, robot): colour for name, colour in colours.items()}

@@ -1,4 +1,4 @@
-"""What a page shows, as a value: where the robot stands, from where to where it is to go, and what was planned."""
+"""What the page shows, as a value: the configuration, the start and goal of the next plan, and what was planned."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, read_only
-from planner_service.path.joint_path import JointPath
 from planner_service.planners import planner_by_name
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult
@@ -19,140 +18,121 @@ from planner_service.presentation.page import Showable
 from planner_service.records.plan_file import SavedTask
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
-from planner_service.view.collision_report import Eye, Look
-from planner_service.view.playback import Reel
+from planner_service.view.collision_report import CollisionReport, CollisionReporter
+from planner_service.view.playback import Playback
 
 __all__ = ["ViewState"]
 
 PLAN_SECONDS = 10.0
-"""That a plan asked for on the page may take."""
-
-TRACED_SECONDS = 1.0
-"""That a plan may have taken which is planned once more to see how its search went."""
+"""Time limit of a plan made on the page."""
 
 
 @dataclass(frozen=True, eq=False)
 class ViewState:
-    """What a page shows.
+    """What the page shows.
 
     Attributes:
         service: Plans for the robot and the scene as they are now.
-        eye: Judges for it.
-        q: Where the robot stands, (n,).
-        start, goal: From where to where the next plan is to go, each (n,).
-        seconds: Where on the reel that is; None if the robot was moved by hand.
-        reel: The motions, None without any.
-        results: What was planned, each with its name.
-        failure: Why there is no plan, or no whole task.
+        reporter: Reports collisions for that service.
+        q: The configuration shown, (n,).
+        start, goal: Start and goal of the next plan, each (n,).
+        seconds: Where q is on the playback's clock; None if the robot was moved by hand.
+        playback: The motions, None if there are none.
+        results: The plans, each with its name.
+        failure: Why there is no plan, or no complete task.
     """
 
     service: PlannerService
-    eye: Eye
+    reporter: CollisionReporter
     q: FloatArray
     start: FloatArray
     goal: FloatArray
     seconds: float | None = None
-    reel: Reel | None = None
+    playback: Playback | None = None
     results: tuple[Segment, ...] = ()
     failure: Failure | None = None
 
     @classmethod
     def of(cls, service: PlannerService, shown: Showable | None = None) -> ViewState:
-        """What is to be seen of a plan or a task, at its beginning; without one the robot at home.
+        """The beginning of a plan or a task; the robot at home if there is none.
 
         Raises:
-            InvalidRequest: it is neither, or of another number of joints.
+            InvalidRequest: ``shown`` is something else, or has another number of joints.
         """
         home = read_only(service.robot.home)
-        state = cls(service, Eye(service), home, home, home)
+        state = cls(service, CollisionReporter(service), home, home, home)
         if shown is None:
             return state
         if isinstance(shown, PlanResult):
             return state._with_result(shown)
         if isinstance(shown, TaskResult | SavedTask):
             _require_joints(service, [segment.result for segment in shown.segments])
-            reel = Reel.of_task(service, shown.segments)
-            return replace(state, results=tuple(shown.segments), failure=shown.failure)._with_reel(reel)
+            playback = Playback.of_task(service, shown.segments)
+            return replace(state, results=tuple(shown.segments), failure=shown.failure)._with_playback(playback)
         raise InvalidRequest("shown", shown, "a PlanResult, a TaskResult, a SavedTask or None")
 
     def _with_result(self, result: PlanResult) -> ViewState:
         _require_joints(self.service, [result])
-        named = (Segment("plan", _traced(result), self.service.robot.gripper_width),)
-        state = replace(self, results=named, failure=result.failure, seconds=None, reel=None)
+        named = (Segment("plan", result, self.service.robot.gripper_width),)
+        state = replace(self, results=named, failure=result.failure, seconds=None, playback=None)
         request = None if result.origin is None else result.origin.request
         if request is not None:
             start = self._within(np.array(request.start))
             state = replace(state, start=start, q=start, goal=self._within(_goal(request, self)))
-        return state._with_reel(Reel.of_result(self.service, result))
+        return state._with_playback(Playback.of_result(self.service, result))
 
-    def _with_reel(self, reel: Reel | None) -> ViewState:
-        if reel is None:
+    def _with_playback(self, playback: Playback | None) -> ViewState:
+        if playback is None:
             return self
-        start, goal = reel.ends
-        return replace(self, reel=reel, start=start, goal=goal).at(0.0)
+        start, goal = playback.ends
+        return replace(self, playback=playback, start=start, goal=goal).at(0.0)
 
     def _within(self, q: FloatArray) -> FloatArray:
         limits = self.service.robot.limits
         return read_only(np.minimum(np.maximum(q, limits.lower), limits.upper))
 
     def at(self, seconds: float) -> ViewState:
-        """The robot where it is on the reel after so many seconds, with what it then carries; NaN changes nothing."""
-        if self.reel is None or math.isnan(seconds):
+        """The playback at a time on its clock, with what the robot then carries; NaN changes nothing."""
+        if self.playback is None or math.isnan(seconds):
             return self
-        seconds = min(max(seconds, 0.0), self.reel.duration)
-        moment = self.reel.at(seconds)
-        take = moment.take
-        return replace(self, service=take.service, eye=take.eye, q=self._within(moment.q), seconds=seconds)
+        seconds = min(max(seconds, 0.0), self.playback.duration)
+        frame = self.playback.at(seconds)
+        clip = frame.clip
+        return replace(self, service=clip.service, reporter=clip.reporter, q=self._within(frame.q), seconds=seconds)
 
     def posed(self, q: Sequence[float] | FloatArray) -> ViewState:
-        """The robot moved by hand to q (n,), within its limits; a joint at NaN stays."""
+        """The robot moved by hand to q (n,), kept within its limits; a joint given as NaN stays."""
         moved = np.array(q, dtype=np.float64)
         return replace(self, q=self._within(np.where(np.isnan(moved), self.q, moved)), seconds=None)
 
     def with_start(self) -> ViewState:
-        """The next plan starts where the robot stands."""
+        """The next plan starts at the configuration shown."""
         return replace(self, start=self.q)
 
     def with_goal(self) -> ViewState:
-        """The next plan ends where the robot stands."""
+        """The next plan ends at the configuration shown."""
         return replace(self, goal=self.q)
 
     @property
-    def look(self) -> Look:
-        """What touches where the robot stands, and how much room is left."""
-        meant = frozenset[tuple[str, str]]()
-        if self.reel is not None and self.seconds is not None:
-            meant = self.reel.at(self.seconds).meant
-        return self.eye.look(self.q, meant)
+    def report(self) -> CollisionReport:
+        """Contacts and clearance of the configuration shown."""
+        expected = frozenset[tuple[str, str]]()
+        if self.playback is not None and self.seconds is not None:
+            expected = self.playback.at(self.seconds).expected
+        return self.reporter.report(self.q, expected)
 
     def planned(self, planner: str, seed: int, cancel: CancelToken | None = None) -> ViewState:
-        """What a plan from start to goal with the planner of that name comes to.
+        """The plan from start to goal by the planner of that name, with its search trace.
 
         Raises:
-            InvalidRequest: no such planner or seed.
+            InvalidRequest: there is no such planner, or the seed is invalid.
         """
         request = PlanRequest(self.start, self.goal, planner_by_name(planner), seed=seed, time_limit=PLAN_SECONDS)
         return self._with_result(self.service.plan(request, cancel=cancel, trace=True))
 
 
-def _traced(result: PlanResult) -> PlanResult:
-    """The result with its trace; one that has none is planned once more if quick; the same has to come of it."""
-    origin, quick = result.origin, result.deterministic and result.seconds < TRACED_SECONDS
-    if result.trace is not None or origin is None or origin.request is None or not quick:
-        return result
-    again = PlannerService.of(origin.world).plan(origin.request, trace=True)
-    return replace(result, trace=again.trace) if _same(result.path, again.path) else result
-
-
-def _same(path: JointPath | None, other: JointPath | None) -> bool:
-    """Whether two plans go the same way; one from a file may have been planned by another release."""
-    if path is None or other is None:
-        return path is other
-    return np.array_equal(path.waypoints, other.waypoints)
-
-
 def _goal(request: PlanRequest, state: ViewState) -> FloatArray:
-    """The first goal that is a configuration; where the robot stands if they are all poses of the tool."""
+    """The first goal that is a configuration; the state's goal if all of them are tool poses."""
     goals = request.goals(state.service.robot)
     return next((np.asarray(goal) for goal in goals if isinstance(goal, np.ndarray)), state.goal)
 

@@ -1,7 +1,7 @@
-"""What is judged, as triangles to draw: links of a robot, obstacles, carried objects, and where the links are.
+"""The collision shapes of robots and scenes as triangles to draw, and the poses of the links.
 
-Every solid is closed, its triangles counter-clockwise seen from outside. Round shapes are drawn by polyhedra whose
-corners lie on them; boxes, hulls and cells are drawn as they are judged.
+Every solid is closed, its triangles counter-clockwise seen from outside. Round shapes are drawn as polyhedra whose
+corners lie on them; boxes, hulls and cells are drawn exactly.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ Colour = tuple[int, int, int]
 IntArray = NDArray[np.int64]
 
 TOOL = ""
-"""The frame of what is carried: the robot's tool frame. No link has an empty name."""
+"""The frame of attached objects: the robot's tool frame. No link has an empty name."""
 
 LINKS: tuple[Colour, ...] = ((214, 219, 226), (158, 172, 190))
-"""Colours of the links, in turn."""
+"""Colours of the links, by turns."""
 
 OBSTACLES: tuple[Colour, ...] = (
     *((238, 196, 140), (202, 186, 224), (232, 178, 170), (216, 208, 148)),
@@ -53,20 +53,20 @@ NAMED: Mapping[str, Colour] = MappingProxyType(
         "black": (84, 88, 94),
     }
 )
-"""Of an obstacle whose name begins with one of these."""
+"""Colours of obstacles whose names begin with one of these words."""
 
 GROUND: Colour = (236, 233, 226)
 CARRIED: Colour = (240, 130, 50)
 
 WIDE, HIGH = 0.9, 0.1
-"""Metres: what is at least so long both ways, lower than a quarter of that, and no higher above the robot's base is
-ground."""
+"""Metres: a body at least so wide in x and y, less than a quarter of that high, and with its top no higher above the
+robot's base than this, is ground."""
 
 ROUND = 48
-"""Sides of what is round."""
+"""Sides of the prism drawn for a cylinder."""
 
 MAX_BOXES = 6_000
-"""Of a cloud or a height field; a larger one is drawn in coarser cells, that hold its own."""
+"""Boxes drawn of a cloud or a height field; a larger one is drawn in coarser cells that cover its own."""
 
 Triangles = tuple[FloatArray, IntArray]
 
@@ -81,7 +81,7 @@ class Solid:
         faces: Triangles (m, 3) as rows of ``vertices``, counter-clockwise seen from outside.
         colour: Red, green, blue: 0 to 255.
         opacity: 0 to 1.
-        frame: The key of ``placements`` that it moves with; None for the world.
+        frame: The key of its frame in ``placements``; None for the world.
     """
 
     name: str
@@ -99,7 +99,7 @@ class Solid:
 
 
 def robot_solids(robot: Robot) -> tuple[Solid, ...]:
-    """The links that are judged, one solid for each, in its frame as ``placements`` has it."""
+    """The collision shapes of each link as one solid, in the link's frame of ``placements``."""
     shapes: dict[str, list[tuple[Shape, Pose]]] = {}
     for item in robot.shapes:
         shapes.setdefault(item.link, []).append((item.shape, item.pose))
@@ -110,9 +110,9 @@ def robot_solids(robot: Robot) -> tuple[Solid, ...]:
 
 
 def scene_solids(scene: Scene) -> tuple[Solid, ...]:
-    """The obstacles, in the world, then what is carried, in the frame ``TOOL``.
+    """The obstacles, in the world, then the attached objects, in the frame ``TOOL``.
 
-    Clouds and height fields of more than ``MAX_BOXES`` boxes are drawn in coarser cells, which hold all that is judged.
+    Clouds and height fields of more than ``MAX_BOXES`` boxes are drawn in coarser cells that cover the exact ones.
     """
     families: dict[str, Colour] = {}
     standing = []
@@ -124,15 +124,15 @@ def scene_solids(scene: Scene) -> tuple[Solid, ...]:
 
 
 def _colour_of(name: str, families: dict[str, Colour]) -> Colour:
-    """The colour it is called by, or that of a name with the same first word (the parts of a shelf), or the next."""
+    """The colour in its name, or that of the names with the same first word (the parts of a shelf), or the next one."""
     first = re.split(r"[\W\d_]", name.lower())[0]
     return NAMED.get(first) or families.setdefault(first, OBSTACLES[len(families) % len(OBSTACLES)])
 
 
 def placements(robot: Robot, q: ArrayLike) -> dict[str, FloatArray]:
-    """World poses (4, 4) of the frames that solids move with: of every link with shapes, and ``TOOL``; q is (n,).
+    """World poses (4, 4) of every link with shapes, and of ``TOOL``, at q (n,).
 
-    A link's frame is that of the body it belongs to: of the joint that moves it.
+    The frame of a link is that of its body, the frame of the joint that moves it.
     """
     values = np.asarray(q, dtype=np.float64)
     bodies = [_matrix(pose) for pose in robot.body_poses(values)]
@@ -145,13 +145,13 @@ def _matrix(pose: BodyPose) -> FloatArray:
 
 
 def is_ground(vertices: FloatArray) -> bool:
-    """Whether a solid with these corners (k, 3) in the world is a table or a floor to stand on: wide, flat and low."""
+    """Whether a body with these corners (k, 3) in the world is a table or a floor: wide, flat and low."""
     x, y, z = (vertices.max(axis=0) - vertices.min(axis=0)).tolist()
     return bool(min(x, y) >= WIDE and z < min(x, y) / 4 and vertices[:, 2].max() <= HIGH)
 
 
 def _placed(body: Obstacle | Attached) -> Triangles:
-    """The triangles of an obstacle in the world, or of what is carried in the tool frame."""
+    """The triangles of an obstacle in the world, or of an attached object in the tool frame."""
     shape = body.shape
     if isinstance(shape, Compound):
         return _moved(_union(_convex(part, pose) for part, pose in shape.parts), body.pose)
@@ -195,26 +195,26 @@ def _convex(shape: Shape, pose: Pose) -> Triangles:
 
 
 def _arc(radius: float, z: float, low: float, high: float) -> list[tuple[float, float]]:
-    """(distance from the axis, height) along a ball's outline, from ``low`` to ``high`` quarter turns of latitude."""
+    """(distance from the axis, height) along a circle, from latitude ``low`` to ``high`` in quarter turns."""
     count = round((high - low) * ROUND / 4)
     angles = [math.pi / 2 * (low + (high - low) * k / count) for k in range(count + 1)]
     return [(0.0 if abs(a) > 1.57 else radius * math.cos(a), z + radius * math.sin(a)) for a in angles]
 
 
 def _lathe(outline: list[tuple[float, float]]) -> Triangles:
-    """What turns about z: from its outline's (distance, height), upwards, beginning and ending on the axis."""
+    """A solid of revolution about z, from its outline (distance, height), upwards, from axis to axis."""
     turn = [(math.cos(2 * math.pi * k / ROUND), math.sin(2 * math.pi * k / ROUND)) for k in range(ROUND)]
     rings = [[(r * c, r * s, z) for c, s in turn] for r, z in outline[1:-1]]
     bottom, top = len(rings) * ROUND, len(rings) * ROUND + 1
     corners = [*(corner for ring in rings for corner in ring), (0.0, 0.0, outline[0][1]), (0.0, 0.0, outline[-1][1])]
-    here = np.arange(ROUND)
-    after, last = (here + 1) % ROUND, (len(rings) - 1) * ROUND
+    side = np.arange(ROUND)
+    after, last = (side + 1) % ROUND, (len(rings) - 1) * ROUND
     pole, peak = np.full(ROUND, bottom), np.full(ROUND, top)
-    faces = [np.stack([pole, after, here], axis=-1), np.stack([peak, last + here, last + after], axis=-1)]
+    faces = [np.stack([pole, after, side], axis=-1), np.stack([peak, last + side, last + after], axis=-1)]
     for base in range(0, last, ROUND):
         above = base + ROUND
-        faces.append(np.stack([base + here, base + after, above + after], axis=-1))
-        faces.append(np.stack([base + here, above + after, above + here], axis=-1))
+        faces.append(np.stack([base + side, base + after, above + after], axis=-1))
+        faces.append(np.stack([base + side, above + after, above + side], axis=-1))
     return np.array(corners), np.concatenate(faces).astype(np.int64)
 
 
@@ -222,11 +222,11 @@ SIDES = np.array(
     [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2],
      [1, 3, 7], [1, 7, 5]]
 )  # fmt: skip
-"""Triangles of a box; bits 0, 1, 2 of a corner's number say whether it is high in x, y, z."""
+"""Triangles of a box; bits 0, 1, 2 of a corner's index say whether it is the high one in x, y, z."""
 
 
 def _boxes(low: FloatArray, high: FloatArray) -> Triangles:
-    """Boxes along the axes, from their corners (k, 3)."""
+    """Axis-aligned boxes, from their lowest and highest corners, (k, 3) each."""
     bits = np.array([[number >> axis & 1 for axis in range(3)] for number in range(8)], dtype=bool)
     corners = np.where(bits, high[:, None], low[:, None]).reshape(-1, 3)
     return corners, (8 * np.arange(len(low))[:, None, None] + SIDES).reshape(-1, 3).astype(np.int64)

@@ -1,4 +1,4 @@
-"""A page that is open: its address, until when it is there, and its end."""
+"""Opens the page in the browser, serves it until its last window is closed, and shuts it down."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ __all__ = ["HOST", "PORT", "Viewer", "interactive", "open_viewer", "show"]
 HOST, PORT = "127.0.0.1", 8080
 
 GRACE = 3.0
-"""Seconds after the last page was closed in which it may come back: a reload closes it, too."""
+"""Seconds to wait after the last window closed before ending: a reload closes the window, too."""
 
 
 class Viewer:
-    """A page in the browser, served from this process until its last window is closed.
+    """A page served from this process until its last window is closed.
 
     Attributes:
-        url: Its address.
-        page: What it shows.
+        url: The page's address.
+        page: The page itself.
     """
 
     def __init__(self, server: Any, page: Page, *, keep: bool) -> None:
@@ -39,10 +39,10 @@ class Viewer:
         self.url = f"http://{server.get_host()}:{server.get_port()}"
         self._ended, self._lock = threading.Event(), threading.Lock()
         self._seen, self._empty_since = False, time.monotonic()
-        server.on_client_connect(self._came)
+        server.on_client_connect(self._on_connect)
         threading.Thread(target=self._watch, name="planner-service view: watch", daemon=True).start()
 
-    def _came(self, _: Any) -> None:
+    def _on_connect(self, _: Any) -> None:
         self._seen = True
 
     def _watch(self) -> None:
@@ -54,11 +54,11 @@ class Viewer:
 
     @property
     def open(self) -> bool:
-        """Whether it is still served."""
+        """Whether the page is still served."""
         return not self._ended.is_set()
 
     def wait(self) -> None:
-        """Return when its last window was closed, or it was closed here; Ctrl-C closes it and comes through."""
+        """Wait until the page is closed; on Ctrl-C close it and raise KeyboardInterrupt."""
         try:
             while not self._ended.wait(0.5):
                 pass
@@ -66,7 +66,7 @@ class Viewer:
             self.close()
 
     def close(self) -> None:
-        """Stop serving it; nothing of it is left running."""
+        """Stop serving the page and end its threads."""
         with self._lock:
             if self._ended.is_set():
                 return
@@ -103,19 +103,19 @@ def show(
 def open_viewer(
     service: PlannerService, shown: Showable | None, *, host: str = HOST, port: int = PORT, keep: bool = False
 ) -> Viewer:
-    """A page that shows a service's robot and scene, and a plan or a task.
+    """Open a page that shows a service's robot and scene, and a plan or a task.
 
     Args:
-        port: The first to try; if it is taken the next free one. 0 for any.
-        keep: Whether to go on serving when the last window was closed.
+        port: The first port to try; if it is taken, the next free one is used. 0 for any.
+        keep: Go on serving after the last window was closed.
 
     Raises:
-        InvalidRequest: no such port or host, or nothing that can be shown.
+        InvalidRequest: ``port`` or ``host`` is invalid, or ``shown`` cannot be shown.
         MissingDependency: viser is not installed.
     """
     state = ViewState.of(service, shown)
     whole("port", port, 0, 65_535)
-    if not host:  # to sockets that is every address there is
+    if not host:  # an empty host means every address of the machine
         raise InvalidRequest("host", host, f"an address of this machine, such as {HOST}")
     try:
         import viser
@@ -128,14 +128,14 @@ def open_viewer(
         raise InvalidRequest("host", host, f"an address of this machine ({error})") from None
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints its addresses
         server = viser.ViserServer(host, port, label="planner-service", verbose=False)
-    server.request_share_url = _not_shared  # a page of another site could ask for it
+    server.request_share_url = _not_shared  # any web page could ask for it
     return Viewer(server, Page(server, state), keep=keep)
 
 
 def _not_shared(*_: object, **__: object) -> None:
-    """In place of viser's way to make a page public: nothing leaves this machine."""
+    """Replaces viser's function that publishes the page on the internet."""
 
 
 def interactive() -> bool:
-    """Whether a person types at this process: a notebook or a prompt."""
+    """Whether this is a notebook or a Python prompt."""
     return hasattr(sys, "ps1") or bool(sys.flags.interactive)

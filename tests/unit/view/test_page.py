@@ -114,22 +114,22 @@ def test_a_joints_slider_moves_the_robot(page: Any, viewer: Viewer) -> None:
 
 
 def test_the_clocks_slider_moves_the_robot_along_the_plan(page: Any, viewer: Viewer) -> None:
-    reel = viewer.page.state.reel
-    assert reel is not None
+    playback = viewer.page.state.playback
+    assert playback is not None
     before = settled(page)
     slider(page, 0).focus()
     page.keyboard.press("End")
-    until(lambda: viewer.page.state.seconds == reel.duration)
-    assert viewer.page.state.q.tolist() == reel.at(reel.duration).q.tolist()
+    until(lambda: viewer.page.state.seconds == playback.duration)
+    assert viewer.page.state.q.tolist() == playback.at(playback.duration).q.tolist()
     assert np.any(settled(page) != before)
 
 
 def test_playing_ends_at_the_goal(page: Any, viewer: Viewer) -> None:
-    reel = viewer.page.state.reel
-    assert reel is not None
-    viewer.page.scrub(reel.duration - 0.5)
+    playback = viewer.page.state.playback
+    assert playback is not None
+    viewer.page.scrub(playback.duration - 0.5)
     page.get_by_role("button", name="play").click()
-    until(lambda: viewer.page.state.seconds == reel.duration)
+    until(lambda: viewer.page.state.seconds == playback.duration)
     page.get_by_role("button", name="play").wait_for()
 
 
@@ -142,7 +142,7 @@ def test_a_colliding_configuration_shows_its_pair_in_red(page: Any, viewer: View
     page.get_by_text("free").first.wait_for()
     assert reds(settled(page)) == 0
     viewer.page.pose(hit)
-    page.get_by_text("collides").first.wait_for()
+    page.get_by_text("in collision").first.wait_for()
     assert f"{contact.a} × {contact.b}" in page.locator("body").inner_text()
     assert reds(settled(page)) > 20
 

@@ -31,14 +31,14 @@ from planner_service import (
 from planner_service.cli.commands import app
 from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
-from planner_service.records.plan_file import SavedPlan, SavedTask, load_task, save_plan
+from planner_service.records.plan_file import SavedTask, load_task, save_plan
 from planner_service.search.trace import SearchGraph
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view import open_viewer
-from planner_service.view.collision_report import Eye
-from planner_service.view.lines import MOST_EDGES, curve_lines, free_graph, graph_lines, polyline_lines, tool_points
-from planner_service.view.markdown import look_words, result_words, state_words
-from planner_service.view.playback import Reel
+from planner_service.view.collision_report import CollisionReporter
+from planner_service.view.lines import MAX_EDGES, curve_lines, free_graph, graph_lines, polyline_lines, tool_points
+from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
+from planner_service.view.playback import Playback
 from planner_service.view.state import ViewState
 
 
@@ -79,27 +79,27 @@ def test_a_plan_is_at_its_ends_when_its_reel_is(discs: PlannerService) -> None:
     result = discs.plan(asked(discs))
     state = ViewState.of(discs, result)
     assert result.trajectory is not None
-    assert state.reel is not None
-    assert state.reel.duration == result.trajectory.duration
+    assert state.playback is not None
+    assert state.playback.duration == result.trajectory.duration
     assert state.q.tolist() == result.trajectory(0.0).tolist()
     assert state.at(1e9).q.tolist() == result.trajectory(result.trajectory.duration).tolist()
     assert state.at(0.7).q.tolist() == result.trajectory(0.7).tolist()
 
 
 def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService, task: TaskResult) -> None:
-    reel = Reel.of_task(bin_, task.segments)
-    assert reel is not None
-    assert [take.name for take in reel.takes] == [segment.name for segment in task.segments]
-    for before, after in zip(reel.takes, reel.takes[1:], strict=False):
+    playback = Playback.of_task(bin_, task.segments)
+    assert playback is not None
+    assert [clip.name for clip in playback.clips] == [segment.name for segment in task.segments]
+    for before, after in zip(playback.clips, playback.clips[1:], strict=False):
         assert after.begin == before.end
-        np.testing.assert_allclose(reel.at(before.end - 1e-9).q, reel.at(after.begin).q, atol=1e-6)
+        np.testing.assert_allclose(playback.at(before.end - 1e-9).q, playback.at(after.begin).q, atol=1e-6)
 
 
 def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
-    assert state.reel is not None
-    for take, segment in zip(state.reel.takes, task.segments, strict=True):
-        there = state.at(take.begin + 0.01)
+    assert state.playback is not None
+    for clip, segment in zip(state.playback.clips, task.segments, strict=True):
+        there = state.at(clip.begin + 0.01)
         assert there.service.robot.gripper_width == segment.width
         carries = [held.name for held in there.service.scene.attached]
         assert carries == (["blue_block"] if segment.name in ("lift", "transfer", "lower") else [])
@@ -110,20 +110,20 @@ def test_a_task_from_a_file_tells_what_each_motion_carries(
 ) -> None:
     save_plan(task, tmp_path / "task.json")
     read = load_task(tmp_path / "task.json")
-    known, found = Reel.of_task(bin_, task.segments), Reel.of_task(read.service(), read.segments)
+    known, found = Playback.of_task(bin_, task.segments), Playback.of_task(read.service(), read.segments)
     assert known is not None
     assert found is not None
-    for one, other in zip(known.takes, found.takes, strict=True):
+    for one, other in zip(known.clips, found.clips, strict=True):
         assert one.service.robot.hash == other.service.robot.hash
         assert one.service.scene == other.service.scene
 
 
 def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: TaskResult) -> None:
-    reel = Reel.of_task(bin_, task.segments)
-    assert reel is not None
-    samples = reel.samples
+    playback = Playback.of_task(bin_, task.segments)
+    assert playback is not None
+    samples = playback.samples
     assert samples.t[0] == 0.0
-    assert samples.t[-1] == pytest.approx(reel.duration, abs=1e-12)
+    assert samples.t[-1] == pytest.approx(playback.duration, abs=1e-12)
     assert (np.diff(samples.t) >= 0.0).all()
     for part in (samples.position, samples.velocity, samples.acceleration):
         assert part.shape == (len(samples.t), bin_.robot.n)
@@ -134,14 +134,14 @@ def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: TaskResu
 
 def test_plotted_velocities_are_parts_of_the_limits(discs: PlannerService) -> None:
     state = ViewState.of(discs, discs.plan(asked(discs)))
-    assert state.reel is not None
-    samples, take = state.reel.samples, state.reel.takes[0]
+    assert state.playback is not None
+    samples, clip = state.playback.samples, state.playback.clips[0]
     k, limits = len(samples.t) // 3, discs.robot.limits
     at = float(samples.t[k])
-    np.testing.assert_allclose(samples.velocity[k] * limits.velocity, take.trajectory(at, 1), atol=1e-12)
-    np.testing.assert_allclose(samples.acceleration[k] * limits.acceleration, take.trajectory(at, 2), atol=1e-12)
+    np.testing.assert_allclose(samples.velocity[k] * limits.velocity, clip.trajectory(at, 1), atol=1e-12)
+    np.testing.assert_allclose(samples.acceleration[k] * limits.acceleration, clip.trajectory(at, 2), atol=1e-12)
     low, high = limits.lower, limits.upper
-    np.testing.assert_allclose((samples.position[k] + 1.0) / 2.0 * (high - low) + low, take.trajectory(at), atol=1e-12)
+    np.testing.assert_allclose((samples.position[k] + 1.0) / 2.0 * (high - low) + low, clip.trajectory(at), atol=1e-12)
 
 
 # What is said of a configuration.
@@ -149,15 +149,15 @@ def test_plotted_velocities_are_parts_of_the_limits(discs: PlannerService) -> No
 
 def test_a_colliding_configuration_names_its_pair_and_where_it_touches(discs: PlannerService) -> None:
     q = colliding(discs)
-    look = ViewState.of(discs).posed(q).look
-    assert [(c.a, c.b) for c in look.contacts] == [(c.a, c.b) for c in discs.checker.contacts(q)]
-    assert not look.free
-    assert "**collides**" in look_words(look)
-    assert "lesson\\_disc" in look_words(look)
-    (names, place), *_ = look.places
-    assert names == (look.contacts[0].a, look.contacts[0].b)
+    report = ViewState.of(discs).posed(q).report
+    assert [(c.a, c.b) for c in report.contacts] == [(c.a, c.b) for c in discs.checker.contacts(q)]
+    assert not report.free
+    assert "**in collision**" in report_markdown(report)
+    assert "lesson\\_disc" in report_markdown(report)
+    (names, point), *_ = report.points
+    assert names == (report.contacts[0].a, report.contacts[0].b)
     disc = np.array(discs.scene.obstacle("lesson_disc").pose.position)
-    assert math.dist(disc[:2], place[:2]) < 0.2
+    assert math.dist(disc[:2], point[:2]) < 0.2
 
 
 def test_a_name_from_a_file_is_no_html_and_no_markdown(discs: PlannerService) -> None:
@@ -166,46 +166,46 @@ def test_a_name_from_a_file_is_no_html_and_no_markdown(discs: PlannerService) ->
         discs.scene, obstacles=tuple(replace(o, name=f"{k}{name}") for k, o in enumerate(discs.scene.obstacles))
     )
     service = PlannerService(discs.robot, scene)
-    words = look_words(ViewState.of(service).posed(colliding(service)).look)
+    words = report_markdown(ViewState.of(service).posed(colliding(service)).report)
     assert "\\<img src\\=x\\> \\[a\\]\\(http\\:\\/\\/b\\) \\`c\\` \\&lt\\; \\|" in words
     result = discs.plan(asked(discs))
     segments = tuple(Segment(name, result, 0.0) for _ in range(2))
     state = ViewState.of(discs, SavedTask(discs.world, "", segments, CheckCounts(), 0.0))
-    assert "<img" not in result_words(state).replace("\\<", "")
-    assert "<img" not in state_words(state).replace("\\<", "")
+    assert "<img" not in result_markdown(state).replace("\\<", "")
+    assert "<img" not in state_markdown(state).replace("\\<", "")
 
 
 def test_a_free_configuration_tells_a_clearance_that_is_proven(discs: PlannerService) -> None:
-    look = ViewState.of(discs).posed((0.0, 0.0)).look
-    assert look.free
-    assert look.places == ()
-    assert look.clearance > 0.0
-    assert look_words(look).startswith("**free**: at least ")
+    report = ViewState.of(discs).posed((0.0, 0.0)).report
+    assert report.free
+    assert report.points == ()
+    assert report.clearance > 0.0
+    assert report_markdown(report).startswith("**free**: at least ")
 
 
 def test_looking_changes_nobodys_counts(discs: PlannerService) -> None:
     before = discs.checker.counts
-    ViewState.of(discs).posed(colliding(PlannerService(discs.robot, discs.scene))).look  # noqa: B018
+    ViewState.of(discs).posed(colliding(PlannerService(discs.robot, discs.scene))).report  # noqa: B018
     assert discs.checker.counts == before
 
 
 def test_what_is_meant_to_touch_is_told_apart(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
-    assert state.reel is not None
-    descend = next(take for take in state.reel.takes if take.name == "descend")
-    look = state.at(descend.end - 1e-3).look
-    assert look.free
+    assert state.playback is not None
+    descend = next(clip for clip in state.playback.clips if clip.name == "descend")
+    report = state.at(descend.end - 1e-3).report
+    assert report.free
     fingers = {("finger_left", "blue_block"), ("finger_right", "blue_block")}
-    lift = next(take for take in state.reel.takes if take.name == "lift")
-    assert fingers.isdisjoint((c.a, c.b) for c in state.at(lift.begin).look.contacts)
+    lift = next(clip for clip in state.playback.clips if clip.name == "lift")
+    assert fingers.isdisjoint((c.a, c.b) for c in state.at(lift.begin).report.contacts)
     table = Scene((Obstacle("table", Box((1.0, 1.0, 0.1)), Pose((0.0, 0.0, -0.05))),))
     touching = PlannerService("wxai", table)
     q = next(q for q in np.linspace(touching.robot.home, touching.robot.limits.upper, 50) if _touches(touching, q))
     pairs = [(c.a, c.b) for c in touching.checker.contacts(q)]
-    meant = Eye(touching).look(q, pairs)
-    assert meant.free
-    assert [(c.a, c.b) for c in meant.meant] == pairs
-    assert "meant to touch" in look_words(meant)
+    report = CollisionReporter(touching).report(q, pairs)
+    assert report.free
+    assert [(c.a, c.b) for c in report.expected] == pairs
+    assert "expected contacts" in report_markdown(report)
 
 
 def _touches(service: PlannerService, q: Any) -> bool:
@@ -226,7 +226,7 @@ def test_what_is_no_number_moves_nothing(discs: PlannerService) -> None:
     assert state.at(math.nan) == state
     posed = state.posed((math.nan, 0.1))
     assert posed.q.tolist() == [state.q[0], 0.1]
-    assert posed.look.clearance is not None
+    assert posed.report.clearance is not None
 
 
 def test_start_and_goal_are_where_the_robot_stands(discs: PlannerService) -> None:
@@ -249,8 +249,8 @@ def test_a_plan_made_on_the_page_is_the_services_with_a_trace(discs: PlannerServ
 
 def test_a_plan_that_fails_is_told_with_its_reason(discs: PlannerService) -> None:
     state = ViewState.of(discs).posed(colliding(discs)).with_goal().planned("rrtconnect", 0)
-    assert state.reel is None
-    words = result_words(state)
+    assert state.playback is None
+    words = result_markdown(state)
     assert "GOAL\\_IN\\_COLLISION" in words
     assert "| endpoints |" in words
 
@@ -260,36 +260,29 @@ def test_an_unknown_planner_is_refused(discs: PlannerService) -> None:
         ViewState.of(discs).planned("rrtconect", 0)
 
 
-def test_a_result_without_a_trace_is_planned_once_more_for_it(discs: PlannerService) -> None:
+def test_a_result_is_shown_as_it_is_and_not_planned_again(
+    discs: PlannerService, monkeypatch: pytest.MonkeyPatch
+) -> None:
     result = discs.plan(asked(discs))
-    shown = ViewState.of(discs, result).results[0].result
-    assert shown.trace is not None
-    assert shown.path is result.path
-
-
-def test_the_trace_of_another_path_is_not_shown(discs: PlannerService) -> None:
-    result, other = discs.plan(asked(discs)), discs.plan(replace(asked(discs), seed=5))
-    assert result.path is not None
-    assert other.path is not None
-    assert not np.array_equal(result.path.waypoints, other.path.waypoints)
-    shown = ViewState.of(discs, replace(result, origin=other.origin)).results[0].result
-    assert shown.trace is None
+    monkeypatch.setattr(PlannerService, "plan", lambda *_, **__: pytest.fail("planned again"))
+    (segment,) = ViewState.of(discs, result).results
+    assert segment.result is result
 
 
 def test_what_is_said_of_a_plan_adds_up(discs: PlannerService) -> None:
     result = discs.plan(asked(discs))
-    words = result_words(ViewState.of(discs, result))
+    words = result_markdown(ViewState.of(discs, result))
     assert f"| **total** | {result.counts.states:,} | {result.counts.edges:,} | {result.counts.distances:,} |" in words
     assert "**certified**: " in words
 
 
 def test_the_clock_says_which_motion_it_is_and_what_is_carried(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
-    assert state.reel is not None
-    lift = next(take for take in state.reel.takes if take.name == "lift")
-    assert state_words(state.at(lift.begin + 0.1)).startswith("lift, ")
-    assert state_words(state.at(lift.begin + 0.1)).endswith("carrying blue\\_block")
-    assert state_words(state.posed(bin_.robot.home)) == "moved by hand"
+    assert state.playback is not None
+    lift = next(clip for clip in state.playback.clips if clip.name == "lift")
+    assert state_markdown(state.at(lift.begin + 0.1)).startswith("lift, ")
+    assert state_markdown(state.at(lift.begin + 0.1)).endswith("carrying blue\\_block")
+    assert state_markdown(state.posed(bin_.robot.home)) == "moved by hand"
 
 
 # Lines.
@@ -332,9 +325,9 @@ def test_of_a_roadmap_what_is_known_to_be_free_is_drawn(discs: PlannerService) -
 
 
 def test_of_a_huge_tree_some_edges_are_drawn(discs: PlannerService) -> None:
-    points = np.linspace((0.0, 0.0), (0.01, 0.01), 3 * MOST_EDGES, dtype=np.float64)
+    points = np.linspace((0.0, 0.0), (0.01, 0.01), 3 * MAX_EDGES, dtype=np.float64)
     edges = np.stack([np.arange(len(points) - 1), np.arange(1, len(points))], axis=1)
-    assert len(graph_lines(discs.robot, SearchGraph(points, edges))) == MOST_EDGES
+    assert len(graph_lines(discs.robot, SearchGraph(points, edges))) == MAX_EDGES
 
 
 # What is refused.
@@ -390,18 +383,19 @@ def test_the_command_refuses_what_it_cannot_show(arguments: tuple[str, ...], mat
     assert match in result.stderr
 
 
-def test_a_plan_file_is_shown_with_its_search(discs: PlannerService, tmp_path: Path) -> None:
-    request = asked(discs)
-    save_plan(SavedPlan(discs.world, request, discs.plan(request)), tmp_path / "plan.json")
+def test_a_plan_file_is_shown_in_its_scene_or_one_that_is_given(discs: PlannerService, tmp_path: Path) -> None:
+    result = discs.plan(asked(discs))
+    result.save(tmp_path / "plan.json")
     service, shown, notes = opened(str(tmp_path / "plan.json"), None, None)
     assert notes == ["against the scene in this file: discs"]
-    (segment,) = ViewState.of(service, shown).results
-    assert segment.result.trace is not None
-    assert segment.result.trace.graph is not None
+    state = ViewState.of(service, shown)
+    assert state.playback is not None
+    assert result.trajectory is not None
+    assert state.playback.duration == result.trajectory.duration
     other, shown, notes = opened(str(tmp_path / "plan.json"), None, "table")
     assert other.scene.name == "table"
     assert notes[0].startswith("against --scene table, not the scene in this file")
-    assert ViewState.of(other, shown).results[0].result.trace is None
+    assert ViewState.of(other, shown).service.scene.name == "table"
 
 
 def test_a_task_from_a_file_is_shown_by_itself(
