@@ -1,4 +1,4 @@
-"""The command ``planner-service``; its parts are imported when it runs, and only then."""
+"""The command ``planner-service``; everything it needs is imported when it runs."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import traceback
 __all__ = ["OUR_BUG", "main"]
 
 INTERRUPTED = 130
-"""128 + SIGINT, as shells have it."""
+"""128 + SIGINT, as in shells."""
 
 OUR_BUG = 70
-"""EX_SOFTWARE of sysexits.h: an error of ours must not look like "no plan", which Python's own 1 would."""
+"""EX_SOFTWARE of sysexits.h: Python's own exit code, 1, would look like "no plan"."""
 
 
 def main() -> None:
-    """Run the command line and exit with its code: 0 planned, 1 no plan, 2 bad input, 130 interrupted, 70 our bug."""
+    """Run the command line; exit with 0 planned, 1 no plan, 2 bad input, 130 interrupted, 70 internal error."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal cannot show is no reason to stop
+        if isinstance(stream, io.TextIOWrapper):  # names may have characters that the terminal cannot show
             stream.reconfigure(errors="backslashreplace")
     try:
         from planner_service.cli.commands import app

@@ -1,4 +1,4 @@
-"""What the command line's texts mean: robots and scenes, configurations, goals, timing laws."""
+"""Turns the texts of the command line into robots, scenes, configurations, goals, planners and timing laws."""
 
 from __future__ import annotations
 
@@ -41,28 +41,27 @@ __all__ = [
     "planner_or_optimise",
     "reopened",
     "require_obstacles",
-    "require_places",
+    "require_outputs",
     "require_proven",
     "service_for",
     "service_of_terms",
     "time_limit_of",
     "timing_by_name",
-    "unit_of",
 ]
 
 T = TypeVar("T")
 
 _POSE = "pose:"
 
-_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": plot.OURS, "--png": still.OURS}
-"""How files begin that a command may replace, by its option."""
+_FILE_KINDS = {"--out": plan_file.OURS, "--plan": plan_file.OURS, "--plot": plot.OURS, "--png": still.OURS}
+"""The beginning of the files that each option may overwrite."""
 
 
 def configuration(option: str, text: str, robot: Robot) -> FloatArray:
-    """The named pose of a robot, or as many comma-separated joint values as it has, shape (n,).
+    """A named pose of the robot, or comma-separated joint values, shape (n,); limits are not checked here.
 
     Raises:
-        InvalidRequest: neither; what is finite or within limits is not asked here.
+        InvalidRequest: the text is neither.
     """
     numbers = _numbers(text)
     if numbers is None:
@@ -80,15 +79,15 @@ def configuration(option: str, text: str, robot: Robot) -> FloatArray:
 
 
 def goals(texts: Sequence[str], robot: Robot) -> FloatArray | Pose | tuple[FloatArray | Pose, ...]:
-    """The goal, or the tuple of them, that ``PlanRequest`` takes: configurations, or ``pose:x,y,z,qw,qx,qy,qz``.
+    """The goal of a ``PlanRequest``, or a tuple of goals: configurations, or ``pose:x,y,z,qw,qx,qy,qz``.
 
     Raises:
         InvalidRequest: a text is neither.
     """
-    found = tuple(
+    parsed = tuple(
         _goal(f"--goal ({k + 1} of {len(texts)})" if k else "--goal", text, robot) for k, text in enumerate(texts)
     )
-    return found[0] if len(found) == 1 else found
+    return parsed[0] if len(parsed) == 1 else parsed
 
 
 def _goal(option: str, text: str, robot: Robot) -> FloatArray | Pose:
@@ -115,30 +114,30 @@ def pairs_of_texts(option: str, texts: Sequence[str]) -> tuple[tuple[str, str], 
     """Pairs of names, each written as A:B.
 
     Raises:
-        InvalidRequest: a text is no such pair.
+        InvalidRequest: a text is not of this form.
     """
     pairs = tuple(tuple(text.split(":")) for text in texts)
     for text, names in zip(texts, pairs, strict=True):
         if len(names) != 2 or not all(names) or names[0] == names[1]:
-            raise InvalidRequest(option, text, "two different names of links or objects with a colon between them")
+            raise InvalidRequest(option, text, "A:B, two different names of links or objects")
     return tuple((names[0], names[1]) for names in pairs)
 
 
 def optimise(clearance: float | None) -> Optimise:
-    """An optimisation that keeps so many metres, or as many as it does by itself."""
+    """An optimisation that keeps this clearance in metres, or its default."""
     return Optimise() if clearance is None else Optimise(clearance=clearance)
 
 
 def planner_or_optimise(name: str, clearance: float | None, *, polish: bool) -> Planner | Optimise:
-    """The planner of that name (any case) with its default settings, ``optimise`` among them.
+    """The planner of that name (in any case) with its default settings; ``optimise`` is one of them.
 
     Raises:
         UnknownName: there is none; the message offers the nearest.
-        InvalidRequest: a clearance for a planner that takes none, or a polish of one that optimises.
+        InvalidRequest: a clearance without an optimisation, or --polish with a planner that optimises anyway.
     """
     if name.lower() == Optimise().name:
         if polish:
-            raise InvalidRequest("--polish", True, "another planner with it: optimise optimises by itself")
+            raise InvalidRequest("--polish", True, "another planner: optimise needs no --polish")
         return optimise(clearance)
     if clearance is not None and not polish:
         raise InvalidRequest("--clearance", clearance, "--polish, or --planner optimise")
@@ -148,7 +147,7 @@ def planner_or_optimise(name: str, clearance: float | None, *, polish: bool) -> 
 
 
 def timing_by_name(name: str) -> Timing:
-    """The timing law of that name (any case) with its default settings.
+    """The timing law of that name (in any case) with its default settings.
 
     Raises:
         UnknownName: there is none; the message offers the nearest.
@@ -160,61 +159,60 @@ def timing_by_name(name: str) -> Timing:
 
 
 def time_limit_of(seconds: float) -> float | None:
-    """The limit that a number of seconds means: None, none at all, if it is infinite."""
+    """A time limit in seconds; None, no limit, if it is infinite."""
     return None if seconds == math.inf else seconds
 
 
 def service_for(robot: str, scene: str) -> PlannerService:
-    """The service for a robot and a scene, by name or file.
+    """A service for a robot and a scene, by name or file.
 
     Raises:
-        InvalidRequest: no such robot or scene.
+        InvalidRequest: there is no such robot or scene.
     """
     return PlannerService(load_robot(robot), load_world(scene))
 
 
 def require_obstacles(scene: Scene, names: Mapping[str, str]) -> None:
-    """Return if the scene has an obstacle of each name that was given, by its option, or that the option has if not.
+    """Check that the scene has the obstacle named by each option.
 
     Raises:
-        UnknownName: it has none of that name; the message has the option.
+        UnknownName: it has not; the message names the option.
     """
     for option, name in names.items():
         if name not in (known := [obstacle.name for obstacle in scene.obstacles]):
             raise UnknownName(f"obstacle for {option}", name, known)
 
 
-def require_places(files: Mapping[str, str | None]) -> None:
-    """Return if a file can be put at each place that was given, by its option, and no two of them are one.
+def require_outputs(files: Mapping[str, str | None]) -> None:
+    """Check that the file named by each option can be written, before the work whose result would be lost.
 
     Raises:
-        InvalidFile: an option names a place where no file can be, or one of another kind is.
-        InvalidRequest: a picture's name is none, or two options name one place.
+        InvalidFile: a file cannot be written there, or would overwrite one of another kind.
+        InvalidRequest: a picture is not called .png, or two options name the same file.
     """
     taken: dict[str, str] = {}
     for option, file in files.items():
         if file is not None:
             if option == "--png" and not file.lower().endswith(".png"):
                 raise InvalidRequest(option, file, "a name that ends in .png")
-            require_writable(file, _KINDS[option])
+            require_writable(file, _FILE_KINDS[option])
             other = taken.setdefault(os.path.realpath(file), option)
             if other != option:
-                raise InvalidRequest(option, file, f"another file than {other}")
+                raise InvalidRequest(option, file, f"a different file from {other}")
 
 
 def from_file(saved: SavedPlan | SavedTask) -> str:
-    """What every command says that uses the scene in a file."""
-    return f"against the scene in this file: {saved.scene.name or 'unnamed'}"
+    """The note of every command that uses the scene in a file."""
+    return f"using the scene in this file: {saved.scene.name or 'unnamed'}"
 
 
 def reopened(
     saved: SavedPlan | SavedTask, robot: str | None, scene: str | None
 ) -> tuple[SavedPlan | SavedTask, list[str]]:
-    """A plan or task from a file in the world that it brings, or in what is given in place of that; and what is to be
-    said of it.
+    """A plan or task from a file, with the robot or scene given instead of those in the file, and notes on differences.
 
     Raises:
-        InvalidRequest: no such robot or scene.
+        InvalidRequest: there is no such robot or scene.
     """
     made_for, notes = saved.made_for, [from_file(saved)]
     notes += differences(made_for.robot) if robot is None else []
@@ -225,46 +223,47 @@ def reopened(
         made_for = replace(made_for, robot=arm)
     if scene is not None:
         world = load_world(scene)
-        notes[0] = f"against --scene {scene}, not the scene in this file"
+        notes[0] = f"using --scene {scene} instead of the scene in this file"
         if world.hash != made_for.scene.hash:
             notes.append(f"made for another scene: {saved.scene.name}, {saved.scene.hash[:12]}")
         made_for = replace(made_for, scene=world)
     if made_for.edge_step is None:
-        notes.append("planned with a custom edge step, which files do not hold; MotionStep() is used here")
+        notes.append("planned with a custom edge step, which files do not store; MotionStep() is used instead")
     return saved.within(made_for) if isinstance(saved, SavedTask) else replace(saved, made_for=made_for), notes
 
 
 def differences(robot: Robot) -> list[str]:
-    """What is to be said of a robot from a file that has the name of one of this package, and is another."""
+    """Notes on a robot from a file that differs from the robot of the same name in this package."""
     if robot.name not in robot_names():
         return []
     try:
         ours = load_robot(robot.name)
     except MissingDependency as error:
-        return [f"robot {robot.name} in this file is not compared with the {robot.name} of this package: {error}"]
-    with suppress(InvalidRequest):  # no gripper, or one of another range
+        return [f"robot {robot.name} in this file cannot be compared with {robot.name} of this package: {error}"]
+    with suppress(InvalidRequest):  # no gripper, or another range
         ours = ours.with_gripper(robot.gripper_width)
     if ours.hash == robot.hash:
         return []
-    known, told = _lenient(ours), _lenient(robot)
+    allowed, allowed_in_file = _allowed_pairs(ours), _allowed_pairs(robot)
     added = [
-        f"robot {robot.name} in this file lets {a} x {b} touch; that of this package does not"
-        for a, b in sorted(told - known)
+        f"robot {robot.name} in this file allows {a} x {b} to touch; {robot.name} of this package does not"
+        for a, b in sorted(allowed_in_file - allowed)
     ]
-    return [f"robot {robot.name} in this file is not the {robot.name} of this package", *added]
+    return [f"robot {robot.name} in this file differs from {robot.name} of this package", *added]
 
 
-def _lenient(robot: Robot) -> set[tuple[str, str]]:
-    """Pairs of links that a robot says may touch, always or on its way out of a pose."""
-    pairs = [*(contact.links for contact in robot.allowed_contacts), *(p for way in robot.retreats for p in way.pairs)]
+def _allowed_pairs(robot: Robot) -> set[tuple[str, str]]:
+    """Pairs of links that may touch, always or while leaving a pose."""
+    pairs = [contact.links for contact in robot.allowed_contacts]
+    pairs += [pair for retreat in robot.retreats for pair in retreat.pairs]
     return {(min(pair), max(pair)) for pair in pairs}
 
 
 def require_proven(saved: SavedPlan | SavedTask, allow: Sequence[str] | None) -> None:
-    """Return if the motions of a file are proven again, as far as there are any, in the scene that it brings.
+    """Check that the motions in a file, if there are any, are proven in the scene in the file.
 
     Args:
-        allow: Pairs that are named again, each written as A:B.
+        allow: Pairs confirmed by the user, each written as A:B.
 
     Raises:
         NotProven: they are not.
@@ -280,14 +279,14 @@ def require_proven(saved: SavedPlan | SavedTask, allow: Sequence[str] | None) ->
     recertify(saved, allowed=allowed).required()
 
 
-def service_of_terms(terms: Terms, robot: str | None, scene: str | None, made: str) -> tuple[PlannerService, list[str]]:
-    """The service for which a roadmap holds, or for what was given in its place, with what is to be said of that.
+def service_of_terms(terms: Terms, robot: str | None, scene: str | None) -> tuple[PlannerService, list[str]]:
+    """The service that a roadmap was built for, or one for the robot or scene given instead, and notes on differences.
 
     Raises:
-        InvalidRequest: robot or scene, taken by the name in the roadmap, is not there or not what it was ``made`` for.
+        InvalidRequest: robot or scene, loaded by the name in the roadmap, are missing or not those it was built for.
     """
-    arm = load_robot(robot) if robot is not None else _found("--robot", terms.robot, load_robot, made)
-    world = load_world(scene) if scene is not None else _found("--scene", terms.scene, load_world, made)
+    arm = load_robot(robot) if robot is not None else _load_named("--robot", terms.robot, load_robot)
+    world = load_world(scene) if scene is not None else _load_named("--scene", terms.scene, load_world)
     notes = []
     rows = (
         ("--robot", robot, terms.robot, terms.robot_hash, arm.hash),
@@ -295,26 +294,25 @@ def service_of_terms(terms: Terms, robot: str | None, scene: str | None, made: s
     )
     for option, given, name, before, now in rows:
         if before != now and given is None:
-            raise InvalidRequest(option, name, f"the file of the {option[2:]} that {made}: this one differs")
+            raise InvalidRequest(option, name, f"{_built_for(option)}: this one differs")
         if before != now:
-            notes.append(f"{made} another {option[2:]}: {name}, {before[:12]}")
+            notes.append(f"the roadmap was built for another {option[2:]}: {name}, {before[:12]}")
     return PlannerService(arm, world), notes
 
 
-def _found(option: str, name: str, load: Callable[[str], T], made: str) -> T:
+def _load_named(option: str, name: str, load: Callable[[str], T]) -> T:
     try:
         return load(name)
     except UnknownName as error:
-        raise InvalidRequest(option, name, f"the file of the {option[2:]} that {made}: {error}") from None
+        raise InvalidRequest(option, name, f"{_built_for(option)}: {error}") from None
+
+
+def _built_for(option: str) -> str:
+    return f"the file of the {option[2:]} that the roadmap was built for"
 
 
 def load_libraries(request: PlanRequest, robot: Robot) -> None:
-    """Time a motion that nobody asked for: libraries load when first used, and no stage is to be charged for that."""
+    """Time a trivial motion: it loads the libraries, which would otherwise count as time of the first stage."""
     request.timing.time_path(JointPath(np.array([robot.limits.lower, robot.limits.upper])), robot.limits)
     if request.optimise is not None:
         load_solver()
-
-
-def unit_of(robot: Robot) -> str:
-    """Of path lengths: rad, nothing where joints slide."""
-    return "" if any(body.prismatic for body in robot.bodies) else "rad"

@@ -1,15 +1,19 @@
-"""The commands: read what was asked, plan or judge, print, and say by the exit code what came of it."""
+"""The command line: its commands in the order a person meets them."""
 
 from __future__ import annotations
 
+import logging
 import math
 import os
+from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from planner_service import __version__
 from planner_service.certify import Certifier
 from planner_service.cli import OUR_BUG, listings
 from planner_service.cli.arguments import (
@@ -20,16 +24,15 @@ from planner_service.cli.arguments import (
     optimise,
     planner_or_optimise,
     require_obstacles,
-    require_places,
+    require_outputs,
     require_proven,
     service_for,
     time_limit_of,
     timing_by_name,
-    unit_of,
 )
 from planner_service.cli.certify import certify
 from planner_service.cli.episodes import episodes
-from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, finish, json_text, wrapped
+from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, finish, report_error
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.options import (
     DEFAULT,
@@ -54,31 +57,24 @@ from planner_service.cli.options import (
     TimingName,
     ToolSpeed,
 )
+from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.cli.plot import write_clearance_plot
 from planner_service.cli.roadmaps import roadmaps
 from planner_service.cli.run import run
-from planner_service.cli.tables import (
-    console,
-    emit,
-    health_words,
-    plan_rows,
-    plan_words,
-    proof_words,
-    render,
-    table,
-    task_rows,
-)
 from planner_service.cli.view import view
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
+from planner_service.presentation.models import length_unit, robot_parts, scene_parts
+from planner_service.presentation.plans import plan_lines, plan_rows, task_lines, task_rows
+from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task, save_plan
 from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
 from planner_service.robot.model import load_robot
 from planner_service.robot_setup.import_robot import Source, import_robot
-from planner_service.robot_setup.kernel_check import examine
+from planner_service.robot_setup.kernel_check import Health, examine
 from planner_service.scene.scene import scene_names
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
@@ -91,22 +87,16 @@ EXPORTS = ("joint-trajectory", "csv")
 
 app = typer.Typer(
     help="Motion planning for a robot arm on a table, with every collision check counted.",
-    epilog="Exit codes: 0 planned or free, 1 no plan or colliding, 2 bad input, 130 interrupted, 70 our own error.",
-    add_completion=False,
+    epilog="Exit codes: 0 planned or free, 1 no plan or in collision, 2 bad input, 130 interrupted, 70 internal error.",
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.add_typer(roadmaps, name="roadmap")
-app.command(short_help="Prove that a saved plan is free.")(certify)
-app.command(short_help="Execute a plan, on the simulated arm or a real one.")(run)
-app.command(short_help="Show robot, scene and plan in the browser.")(view)
-app.command(short_help="Write a data set of planned motions.")(episodes)
 
-Name = Annotated[str | None, typer.Argument(help="Show this one in detail; a name, or a path.")]
+Name = Annotated[str | None, typer.Argument(metavar="NAME", help="Show this one in detail; a name or a file.")]
 
 
-@app.command(short_help="Plan a motion to a goal, stage by stage.")
 def plan(
     start: Start,
     goal: Goals,
@@ -127,9 +117,9 @@ def plan(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Plan a motion from one configuration to a goal, and print it stage by stage."""
+    """Plan a motion from a configuration to a goal and print what each stage did and cost."""
     with bad_input_exits():
-        require_places({"--out": out, "--plot": plot, "--png": png})
+        require_outputs({"--out": out, "--plot": plot, "--png": png})
         service = service_for(robot, scene)
         request = PlanRequest(
             configuration("--start", start, service.robot),
@@ -151,22 +141,21 @@ def plan(
             save_plan(saved, out)
         if png is not None:
             draw_plan(service, request, result, png)
-        lines = plan_words(result)
+        lines = plan_lines(result)
         if plot is not None and result.path is not None:
             _plot(plot, service, request, result)
         elif plot is not None:
-            lines.append(f"note: without a path {plot} is not drawn")
-    words = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
-    text = "" if as_json else render(table(words, plan_rows(result), console().width, unit_of(service.robot)))
-    finish(saved.document(), text, result.failure, lines, as_json=as_json)
+            lines.append(f"note: there is no path to plot; {plot} is not written")
+    title = f"{'planned' if result.ok else 'no plan'}: {robot} in {scene}, {start} -> {' or '.join(goal)}"
+    table = CostTable(title, plan_rows(result), length_unit(service.robot))
+    finish(saved.document(), table, lines, result.failure, as_json=as_json)
 
 
-@app.command("pick-place", short_help="Plan a whole pick-and-place.")
 def pick_place(
     robot: RobotName = "wxai",
     scene: SceneName = "bin",
-    target: Annotated[str, typer.Option("--object", help="The obstacle to take.")] = "blue_block",
-    onto: Annotated[str, typer.Option(help="The obstacle on whose middle to place it.")] = "tray",
+    target: Annotated[str, typer.Option("--object", metavar="NAME", help="The obstacle to pick up.")] = "blue_block",
+    onto: Annotated[str, typer.Option(metavar="NAME", help="The obstacle to place it on, in the middle.")] = "tray",
     planner: PlannerName = "rrtconnect",
     timing: TimingName = "toppra",
     seed: Seed = DEFAULT.seed,
@@ -179,9 +168,9 @@ def pick_place(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Plan a whole pick-and-place from home and back, and print every motion with its cost."""
+    """Plan a pick-and-place from home and back to home, and print what each motion did and cost."""
     with bad_input_exits():
-        require_places({"--out": out, "--png": png})
+        require_outputs({"--out": out, "--png": png})
         service = service_for(robot, scene)
         require_obstacles(service.scene, {"--object": target, "--onto": onto})
         request = PlanRequest(
@@ -202,26 +191,21 @@ def pick_place(
             save_plan(task, out)
         if png is not None:
             draw_task(service, task, png)
-    words = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
-    text = "" if as_json else render(table(words, task_rows(task), console().width, unit_of(service.robot)))
-    grips = [segment.gripper for segment in task.segments if segment.gripper is not None]
-    proof = proof_words([segment.result for segment in task.segments], grips)
-    notes = [*task.notes, *(f"{each.name}: {note}" for each in task.segments for note in each.result.notes)]
-    lines = [*filter(None, [proof]), *(f"note: {note}" for note in notes)]
-    finish(task.document(), text, task.failure, tuple(lines), as_json=as_json)
+    title = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
+    table = CostTable(title, task_rows(task, task.seconds), length_unit(service.robot))
+    finish(task.document(), table, task_lines(task), task.failure, as_json=as_json)
 
 
-@app.command(short_help="Is a configuration free?")
 def check(
-    q: Annotated[str, typer.Option("--q", help="A named pose, or joint values separated by commas.")],
+    q: Annotated[str, typer.Option("--q", metavar="Q", help="A named pose, or comma-separated joint values.")],
     scene: SceneName,
     robot: RobotName = "wxai",
     png: Picture = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell whether a configuration is free, which pairs touch, and how much room is left at least."""
+    """Say whether a configuration is collision-free, which pairs touch, and how much clearance is proven."""
     with bad_input_exits():
-        require_places({"--png": png})
+        require_outputs({"--png": png})
         arm, world = load_robot(robot), load_world(scene)
         values = configuration("--q", q, arm)
         checker = CollisionChecker(arm, world)
@@ -231,32 +215,33 @@ def check(
     bound = clearance if math.isfinite(clearance) else None
     if as_json:
         touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
-        words = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
-        emit(json_text({"robot": arm.name, "scene": world.name, **words}))
+        found = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
+        emit(json_text({"robot": arm.name, "scene": world.name, **found}))
     else:
         lines = [f"{'colliding' if contacts else 'free'}: {robot} in {scene} at {q}"]
         lines += [f"  {contact}" for contact in contacts]
         if not contacts:
-            room = "nothing is judged" if bound is None else f"clearance: at least {bound * 1000:.1f} mm"
-            lines.append(f"  {room}")
+            lines.append("  nothing to touch" if bound is None else f"  clearance: at least {bound * 1000:.1f} mm")
         emit(render(*lines))
     raise typer.Exit(NO_PLAN if contacts else 0)
 
 
-@app.command(short_help="Write a saved plan for others to read.")
 def export(
-    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan or a task written with --out.")],
+    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan or task saved with --out.")],
     form: Annotated[
-        str, typer.Option("--format", help="joint-trajectory (JSON in the shape of the ROS message) or csv.")
+        str,
+        typer.Option("--format", metavar="FORMAT", help="joint-trajectory (JSON like the ROS message) or csv."),
     ] = EXPORTS[0],
-    dt: Annotated[float, typer.Option(help="Seconds between points; the exact end is always one.")] = 0.01,
-    out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to a file instead of printing.")] = None,
+    dt: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Time between points; the exact end is always one.")
+    ] = 0.01,
+    out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")] = None,
     allow: Allow = None,
 ) -> None:
-    """Write the trajectory of a plan as points in time: positions, velocities and accelerations of all joints.
+    """Write a saved trajectory as points in time: positions, velocities and accelerations of all joints.
 
-    Of a task, all motions on one clock that stands still while the gripper moves; each motion is told with its name and
-    the gripper's width.
+    The motions of a task share one clock, which stops while the gripper moves; each motion has its name and the
+    gripper's width.
     """
     with bad_input_exits():
         if form not in EXPORTS:
@@ -268,22 +253,22 @@ def export(
         saved = load_plan_or_task(plan_file)
         names = saved.robot.joint_names
         if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
-            raise InvalidRequest("FILE", plan_file, "a plan, not a failure")
+            raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
         require_proven(saved, allow)
         if isinstance(saved, SavedTask):
-            parts = saved.segments
-            text = task_csv_text(parts, names, dt) if form == "csv" else json_text(task_trajectories(parts, names, dt))
+            motions = saved.segments
+            as_csv, as_messages = task_csv_text, task_trajectories
+            text = as_csv(motions, names, dt) if form == "csv" else json_text(as_messages(motions, names, dt))
         else:
             motion = saved.result
             text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
         if out is not None:
             write_whole(Path(out), text, OURS)
-    typer.echo(f"note: {from_file(saved)}", err=True)
+    report_error(f"note: {from_file(saved)}")
     if out is None:
         emit(text)
 
 
-@app.command(short_help="List the robots, or show one.")
 def robots(name: Name = None, as_json: AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
     with bad_input_exits():
@@ -292,21 +277,13 @@ def robots(name: Name = None, as_json: AsJson = False) -> None:
         records = [listings.robot_record(robot) for robot in found]
         emit(json_text({"robots": records, "missing": missing} if name is None else records[0]))
     elif name is not None:
-        (robot,) = found
-        hand = "" if robot.gripper is None else f", gripper {robot.gripper.lower:g} to {robot.gripper.upper:g} m wide"
-        head = f"{robot.name}: {robot.n} joints, {len(robot.shapes)} collision shapes, tool {robot.tool_frame}{hand}"
-        units = "rad, m for a prismatic joint; s" if unit_of(robot) == "" else "rad, s"
-        emit(render(head, f"limits in {units}", "", listings.joint_table(robot), "", listings.pose_table(robot)))
+        emit(render(*robot_parts(found[0])))
     else:
-        rows = listings.columns(("robot", False), ("joints", True), ("shapes", True), ("poses", False))
-        for robot in found:
-            rows.add_row(robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses))
-        for absent, why in missing.items():
-            rows.add_row(absent, "", "", why)
-        emit(render(rows))
+        rows = [[robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses)] for robot in found]
+        rows += [[absent, "", "", why] for absent, why in missing.items()]
+        emit(render(Table(("robot", "joints", "shapes", "poses"), rows, numeric=("joints", "shapes"))))
 
 
-@app.command(short_help="List the scenes, or show one.")
 def scenes(name: Name = None, as_json: AsJson = False) -> None:
     """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
     with bad_input_exits():
@@ -315,68 +292,140 @@ def scenes(name: Name = None, as_json: AsJson = False) -> None:
         records = [listings.scene_record(scene) for scene in found]
         emit(json_text({"scenes": records} if name is None else records[0]))
     elif name is not None:
-        (scene,) = found
-        emit(render(f"{scene.name or name}: {scene.description or 'a scene'}", "", listings.object_table(scene)))
+        emit(render(*scene_parts(found[0])))
     else:
-        rows = listings.columns(("scene", False), ("obstacles", True), ("description", False))
-        for scene in found:
-            rows.add_row(scene.name, str(len(scene.obstacles)), scene.description)
-        emit(render(rows))
+        rows = [[scene.name, str(len(scene.obstacles)), scene.description] for scene in found]
+        emit(render(Table(("scene", "obstacles", "description"), rows, numeric=("obstacles",))))
 
 
-@app.command(short_help="Is the compiled kernel in use, and is it right?")
 def doctor(
     robot: RobotName = "wxai",
     scene: SceneName = "bin",
-    states: Annotated[int, typer.Option(help="Random configurations on which both are compared.")] = 1000,
+    states: Annotated[int, typer.Option(metavar="N", help="Random configurations to compare them on.")] = 1000,
     seed: Seed = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Say which instruction sets checks and proofs use, and compare both with their references, on random states."""
+    """Show which compiled kernels collision checks and proofs use, and compare them with their references."""
     with bad_input_exits():
         health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
     if as_json:
         emit(json_text({**asdict(health), "agrees": health.agrees}))
     else:
-        emit(render(*health_words(health, f"{robot} in {scene}")))
+        emit(render(*_health_lines(health, f"{robot} in {scene}")))
     raise typer.Exit(0 if health.agrees else OUR_BUG)
 
 
-@app.command("import-robot", short_help="Write a robot.toml from a URDF.")
 def import_robot_(
     urdf: Annotated[str, typer.Argument(metavar="URDF", help="The robot's description.")],
     out: Annotated[
-        str, typer.Option(metavar="DIR", help="The folder for robot.toml and copies of the URDF and meshes.")
+        str, typer.Option(metavar="DIR", help="Folder for robot.toml and for copies of the URDF and meshes.")
     ],
-    srdf: Annotated[str | None, typer.Option(help="A file with disabled pairs and named poses.")] = None,
-    tool_frame: Annotated[str | None, typer.Option(help="The tool's link; else the last of the longest chain.")] = None,
-    package_dir: Annotated[list[str] | None, typer.Option(help="A folder in which meshes may lie.")] = None,
-    lock: Annotated[list[str] | None, typer.Option(metavar="JOINT=VALUE", help="A joint that stands still.")] = None,
-    joint: Annotated[list[str] | None, typer.Option(help="A joint that moves; the others stand still.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace files that are there.")] = False,
+    srdf: Annotated[
+        str | None, typer.Option(metavar="FILE", help="An SRDF with disabled pairs and named poses.")
+    ] = None,
+    tool_frame: Annotated[
+        str | None, typer.Option(metavar="LINK", help="The tool's link; default: the end of the longest chain.")
+    ] = None,
+    package_dir: Annotated[
+        list[str] | None, typer.Option(metavar="DIR", help="A folder to search for meshes. May be repeated.")
+    ] = None,
+    lock: Annotated[list[str] | None, typer.Option(metavar="JOINT=VALUE", help="Fix a joint. May be repeated.")] = None,
+    joint: Annotated[
+        list[str] | None, typer.Option(metavar="JOINT", help="A joint that moves; all others are fixed. Repeatable.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a robot.toml from a URDF: limits with their sources, and the contacts to allow, worked out and explained.
+    """Write a robot.toml from a URDF: limits with their sources, and the self-collisions to allow, with reasons.
 
-    Pairs of links that can never touch are proven so over the whole joint box; pairs that sometimes do stay judged.
+    Pairs of links that can never touch are proven so over all joint values; pairs that sometimes touch are checked.
     """
     with bad_input_exits():
         folders = tuple(Path(folder) for folder in package_dir or ())
-        given, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
-        source = Source(Path(urdf), given, tool_frame, folders, locks(lock or ()), joints)
-        found = import_robot(source, out, force=force)
+        srdf_file, joints = None if srdf is None else Path(srdf), tuple(joint) if joint else None
+        source = Source(Path(urdf), srdf_file, tool_frame, folders, locks(lock or ()), joints)
+        imported = import_robot(source, out, force=force)
     if as_json:
-        emit(json_text(import_record(found)))
+        emit(json_text(import_record(imported)))
     else:
-        words = f"imported: {found.robot.name}, written to {found.path}, in {found.seconds:.1f} s"
-        checks = [f"check: {line}" for line in to_check(found, source)]
-        emit(render(words, "", import_table(found), "", *wrapped(checks)))
+        title = f"imported: {imported.robot.name}, written to {imported.path}, in {imported.seconds:.1f} s"
+        checks = [f"check: {line}" for line in to_check(imported, source)]
+        emit(render(title, "", import_table(imported), "", *wrapped(checks)))
 
 
 def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:
-    """Draw the clearance along a path; and along the one that there is without optimising, if the optimum was kept."""
+    """Plot the clearance along the path, and along the path before optimising if the optimum was kept."""
     paths = {} if result.path is None else {"the path": result.path}
     if result.path is not None and request.polish is not None and result.polish is not None and result.polish.kept:
         before = service.plan(replace(request, polish=None)).path
         paths = ({} if before is None else {"not optimised": before}) | {"optimised": result.path}
     write_clearance_plot(file, Certifier(service.robot, service.scene), paths)
+
+
+def _health_lines(health: Health, where: str) -> list[str]:
+    kernels = (
+        ("checks", health.checks, f"random states of {where}", "collide", "state"),
+        ("proofs", health.proofs, "short edges between them", "are refused", "edge"),
+    )
+    lines = []
+    for name, opinions, questions, refused, unit in kernels:
+        lines += [
+            f"{name}: not compiled; numpy is used instead: the same plans, more slowly"
+            if opinions.instruction_set is None
+            else f"{name}: {opinions.instruction_set}; this processor has {', '.join(opinions.available)}",
+            f"  compared on {opinions.asked:,} {questions} ({opinions.refused:,} {refused}): "
+            f"{opinions.differences:,} differences",
+            f"  {opinions.us:.1f} us per {unit}, {opinions.reference_us:.1f} us by the reference",
+        ]
+    return lines
+
+
+class _ToStandardError(logging.Handler):
+    """Prints what the planner logs; looks standard error up at each line, as tests replace it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        report_error(self.format(record))
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"planner-service {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _global_options(
+    context: typer.Context,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Log each stage of planning to standard error.")
+    ] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    if verbose:
+        logger, handler = logging.getLogger("planner_service"), _ToStandardError()
+        context.call_on_close(partial(logger.removeHandler, handler))
+        context.call_on_close(partial(logger.setLevel, logger.level))
+        logger.addHandler(handler)
+        logger.setLevel(logging.DEBUG)
+
+
+def _add(command: Callable[..., None], short_help: str, example: str, *, name: str | None = None) -> None:
+    epilog = f"\b\nExample:\n  planner-service {example}"
+    app.command(name, short_help=short_help, epilog=epilog)(command)
+
+
+_add(robots, "List the robots, or show one.", "robots wxai")
+_add(scenes, "List the scenes, or show one.", "scenes bin")
+_add(check, "Check one configuration for collisions.", "check --scene table --q ready")
+_add(plan, "Plan a motion to a goal.", "plan --scene table --start home --goal ready --out plan.json")
+_add(pick_place, "Plan a whole pick-and-place.", "pick-place --object blue_block --onto tray", name="pick-place")
+_add(view, "Show robot, scene and plan in the browser.", "view plan.json")
+_add(certify, "Prove a saved plan again.", "certify plan.json")
+_add(export, "Write a saved plan as CSV or as a ROS-like message.", "export plan.json --format csv")
+_add(run, "Execute a plan on the simulated arm or a real one.", "run plan.json --sim")
+_add(import_robot_, "Write a robot.toml from a URDF.", "import-robot arm.urdf --out my_arm", name="import-robot")
+_add(episodes, "Write a data set of planned motions.", "episodes --out motions --count 100")
+_add(doctor, "Compare the compiled kernels with their references.", "doctor")
+app.add_typer(roadmaps, name="roadmap")

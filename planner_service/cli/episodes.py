@@ -1,16 +1,16 @@
-"""The command ``episodes``: an oracle data set, written or gone on with."""
+"""The command ``episodes``: writes a data set of planned motions, or continues one."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, json_text
+from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
 from planner_service.cli.options import AsJson, RobotName, Seed
-from planner_service.cli.tables import emit, render
+from planner_service.cli.output import emit, json_text, render
 from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
 from planner_service.parallel.named import engine_named
 from planner_service.presentation.progress import bar
@@ -20,41 +20,44 @@ __all__ = ["episodes"]
 
 
 def episodes(
-    out: Annotated[str, typer.Option(metavar="DIR", help="A new folder, or one to go on with.")],
-    task: Annotated[str, typer.Option(help=f"One of {', '.join(EPISODE_TASKS)}.")] = "pick-place",
-    count: Annotated[int, typer.Option(help="Worlds to draw; more than before to go on with a folder.")] = 1000,
+    out: Annotated[str, typer.Option(metavar="DIR", help="A new folder, or the folder of a data set to continue.")],
+    task: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(EPISODE_TASKS)}.")] = "pick-place",
+    count: Annotated[
+        int, typer.Option(metavar="N", help="Worlds to draw in all; to continue, more than before.")
+    ] = 1000,
     seed: Seed = 0,
     robot: RobotName = "wxai",
-    fps: Annotated[int, typer.Option(help="Frames per second.")] = 30,
-    workers: Annotated[int | None, typer.Option(help="Processes; as many as there are cores if not given.")] = None,
-    engine: Annotated[str, typer.Option(help="processes, ray (on this machine), or ray=ADDRESS.")] = "processes",
+    fps: Annotated[int, typer.Option(metavar="HZ", help="Frames per second.")] = 30,
+    workers: Annotated[int | None, typer.Option(metavar="N", help="Worker processes; default: one per core.")] = None,
+    engine: Annotated[
+        str, typer.Option(metavar="NAME", help="processes, ray (this machine) or ray=ADDRESS.")
+    ] = "processes",
     as_json: AsJson = False,
 ) -> None:
-    """Write an oracle data set: worlds drawn at random, in each the task planned, proven, timed and sampled.
+    """Write a data set of planned motions: in each of many random worlds a task is planned, proven, timed and sampled.
 
-    Parquet in the layout and column names of LeRobot v2.1, with tables of scenes, requests, exact curves, counts,
-    certificates and failures, and a data card. An interrupted run goes on where it was with the same command.
+    The files are Parquet in the layout of LeRobot v2.1, with tables of scenes, requests, exact curves, check counts,
+    certificates and failures, and a data card. If the command is interrupted, run it again to continue.
     """
     with bad_input_exits():
-        hands = engine_named(engine, workers)
+        chosen_engine = engine_named(engine, workers)
         work = EpisodeWork(load_robot(robot), episode_task(task), seed=seed, fps=fps)
         began = time.perf_counter()
         try:
             with bar("episodes", None) as progress:
-                summary = write_episodes(out, work, count, engine=hands, progress=progress)
+                summary = write_episodes(out, work, count, engine=chosen_engine, progress=progress)
         except KeyboardInterrupt:
-            typer.echo(f"interrupted: what is finished is kept in {out}; the same command goes on with it", err=True)
+            report_error(f"interrupted: finished episodes are kept in {out}; run the same command again to continue")
             raise
     seconds, new = time.perf_counter() - began, summary.new
     if as_json:
-        told: dict[str, Any] = {"out": out, **asdict(summary), "seconds": seconds}
-        emit(json_text(told))
+        emit(json_text({"out": out, **asdict(summary), "seconds": seconds}))
     else:
-        emit(render(*_words(out, fps, summary), f"this run:  {new:,} requests in {seconds:.1f} s{_rate(new, seconds)}"))
+        emit(render(*_lines(out, fps, summary), f"this run:  {new:,} requests in {seconds:.1f} s{_rate(new, seconds)}"))
     raise typer.Exit(0 if summary.episodes else NO_PLAN)
 
 
-def _words(out: str, fps: int, summary: EpisodesSummary) -> list[str]:
+def _lines(out: str, fps: int, summary: EpisodesSummary) -> list[str]:
     share = 100.0 * summary.episodes / summary.requests
     failed = ", ".join(f"{number:,} {reason}" for reason, number in summary.failures.items()) or "none"
     return [

@@ -1,94 +1,93 @@
-"""An imported robot in words: what was written, what was found, what is left to a person."""
+"""The report on an imported robot: what was found, and what a person should check."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
 
-from rich.table import Table
-
-from planner_service.cli.listings import columns, robot_record
+from planner_service.cli.listings import robot_record
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.mesh import Mesh
+from planner_service.presentation.tables import Table
 from planner_service.robot_setup.import_robot import ImportedRobot, Source
 from planner_service.robot_setup.self_collision_matrix import ContactKind, PairFinding
 
 __all__ = ["import_record", "import_table", "locks", "to_check"]
 
-MOST_PAIRS = 6
-"""Judged pairs named on the terminal; the file has them all."""
+MAX_PAIRS = 6
+"""Pairs named on the terminal; the file has them all."""
 
-_WORDS = {
+_VERDICTS = {
     ContactKind.ADJACENT: "allowed, adjacent",
     ContactKind.GIVEN: "allowed, by the SRDF",
     ContactKind.ALWAYS: "allowed, always overlapping",
     ContactKind.NEVER: "allowed, proven never to touch",
-    ContactKind.SOMETIMES: "judged, collide somewhere",
-    ContactKind.UNPROVEN: "judged, not proven",
+    ContactKind.SOMETIMES: "checked, collide somewhere",
+    ContactKind.UNPROVEN: "checked, not proven",
 }
 
 
 def locks(texts: Iterable[str]) -> dict[str, float]:
-    """Joints and positions given as ``joint=value``.
+    """Joint positions given as ``joint=value``.
 
     Raises:
-        InvalidRequest: another text, or a joint given twice.
+        InvalidRequest: a text is not of this form, or a joint is given twice.
     """
-    out: dict[str, float] = {}
+    positions: dict[str, float] = {}
     for text in texts:
         name, _, value = text.rpartition("=")
         try:
             position = float(value)
         except ValueError:
             position = None
-        if not name or position is None or name in out:
+        if not name or position is None or name in positions:
             raise InvalidRequest("--lock", text, "joint=value, in rad or m, each joint once")
-        out[name] = position
-    return out
+        positions[name] = position
+    return positions
 
 
-def import_table(found: ImportedRobot) -> Table:
-    """What the robot has, and its pairs of links by kind."""
-    robot, table = found.robot, found.table
-    rows = columns(("found", False), ("count", True))
+def import_table(imported: ImportedRobot) -> Table:
+    """Counts of links, shapes and joints, and of pairs of links by verdict."""
+    robot, table = imported.robot, imported.table
     shaped = len({item.link for item in robot.shapes})
-    counts = [("links", found.links), ("links with shapes", shaped), ("shapes", len(robot.shapes)), ("joints", robot.n)]
-    counts += [("mesh files", len(found.meshes))] if found.meshes else []
-    counts += [(f"pairs {_WORDS[kind]}", len(table.of(kind))) for kind in ContactKind]
-    for words, count in counts:
-        if count or not words.startswith("pairs"):
-            rows.add_row(words, f"{count:,}")
-    return rows
+    counts = [
+        ("links", imported.links),
+        ("links with shapes", shaped),
+        ("shapes", len(robot.shapes)),
+        ("joints", robot.n),
+    ]
+    counts += [("mesh files", len(imported.meshes))] if imported.meshes else []
+    counts += [(f"pairs {_VERDICTS[kind]}", len(table.of(kind))) for kind in ContactKind]
+    rows = [(label, f"{count:,}") for label, count in counts if count or not label.startswith("pairs")]
+    return Table(("found", "count"), rows, numeric=("count",))
 
 
-def to_check(found: ImportedRobot, source: Source) -> list[str]:
-    """What a person should look at before the robot moves, a line each."""
-    table, robot = found.table, found.robot
+def to_check(imported: ImportedRobot, source: Source) -> list[str]:
+    """What a person should check before the robot moves, a line each."""
+    table, robot = imported.table, imported.robot
     home = [f for f in table.findings if f.at_home and not f.kind.allowed]
-    lines = [f"home collides ({_named(home)}): choose a free one"] if home else []
+    lines = [f"home is in collision ({_named(home)}): choose another"] if home else []
     if source.tool_frame is None:
         lines.append(f"tool_frame {robot.tool_frame} is a guess: the last link of the longest chain")
-    lines.append("accelerations and jerks are conventions: URDF has none")
+    lines.append("acceleration and jerk limits are conventions: URDF has none")
     given = [f for f in table.of(ContactKind.GIVEN) if f.share > 0.0]
-    lines += [f"the SRDF allows pairs that do collide: {_named(given)}"] if given else []
+    lines += [f"the SRDF allows pairs that can collide: {_named(given)}"] if given else []
     always = table.of(ContactKind.ALWAYS)
     lines += [f"always overlapping: {_named(always)}"] if always else []
     filled = sorted(
         {item.link for item in robot.shapes if isinstance(item.shape, Mesh)} & {x for f in always for x in f.links}
     )
     if filled:
-        lines.append(
-            f"of these {', '.join(filled)} judged as solid hulls of meshes, hollows filled: does that overlap?"
-        )
+        lines.append(f"of these, {', '.join(filled)} are solid hulls of meshes: do filled hollows cause the overlap?")
     often = sorted(table.of(ContactKind.SOMETIMES), key=lambda f: -f.share)
-    lines += [f"judged, most often colliding: {_named(often)}"] if often else []
+    lines += [f"checked, most often colliding: {_named(often)}"] if often else []
     unproven = table.of(ContactKind.UNPROVEN)
-    lines += [f"judged without a collision found, nor a proof: {_named(unproven)}"] if unproven else []
+    lines += [f"checked, as neither a collision nor a proof was found: {_named(unproven)}"] if unproven else []
     return lines
 
 
-def import_record(found: ImportedRobot) -> dict[str, Any]:
-    """The same for machines: the robot, and every pair."""
+def import_record(imported: ImportedRobot) -> dict[str, Any]:
+    """The robot and every pair of links as a JSON object."""
     pairs = [
         {
             "links": list(item.links),
@@ -100,14 +99,14 @@ def import_record(found: ImportedRobot) -> dict[str, Any]:
             "example": None if item.example is None else item.example.tolist(),
             "at_home": item.at_home,
         }
-        for item in found.table.findings
+        for item in imported.table.findings
     ]
-    meshes = [str(path) for path in found.meshes]
-    files = {"robot_toml": str(found.path), "urdf": str(found.urdf), "meshes": meshes}
-    return {**files, "robot": robot_record(found.robot), "samples": found.table.samples, "pairs": pairs}
+    meshes = [str(path) for path in imported.meshes]
+    files = {"robot_toml": str(imported.path), "urdf": str(imported.urdf), "meshes": meshes}
+    return {**files, "robot": robot_record(imported.robot), "samples": imported.table.samples, "pairs": pairs}
 
 
 def _named(findings: Iterable[PairFinding]) -> str:
     shown = [" x ".join(item.links) + (f" {100.0 * item.share:.1f} %" if item.share else "") for item in findings]
-    more = [f"{len(shown) - MOST_PAIRS} more"] if len(shown) > MOST_PAIRS else []
-    return ", ".join([*shown[:MOST_PAIRS], *more])
+    more = [f"{len(shown) - MAX_PAIRS} more"] if len(shown) > MAX_PAIRS else []
+    return ", ".join([*shown[:MAX_PAIRS], *more])

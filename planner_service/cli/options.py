@@ -1,14 +1,19 @@
-"""The options that commands share."""
+"""The options that several commands share."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from typing import Annotated
 
 import typer
 
+from planner_service.optimize import Optimise
 from planner_service.planners import PLANNERS
 from planner_service.planning.request import PlanRequest
+from planner_service.records.plan_file import TIMINGS
+from planner_service.robot.model import robot_names
+from planner_service.scene.scene import scene_names
 
 __all__ = [
     "DEFAULT",
@@ -34,42 +39,79 @@ __all__ = [
     "ToolSpeed",
 ]
 
-Start = Annotated[str, typer.Option("--start", help="A named pose, or joint values separated by commas.")]
+
+def _completing(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """A shell completion that offers the names that begin with what is typed."""
+    return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
+
+
+Start = Annotated[str, typer.Option("--start", metavar="Q", help="A named pose, or comma-separated joint values.")]
 Goals = Annotated[
     list[str],
-    typer.Option("--goal", help="As --start, or pose:x,y,z,qw,qx,qy,qz of the tool; given several times, any will do."),
+    typer.Option(
+        "--goal",
+        metavar="Q",
+        help="Like --start, or a tool pose as pose:x,y,z,qw,qx,qy,qz. Repeat it to accept any of several goals.",
+    ),
 ]
-RobotName = Annotated[str, typer.Option("--robot", help="Name, or path of a robot.toml.")]
-SceneName = Annotated[str, typer.Option("--scene", help="Name, or path of a TOML, MoveIt .scene or URDF file.")]
-PlannerName = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLANNERS)}, optimise.")]
-TimingName = Annotated[str, typer.Option("--timing", help="toppra, trapezoidal or s-curve.")]
-Seed = Annotated[int, typer.Option(help="Decides every random choice.")]
-MaxChecks = Annotated[int, typer.Option(help="States that a plan may judge.")]
-TimeLimit = Annotated[float, typer.Option(help="Wall seconds of a plan; inf for none.")]
-Padding = Annotated[float, typer.Option(help="Metres that the search keeps from everything.")]
-ToolSpeed = Annotated[float | None, typer.Option(help="Metres per second that the tool may move at most.")]
+RobotName = Annotated[
+    str,
+    typer.Option(
+        "--robot", metavar="NAME", help="A robot's name, or a robot.toml file.", autocompletion=_completing(robot_names)
+    ),
+]
+SceneName = Annotated[
+    str,
+    typer.Option(
+        "--scene",
+        metavar="NAME",
+        help="A scene's name, or a TOML, MoveIt .scene or URDF file.",
+        autocompletion=_completing(scene_names),
+    ),
+]
+PlannerName = Annotated[
+    str,
+    typer.Option(
+        "--planner",
+        metavar="NAME",
+        help=f"One of {', '.join(PLANNERS)}, {Optimise().name}.",
+        autocompletion=_completing(lambda: [*PLANNERS, Optimise().name]),
+    ),
+]
+TimingName = Annotated[
+    str,
+    typer.Option(
+        "--timing", metavar="LAW", help=f"One of {', '.join(TIMINGS)}.", autocompletion=_completing(lambda: TIMINGS)
+    ),
+]
+Seed = Annotated[int, typer.Option(metavar="N", help="Seed of every random choice.")]
+MaxChecks = Annotated[int, typer.Option(metavar="N", help="States that may be checked for collision in one plan.")]
+TimeLimit = Annotated[float, typer.Option(metavar="SECONDS", help="Wall time of one plan; inf for no limit.")]
+Padding = Annotated[float, typer.Option(metavar="METRES", help="Distance to keep from everything.")]
+ToolSpeed = Annotated[float | None, typer.Option(metavar="M/S", help="Maximum speed of the tool.")]
 Blend = Annotated[
-    float, typer.Option(help="Radians of path that a blended corner may replace on each side; 0 for stops.")
+    float,
+    typer.Option(metavar="RAD", help="Length of path on each side of a corner that may be rounded; 0 to stop there."),
 ]
-Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: short, smooth, and clear of everything.")]
+Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: shorter, smoother, with more clearance.")]
 Clearance = Annotated[
     float | None,
-    typer.Option(help="Metres that an optimised path keeps where there is room.  [default: 0.02]"),
+    typer.Option(metavar="METRES", help="Clearance an optimised path keeps where there is room.  [default: 0.02]"),
 ]
 Plot = Annotated[
     str | None,
-    typer.Option(metavar="FILE", help="Draw the clearance along the path as SVG, with --polish before and after."),
+    typer.Option(metavar="FILE", help="Plot the clearance along the path as SVG; with --polish, before and after."),
 ]
-Picture = Annotated[str | None, typer.Option("--png", metavar="FILE", help="Draw a picture of it.")]
-Out = Annotated[str | None, typer.Option(metavar="FILE", help="Write the plan, or why there is none, to a JSON file.")]
+Picture = Annotated[str | None, typer.Option("--png", metavar="FILE", help="Draw a PNG picture.")]
+Out = Annotated[str | None, typer.Option(metavar="FILE", help="Save the plan, or the failure, as a JSON file.")]
 Allow = Annotated[
     list[str] | None,
-    typer.Option(metavar="A:B", help="Let a pair touch that FILE exempts without a rule; may be repeated."),
+    typer.Option(metavar="A:B", help="Confirm a pair that FILE lets touch without a rule of its own. May be repeated."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
 
 DEFAULT = PlanRequest((), ())
-"""What is asked where nothing else is said."""
+"""The defaults of a request."""
 
 SECONDS = math.inf if DEFAULT.time_limit is None else DEFAULT.time_limit
-"""Its time limit, as ``--time-limit`` has it."""
+"""The default of ``--time-limit``."""

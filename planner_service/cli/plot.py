@@ -1,4 +1,4 @@
-"""Clearance along paths as an SVG picture."""
+"""The clearance along paths as an SVG plot."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from planner_service.path.joint_path import JointPath
 __all__ = ["OURS", "clearance_svg", "clearances_along", "write_clearance_plot"]
 
 OURS = re.compile(rb"<svg|<\?xml")
-"""How plots begin."""
+"""The beginning of a plot's file."""
 
-PLACES = 400
+POINTS = 400
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 640, 280, 56, 12, 28, 40
 COLOURS = ("#b0452c", "#1f6fb2", "#3b7a3b", "#7a4fa0")
-MOST = 100.0
-"""Millimetres from which on more room is told as this."""
+MAX_CLEARANCE = 100.0
+"""Millimetres; more clearance is drawn as this."""
 
 
 def clearances_along(certifier: Certifier, path: JointPath) -> FloatArray:
-    """Proven lower bounds of the smallest clearance (metres) at evenly spaced places of a path."""
+    """Proven lower bounds of the clearance (metres) at evenly spaced points of a path."""
     limits = certifier.robot.limits
-    places = path.length * (np.arange(PLACES) / (PLACES - 1))
-    return certifier.clearances(np.minimum(np.maximum(path(places), limits.lower), limits.upper))
+    s = path.length * (np.arange(POINTS) / (POINTS - 1))
+    return certifier.clearances(np.minimum(np.maximum(path(s), limits.lower), limits.upper))
 
 
 def write_clearance_plot(file: str, certifier: Certifier, paths: Mapping[str, JointPath]) -> None:
-    """Draw the clearance along paths, each by its name, into a file; there whole or not at all.
+    """Plot the clearance along named paths into a file, which is written whole or not at all.
 
     Raises:
         InvalidFile: it cannot be written.
@@ -44,8 +44,11 @@ def write_clearance_plot(file: str, certifier: Certifier, paths: Mapping[str, Jo
 
 
 def clearance_svg(curves: Mapping[str, FloatArray]) -> str:
-    """Clearances (metres) at evenly spaced places of paths as curves in one picture, from start to goal."""
-    top = min(MOST, max([1.0, *(1000.0 * float(np.minimum(curve, MOST).max()) for curve in curves.values())]))
+    """Clearances (metres) at evenly spaced points of paths as curves in one plot, from start to goal."""
+    top = min(
+        MAX_CLEARANCE,
+        max([1.0, *(1000.0 * float(np.minimum(curve, MAX_CLEARANCE).max()) for curve in curves.values())]),
+    )
     step = _step(top)
     levels = [step * k for k in range(math.floor(top / step) + 1)]
     parts = [_text(LEFT, TOP - 10, "clearance in mm, from start to goal", "start")]
@@ -57,8 +60,8 @@ def clearance_svg(curves: Mapping[str, FloatArray]) -> str:
         parts.append(_text(LEFT - 6, y + 4, f"{level:g}", "end"))
     for k, (name, curve) in enumerate(curves.items()):
         colour = COLOURS[k % len(COLOURS)]
-        places = np.arange(len(curve)) / max(1, len(curve) - 1)
-        points = " ".join(f"{_x(s):.1f},{_y(1000.0 * c, top):.1f}" for s, c in zip(places, curve, strict=True))
+        shares = np.arange(len(curve)) / max(1, len(curve) - 1)
+        points = " ".join(f"{_x(s):.1f},{_y(1000.0 * c, top):.1f}" for s, c in zip(shares, curve, strict=True))
         parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
         label = f"{name}: at least {1000.0 * float(curve.min()):.1f} mm"
         parts.append(_text(LEFT + k * 270, HEIGHT - 12, label, "start", colour))
@@ -68,7 +71,7 @@ def clearance_svg(curves: Mapping[str, FloatArray]) -> str:
 
 
 def _step(top: float) -> float:
-    """Millimetres between levels: 1, 2 or 5 times a power of ten, so that there are about five."""
+    """Millimetres between grid lines: 1, 2 or 5 times a power of ten, for about five lines."""
     power = 10.0 ** math.floor(math.log10(top / 5.0))
     return next(power * k for k in (1.0, 2.0, 5.0, 10.0) if power * k * 5.0 >= top)
 

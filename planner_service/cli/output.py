@@ -1,0 +1,69 @@
+"""Writes tables and lines to standard output: as wide as the terminal, with colours only if it is one."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import textwrap
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from planner_service.presentation.tables import WIDTH, CostTable, Part, printable
+
+__all__ = ["console", "emit", "json_text", "labelled", "render", "wrapped"]
+
+LABEL_WIDTH = 14
+
+
+def console() -> Console:
+    """Standard output as it is now: as wide as the terminal, or as COLUMNS says, or 100 columns."""
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else WIDTH
+    return Console(file=sys.stdout, width=width, highlight=False, markup=False, emoji=False)
+
+
+def render(*parts: Part) -> str:
+    """Tables and lines, one below the other; titles and totals are bold on a terminal."""
+    screen = console()
+    with screen.capture() as capture:
+        for part in parts:
+            text = Text(printable(part) if isinstance(part, str) else part.text(screen.width))
+            if isinstance(part, CostTable):
+                text.highlight_regex(r"\A.*|(?m:^ *total .*)", "bold")
+            screen.print(text, soft_wrap=True)
+    return capture.get()
+
+
+def wrapped(lines: Iterable[str], indent: str = "  ") -> list[str]:
+    """The lines wrapped to fit the terminal, continuations indented."""
+    width = min(console().width, WIDTH)
+    pieces = (textwrap.wrap(line, width, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
+    return [piece for line in pieces for piece in line or [""]]
+
+
+def labelled(rows: Sequence[tuple[str, str]]) -> list[str]:
+    """Texts with a label each, wrapped to fit the terminal."""
+    width = max(min(console().width, WIDTH), LABEL_WIDTH + 10)
+    indent = " " * (LABEL_WIDTH + 2)
+    lines = []
+    for label, text in rows:
+        first = f"  {label:<{LABEL_WIDTH}}"
+        lines += textwrap.wrap(text, width, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)
+    return lines
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """A JSON document as commands print it."""
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def emit(text: str) -> None:
+    """Write to standard output; if its reader is gone, write nowhere, so that the exit code stays right."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
