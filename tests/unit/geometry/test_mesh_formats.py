@@ -161,7 +161,7 @@ REFUSED: dict[str, tuple[str, bytes, str]] = {
     "ply of -1": ("a.ply", text_ply().replace(b"vertex 5", b"vertex -1"), "expected 'element vertex <count>'"),
     "ply of no vertices": ("a.ply", text_ply().replace(b"vertex 5", b"vertex 0"), "no vertices"),
     "binary ply of no vertices": ("a.ply", binary_ply(POINTS[:0]), "no vertices"),
-    "ply of many": ("a.ply", text_ply().replace(b"vertex 5", b"vertex 500001"), "500,001 vertex rows; expected at most"),
+    "ply of many": ("a.ply", text_ply().replace(b"vertex 5", b"vertex 500001"), "500,001 vertex rows; expected"),
     "ply of lists": ("a.ply", text_ply().replace(b"property double x", b"property list uchar int x"), "a plain number"),
     "ply of odd types": ("a.ply", text_ply().replace(b"double x", b"half x"), "'property half x'; expected a plain"),
     "ply without z": ("a.ply", text_ply().replace(b"double z", b"double w"), "PLY vertices have red, x, w, y;"),
