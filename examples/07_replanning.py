@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner_service import PlannerService, PlanRequest, PlanResult, Pose, Replanned, load_scene
+from planner_service import PlannerService, PlanRequest, PlanResult, Pose, load_scene
+from planner_service.replanning import Replanned
 
 START = (1.02, 1.51, 1.35, -0.65, 0.06, -0.31)
 GOAL = (-1.02, 1.51, 1.35, -0.65, 0.06, -0.31)

@@ -11,79 +11,72 @@ from typing import Any
 import numpy as np
 
 from planner_service import (
-    AORRTC,
-    BFMT,
-    BKPIECE1,
-    FMT,
-    KPIECE1,
-    LBKPIECE1,
     PRM,
     RRT,
-    AllowedStretch,
     Attached,
-    BITstar,
     Box,
     CancelToken,
     Capsule,
-    Certifier,
-    Chomp,
     CollisionChecker,
     Compound,
     Cylinder,
-    ExemptInterval,
     Handling,
     HeightField,
-    InformedRRTstar,
     JointLimits,
     JointPath,
     JointStep,
-    Known,
     LazyPRM,
     Mesh,
     MotionStep,
     Obstacle,
     Optimise,
-    Pace,
     PlannerService,
     PlanRequest,
     PointCloud,
     Pose,
     PoseGoal,
-    PRMstar,
-    Processes,
-    Ray,
     Roadmap,
     Robot,
     RRTConnect,
-    RRTstar,
     Scene,
     SCurve,
-    SearchGraph,
-    Sequential,
-    SORRTstar,
     Sphere,
     Stage,
     ToppRa,
     Trajectory,
-    TrajOpt,
     Trapezoidal,
-    best_of_seeds,
     inverse_kinematics,
     load_robot,
     load_scene,
     move_linear,
     pick,
     place,
-    plan_seeds,
     save_scene,
-    straight_tool_line,
     top_grasps,
 )
+from planner_service.certify import Certifier, ExemptInterval
+from planner_service.collision import Known
 from planner_service.datasets import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
 from planner_service.geometry.composite import Solid
 from planner_service.geometry.shapes import Shape
-from planner_service.parallel import engine_named
+from planner_service.kinematics import straight_tool_line
+from planner_service.optimize import Chomp, TrajOpt
+from planner_service.parallel import Processes, Ray, Sequential, engine_named
+from planner_service.planners import (
+    AORRTC,
+    BFMT,
+    BKPIECE1,
+    FMT,
+    KPIECE1,
+    LBKPIECE1,
+    BITstar,
+    InformedRRTstar,
+    PRMstar,
+    RRTstar,
+    SORRTstar,
+)
+from planner_service.planning import AllowedStretch, Pace
 from planner_service.records.plan_file import load_plan, load_plan_or_task, load_task, save_plan
 from planner_service.records.problem_set import read_problems
 from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
@@ -92,7 +85,9 @@ from planner_service.robot_setup.self_collision_matrix import contact_table
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.scene.worlds import load_world
+from planner_service.search import SearchGraph
 from planner_service.tasks.pick_place import places_on, plan_pick_place, standing_on
+from planner_service.tasks.seeds import best_of_seeds, plan_seeds
 from planner_service.view.still.pictures import draw_check
 
 __all__ = ["HOSTILE", "SKIPPED", "Call", "calls"]

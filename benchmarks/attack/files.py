@@ -20,6 +20,7 @@ from benchmarks.attack.harness import Case, Part, Wrong, packed, unpacked
 from benchmarks.attack.mutations import changed
 from benchmarks.attack.worlds import draw_robot, draw_scene, scene_of, written
 from benchmarks.harness import rows
+from planner_service.certify import ExemptInterval
 from planner_service.errors import PlannerServiceError
 from planner_service.execute import Streaming, execute
 from planner_service.files.disk_cache import DiskCache
@@ -432,7 +433,7 @@ def _forged_task(stock: _Stock, rng: np.random.Generator) -> Any:
         if how == "exempt" and proof is not None:
             links = dict.fromkeys(shape.link for shape in stock.service.robot.shapes)
             pairs = tuple((link, obstacle.name) for link in links for obstacle in stock.service.scene.obstacles)
-            proof = replace(proof, exempt=(ps.ExemptInterval(0.0, curve.length, pairs, "grasp"),))
+            proof = replace(proof, exempt=(ExemptInterval(0.0, curve.length, pairs, "grasp"),))
         law = ps.Trapezoidal().time_path(curve, limits)
         parts[k] = replace(parts[k], result=replace(parts[k].result, path=curve, trajectory=law, certificate=proof))
     return plan_file.SavedTask.of(replace(task, segments=tuple(parts))).document()

@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.threads import alone, digest, requests
-from planner_service import PlannerService, PlanRequest, Processes, Roadmap, load_scene, save_scene
+from planner_service import PlannerService, PlanRequest, Roadmap, load_scene, save_scene
+from planner_service.parallel import Processes
 from planner_service.records.plan_file import load_plan
 
 __all__ = ["Attack"]

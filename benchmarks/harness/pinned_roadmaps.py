@@ -11,7 +11,9 @@ from benchmarks.harness.pins import fingerprint
 from benchmarks.harness.rows import Row
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
-from planner_service import PRM, PlannerService, PlanResult, Pose, Roadmap, RoadmapUpdate, Scene, Trapezoidal, Verdict
+from planner_service import PRM, PlannerService, PlanResult, Pose, Roadmap, Scene, Trapezoidal
+from planner_service.planning import RoadmapUpdate
+from planner_service.roadmap import Verdict
 
 __all__ = ["MOVED", "made"]
 

@@ -10,8 +10,9 @@ import pytest
 
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
-from planner_service import CollisionChecker, JointPath, Known, PlannerService, Pose, RRTConnect, ToppRa
+from planner_service import CollisionChecker, JointPath, PlannerService, Pose, RRTConnect, ToppRa
 from planner_service.certify import Certifier
+from planner_service.collision import Known
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem

@@ -21,7 +21,8 @@ from benchmarks.harness.report import Promise, Report, Row, table
 from benchmarks.studies.agreement import around_contacts, random_states
 from benchmarks.studies.backends import STEP, case
 from benchmarks.studies.speed import Recorder
-from planner_service import CollisionChecker, JointStep, Known, Robot, RRTConnect, Scene
+from planner_service import CollisionChecker, JointStep, Robot, RRTConnect, Scene
+from planner_service.collision import Known
 from planner_service.collision.backends import Compiled
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.native_kernel import build_kernel, instruction_sets

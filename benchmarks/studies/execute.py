@@ -27,7 +27,6 @@ from planner_service import (
     PlanRequest,
     Pose,
     Scene,
-    Segment,
     TaskResult,
     Trajectory,
     Trapezoidal,
@@ -49,6 +48,7 @@ from planner_service.execute import (
 )
 from planner_service.geometry.shapes import FloatArray
 from planner_service.records.plan_file import SavedTask
+from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import places_on
 
 __all__ = ["ERRANDS", "STREAMING", "Cut", "Errand", "audited", "control", "errand", "promises", "run", "stop_rows"]

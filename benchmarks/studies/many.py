@@ -18,8 +18,8 @@ from typing import Any
 
 from benchmarks.harness.report import Promise, Report, Row, table
 from benchmarks.worlds import queries
-from planner_service import PlannerService, PlanRequest, PlanResult, Processes, Ray, Sequential
-from planner_service.parallel import Engine
+from planner_service import PlannerService, PlanRequest, PlanResult
+from planner_service.parallel import Engine, Processes, Ray, Sequential
 from planner_service.records.result import result_record
 
 __all__ = ["PARTS", "run"]
@@ -319,7 +319,8 @@ INTERRUPTED = """
 import time
 from itertools import islice
 from benchmarks.studies.many import _children, _requests, _service
-from planner_service import Interrupted, Processes
+from planner_service.parallel import Processes
+from planner_service.planning import Interrupted
 
 asked = list(islice(_requests(), 5000))
 service = _service()

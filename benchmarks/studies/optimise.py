@@ -21,10 +21,11 @@ from benchmarks.studies import problems
 from benchmarks.studies.agreement import random_states
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
-from planner_service import Chomp, CollisionChecker, Optimise, PlannerService, PlanResult, Reason, Stage, load_robot
+from planner_service import CollisionChecker, Optimise, PlannerService, PlanResult, Reason, Stage, load_robot
 from planner_service.certify import Certifier
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.optimize import Chomp
 from planner_service.path.joint_path import JointPath
 from planner_service.scene.scene import load_scene
 

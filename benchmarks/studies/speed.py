@@ -16,7 +16,8 @@ from rich.table import Table
 from benchmarks.baselines.pairwise import PairwiseFcl
 from benchmarks.harness.report import Promise, Report, p50, table
 from benchmarks.worlds import queries
-from planner_service import CollisionChecker, Known, MotionStep, RRTConnect
+from planner_service import CollisionChecker, MotionStep, RRTConnect
+from planner_service.collision import Known
 from planner_service.collision.edge_sampling import interior
 from planner_service.geometry.shapes import FloatArray
 from planner_service.robot.model import load_robot

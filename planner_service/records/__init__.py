@@ -1,1 +1,35 @@
 """Plans, tasks, problems and trajectories in files; what is read from a file is proven again before it is used."""
+
+from planner_service.records.plan_file import (
+    SavedPlan,
+    SavedTask,
+    load_plan,
+    load_plan_or_task,
+    load_task,
+    save_plan,
+)
+from planner_service.records.problem_set import Problem, ProblemSet, read_problems
+from planner_service.records.trajectory_export import (
+    csv_text,
+    joint_trajectory,
+    task_csv_text,
+    task_trajectories,
+    write_csv,
+)
+
+__all__ = [
+    "Problem",
+    "ProblemSet",
+    "SavedPlan",
+    "SavedTask",
+    "csv_text",
+    "joint_trajectory",
+    "load_plan",
+    "load_plan_or_task",
+    "load_task",
+    "read_problems",
+    "save_plan",
+    "task_csv_text",
+    "task_trajectories",
+    "write_csv",
+]

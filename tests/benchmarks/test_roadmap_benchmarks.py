@@ -18,7 +18,8 @@ from benchmarks.studies.roadmaps import PARTS, asked, large, lazy, moved, warm
 from benchmarks.studies.roadmaps.moved import moved_scene, ten_obstacles, untrue
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
-from planner_service import PRM, PlannerService, Roadmap, Stage, Verdict
+from planner_service import PRM, PlannerService, Roadmap, Stage
+from planner_service.roadmap import Verdict
 from planner_service.roadmap.verdicts import Knowledge
 
 SMALL = PRM(milestones=60, neighbours=6)

@@ -17,7 +17,6 @@ import pytest
 
 from planner_service import (
     PRM,
-    AllowedStretch,
     Box,
     CancelToken,
     CheckCounts,
@@ -32,13 +31,14 @@ from planner_service import (
     Pose,
     Reason,
     RRTConnect,
-    RRTstar,
     Scene,
     Stage,
     Trapezoidal,
     load_robot,
     load_scene,
 )
+from planner_service.planners import RRTstar
+from planner_service.planning import AllowedStretch
 
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
 

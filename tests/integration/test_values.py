@@ -11,21 +11,18 @@ import numpy as np
 import pytest
 
 from planner_service import (
-    AllowedStretch,
     Attached,
     Box,
     Capsule,
     Certificate,
     CheckCounts,
     Compound,
-    ExemptInterval,
     Failure,
     HeightField,
     JointLimits,
     JointPath,
     Mesh,
     Obstacle,
-    Pace,
     PlannerService,
     PlanRequest,
     PlanResult,
@@ -35,21 +32,22 @@ from planner_service import (
     Reason,
     Roadmap,
     Scene,
-    SearchGraph,
-    Sequential,
     Stage,
     TaskResult,
-    Trace,
     Trajectory,
     Trapezoidal,
     load_robot,
 )
+from planner_service.certify import ExemptInterval
 from planner_service.datasets import Drawn
 from planner_service.execute import ArmLimits, Recording
+from planner_service.parallel import Sequential
+from planner_service.planning import AllowedStretch, Pace
 from planner_service.planning.follow import FollowRequest
 from planner_service.planning.world import World
 from planner_service.records.problem_set import Problem, ProblemSet
 from planner_service.roadmap import Built
+from planner_service.search import SearchGraph, Trace
 
 ROW, COLUMN = np.array([1.0]), np.array([[0.0]])
 CORNERS = [[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)]

@@ -31,11 +31,11 @@ from planner_service import (
     RRTConnect,
     Scene,
     Stage,
-    Verdict,
 )
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.shapes import FloatArray, read_only
 from planner_service.planning.roadmap_work import RoadmapUpdate
+from planner_service.roadmap import Verdict
 from planner_service.scene.scene import load_scene
 from planner_service.search.problem import Planner
 

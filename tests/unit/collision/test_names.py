@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from planner_service import (
-    AllowedStretch,
     Attached,
     Box,
     Capsule,
-    ExemptInterval,
     Handling,
     Obstacle,
     PlannerService,
@@ -27,11 +25,12 @@ from planner_service import (
     place,
     top_grasps,
 )
-from planner_service.certify import Certifier
+from planner_service.certify import Certifier, ExemptInterval
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.execute import meant_contacts, taken
 from planner_service.execute.preconditions import admitted
+from planner_service.planning import AllowedStretch
 from planner_service.tasks.result import TaskResult
 from planner_service.view.scene_nodes import AMBER, colours_of
 from planner_service.view.still.composition import TOUCHING

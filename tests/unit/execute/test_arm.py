@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import InvalidRequest, PlannerService, PlanRequest, PlanResult, Robot, Segment
+from planner_service import InvalidRequest, PlannerService, PlanRequest, PlanResult, Robot
 from planner_service.collision import CheckCounts
 from planner_service.execute import ArmLimits, ExecutionReport, ExecutionStopped, Streaming, execute
 from planner_service.execute import arm as arm_module
 from planner_service.execute import stream as execution
 from planner_service.records.plan_file import SavedTask
+from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime
 
 QUICK = Streaming(settle=0.02, gripper_time=0.1)

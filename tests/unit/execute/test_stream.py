@@ -16,7 +16,6 @@ import pytest
 from typer.testing import CliRunner
 
 from planner_service import (
-    ExemptInterval,
     InvalidRequest,
     JointPath,
     MissingDependency,
@@ -24,12 +23,11 @@ from planner_service import (
     PlannerService,
     PlanRequest,
     PlanResult,
-    Refusal,
     Robot,
-    Segment,
     Trajectory,
     Trapezoidal,
 )
+from planner_service.certify import ExemptInterval, Refusal
 from planner_service.cli import run
 from planner_service.cli.commands import app
 from planner_service.collision import CheckCounts
@@ -46,6 +44,7 @@ from planner_service.execute import (
 from planner_service.execute import stream as execution
 from planner_service.geometry.shapes import FloatArray
 from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
+from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime
 
 WORLD = ["--robot", "wxai", "--scene", "empty"]

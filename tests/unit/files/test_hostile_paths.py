@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from planner_service import (
-    Certifier,
     CollisionChecker,
     Compound,
     HeightField,
@@ -31,6 +30,7 @@ from planner_service import (
     load_scene,
     save_scene,
 )
+from planner_service.certify import Certifier
 from planner_service.cli.plot import write_clearance_plot
 from planner_service.datasets import EpisodeWork, episode_task, write_episodes
 from planner_service.errors import InvalidFile, InvalidRequest

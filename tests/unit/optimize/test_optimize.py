@@ -17,7 +17,6 @@ import pytest
 from planner_service import (
     Box,
     Capsule,
-    Chomp,
     CollisionChecker,
     Cylinder,
     InvalidRequest,
@@ -26,13 +25,13 @@ from planner_service import (
     Pose,
     Scene,
     Sphere,
-    TrajOpt,
     load_robot,
     load_scene,
 )
 from planner_service.collision.budget import Cancelled
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import FloatArray, Shape
+from planner_service.optimize import Chomp, TrajOpt
 from planner_service.optimize.chomp import Balls, _Descent
 from planner_service.optimize.curve import course_path, evenly, sampled, squares
 from planner_service.optimize.distance_field import BAND, field_of
@@ -249,7 +248,8 @@ def test_converged_is_not_collision_free() -> None:
 
 BITS = """
 import hashlib, numpy as np
-from planner_service import Chomp, CollisionChecker, Optimise, load_robot, load_scene
+from planner_service import CollisionChecker, Optimise, load_robot, load_scene
+from planner_service.optimize import Chomp
 from benchmarks.worlds import queries
 checker = CollisionChecker(load_robot("wxai"), load_scene("post"))
 query = queries.load("post")[0]

@@ -15,21 +15,18 @@ from benchmarks.studies import many
 from benchmarks.worlds import queries
 from planner_service import (
     PRM,
-    Interrupted,
     InvalidRequest,
     Optimise,
     PlannerService,
     PlanRequest,
     PlanResult,
     Pose,
-    Processes,
-    Ray,
     Reason,
     Roadmap,
     SCurve,
-    Sequential,
 )
-from planner_service.parallel import Answers, Engine, Limit, Lost
+from planner_service.parallel import Answers, Engine, Limit, Lost, Processes, Ray, Sequential
+from planner_service.planning import Interrupted
 from planner_service.planning.batch import GRACE
 from planner_service.records.result import result_record
 

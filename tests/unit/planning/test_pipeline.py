@@ -13,7 +13,6 @@ import pytest
 from auditor.checker import IndependentChecker
 from benchmarks.worlds import queries
 from planner_service import (
-    AllowedStretch,
     CollisionChecker,
     Cylinder,
     InvalidRequest,
@@ -21,7 +20,6 @@ from planner_service import (
     JointStep,
     MotionStep,
     Obstacle,
-    Pace,
     PlannerService,
     PlanRequest,
     PlanResult,
@@ -36,6 +34,7 @@ from planner_service import (
 )
 from planner_service.collision.budget import TimeBoxSpent
 from planner_service.kinematics.inverse import tool_speeds
+from planner_service.planning import AllowedStretch, Pace
 from planner_service.planning.accounting import StageBook
 from planner_service.planning.timing_stage import peak_tool_speed, timed
 from planner_service.search.problem import SearchProblem, SearchResult

@@ -23,7 +23,6 @@ from planner_service import (
     PRM,
     Box,
     CheckCounts,
-    Chomp,
     Failure,
     InvalidRequest,
     JointPath,
@@ -38,14 +37,13 @@ from planner_service import (
     SCurve,
     Stage,
     ToppRa,
-    TrajOpt,
     load_scene,
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
 from planner_service.cli.plot import clearance_svg
 from planner_service.geometry.shapes import FloatArray
-from planner_service.optimize import Figures, Found, Optimum
+from planner_service.optimize import Chomp, Figures, Found, Optimum, TrajOpt
 from planner_service.optimize.problem import Task
 from planner_service.planning.accounting import NoPlan
 from planner_service.planning.polishing import judged

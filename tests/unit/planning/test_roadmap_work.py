@@ -25,18 +25,18 @@ from planner_service import (
     PlannerService,
     PlanRequest,
     Pose,
-    PRMstar,
     Reason,
     Roadmap,
     RRTConnect,
     Scene,
     Stage,
-    Verdict,
     load_scene,
     save_scene,
 )
 from planner_service.errors import InvalidRequest
+from planner_service.planners import PRMstar
 from planner_service.planning.result import PlanResult
+from planner_service.roadmap import Verdict
 
 WXAI = Path(__file__).parents[3] / "robots" / "wxai"
 

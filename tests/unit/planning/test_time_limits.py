@@ -13,14 +13,10 @@ from scipy.spatial import cKDTree
 
 from planner_service import (
     PRM,
-    Cancelled,
     CancelToken,
-    Certifier,
     CollisionChecker,
     LazyPRM,
     Obstacle,
-    Outcome,
-    Pace,
     PlannerService,
     PlanRequest,
     Pose,
@@ -29,6 +25,10 @@ from planner_service import (
     Trapezoidal,
     service,
 )
+from planner_service.certify import Certifier
+from planner_service.collision import Cancelled
+from planner_service.planning import Pace
+from planner_service.replanning import Outcome
 
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 

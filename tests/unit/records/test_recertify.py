@@ -17,7 +17,6 @@ from planner_service import (
     Attached,
     Box,
     Certificate,
-    ExemptInterval,
     Handling,
     InvalidRequest,
     JointPath,
@@ -30,12 +29,12 @@ from planner_service import (
     Robot,
     Scene,
     SCurve,
-    Segment,
     Trajectory,
     Trapezoidal,
     pick,
     top_grasps,
 )
+from planner_service.certify import ExemptInterval
 from planner_service.cli import run
 from planner_service.cli.commands import app
 from planner_service.execute import Streaming, execute
@@ -47,6 +46,7 @@ from planner_service.planning.world import World
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan, load_task, save_plan
 from planner_service.records.recertify import recertify
 from planner_service.robot.model import AllowedContact
+from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.result import TaskResult
 from tests.support.arms import FakeArm, FakeTime

@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 from benchmarks.studies import replan as measure
 from benchmarks.worlds import queries
 from planner_service import (
-    AllowedStretch,
     Box,
     CancelToken,
     CheckCounts,
@@ -26,16 +25,12 @@ from planner_service import (
     InvalidRequest,
     JointPath,
     JointStep,
-    Known,
     Obstacle,
-    Outcome,
-    Pace,
     PlannerService,
     PlanRequest,
     PlanResult,
     Pose,
     Reason,
-    Replanned,
     SCurve,
     Sphere,
     Stage,
@@ -49,8 +44,11 @@ from planner_service import (
 )
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
+from planner_service.collision import Known
+from planner_service.planning import AllowedStretch, Pace
 from planner_service.records.plan_file import SavedPlan, save_plan
 from planner_service.records.result import ResultRecord, result_record
+from planner_service.replanning import Outcome, Replanned
 from planner_service.replanning.splice import HOLD, Underway
 from planner_service.scene.scene import Scene
 from planner_service.search.edge_cache import SearchOracle, TieredOracle

@@ -25,9 +25,8 @@ from planner_service import (
     Roadmap,
     Scene,
     Sphere,
-    Verdict,
 )
-from planner_service.roadmap import Terms
+from planner_service.roadmap import Terms, Verdict
 from tests.unit.roadmap.test_truth import false_blames, lies
 
 NAMES = ("a", "b", "c", "d")

@@ -9,17 +9,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from planner_service import (
-    BITstar,
-    InvalidRequest,
-    PlannerService,
-    PlanRequest,
-    PlanResult,
-    Reason,
-    RRTConnect,
-    Stage,
-)
-from planner_service.planners import PLANNERS
+from planner_service import InvalidRequest, PlannerService, PlanRequest, PlanResult, Reason, RRTConnect, Stage
+from planner_service.planners import PLANNERS, BITstar
 from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
 from planner_service.records.result import result_record
 from planner_service.search.trace import Trace

@@ -21,13 +21,12 @@ from planner_service import (
     PlanningFailed,
     PlanRequest,
     PlanResult,
-    Processes,
     Reason,
     Stage,
     UnknownName,
-    best_of_seeds,
-    plan_seeds,
 )
+from planner_service.parallel import Processes
+from planner_service.tasks import best_of_seeds, plan_seeds
 from planner_service.tasks.seeds import _worth
 
 SEEDS = (0, 1, 2)

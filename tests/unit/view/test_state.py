@@ -24,7 +24,6 @@ from planner_service import (
     Pose,
     Roadmap,
     Scene,
-    Segment,
     TaskResult,
     UnknownName,
 )
@@ -33,6 +32,7 @@ from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
 from planner_service.records.plan_file import SavedTask, load_task, save_plan
 from planner_service.search.trace import SearchGraph
+from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view import open_viewer
 from planner_service.view.collision_report import CollisionReporter
