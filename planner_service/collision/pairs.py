@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.collision.names import Kind, Names, Owner
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.composite import Composite, Solid
 from planner_service.geometry.shapes import FloatArray, Pose, Shape, number, read_only
 from planner_service.robot.model import Robot
+from planner_service.scene.names import Kind, Names, Owner
 from planner_service.scene.scene import Scene
 
 __all__ = ["Part", "Parts", "require_padding", "sorted_pairs"]

@@ -12,13 +12,13 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest
 from planner_service.files.xml_reader import read_xml
 from planner_service.geometry.composite import Compound, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.robot.model import Gripper, LinkShape, Robot
+from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 
 __all__ = ["MARK", "link_of", "mjcf_text"]

@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from planner_service.collision.names import Kind, Owner, owner_of
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.execute.driver import ArmLimits
 from planner_service.geometry.shapes import FloatArray
@@ -26,6 +25,7 @@ from planner_service.records.recertify import (
 )
 from planner_service.records.task_sequence import Leg
 from planner_service.robot.model import Robot
+from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
 from planner_service.timing.limit_check import TOLERANCE, peaks

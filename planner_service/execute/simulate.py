@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-from planner_service.collision.names import Kind, Owner, owner_of
 from planner_service.errors import BrokenInvariant
 from planner_service.execute.preconditions import Executable
 from planner_service.execute.report import ExecutionReport, ExecutionStopped
@@ -19,6 +18,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import SavedPlan
 from planner_service.robot.model import Robot
+from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.service import PlannerService
 
 __all__ = ["Rehearsal", "meant_contacts", "rehearse", "taken"]

@@ -16,11 +16,11 @@ import numpy as np
 
 from planner_service.certify import ExemptInterval
 from planner_service.collision import CollisionChecker
-from planner_service.collision.names import Names
 from planner_service.geometry.shapes import FloatArray
 from planner_service.grasping.guards import LONGEST_APPROACH, MEANT_OVERLAP, tool_line
 from planner_service.path.joint_path import JointPath
 from planner_service.records.task_sequence import Leg, fingers_of
+from planner_service.scene.names import Names
 from planner_service.tasks.result import MAX_SUPPORT_GAP
 
 __all__ = ["Ruling", "ruled"]

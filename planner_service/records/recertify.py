@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult
@@ -31,6 +30,7 @@ from planner_service.records.exemptions import ruled
 from planner_service.records.plan_file import SavedPlan, SavedTask
 from planner_service.records.task_sequence import SAME_WIDTH, Leg, Step, fingers_of, gripped_by, legs
 from planner_service.robot.model import Robot
+from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult

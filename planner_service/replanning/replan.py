@@ -18,7 +18,6 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import CheckBudgetSpent, SearchStopped, TimeBoxSpent
-from planner_service.collision.names import Names
 from planner_service.concurrency.fair_lock import Turns
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import BrokenInvariant
@@ -36,6 +35,7 @@ from planner_service.planning.timing_stage import peak_tool_speed, tool_speed_li
 from planner_service.replanning.detour import Detours, Way
 from planner_service.replanning.result import Old, Outcome, Replanned, request_for, underway
 from planner_service.replanning.splice import Handover
+from planner_service.scene.names import Names
 from planner_service.scene.scene import KIND_SUFFIXES
 from planner_service.search.problem import joint_distance
 from planner_service.timing.laws import TimingFailed, ToppRa

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled
-from planner_service.collision.names import Names
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.shapes import FloatArray, Pose, instance, text
 from planner_service.grasping.grasps import width_across
@@ -31,6 +30,7 @@ from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.robot.model import Gripper, Robot
+from planner_service.scene.names import Names
 from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Handling, Segment, TaskResult

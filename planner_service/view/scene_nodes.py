@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from planner_service.collision.names import Kind, Owner, owner_of
 from planner_service.geometry.shapes import FloatArray, Pose
 from planner_service.robot.model import Robot
+from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.scene.scene import Attached, Obstacle, Scene
 from planner_service.view.still.composition import TOUCHING
 from planner_service.view.triangles import GROUND, TOOL, Colour, Solid, placements, robot_solids, scene_solids

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.collision.names import Names
 from planner_service.geometry.shapes import FloatArray, Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
+from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
 from planner_service.view.still.camera import Camera
 from planner_service.view.still.lettering import CAPTION, Caption, Mark, lettered, place_of
