@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
-NATIVE := CMakeLists.txt $(wildcard planner_service/*/native/*)
+NATIVE := CMakeLists.txt $(wildcard planner_service/native/*.cpp planner_service/native/*/* planner_service/certify/native/*)
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if (3, 10) <= sys.version_info[:2] <= (3, 13) else "Python 3.10 to 3.13 is needed, this is " + sys.version.split()[0] + "; name another with: make PYTHON=python3.12")'

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.collision.backends import Backend
+from planner_service.collision.backends import BackendName
 from planner_service.geometry.composite import PointCloud
 from planner_service.geometry.shapes import Cylinder, FloatArray, Pose
 from planner_service.robot.model import Robot, load_robot
@@ -70,11 +70,11 @@ def checkers(
     *,
     padding: float = 0.0,
     allowed: Sequence[tuple[str, str]] = (),
-    reference: Backend = "fcl",
+    reference: BackendName = "fcl",
 ) -> tuple[CollisionChecker, CollisionChecker]:
     """One that uses the kernel if it was built, and a reference: FCL pair by pair, or "numpy", which takes a tenth."""
     step = JointStep(STEP)
-    backends: tuple[Backend, Backend] = ("auto", reference)
+    backends: tuple[BackendName, BackendName] = ("auto", reference)
     first, second = (
         CollisionChecker(robot, scene, edge_step=step, padding=padding, allowed=allowed, backend=b) for b in backends
     )

@@ -23,7 +23,7 @@ from benchmarks.studies.backends import STEP, case
 from benchmarks.studies.speed import Recorder
 from planner_service import CollisionChecker, JointStep, Robot, RRTConnect, Scene
 from planner_service.collision import Known
-from planner_service.collision.backends import Compiled
+from planner_service.collision.backends import NativeBackend
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.native_kernel import build_kernel, instruction_sets
 from planner_service.collision.numpy_broadphase import MARGIN
@@ -65,12 +65,12 @@ Told = tuple[Any, int, int]
 
 
 class Asked(NamedTuple):
-    """An edge, which of its ends are known, and whether a glance is asked for before the rest."""
+    """An edge, which of its ends are known, and whether it is checked coarsely before the rest."""
 
     q1: FloatArray
     q2: FloatArray
     known: Known
-    glance: bool
+    coarse: bool
 
 
 @dataclass
@@ -106,10 +106,10 @@ def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, Col
     for name in instruction_sets():
         checker = CollisionChecker(robot, scene, edge_step=JointStep(STEP), backend="native")
         kernel = build_kernel(robot, checker._parts, margin, name)
-        if not isinstance(checker._judge, Compiled) or kernel is None:
+        if not isinstance(checker._backend, NativeBackend) or kernel is None:
             raise AssertionError(f"{name}: the kernel is there and is not used")
-        checker._judge.kernel = kernel
-        checker._quick = checker._agreed()
+        checker._backend.kernel = kernel
+        checker._kernel = checker._configured_kernel()
         found[name] = checker
     return found
 
@@ -179,7 +179,7 @@ def _edges(
 ) -> Iterator[Asked]:
     if kind == "as planned":
         for k, edge in enumerate(searches.take(count)):
-            yield edge._replace(glance=k % 2 == 1)
+            yield edge._replace(coarse=k % 2 == 1)
         return
     drawn = _drawn_edges(checker, rng)
     for k in range(count):
@@ -235,12 +235,12 @@ def _states_told(checker: CollisionChecker, Q: FloatArray, *, every_way: bool) -
 
 
 def _edge_told(checker: CollisionChecker, edge: Asked) -> Told:
-    """Where an edge collides and what was counted; of one that is glanced at whether it seems free, and the rest."""
+    """Where an edge collides and what was counted; of one that is checked coarsely first, both verdicts."""
     before = checker.counts
     said: Any
-    if edge.glance:
-        free = checker.edge_seems_free(edge.q1, edge.q2, known=edge.known)
-        said = (free, checker.edge_rest(edge.q1, edge.q2)) if free else False
+    if edge.coarse:
+        free = checker.edge_is_free_coarse(edge.q1, edge.q2, known=edge.known)
+        said = (free, checker.finish_edge(edge.q1, edge.q2)) if free else False
         said = None if said == (True, None) else said
     else:
         said = checker.edge_hit(edge.q1, edge.q2, known=edge.known)
@@ -322,7 +322,7 @@ def _table(rows: Sequence[Row], seed: int) -> Table:
     ]
     caption = (
         f"Seed {seed}. Verdict, count and name of each state and edge, by the kernel with every instruction set and by "
-        "FCL asked pair by pair; states by the kernel also alone and in batches, half of the edges by a glance and the "
-        "rest. CPU microseconds of a question with what it takes to ask; the kernel's states are asked three times."
+        "FCL asked pair by pair; states by the kernel also alone and in batches, half of the edges coarsely first, "
+        "then the rest. CPU microseconds of a question with what it takes to ask; the kernel's states are asked thrice."
     )
     return table("The kernel next to FCL pair by pair", columns, cells, caption=caption)

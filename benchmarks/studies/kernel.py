@@ -18,7 +18,7 @@ from benchmarks.harness.report import Promise, Report, least_seconds, spread, ta
 from benchmarks.studies.backends import case, checkers, compare, edges_of
 from benchmarks.worlds import queries
 from planner_service import CollisionChecker, JointStep, RRTConnect
-from planner_service.collision.backends import Backend
+from planner_service.collision.backends import BackendName
 from planner_service.collision.edge_sampling import interior
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
@@ -32,12 +32,12 @@ PLANNED = ("bin", "shelf", "post", "clutter")
 EDGES, FEW = 400, 25
 """Edges for the checkers, and how many of them the slow contestants judge."""
 
-COMPARED: tuple[tuple[Backend, int, int], ...] = (("numpy", 1500, 150), ("fcl", 300, 30))
+COMPARED: tuple[tuple[BackendName, int, int], ...] = (("numpy", 1500, 150), ("fcl", 300, 30))
 """States and edges that the kernel is compared on, with either reference."""
 
 REPEATS = 3
 
-SEARCHED: tuple[tuple[Backend, int, int], ...] = (
+SEARCHED: tuple[tuple[BackendName, int, int], ...] = (
     ("auto", queries.PER_SCENE, REPEATS),
     ("numpy", queries.PER_SCENE // 2, 1),
     ("fcl", queries.PER_SCENE // 2, 1),

@@ -23,9 +23,9 @@ from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["MARGIN", "Backend", "Certificate", "Certifier", "ExemptInterval", "Refusal", "certify"]
+__all__ = ["MARGIN", "Certificate", "Certifier", "ExemptInterval", "ProofBackend", "Refusal", "certify"]
 
-Backend = Literal["auto", "native", "numpy"]
+ProofBackend = Literal["auto", "native", "numpy"]
 
 MARGIN = 2e-6
 """Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
@@ -147,7 +147,7 @@ class Certifier:
     """
 
     def __init__(
-        self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: Backend = "auto"
+        self, robot: Robot, scene: Scene, *, allowed: Iterable[tuple[str, str]] = (), backend: ProofBackend = "auto"
     ) -> None:
         self._allowed = tuple(sorted({(min(pair), max(pair)) for pair in pairs_of_names("allowed", allowed)}))
         self.robot = instance("robot", robot, Robot, "a Robot")

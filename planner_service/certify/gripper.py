@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certifier import Backend, Certificate, Certifier, ExemptInterval
+from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, ProofBackend
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
@@ -72,7 +72,7 @@ def certify_gripper(
     touching: Sequence[tuple[str, str]] = (),
     reason: str = "",
     charge: Callable[[int], None] | None = None,
-    backend: Backend = "auto",
+    backend: ProofBackend = "auto",
 ) -> GripperMotion:
     """The proof that no finger comes near anything between two widths while the arm stands at q (n,), or its refusal.
 

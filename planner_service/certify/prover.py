@@ -139,7 +139,7 @@ def native_prover(motion: Motion, variant: str = "") -> Prover | None:
 def _extension() -> ModuleType | None:
     """The compiled module; None where it was not built, which is said once."""
     try:
-        from planner_service.certify import _proof
+        from planner_service.certify.native import _proof
     except ImportError as error:
         logging.getLogger("planner_service").info("proofs without compiled code: %s", error)
         return None

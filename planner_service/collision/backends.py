@@ -1,58 +1,82 @@
-"""Who answers whether a configuration collides: three ways to FCL's verdict, by fewer and fewer questions to it.
+"""Which pairs touch: three backends with the verdicts of FCL, each of which asks it less often than the one before.
 
-``PairByPair`` is the reference and asks about every pair. ``Sieved`` and ``Compiled`` leave out those that are proven
-apart, by sieves in numpy and in the compiled kernel; the latter also those proven to overlap. None of them counts.
+``FclBackend`` is the reference and asks about every pair. ``NumpyBackend`` and ``NativeBackend`` leave out pairs that
+are proven apart, in numpy and in the compiled kernel; the latter also those proven to overlap. None of them counts.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
 
-from planner_service.collision import numpy_broadphase as prefilter
+from planner_service.collision import numpy_broadphase
 from planner_service.collision.edge_sampling import SampledEdge
-from planner_service.collision.fcl import FclJudge
-from planner_service.collision.native_kernel import Doubt, Found, Kernel, build_kernel
-from planner_service.collision.numpy_broadphase import Prefilter
+from planner_service.collision.fcl import FclObjects
+from planner_service.collision.native_kernel import build_kernel
+from planner_service.collision.numpy_broadphase import Broadphase
 from planner_service.collision.pairs import Parts
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.shapes import FloatArray
 from planner_service.robot.model import Robot
 
+if TYPE_CHECKING:
+    from planner_service.native import _core
+
 __all__ = [
-    "Backend",
-    "Compiled",
-    "FclQuestions",
-    "Found",
-    "Judge",
-    "PairByPair",
-    "Sieved",
-    "judge_for",
+    "BackendName",
+    "Collision",
+    "CollisionBackend",
+    "FclBackend",
+    "FirstHit",
+    "NarrowPhase",
+    "NativeBackend",
+    "NumpyBackend",
+    "make_backend",
 ]
 
-Backend = Literal["auto", "native", "numpy", "fcl"]
+BackendName = Literal["auto", "native", "numpy", "fcl"]
 
-_FEW = 8
-"""Rows that are sieved before the others: an edge that collides mostly does so early in bisection order."""
+_FIRST_ROWS = 8
+"""Rows that are checked before the others: an edge that collides mostly does so early in bisection order."""
 
-_MANY = 64
+_ROWS_AT_ONCE = 64
 """Rows between two looks at the limits, where these take microseconds each."""
 
 
-class Judge(Protocol):
+class FirstHit(Protocol):
+    """Where an edge collides first: a ``Collision``, or what the kernel says of an edge or a state."""
+
+    @property
+    def fraction(self) -> float:
+        """Where it is on the edge, 0 to 1; 0 for a configuration of no edge."""
+
+    @property
+    def pair(self) -> int:
+        """Number of the first pair that touches there."""
+
+
+class Collision(NamedTuple):
+    """The first row of several that collides, and its ``FirstHit``."""
+
+    row: int
+    fraction: float
+    pair: int
+
+
+class CollisionBackend(Protocol):
     """Finds what collides; of a configuration always the first pair, in their order, that FCL says touches."""
 
     @property
-    def at_once(self) -> int:
+    def rows_at_once(self) -> int:
         """Rows to ask about between two looks at the limits: a user may cancel within 50 ms."""
 
-    def first_of(self, Q: FloatArray, start: int, stop: int) -> Found | None:
+    def first_collision(self, Q: FloatArray, start: int, stop: int) -> Collision | None:
         """The first of rows [start, stop) of Q (m, n) that collides."""
 
-    def first_on(self, edge: SampledEdge, start: int, stop: int) -> Found | None:
+    def first_collision_on(self, edge: SampledEdge, start: int, stop: int) -> Collision | None:
         """The first of rows [start, stop) of an edge that collides."""
 
     def colliding(self, Q: FloatArray) -> Iterator[int]:
@@ -62,195 +86,196 @@ class Judge(Protocol):
         """All pairs that touch at q (n,)."""
 
 
-class FclQuestions:
-    """Puts pairs to FCL; the poses it gets come from one scalar forward kinematics, whoever found the pairs."""
+class NarrowPhase:
+    """Asks FCL about pairs; the poses it gets come from one scalar forward kinematics, whichever backend asks."""
 
     def __init__(self, robot: Robot, parts: Parts) -> None:
         self._robot, self.parts = robot, parts
-        self.fcl = FclJudge(parts.shapes, [part.T for part in parts.parts])
-        self._local = [(part.body, _numbers(part.T)) for part in parts.parts[: parts.riding]]
+        self.fcl = FclObjects(parts.shapes, [part.T for part in parts.parts])
+        self._local = [(part.body, _twelve_numbers(part.T)) for part in parts.parts[: parts.riding]]
 
-    def touching(self, q: Sequence[float], pairs: Iterable[tuple[int, tuple[int, int]]]) -> Iterator[int]:
-        """The numbers of those pairs, told with their two parts, that touch at q, as FCL is asked.
+    def touching(self, q: Sequence[float], pairs: Sequence[int]) -> Iterator[int]:
+        """Those of some pairs, given by their numbers, that touch at q (n,), in the order given."""
+        parts = self.parts.pairs[np.array(pairs, dtype=np.intp)].tolist()
+        return self.touching_parts(q, zip(pairs, parts, strict=True))
+
+    def touching_parts(self, q: Sequence[float], pairs: Iterable[tuple[int, Sequence[int]]]) -> Iterator[int]:
+        """As ``touching``, of pairs that come with their two parts.
 
         Raises:
             BrokenInvariant: q is not finite: to FCL nothing would touch there.
         """
         if not all(map(math.isfinite, q)):
-            raise BrokenInvariant(prefilter.NOT_FINITE)
+            raise BrokenInvariant(numpy_broadphase.NOT_FINITE)
         riding, poses = self.parts.riding, self._robot.body_poses(q)
         placed: set[int] = set()
-        for number, (i, j) in pairs:
+        for pair, (i, j) in pairs:
             for part in (i, j):
                 if part < riding and part not in placed:
                     placed.add(part)
                     body, local = self._local[part]
                     self.fcl.place(part, *_compose(poses[body], local))
             if self.fcl.collide(i, j):
-                yield number
-
-    def numbered(self, pairs: Sequence[int]) -> Iterator[tuple[int, tuple[int, int]]]:
-        """Each of those pairs with its two parts."""
-        parts = self.parts.pairs[np.array(pairs, dtype=np.intp)].tolist()
-        return zip(pairs, parts, strict=True)
+                yield pair
 
 
-class PairByPair:
-    """The reference: every pair of every configuration is put to FCL, in the order of the pairs."""
+class FclBackend:
+    """The reference: FCL is asked about every pair of every configuration, in the order of the pairs."""
 
-    at_once = 1
+    rows_at_once = 1
 
-    def __init__(self, questions: FclQuestions) -> None:
-        self.questions = questions
-        self._pairs = list(enumerate(questions.parts.pairs.tolist()))
+    def __init__(self, narrow_phase: NarrowPhase) -> None:
+        self.narrow_phase = narrow_phase
+        self._pairs = list(enumerate(narrow_phase.parts.pairs.tolist()))
 
-    def first_of(self, Q: FloatArray, start: int, stop: int) -> Found | None:
-        """See ``Judge``."""
+    def first_collision(self, Q: FloatArray, start: int, stop: int) -> Collision | None:
+        """See ``CollisionBackend``."""
         for row, q in enumerate(Q[start:stop].tolist(), start):
             for pair in self._touching(q):
-                return row, 0.0, pair
+                return Collision(row, 0.0, pair)
         return None
 
-    def first_on(self, edge: SampledEdge, start: int, stop: int) -> Found | None:
-        """See ``Judge``."""
-        return _on(edge, self.first_of(edge.samples, start, stop))
+    def first_collision_on(self, edge: SampledEdge, start: int, stop: int) -> Collision | None:
+        """See ``CollisionBackend``."""
+        return _on(edge, self.first_collision(edge.samples, start, stop))
 
     def colliding(self, Q: FloatArray) -> Iterator[int]:
-        """See ``Judge``."""
+        """See ``CollisionBackend``."""
         return (row for row, q in enumerate(Q.tolist()) if any(True for _ in self._touching(q)))
 
     def touching(self, q: FloatArray) -> list[int]:
-        """See ``Judge``."""
+        """See ``CollisionBackend``."""
         return list(self._touching(q.tolist()))
 
     def _touching(self, q: Sequence[float]) -> Iterator[int]:
-        return self.questions.touching(q, self._pairs)
+        return self.narrow_phase.touching_parts(q, self._pairs)
 
 
-class Sieved:
-    """FCL is asked about what numpy's sieves leave: where the kernel was not built."""
+class NumpyBackend:
+    """FCL is asked about what the broad phase in numpy leaves: where the kernel was not built.
 
-    at_once = _MANY
+    Args:
+        broadphase: Makes it when it is first needed.
+    """
 
-    def __init__(self, questions: FclQuestions, sieves: Callable[[], Prefilter]) -> None:
-        self.questions, self._sieves = questions, sieves
+    rows_at_once = _ROWS_AT_ONCE
 
-    def first_of(self, Q: FloatArray, start: int, stop: int) -> Found | None:
-        """See ``Judge``."""
-        for first, end in ((start, min(start + _FEW, stop)), (start + _FEW, stop)):
-            for row, pair in self._hits(Q[first:end]):
-                return first + row, 0.0, pair
+    def __init__(self, narrow_phase: NarrowPhase, broadphase: Callable[[], Broadphase]) -> None:
+        self.narrow_phase, self._broadphase = narrow_phase, broadphase
+
+    def first_collision(self, Q: FloatArray, start: int, stop: int) -> Collision | None:
+        """See ``CollisionBackend``."""
+        for first, end in ((start, min(start + _FIRST_ROWS, stop)), (start + _FIRST_ROWS, stop)):
+            for row, pair in self._collisions(Q[first:end]):
+                return Collision(first + row, 0.0, pair)
         return None
 
-    def first_on(self, edge: SampledEdge, start: int, stop: int) -> Found | None:
-        """See ``Judge``."""
-        return _on(edge, self.first_of(edge.samples, start, stop))
+    def first_collision_on(self, edge: SampledEdge, start: int, stop: int) -> Collision | None:
+        """See ``CollisionBackend``."""
+        return _on(edge, self.first_collision(edge.samples, start, stop))
 
     def colliding(self, Q: FloatArray) -> Iterator[int]:
-        """See ``Judge``."""
-        return (row for row, _ in self._hits(Q))
+        """See ``CollisionBackend``."""
+        return (row for row, _ in self._collisions(Q))
 
     def touching(self, q: FloatArray) -> list[int]:
-        """See ``Judge``."""
-        left: list[int] = self._sieves().candidates(q[None])[1].tolist()
-        return list(self.questions.touching(q.tolist(), self.questions.numbered(left)))
+        """See ``CollisionBackend``."""
+        return list(self.narrow_phase.touching(q.tolist(), self._broadphase().candidates(q[None])[1].tolist()))
 
-    def _hits(self, Q: FloatArray) -> Iterator[tuple[int, int]]:
+    def _collisions(self, Q: FloatArray) -> Iterator[tuple[int, int]]:
         """The rows that collide, each with the first of its pairs that does."""
         if not len(Q):
             return
-        left: dict[int, list[int]] = {}
-        for row, pair in zip(*(numbers.tolist() for numbers in self._sieves().candidates(Q)), strict=True):
-            left.setdefault(row, []).append(pair)
-        for row, pairs in left.items():
-            for pair in self.questions.touching(Q[row].tolist(), self.questions.numbered(pairs)):
+        candidates: dict[int, list[int]] = {}
+        for row, pair in zip(*(numbers.tolist() for numbers in self._broadphase().candidates(Q)), strict=True):
+            candidates.setdefault(row, []).append(pair)
+        for row, pairs in candidates.items():
+            for pair in self.narrow_phase.touching(Q[row].tolist(), pairs):
                 yield row, pair
                 break
 
 
-class Compiled:
-    """FCL is asked about what the kernel leaves in doubt; whole edges are looked at in one call.
+class NativeBackend:
+    """FCL is asked about what the kernel leaves undecided; whole edges are checked in one call.
 
     Attributes:
-        kernel: Tells the next row in doubt; thread-safe, unlike FCL's objects.
+        kernel: Finds the next row that is not free; thread-safe, unlike FCL's objects.
     """
 
-    at_once = _MANY
+    rows_at_once = _ROWS_AT_ONCE
 
-    def __init__(self, questions: FclQuestions, kernel: Kernel) -> None:
-        self.questions, self.kernel = questions, kernel
+    def __init__(self, narrow_phase: NarrowPhase, kernel: _core.CollisionKernel) -> None:
+        self.narrow_phase, self.kernel = narrow_phase, kernel
 
-    def first_of(self, Q: FloatArray, start: int, stop: int) -> Found | None:
-        """See ``Judge``."""
+    def first_collision(self, Q: FloatArray, start: int, stop: int) -> Collision | None:
+        """See ``CollisionBackend``."""
         rows = np.ascontiguousarray(Q)
-        return self._first(lambda begin: self.kernel.first(rows, begin, stop), self.kernel.first(rows, start, stop))
+        return self._first(lambda row: self.kernel.check_rows(rows, row, stop), start)
 
-    def first_on(self, edge: SampledEdge, start: int, stop: int) -> Found | None:
-        """See ``Judge``."""
+    def first_collision_on(self, edge: SampledEdge, start: int, stop: int) -> Collision | None:
+        """See ``CollisionBackend``."""
         a, b, ends, segments = edge.a, edge.b, edge.ends, edge.segments
-        told = self.kernel.edge(a, b, ends, segments, start, stop)
-        return self._first(lambda begin: self.kernel.edge(a, b, ends, segments, begin, stop), told)
+        return self._first(lambda row: self.kernel.check_edge_rows(a, b, ends, segments, row, stop), start)
 
     def colliding(self, Q: FloatArray) -> Iterator[int]:
-        """See ``Judge``."""
-        found = self.first_of(Q, 0, len(Q))
-        while found is not None:
-            yield found[0]
-            found = self.first_of(Q, found[0] + 1, len(Q))
+        """See ``CollisionBackend``."""
+        collision = self.first_collision(Q, 0, len(Q))
+        while collision is not None:
+            yield collision.row
+            collision = self.first_collision(Q, collision.row + 1, len(Q))
 
     def touching(self, q: FloatArray) -> list[int]:
-        """See ``Judge``."""
-        return list(self._asked(q.tolist(), self.kernel.candidates(q[None])[1]))
+        """See ``CollisionBackend``."""
+        return list(self.narrow_phase.touching(q.tolist(), self.kernel.candidates(q[None])[1]))
 
-    def _first(self, ask: Callable[[int], Found | Doubt | None], told: Found | Doubt | None) -> Found | None:
-        """The first row that collides of those that may, ``ask`` telling the next of them from a row on."""
-        while told is not None and len(told) == 4:
-            row, fraction, q, pairs = told
-            pair = self._first_touching(q, pairs)
+    def _first(self, check_from: Callable[[int], _core.RowCheck], start: int) -> Collision | None:
+        """The first row that collides, where ``check_from`` has the kernel check the rows from one on."""
+        check = check_from(start)
+        while check.undecided:
+            pair = self._first_touching(check.q, check.pairs)
             if pair is not None:
-                return row, fraction, pair
-            told = ask(row + 1)
-        return told
+                return Collision(check.row, check.fraction, pair)
+            check = check_from(check.row + 1)
+        return None if check.free else Collision(check.row, check.fraction, check.pair)
 
     def _first_touching(self, q: list[float], pairs: list[int]) -> int | None:
-        """The first pair that touches at q, where those are in doubt and maybe more behind them."""
-        found = next(self._asked(q, pairs), None)
-        if found is not None:
-            return found
-        # the kernel stops at the first part in doubt: others may be behind it
+        """The first pair that touches at q, where those are undecided and maybe more behind them."""
+        touching = next(self.narrow_phase.touching(q, pairs), None)
+        if touching is not None:
+            return touching
+        # the kernel stops at the first part with an undecided pair: others may be behind it
         more = [pair for pair in self.kernel.candidates(np.array([q]))[1] if pair not in pairs]
-        return next(self._asked(q, more), None) if more else None
-
-    def _asked(self, q: Sequence[float], pairs: list[int]) -> Iterator[int]:
-        return self.questions.touching(q, self.questions.numbered(pairs))
+        return next(self.narrow_phase.touching(q, more), None) if more else None
 
 
-def judge_for(backend: Backend, robot: Robot, parts: Parts, sieves: Callable[[], Prefilter]) -> Judge:
-    """The judge of that name; "auto" is the kernel where it was built, else numpy.
+def make_backend(
+    name: BackendName, robot: Robot, parts: Parts, broadphase: Callable[[], Broadphase]
+) -> CollisionBackend:
+    """The backend of that name; "auto" is the kernel where it was built, else numpy.
 
     Args:
-        sieves: Makes the sieves when they are first needed.
+        broadphase: Makes the broad phase in numpy when it is first needed.
 
     Raises:
         InvalidRequest: no such backend, or "native" where the kernel was not built.
     """
-    if not isinstance(backend, str) or backend not in get_args(Backend):
-        raise InvalidRequest("backend", backend, '"auto", "native", "numpy" or "fcl"')
-    kernel = build_kernel(robot, parts, prefilter.MARGIN) if backend in ("auto", "native") else None
-    if kernel is None and backend == "native":
-        raise InvalidRequest("backend", backend, '"auto", "numpy" or "fcl": the compiled kernel was not built')
-    questions = FclQuestions(robot, parts)
+    if not isinstance(name, str) or name not in get_args(BackendName):
+        raise InvalidRequest("backend", name, '"auto", "native", "numpy" or "fcl"')
+    kernel = build_kernel(robot, parts, numpy_broadphase.MARGIN) if name in ("auto", "native") else None
+    if kernel is None and name == "native":
+        raise InvalidRequest("backend", name, '"auto", "numpy" or "fcl": the compiled kernel was not built')
+    narrow_phase = NarrowPhase(robot, parts)
     if kernel is not None:
-        return Compiled(questions, kernel)
-    return PairByPair(questions) if backend == "fcl" else Sieved(questions, sieves)
+        return NativeBackend(narrow_phase, kernel)
+    return FclBackend(narrow_phase) if name == "fcl" else NumpyBackend(narrow_phase, broadphase)
 
 
-def _on(edge: SampledEdge, found: Found | None) -> Found | None:
-    """What was found among an edge's samples, with where on the edge it is."""
-    return None if found is None else (found[0], edge.fraction(found[0]), found[2])
+def _on(edge: SampledEdge, collision: Collision | None) -> Collision | None:
+    """A collision among an edge's samples, with where on the edge it is."""
+    return None if collision is None else collision._replace(fraction=edge.fraction(collision.row))
 
 
-def _numbers(T: FloatArray) -> tuple[float, ...]:
+def _twelve_numbers(T: FloatArray) -> tuple[float, ...]:
     """A 4 x 4 matrix as nine row-major rotation numbers and three translation numbers."""
     return (*T[:3, :3].ravel().tolist(), *T[:3, 3].tolist())
 

@@ -1,15 +1,16 @@
-"""The one oracle: is it free? It alone judges, and it alone counts."""
+"""The collision checker: it alone decides whether a configuration or an edge is free, and it alone counts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner_service.collision.backends import Backend, Compiled, judge_for
+from planner_service.collision.backends import BackendName, Collision, FirstHit, NativeBackend, make_backend
 from planner_service.collision.budget import CancelToken, CheckCounts, Ledger, SearchStopped
 from planner_service.collision.contact import Contact, EdgeHit, deepest, rounded_down
 from planner_service.collision.edge_sampling import (
@@ -19,13 +20,14 @@ from planner_service.collision.edge_sampling import (
     Known,
     MotionStep,
     SampledEdge,
+    Samples,
     bisection_order,
-    first_samples,
-    glance_of,
+    coarse_samples,
+    coarse_segments_of,
     judged_ends,
 )
-from planner_service.collision.native_kernel import Found, Kernel, rules_of
-from planner_service.collision.numpy_broadphase import Prefilter
+from planner_service.collision.native_kernel import configure_edges
+from planner_service.collision.numpy_broadphase import Broadphase
 from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
 from planner_service.collision.proximity import NearPairs, measuring_kernel
 from planner_service.concurrency.polling import Prepared, asked
@@ -35,13 +37,19 @@ from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["Backend", "CollisionChecker", "Contact", "EdgeHit"]
+if TYPE_CHECKING:
+    from planner_service.native import _core
+
+__all__ = ["BackendName", "CollisionChecker", "Contact", "EdgeHit"]
 
 MAX_VARIANTS = 32
 """Variants kept, the oldest forgotten first: a plan needs a handful, and building one again changes no answer."""
 
 LIMIT_SLACK = 1e-9
 """Radians or metres by which rounding may carry a configuration over a joint limit."""
+
+_ALL, _COARSE, _REST = Samples
+"""Looked up once: before Python 3.12 this takes as long for a member of an enum as some of the checks below."""
 
 
 _Key = tuple[float, tuple[tuple[str, str], ...], float | None]
@@ -59,9 +67,9 @@ class CollisionChecker:
         edge_step: How finely edges are sampled; ``MotionStep(0.010)`` if not given.
         padding: Distance in metres that every pair must keep; verdicts of a plan use 0.
         allowed: Pairs of link or object names that may touch, beside those the robot allows.
-        backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "numpy", sieves in
-            numpy; "auto", the kernel where it was built, else numpy; "fcl", nothing: the reference, which puts every
-            pair to FCL, one by one in their order. Verdicts, counts and names are the same.
+        backend: What finds the pairs that FCL is asked about: "native", the compiled kernel; "numpy", a broad phase in
+            numpy; "auto", the kernel where it was built, else numpy; "fcl", nothing: the reference, which asks FCL
+            about every pair in their order. Verdicts, counts and names are the same.
 
     Raises:
         UnknownName: ``allowed`` names nothing that is there.
@@ -76,7 +84,7 @@ class CollisionChecker:
         edge_step: EdgeStep | None = None,
         padding: float = 0.0,
         allowed: Iterable[tuple[str, str]] = (),
-        backend: Backend = "auto",
+        backend: BackendName = "auto",
     ) -> None:
         require_padding(padding)
         if edge_step is not None and not callable(getattr(edge_step, "segments", None)):
@@ -87,16 +95,16 @@ class CollisionChecker:
         self.padding = float(padding)
         self.allowed = sorted_pairs(allowed)
         self.ledger = Ledger()
-        self._last: Found | None = None
-        self._glance = glance_of(self.edge_step)
+        self._last: FirstHit | None = None
+        self._coarse_segments = coarse_segments_of(self.edge_step)
         self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
         self.backend = backend
-        self._judge = judge_for(backend, robot, self._parts, lambda: self._prefilter)
+        self._backend = make_backend(backend, robot, self._parts, lambda: self._broadphase)
         self._reach: list[float] = robot.reach(self._parts.carried).tolist()
         self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
         self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
-        self._at_once = self._judge.at_once
-        self._quick = self._agreed()
+        self._rows_at_once = self._backend.rows_at_once
+        self._kernel = self._configured_kernel()
         self._variants: dict[_Key, CollisionChecker] = {}
         self._preparing: dict[_Key, Prepared[CollisionChecker]] = {}
         self._asked_step = self.edge_step
@@ -144,22 +152,21 @@ class CollisionChecker:
             return self._preparing.setdefault(key, Prepared(keep)).get()  # which a call that was ended may have begun
         return known
 
-    def _agreed(self) -> Kernel | None:
-        """The kernel, told the limits and the edge step; None if there is none, or the step is a user's own."""
-        rules = rules_of(self.edge_step)
-        if not isinstance(self._judge, Compiled) or rules is None:
+    def _configured_kernel(self) -> _core.CollisionKernel | None:
+        """The kernel if it checks states and edges itself; None without one, or with a user's own edge step."""
+        if not isinstance(self._backend, NativeBackend):
             return None
-        self._judge.kernel.agree(self._lower, self._upper, self._reach, rules)
-        return self._judge.kernel
+        kernel = self._backend.kernel
+        return kernel if configure_edges(kernel, self._lower, self._upper, self._reach, self.edge_step) else None
 
     @cached_property
-    def _prefilter(self) -> Prefilter:
-        return Prefilter(self.robot, self._parts)
+    def _broadphase(self) -> Broadphase:
+        return Broadphase(self.robot, self._parts)
 
     @property
     def instruction_set(self) -> str | None:
-        """What the compiled kernel uses; None where it is not asked."""
-        return self._judge.kernel.variant if isinstance(self._judge, Compiled) else None
+        """What the compiled kernel uses; None where it is not used."""
+        return self._backend.kernel.variant if isinstance(self._backend, NativeBackend) else None
 
     @property
     def counts(self) -> CheckCounts:
@@ -202,16 +209,16 @@ class CollisionChecker:
         Raises:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
-        if self._quick is not None:
+        if self._kernel is not None:
             with self.ledger.lock:
                 self.ledger.require_room()
-                told = self._quick.state(q)
-                if told is True:
+                check = self._kernel.check_state(q)
+                if check.free:
                     self.ledger.record_states(1)
                     return True
-                if told is not None and len(told) == 3:
+                if check.colliding:
                     self.ledger.record_states(1)
-                    self._note(told)
+                    self._note(check)
                     return False
         return self._first_collision(self._configuration("q", q)[None]) is None
 
@@ -231,14 +238,14 @@ class CollisionChecker:
             with self.ledger.lock:
                 self.ledger.require_room()
                 stop = self._stop(start, len(rows))
-                free[[start + row for row in self._judge.colliding(np.array(rows[start:stop]))]] = False
+                free[[start + row for row in self._backend.colliding(np.array(rows[start:stop]))]] = False
                 self.ledger.record_states(stop - start)
             start = stop
         return free
 
     def edge_is_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
         """Whether every sample of the straight line from q1 to q2 is free; counts as ``edge_hit`` does."""
-        return self._edge(q1, q2, known, 0) is None
+        return self._edge(q1, q2, known, _ALL) is None
 
     def edge_hit(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> EdgeHit | None:
         """Where the straight line from q1 to q2 collides, None when every sample is free.
@@ -252,74 +259,57 @@ class CollisionChecker:
         Raises:
             InvalidRequest: an end has the wrong shape, is not finite, or lies outside the joint limits.
         """
-        return self._told(self._edge(q1, q2, known, 0))
+        return self._named(self._edge(q1, q2, known, _ALL))
 
-    def edge_seems_free(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
-        """As ``edge_is_free``, but of the interior only the first samples are judged, which are far apart.
+    def edge_is_free_coarse(self, q1: ArrayLike, q2: ArrayLike, *, known: Known = Known.NEITHER) -> bool:
+        """As ``edge_is_free``, but judges only some of the interior samples, which are far apart.
 
-        An edge that collides mostly does so at one of these; ``edge_rest`` judges the others.
+        An edge that collides mostly does so at one of these; ``finish_edge`` judges the others.
         """
-        return self._edge(q1, q2, known, self._glance) is None
+        return self._edge(q1, q2, known, _COARSE) is None
 
-    def edge_rest(self, q1: ArrayLike, q2: ArrayLike) -> EdgeHit | None:
-        """Where an edge collides at a sample that ``edge_seems_free`` left out, None when all of these are free.
+    def finish_edge(self, q1: ArrayLike, q2: ArrayLike) -> EdgeHit | None:
+        """Where an edge collides at a sample that ``edge_is_free_coarse`` left out, None when all of these are free.
 
-        Counts their states, and no edge: that was counted at the glance.
+        Counts their states, and no edge: the coarse check counted that.
         """
-        with self.ledger.lock:
-            answered, found = self._quickly(q1, q2, Known.BOTH, -self._glance, 0)
-            if not answered:
-                a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
-                edge = SampledEdge(a, b, 0, self._segments(a, b))
-                first = first_samples(edge.segments, self._glance)
-                found = self._counted(partial(self._judge.first_on, edge), edge.segments - 1, first)
-        return self._told(found)
+        return self._named(self._edge(q1, q2, Known.BOTH, _REST))
 
-    def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int) -> Found | None:
-        """Judge an edge, of its interior only what a glance sees unless ``glance`` is 0."""
+    def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, samples: Samples) -> FirstHit | None:
         if not isinstance(known, Known):
             raise InvalidRequest("known", known, "Known.NEITHER, START, END or BOTH")
-        with self.ledger.lock:
-            answered, found = self._quickly(q1, q2, known, glance, 1)
-            if answered:
-                return found
-        a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
-        edge = SampledEdge(a, b, judged_ends(a, b, known), self._segments(a, b))
-        inner = first_samples(edge.segments, glance) if glance else edge.segments - 1
-        with self.ledger.lock:
-            self.ledger.edges += 1
-            return self._counted(partial(self._judge.first_on, edge), edge.first + inner)
-
-    def _quickly(
-        self, q1: ArrayLike, q2: ArrayLike, known: Known, glance: int, edges: int
-    ) -> tuple[bool, Found | None]:
-        """Whether the kernel samples edges itself, and takes these ends; then it is judged and counted as it says.
-
-        Args:
-            glance: As ``Kernel.ask`` has it.
-        """
-        if self._quick is None:
-            return False, None
         ledger = self.ledger
+        with ledger.lock:
+            if self._kernel is not None and self._has_room():
+                check = self._kernel.check_edge(q1, q2, known._value_, samples._value_, self._stop(0, MAX_SEGMENTS))
+                if not check.refused:
+                    ledger.edges += samples is not _REST
+                    ledger.record_states(check.judged)
+                    return None if check.free else self._decided(q1, q2, check)
+            a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
+            edge = SampledEdge(a, b, judged_ends(a, b, known), self._segments(a, b))
+            coarse = edge.end_rows + coarse_samples(edge.segments, self._coarse_segments)
+            start = coarse if samples is _REST else 0
+            ledger.edges += samples is not _REST
+            rows = coarse if samples is _COARSE else edge.rows
+            return self._counted(partial(self._backend.first_collision_on, edge), rows, start)
+
+    def _has_room(self) -> bool:
+        """Whether a state may be judged; if not, what forbids it is raised once there is a state to judge."""
         try:
-            ledger.require_room()
-        except SearchStopped:  # which the caller will find out, if there is anything to judge
-            return False, None
-        told = self._quick.ask(q1, q2, known._value_, glance, self._stop(0, MAX_SEGMENTS))
-        if told is None:
-            return False, None
-        ledger.edges += edges
-        if isinstance(told, int):
-            ledger.record_states(told)
-            return True, None
-        if len(told) == 3:
-            ledger.record_states(told[0] + 1)
-            self._note(told)
-            return True, told
-        ends, segments, rows, row, free = told
-        ledger.record_states(free)
+            self.ledger.require_room()
+        except SearchStopped:
+            return False
+        return True
+
+    def _decided(self, q1: ArrayLike, q2: ArrayLike, check: _core.EdgeCheck) -> FirstHit | None:
+        """Where an edge collides that the kernel did not find free, once the rows it left undecided are judged."""
+        if check.colliding:
+            self._note(check)
+            return check
         a, b = (np.asarray(q, dtype=np.float64).tolist() for q in (q1, q2))
-        return True, self._counted(partial(self._judge.first_on, SampledEdge(a, b, ends, segments)), rows, row)
+        edge = SampledEdge(a, b, check.ends, check.segments)
+        return self._counted(partial(self._backend.first_collision_on, edge), check.rows, check.next)
 
     def segments(self, q1: ArrayLike, q2: ArrayLike) -> int:
         """The number of equal parts into which the edge from q1 to q2 is split; counts nothing."""
@@ -388,7 +378,7 @@ class CollisionChecker:
         Raises:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
-        gap = self._prefilter.smallest_gap(self._configuration("q", q))
+        gap = self._broadphase.smallest_gap(self._configuration("q", q))
         self.ledger.charge_distances(self.pair_count)
         return rounded_down(gap)
 
@@ -410,9 +400,9 @@ class CollisionChecker:
             self._configuration(f"Q[{outside[0]}]", rows[outside[0]])
         with self.ledger.lock:
             self.ledger.poll()
-            row, pair, distance, point, gradient, asked = self._measuring.near(rows, within)
-            self.ledger.charge_distances(asked)
-        return NearPairs(row, pair, distance, point, gradient)
+            near = self._measuring_kernel.near(rows, within)
+            self.ledger.charge_distances(near.measured)
+        return NearPairs(near.rows, near.pairs, near.distances, near.points, near.gradients)
 
     @cached_property
     def own_pairs(self) -> NDArray[np.bool_]:
@@ -426,8 +416,8 @@ class CollisionChecker:
         return self._parts.names(pair)
 
     @cached_property
-    def _measuring(self) -> Kernel:
-        return measuring_kernel(self._judge, self.robot, self._parts)
+    def _measuring_kernel(self) -> _core.CollisionKernel:
+        return measuring_kernel(self._backend, self.robot, self._parts)
 
     def contacts(self, q: ArrayLike) -> tuple[Contact, ...]:
         """The pairs that touch at q (n,), deepest first; empty when q is free. Counts one state.
@@ -438,10 +428,10 @@ class CollisionChecker:
         q = self._configuration("q", q)
         with self.ledger.lock:
             self.ledger.require_room()
-            hits = np.array(self._judge.touching(q), dtype=np.intp)
+            pairs = np.array(self._backend.touching(q), dtype=np.intp)
             self.ledger.record_states(1)
-        overlaps = self._prefilter.overlaps(q, hits).tolist()
-        return deepest(zip(map(self._parts.names, hits.tolist()), overlaps, strict=True))
+        overlaps = self._broadphase.overlaps(q, pairs).tolist()
+        return deepest(zip(map(self._parts.names, pairs.tolist()), overlaps, strict=True))
 
     def _configuration(self, field: str, q: ArrayLike) -> FloatArray:
         if type(q) is np.ndarray and q.dtype == np.float64:  # as planners ask: no time for a closer look
@@ -456,39 +446,42 @@ class CollisionChecker:
                 raise InvalidRequest(field, value, f"{self.robot.joint_names[k]} in [{low:.4f}, {high:.4f}]")
         return array
 
-    def _first_collision(self, Q: FloatArray) -> Found | None:
+    def _first_collision(self, Q: FloatArray) -> Collision | None:
         """Judge configurations (m, n) in order, up to the first that collides, and count them."""
         with self.ledger.lock:  # FCL objects are moved from question to question
-            return self._counted(partial(self._judge.first_of, Q), len(Q))
+            return self._counted(partial(self._backend.first_collision, Q), len(Q))
 
     def _stop(self, start: int, rows: int) -> int:
         """Up to which row to judge in one go, from ``start``: none more than there is room for."""
-        room, stop = self.ledger.room(), start + self._at_once
+        room, stop = self.ledger.room(), start + self._rows_at_once
         if room is not None and start + room < stop:
             stop = start + room
         return stop if stop < rows else rows
 
-    def _counted(self, ask: Callable[[int, int], Found | None], rows: int, start: int = 0) -> Found | None:
-        """The first of rows ``start`` to ``rows`` that collides, ``ask`` finding it among some; all is counted."""
+    def _counted(
+        self, first_collision: Callable[[int, int], Collision | None], rows: int, start: int = 0
+    ) -> Collision | None:
+        """The first of rows ``start`` to ``rows`` that collides; every row that is judged is counted."""
         while start < rows:
             self.ledger.require_room()
             stop = self._stop(start, rows)
-            found = ask(start, stop)
-            self.ledger.record_states((stop if found is None else found[0] + 1) - start)
-            if found is not None:
-                self._note(found)
-                return found
+            collision = first_collision(start, stop)
+            self.ledger.record_states((stop if collision is None else collision.row + 1) - start)
+            if collision is not None:
+                self._note(collision)
+                return collision
             start = stop
         return None
 
-    def _note(self, found: Found) -> None:
-        self._last = found
-        self.ledger.hit(self._parts.names(found[2]))
+    def _note(self, hit: FirstHit) -> None:
+        """Remember a collision as the last, and count which pair it is of."""
+        self._last = hit
+        self.ledger.hit(self._parts.names(hit.pair))
 
     @property
     def last_hit(self) -> EdgeHit | None:
         """The collision found last; of a single configuration its place on an edge means nothing."""
-        return self._told(self._last)
+        return self._named(self._last)
 
-    def _told(self, found: Found | None) -> EdgeHit | None:
-        return None if found is None else EdgeHit(found[1], *self._parts.names(found[2]))
+    def _named(self, hit: FirstHit | None) -> EdgeHit | None:
+        return None if hit is None else EdgeHit(hit.fraction, *self._parts.names(hit.pair))

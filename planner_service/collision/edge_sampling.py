@@ -32,9 +32,10 @@ __all__ = [
     "Known",
     "MotionStep",
     "SampledEdge",
+    "Samples",
     "bisection_order",
-    "first_samples",
-    "glance_of",
+    "coarse_samples",
+    "coarse_segments_of",
     "interior",
     "judged_ends",
 ]
@@ -45,13 +46,13 @@ MAX_SEGMENTS = 1_000_000
 _SLACK = 1e-9
 """Keeps a quotient that is an integer but for rounding from costing one sample more."""
 
-GLANCE = 8
-"""Most segments between two samples of a first look at an edge. In the tightest of the public seven-joint problems it
-left a quarter of the states, and one search in eight had to grow again: an edge of its path was not free after all."""
+MAX_COARSE_SEGMENTS = 8
+"""Segments between two samples of a coarse check. In the tightest of the public seven-joint problems this left a
+quarter of the states, and one search in eight had to grow again: an edge of its path was not free after all."""
 
-GLANCE_MOTION, GLANCE_ANGLE = 0.08, 0.16
+MAX_COARSE_MOTION, MAX_COARSE_ANGLE = 0.08, 0.16
 """How far apart these samples may be, in metres of a ``MotionStep`` and in radians of a ``JointStep``: with a step of
-0.05 rad and eight segments, most paths of edges that were only looked at were not free."""
+0.05 rad and eight segments, most paths of edges that were only checked coarsely were not free."""
 
 
 class Known(enum.Flag):
@@ -65,6 +66,16 @@ class Known(enum.Flag):
 
 KNOWN_ENDS = (Known.NEITHER, Known.START, Known.END, Known.BOTH)
 """By value, 1 for the start and 2 for the end: arithmetic of flags takes as long as the rest of a question."""
+
+
+class Samples(enum.Enum):
+    """Which samples of an edge are judged; ``Samples`` in kernel.cpp has the same numbers."""
+
+    ALL = 0
+    COARSE = 1
+    """The ends, and interior samples that are far apart."""
+    REST = 2
+    """Those that a coarse check leaves out."""
 
 
 class EdgeStep(Protocol):
@@ -134,22 +145,24 @@ class FinestStep:
         return max(rule.segments(dq, reach) for rule in self.rules)
 
 
-def glance_of(step: EdgeStep) -> int:
-    """Segments between two samples of a first look at edges with that step."""
+def coarse_segments_of(step: EdgeStep) -> int:
+    """Segments between two samples of a coarse check of edges with that step."""
     if isinstance(step, FinestStep):
-        return max(map(glance_of, step.rules))
+        return max(map(coarse_segments_of, step.rules))
     if isinstance(step, JointStep):
-        return max(1, min(GLANCE, int(GLANCE_ANGLE / step.angle)))
-    return max(1, min(GLANCE, int(GLANCE_MOTION / step.distance))) if isinstance(step, MotionStep) else GLANCE
+        return max(1, min(MAX_COARSE_SEGMENTS, int(MAX_COARSE_ANGLE / step.angle)))
+    if isinstance(step, MotionStep):
+        return max(1, min(MAX_COARSE_SEGMENTS, int(MAX_COARSE_MOTION / step.distance)))
+    return MAX_COARSE_SEGMENTS
 
 
-def first_samples(segments: int, glance: int) -> int:
-    """How many interior samples come first, in bisection order, that split an edge into about ``glance`` segments each.
+def coarse_samples(segments: int, coarse_segments: int) -> int:
+    """How many interior samples a coarse check takes, with about ``coarse_segments`` between two of them.
 
-    All of the first levels: one sample in the middle, three, seven, ...; never more than there are.
+    They are the first in bisection order, whole levels of it: one in the middle, three, seven, ...; at most all.
     """
     parts = 1
-    while parts * glance < segments:
+    while parts * coarse_segments < segments:
         parts *= 2
     return min(parts, segments) - 1
 
@@ -203,9 +216,14 @@ class SampledEdge:
     segments: int
 
     @property
-    def first(self) -> int:
-        """Rows that are ends."""
+    def end_rows(self) -> int:
+        """Rows that are ends; these come first."""
         return (self.ends + 1) // 2
+
+    @property
+    def rows(self) -> int:
+        """All rows."""
+        return self.end_rows + self.segments - 1
 
     @cached_property
     def samples(self) -> FloatArray:
@@ -216,7 +234,7 @@ class SampledEdge:
 
     def fraction(self, row: int) -> float:
         """Where on the edge a row is: 0 at a, 1 at b."""
-        if row < self.first:
+        if row < self.end_rows:
             return 0.0 if row == 0 and self.ends & 1 else 1.0
-        along = float(bisection_order(self.segments)[row - self.first, 0])
+        along = float(bisection_order(self.segments)[row - self.end_rows, 0])
         return along if tuple(self.a) <= tuple(self.b) else 1.0 - along

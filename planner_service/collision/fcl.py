@@ -1,4 +1,4 @@
-"""The judge: FCL's boolean ``collide`` between convex shapes. The only module that imports fcl.
+"""FCL's boolean ``collide`` between convex shapes. The only module that imports fcl.
 
 What FCL gets wrong is kept away from it (measured on 49,000 pose pairs and by hand): half-spaces,
 planes, cones and triangle meshes (which are surfaces) are never built, of a mesh only its convex
@@ -18,7 +18,7 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
 
-__all__ = ["FclJudge"]
+__all__ = ["FclObjects"]
 
 
 def _geometry(shape: Shape) -> fcl.CollisionGeometry:
@@ -36,7 +36,7 @@ def _geometry(shape: Shape) -> fcl.CollisionGeometry:
     raise BrokenInvariant(f"FCL is not trusted with a {type(shape).__name__}")
 
 
-class FclJudge:
+class FclObjects:
     """Collision objects built when first asked for, moved and asked in pairs; a check allocates nothing but poses.
 
     Args:

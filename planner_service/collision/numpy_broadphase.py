@@ -27,7 +27,7 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry.shapes import FloatArray
 from planner_service.robot.model import Robot
 
-__all__ = ["MARGIN", "NOT_FINITE", "Prefilter"]
+__all__ = ["MARGIN", "NOT_FINITE", "Broadphase"]
 
 MARGIN = 2e-6
 """Metres by which a pair must be proven apart for FCL not to be asked; ``doubt_of`` small solids comes on top."""
@@ -50,7 +50,7 @@ _REFINED_AT_ONCE = 64
 IntArray = NDArray[np.intp]
 
 
-class Prefilter:
+class Broadphase:
     """The sieves for one numbered list of parts; holds nothing that changes."""
 
     def __init__(self, robot: Robot, parts: Parts) -> None:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from planner_service.collision.backends import Compiled, Judge
-from planner_service.collision.native_kernel import IntArray, Kernel, build_kernel, instruction_sets
+import numpy as np
+from numpy.typing import NDArray
+
+from planner_service.collision.backends import CollisionBackend, NativeBackend
+from planner_service.collision.native_kernel import build_kernel, instruction_sets
 from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.collision.pairs import Parts
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray
 from planner_service.robot.model import Robot
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 __all__ = ["NearPairs", "measuring_kernel", "require_kernel"]
 
@@ -33,20 +40,20 @@ class NearPairs:
             distance has a kink, and this is the derivative to one side, or between both.
     """
 
-    rows: IntArray
-    pairs: IntArray
+    rows: NDArray[np.int64]
+    pairs: NDArray[np.int64]
     distances: FloatArray
     points: FloatArray
     gradients: FloatArray
 
 
-def measuring_kernel(judge: Judge, robot: Robot, parts: Parts) -> Kernel:
-    """The compiled kernel, whoever judges.
+def measuring_kernel(backend: CollisionBackend, robot: Robot, parts: Parts) -> _core.CollisionKernel:
+    """The compiled kernel, whichever backend judges.
 
     Raises:
         InvalidRequest: it was not built.
     """
-    kernel = judge.kernel if isinstance(judge, Compiled) else build_kernel(robot, parts, MARGIN)
+    kernel = backend.kernel if isinstance(backend, NativeBackend) else build_kernel(robot, parts, MARGIN)
     if kernel is None:
         raise InvalidRequest("near", None, BUILT, message=f"near: it needs {BUILT}")
     return kernel

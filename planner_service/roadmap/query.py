@@ -26,8 +26,8 @@ from planner_service.roadmap.graph import Neighbour, Net
 from planner_service.roadmap.nearest import Place, nearest_places
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
 from planner_service.search.problem import (
+    CoarseOracle,
     Configuration,
-    GlancingOracle,
     SearchProblem,
     distances,
     joint_distance,
@@ -93,8 +93,8 @@ class Query:
     def __init__(self, net: Net, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> None:
         self._net, self._problem = net, problem
         self._offered = milestones.verdicts != Verdict.BLOCKED, edges.free
-        self._oracle: GlancingOracle = of_tuples(problem.oracle)
-        self._glances = hasattr(problem.oracle, "edge_seems_free")
+        self._oracle: CoarseOracle = of_tuples(problem.oracle)
+        self._glances = hasattr(problem.oracle, "edge_is_free_coarse")
         self._count, self._edges = len(net.milestones), len(net.edges)
         self._reach: list[float] = net.reach.tolist()
         self._node = bytearray(milestones.verdicts.tobytes())
@@ -305,7 +305,7 @@ class Query:
         if not self._glances:
             return self._piece_is_free(piece)
         a, b, known = self._asked(piece)
-        free = self._oracle.edge_seems_free(a, b, known=KNOWN_ENDS[known])
+        free = self._oracle.edge_is_free_coarse(a, b, known=KNOWN_ENDS[known])
         if not free:
             self._learn_piece(piece, Verdict.BLOCKED)
         return free

@@ -82,17 +82,17 @@ class SearchOracle:
             self._note(a, b, free=hit is None)
         else:
             del self._edges[key]
-            hit = self._checker.edge_rest(a, b)
+            hit = self._checker.finish_edge(a, b)
         if hit is None:
             self._edges[key] = True
         return hit
 
-    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+    def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """Whether a first look at a few samples of the edge finds no collision; ``edge_is_free`` judges the others."""
         key = (q1, q2) if q1 <= q2 else (q2, q1)
         if key in self._edges:
             return True
-        free = self._checker.edge_seems_free(q1, q2, known=known)
+        free = self._checker.edge_is_free_coarse(q1, q2, known=known)
         if free:
             self._edges[key] = False
         if q1 in self._ends or q2 in self._ends:
@@ -140,9 +140,9 @@ class TieredOracle:
         parts = self._parts(_tuple(q1), _tuple(q2), known)
         return all(oracle.edge_is_free(a, b, known=ends) for oracle, a, b, ends in parts)
 
-    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+    def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """Whether a first look at a few samples of the edge finds no collision."""
-        return all(oracle.edge_seems_free(a, b, known=ends) for oracle, a, b, ends in self._parts(q1, q2, known))
+        return all(oracle.edge_is_free_coarse(a, b, known=ends) for oracle, a, b, ends in self._parts(q1, q2, known))
 
     def _parts(
         self, q1: Configuration, q2: Configuration, known: Known

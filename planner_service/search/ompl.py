@@ -28,8 +28,8 @@ from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.concurrency.fair_lock import Turns
 from planner_service.geometry.shapes import FloatArray
 from planner_service.search.problem import (
+    CoarseOracle,
     Configuration,
-    GlancingOracle,
     SearchProblem,
     SearchResult,
     Space,
@@ -87,9 +87,9 @@ class _Judge:
     """
 
     def __init__(self, space: Space, free: Iterable[Configuration] = (), *, glance: bool = False) -> None:
-        self._oracle: GlancingOracle = of_tuples(space.oracle)
-        self._glances = glance and hasattr(space.oracle, "edge_seems_free")
-        self._look = self._oracle.edge_seems_free if self._glances else self._oracle.edge_is_free
+        self._oracle: CoarseOracle = of_tuples(space.oracle)
+        self._glances = glance and hasattr(space.oracle, "edge_is_free_coarse")
+        self._look = self._oracle.edge_is_free_coarse if self._glances else self._oracle.edge_is_free
         self._poll = space.poll
         self._span = slice(0, len(space.lower))
         self._free = set(free)

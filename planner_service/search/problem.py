@@ -21,8 +21,8 @@ from planner_service.geometry.shapes import FloatArray, read_only, whole
 
 __all__ = [
     "SELF",
+    "CoarseOracle",
     "Configuration",
-    "GlancingOracle",
     "Oracle",
     "Planner",
     "SearchProblem",
@@ -55,7 +55,7 @@ class Oracle(Protocol):
         """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
 
 
-class GlancingOracle(Protocol):
+class CoarseOracle(Protocol):
     """An oracle that can also look at an edge less closely than it judges it: for edges of which few will be used.
 
     It takes configurations as tuples, as a search has them: arrays would be a large part of what an edge costs.
@@ -71,7 +71,7 @@ class GlancingOracle(Protocol):
     def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
 
-    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+    def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """False if the edge collides; if True, ``edge_is_free`` has the last word, and judges only what is left."""
 
 
@@ -91,12 +91,12 @@ class _OfArrays:
     def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         return self._oracle.edge_is_free(np.array(q1), np.array(q2), known=known)
 
-    edge_seems_free = edge_is_free
+    edge_is_free_coarse = edge_is_free
 
 
-def of_tuples(oracle: Oracle) -> GlancingOracle:
+def of_tuples(oracle: Oracle) -> CoarseOracle:
     """The oracle itself if it can glance, and then takes tuples; else one that hands its arrays to it."""
-    if hasattr(oracle, "edge_seems_free"):  # isinstance of a Protocol takes longer than an edge
+    if hasattr(oracle, "edge_is_free_coarse"):  # isinstance of a Protocol takes longer than an edge
         return oracle  # type: ignore[return-value]
     return _OfArrays(oracle)
 

@@ -21,7 +21,7 @@ from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, read_only
 from planner_service.path.joint_path import JointPath
-from planner_service.search.problem import Configuration, GlancingOracle, Oracle, joint_distance
+from planner_service.search.problem import CoarseOracle, Configuration, Oracle, joint_distance
 
 __all__ = ["LEAST_BLEND", "blended", "pulled_in", "shortcut", "without_short_pieces"]
 
@@ -92,7 +92,7 @@ def shortcut(
     return read_only(_cut_at_random(chain, verdicts, rng, tries, misses))
 
 
-def pulled_in(waypoints: ArrayLike, oracle: GlancingOracle) -> FloatArray:
+def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
     """The polyline (N, n) with its corners pulled towards the straight line between their neighbours, (N, n).
 
     All joints half the way first, then one joint at a time, as long as a first look finds both pieces free; the last
@@ -224,7 +224,7 @@ def _cut(chain: list[Configuration], u: float, v: float) -> tuple[Edge, list[Con
     return (a, b), [*head, a, b, *tail]
 
 
-def _pulled(corner: Corner, oracle: GlancingOracle, least: float) -> Configuration:
+def _pulled(corner: Corner, oracle: CoarseOracle, least: float) -> Configuration:
     """Where a corner goes, given between its neighbours; each pull must gain ``least`` at least."""
     before, here, after = corner
 
@@ -242,7 +242,7 @@ def _pulled(corner: Corner, oracle: GlancingOracle, least: float) -> Configurati
         there = tuple(moved)
         if there not in tried and detour(places[-1]) - detour(there) >= least:
             tried.add(there)
-            if _free(oracle.edge_seems_free, corner, there):
+            if _free(oracle.edge_is_free_coarse, corner, there):
                 places.append(there)
     return next(q for q in reversed(places) if q == here or _free(oracle.edge_is_free, corner, q))
 

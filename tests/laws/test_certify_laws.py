@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from auditor.checker import IndependentChecker, tables_of
 from planner_service.certify import Certifier, certify
-from planner_service.certify.certifier import Backend
+from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.interval_proof import LAST_ROUNDS
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
@@ -31,7 +31,7 @@ from tests.unit.certify.test_certifier import SLIDER, TWINS, built
 from tests.unit.collision.test_edge_sampling import points_of
 
 ROOT = Path(__file__).parents[2]
-BACKENDS: list[Backend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
+BACKENDS: list[ProofBackend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
 WXAI = load_robot("wxai")
 PLANAR = load_robot("planar2")
 STEP = 0.0002

@@ -246,7 +246,7 @@ def stirred() -> Scene:
 def test_every_piece_is_inside_the_boxes_around_it() -> None:
     robot, scene = load_robot("planar2"), stirred()
     checker = CollisionChecker(robot, scene, padding=0.004)
-    crowds, listed = checker._prefilter._crowds, checker._parts
+    crowds, listed = checker._broadphase._crowds, checker._parts
     assert crowds is not None
     groups = crowds._groups
     for k, (start, count) in enumerate(zip(crowds._start.tolist(), crowds._size.tolist(), strict=True)):

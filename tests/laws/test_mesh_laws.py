@@ -13,7 +13,7 @@ import pytest
 from benchmarks.baselines.pairwise import PairwiseFcl
 from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, JointStep, MotionStep, bounds
-from planner_service.collision import backends as judge_module
+from planner_service.collision import backends as backends
 from planner_service.collision import fcl as judge
 from planner_service.collision import numpy_broadphase as prefilter
 from planner_service.collision.bounds import Solids
@@ -171,18 +171,18 @@ def blunt(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_comparison_notices_a_fault_with_hulls(
     folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(judge_module, "build_kernel", lambda *arguments: None)  # the sieves in numpy are spoilt
+    monkeypatch.setattr(backends, "build_kernel", lambda *arguments: None)  # the broad phase in numpy is spoilt
     monkeypatch.setattr(prefilter, "_ASKED_AT_ONCE", 0)
     whole = CollisionChecker.state_is_free
 
     def among_others(checker: CollisionChecker, q: Any) -> bool:
-        """The sieves let a state alone pass to FCL."""
-        before = checker._prefilter.candidates
-        checker._prefilter.candidates = lambda Q: _first(before(np.concatenate([Q, Q])))  # type: ignore[method-assign]
+        """The broad phase lets a state alone pass to FCL."""
+        before = checker._broadphase.candidates
+        checker._broadphase.candidates = lambda Q: _first(before(np.concatenate([Q, Q])))  # type: ignore[method-assign]
         try:
             return whole(checker, q)
         finally:
-            checker._prefilter.candidates = before  # type: ignore[method-assign]
+            checker._broadphase.candidates = before  # type: ignore[method-assign]
 
     def _first(found: Any) -> Any:
         return found[0][found[0] == 0], found[1][found[0] == 0]

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from planner_service.certify import Certifier, certify, separation
 from planner_service.certify import motion_bounds as motion
-from planner_service.certify.certifier import Backend
+from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.hulls import Corners
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.collision import CollisionChecker, JointStep
-from planner_service.collision import backends as judge_module
+from planner_service.collision import backends as backends
 from planner_service.collision import numpy_broadphase as prefilter
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Pose, Shape
@@ -101,7 +101,7 @@ def test_a_hull_stands_in_the_proof_where_the_robot_and_the_scene_say(folder: Pa
 # certificates
 
 
-def judged(setup: HullSetup, count: int, seed: int, backend: Backend = "auto") -> Iterator[tuple[bool, str]]:
+def judged(setup: HullSetup, count: int, seed: int, backend: ProofBackend = "auto") -> Iterator[tuple[bool, str]]:
     """Of ``count`` walks whether each is certified, and what Coal says against that on dense samples."""
     robot, second = setup.robot(), setup.independent()
     certifier = Certifier(robot, setup.whole_scene(), backend=backend)
@@ -145,7 +145,7 @@ def shrunk_proof(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("fault", [uncentred_proof, symmetric_proof, shrunk_proof])
 def test_dense_samples_notice_a_fault_in_the_proof(
-    folder: Path, fault: Callable[[pytest.MonkeyPatch], None], backend: Backend, monkeypatch: pytest.MonkeyPatch
+    folder: Path, fault: Callable[[pytest.MonkeyPatch], None], backend: ProofBackend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fault(monkeypatch)
     assert any(
@@ -157,7 +157,7 @@ def test_dense_samples_notice_a_fault_in_the_proof(
 def test_a_fault_of_the_search_with_hulls_does_not_reach_the_proof(
     folder: Path, fault: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(judge_module, "build_kernel", lambda *arguments: None)  # the sieves in numpy are spoilt
+    monkeypatch.setattr(backends, "build_kernel", lambda *arguments: None)  # the broad phase in numpy is spoilt
     setup = HullSetup("fooled", folder, attached=(HELD,))
     robot, scene, sound = setup.robot(), setup.whole_scene(), setup.checker()
     rng, edges = np.random.default_rng(15), []

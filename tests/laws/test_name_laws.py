@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, ExemptInterval
-from planner_service.certify.certifier import Backend as ProofBackend
+from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.prover import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker
-from planner_service.collision.backends import Backend
+from planner_service.collision.backends import BackendName
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
-JUDGES: list[Backend] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
+JUDGES: list[BackendName] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
 PROVERS: list[ProofBackend] = ["native", "numpy"] if proof_instruction_sets() else ["numpy"]
 WORLDS = 12
 
@@ -113,7 +113,7 @@ def states(rng: np.random.Generator, robot: Robot, count: int) -> FloatArray:
 
 
 @pytest.mark.parametrize("backend", JUDGES)
-def test_verdicts_and_contacts_do_not_depend_on_what_objects_are_called(backend: Backend, tmp_path: Path) -> None:
+def test_verdicts_and_contacts_do_not_depend_on_what_objects_are_called(backend: BackendName, tmp_path: Path) -> None:
     rng = np.random.default_rng(18)
     free = clashes = 0
     for _ in range(WORLDS):

@@ -14,7 +14,7 @@ import pytest
 from auditor.checker import IndependentChecker
 from planner_service.certify import Certifier, separation
 from planner_service.certify import motion_bounds as motions
-from planner_service.certify.certifier import Backend
+from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.prover import instruction_sets
 from planner_service.geometry.shapes import FloatArray, Pose
@@ -23,7 +23,7 @@ from planner_service.robot.model import Body, Robot, load_robot
 from planner_service.scene.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]
-BACKENDS: list[Backend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
+BACKENDS: list[ProofBackend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
 WXAI = load_robot("wxai")
 SECOND = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / "bin.toml")
 Patch = pytest.MonkeyPatch
@@ -146,7 +146,7 @@ def edges(count: int, seed: int) -> list[FloatArray]:
     return out
 
 
-def noticed(robot: Robot, scene: Scene, backend: Backend) -> bool:
+def noticed(robot: Robot, scene: Scene, backend: ProofBackend) -> bool:
     """Whether a proof says free of an edge on which the second checker finds a contact."""
     certifier = Certifier(robot, scene, backend=backend)
     return any(certifier.certify(JointPath(edge)).certified for edge in edges(80, 3))
@@ -167,13 +167,13 @@ OF_THE_REFERENCE: list[Fault] = [degrees, still_points, generous_bounds]
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_proof_without_a_fault_is_right_about_every_edge(backend: Backend) -> None:
+def test_a_proof_without_a_fault_is_right_about_every_edge(backend: ProofBackend) -> None:
     assert not noticed(WXAI, load_scene("bin"), backend)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("fault", OF_THE_MODEL)
-def test_a_fault_of_robot_scene_or_pairs_shows(fault: Fault, backend: Backend, monkeypatch: Patch) -> None:
+def test_a_fault_of_robot_scene_or_pairs_shows(fault: Fault, backend: ProofBackend, monkeypatch: Patch) -> None:
     robot, scene = fault(monkeypatch, WXAI, load_scene("bin"))
     assert noticed(robot, scene, backend)
 

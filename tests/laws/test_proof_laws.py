@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import logging
 import math
 import sys
@@ -281,16 +280,9 @@ def test_one_certifier_serves_several_threads() -> None:
 @pytest.fixture
 def absent(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """As if the extension had not been built."""
-    whole = builtins.__import__
-
-    def without(name: str, into: Any = None, local: Any = None, names: Any = (), level: int = 0) -> Any:
-        if names and "_proof" in names:
-            raise ImportError("no compiled proof here")
-        return whole(name, into, local, names, level)
-
     proof._extension.cache_clear()
-    monkeypatch.setattr(builtins, "__import__", without)
-    monkeypatch.delitem(sys.modules, "planner_service.certify._proof", raising=False)
+    monkeypatch.setitem(sys.modules, "planner_service.certify.native._proof", None)
+    monkeypatch.delattr("planner_service.certify.native._proof", raising=False)
     yield
     proof._extension.cache_clear()
 

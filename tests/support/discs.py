@@ -118,6 +118,6 @@ class GlancingWorld(DiscWorld):
     ) -> bool:
         return super().edge_is_free(np.asarray(q1), np.asarray(q2), known=known)
 
-    def edge_seems_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
+    def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         self.glances += 1
         return all(self.state_is_free(q) for q, end in ((q1, Known.START), (q2, Known.END)) if end not in known)

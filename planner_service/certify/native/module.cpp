@@ -1,4 +1,4 @@
-// planner_service.certify._proof: the model built from the tables of motion.py, and what is asked of it.
+// planner_service.certify.native._proof: the model built from the tables of motion_bounds.py, and what is asked of it.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>

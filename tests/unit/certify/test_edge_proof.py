@@ -12,7 +12,7 @@ import pytest
 from auditor.checker import IndependentChecker
 from benchmarks.studies.backends import case, edges_of
 from planner_service.certify import MARGIN, Certifier, EdgeProof, EdgeVerdict
-from planner_service.certify.certifier import Backend
+from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.prover import instruction_sets
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest
@@ -23,7 +23,7 @@ from planner_service.scene.scene import Obstacle, Scene, load_scene
 from tests.unit.certify.test_certifier import DISCS, LESSON, PLANAR, RIM, SWEEP, WXAI, ball_beyond, sheet_at
 
 ROOT = Path(__file__).parents[3]
-BACKENDS: list[Backend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
+BACKENDS: list[ProofBackend] = ["numpy", "native"] if instruction_sets() else ["numpy"]
 MICRON = 1e-6
 COAL = 5e-6
 """Metres to which Coal's distance is right where it is positive."""
@@ -130,7 +130,7 @@ def test_verdicts_are_those_of_a_dense_sampling(name: str, undecided: int) -> No
         ((np.ma.masked_less([0.5, 0.0], 0.5), np.zeros(2)), "q1: got"),  # type: ignore[no-untyped-call]
     ],
 )
-def test_ends_that_make_no_sense_are_refused_by_name(backend: Backend, ends: Any, told: str) -> None:
+def test_ends_that_make_no_sense_are_refused_by_name(backend: ProofBackend, ends: Any, told: str) -> None:
     certifier = Certifier(PLANAR, DISCS, backend=backend)
     with pytest.raises(InvalidRequest, match=told):
         certifier.certify_edge(*ends)
@@ -144,7 +144,7 @@ def test_a_padding_that_makes_no_sense_is_refused(padding: float) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_ends_may_be_lists_single_precision_or_slices(backend: Backend) -> None:
+def test_ends_may_be_lists_single_precision_or_slices(backend: ProofBackend) -> None:
     certifier, table = Certifier(PLANAR, DISCS, backend=backend), np.zeros((2, 6))
     table[:, ::3] = LESSON
     expected = certifier.certify_edge(*LESSON)
@@ -156,7 +156,7 @@ def test_ends_may_be_lists_single_precision_or_slices(backend: Backend) -> None:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("kind", [">f8", np.longdouble, [("kind", "i1"), ("value", "f8")]], ids=str)
-def test_numbers_in_another_order_or_longer_or_spread_unevenly_are_taken(backend: Backend, kind: Any) -> None:
+def test_numbers_in_another_order_or_longer_or_spread_unevenly_are_taken(backend: ProofBackend, kind: Any) -> None:
     certifier, table = Certifier(PLANAR, DISCS, backend=backend), np.zeros((2, 2), dtype=kind)
     ends = table["value"] if table.dtype.names else table
     ends[:] = LESSON

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker, JointStep, Known
-from planner_service.collision.backends import PairByPair
+from planner_service.collision.backends import FclBackend
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.geometry.shapes import Cylinder, Pose
 from planner_service.robot.model import load_robot
@@ -285,14 +285,14 @@ def test_a_block_that_never_ended_limits_nothing_once_it_is_gone() -> None:
 @pytest.mark.parametrize("room", range(12))
 def test_at_a_spent_budget_just_what_was_judged_is_counted(room: int, monkeypatch: pytest.MonkeyPatch) -> None:
     judged = 0
-    touching = PairByPair._touching
+    touching = FclBackend._touching
 
-    def spied(judge: PairByPair, q: Sequence[float]) -> Any:
+    def spied(backend: FclBackend, q: Sequence[float]) -> Any:
         nonlocal judged
         judged += 1
-        return touching(judge, q)
+        return touching(backend, q)
 
-    monkeypatch.setattr(PairByPair, "_touching", spied)
+    monkeypatch.setattr(FclBackend, "_touching", spied)
     checker = CollisionChecker(PLANAR, open_checker().scene, edge_step=JointStep(3.0 / (SAMPLES - 1)), backend="fcl")
     with checker.limited(states=room), suppress(CheckBudgetSpent):
         checker.state_is_free(START)

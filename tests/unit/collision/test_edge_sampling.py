@@ -17,8 +17,8 @@ from planner_service.collision.edge_sampling import (
     EdgeStep,
     FinestStep,
     bisection_order,
-    first_samples,
-    glance_of,
+    coarse_samples,
+    coarse_segments_of,
     interior,
 )
 from planner_service.errors import InvalidRequest
@@ -323,31 +323,31 @@ def test_a_step_whose_parts_no_float_counts_is_refused(step: Any) -> None:
 
 
 def test_a_first_look_takes_whole_levels_of_the_bisection() -> None:
-    assert [first_samples(n, 8) for n in (1, 8, 9, 16, 17, 32, 33, 100)] == [0, 0, 1, 1, 3, 3, 7, 15]
-    assert [first_samples(n, 3) for n in (1, 3, 4, 6, 7, 12, 13, 100)] == [0, 0, 1, 1, 3, 3, 7, 63]
-    assert [first_samples(n, 1) for n in (1, 2, 3, 5, 100)] == [0, 1, 2, 4, 99]
+    assert [coarse_samples(n, 8) for n in (1, 8, 9, 16, 17, 32, 33, 100)] == [0, 0, 1, 1, 3, 3, 7, 15]
+    assert [coarse_samples(n, 3) for n in (1, 3, 4, 6, 7, 12, 13, 100)] == [0, 0, 1, 1, 3, 3, 7, 63]
+    assert [coarse_samples(n, 1) for n in (1, 2, 3, 5, 100)] == [0, 1, 2, 4, 99]
 
 
 def test_a_first_look_is_closer_the_coarser_the_step() -> None:
-    assert [glance_of(JointStep(angle)) for angle in (0.01, 0.02, 0.05, 0.1, 0.2)] == [8, 8, 3, 1, 1]
-    assert [glance_of(MotionStep(metres)) for metres in (0.001, 0.010, 0.020, 0.05, 0.2)] == [8, 8, 4, 1, 1]
-    assert glance_of(FinestStep((JointStep(0.05), MotionStep(0.010)))) == 8
-    assert glance_of(Mock()) == 8
+    assert [coarse_segments_of(JointStep(angle)) for angle in (0.01, 0.02, 0.05, 0.1, 0.2)] == [8, 8, 3, 1, 1]
+    assert [coarse_segments_of(MotionStep(metres)) for metres in (0.001, 0.010, 0.020, 0.05, 0.2)] == [8, 8, 4, 1, 1]
+    assert coarse_segments_of(FinestStep((JointStep(0.05), MotionStep(0.010)))) == 8
+    assert coarse_segments_of(Mock()) == 8
 
 
 def test_a_first_look_and_the_rest_judge_what_the_edge_does_each_sample_once() -> None:
     whole, parts = planar(step=SIXTEEN), planar(step=SIXTEEN)
     assert whole.edge_hit([0.0, 0.0], [1.0, 0.0]) is None
-    assert parts.edge_seems_free([0.0, 0.0], [1.0, 0.0])
+    assert parts.edge_is_free_coarse([0.0, 0.0], [1.0, 0.0])
     assert parts.counts == CheckCounts(states=9, edges=1)
-    assert parts.edge_rest([0.0, 0.0], [1.0, 0.0]) is None
+    assert parts.finish_edge([0.0, 0.0], [1.0, 0.0]) is None
     assert parts.counts == whole.counts == CheckCounts(states=17, edges=1)
 
 
 def test_a_first_look_overlooks_what_the_rest_finds_at_the_same_place() -> None:
     whole, parts = (planar(pin_at(3 / 16), SIXTEEN) for _ in range(2))
     hit = whole.edge_hit([1.0, 0.0], [0.0, 0.0])
-    assert parts.edge_seems_free([1.0, 0.0], [0.0, 0.0])
-    assert parts.edge_rest([1.0, 0.0], [0.0, 0.0]) == hit
+    assert parts.edge_is_free_coarse([1.0, 0.0], [0.0, 0.0])
+    assert parts.finish_edge([1.0, 0.0], [0.0, 0.0]) == hit
     assert hit is not None
     assert parts.counts == whole.counts

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import builtins
 import logging
 import math
 import random
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,24 +17,28 @@ import pytest
 from benchmarks.studies.backends import CASES, case, checkers, compare, edges_of, states_of
 from planner_service.collision import CheckCounts, CollisionChecker, EdgeStep, JointStep, Known, MotionStep
 from planner_service.collision import native_kernel as kernels
-from planner_service.collision.backends import Backend, Compiled, FclQuestions
+from planner_service.collision.backends import BackendName, NarrowPhase, NativeBackend
 from planner_service.collision.bounds import Solids
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.collision.checker import EdgeHit
-from planner_service.collision.edge_sampling import FinestStep, SampledEdge, interior
-from planner_service.collision.fcl import FclJudge
-from planner_service.collision.native_kernel import Kernel, build_kernel, instruction_sets
+from planner_service.collision.edge_sampling import FinestStep, interior
+from planner_service.collision.fcl import FclObjects
+from planner_service.collision.native_kernel import build_kernel, instruction_sets
 from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import Box, Pose, Sphere
+from planner_service.native.loading import load_core
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Attached, Scene, load_scene
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 BUILT = bool(instruction_sets())
 STATES, EDGES = 300, 30
 
 
-def built_kernels(checker: CollisionChecker) -> list[Kernel]:
+def built_kernels(checker: CollisionChecker) -> list[_core.CollisionKernel]:
     """The kernel of a checker in every instruction set there is; none where it was not built."""
     found = [build_kernel(checker.robot, checker._parts, MARGIN, name) for name in instruction_sets()]
     return [kernel for kernel in found if kernel is not None]
@@ -52,7 +56,7 @@ def carrying() -> tuple[CollisionChecker, CollisionChecker]:
 @pytest.mark.parametrize("reference", ["fcl", "numpy"])
 @pytest.mark.parametrize("name", CASES)
 def test_both_backends_agree_on_states_and_edges_at_random_as_planned_and_next_to_contact(
-    name: str, reference: Backend
+    name: str, reference: BackendName
 ) -> None:
     pair = checkers(*case(name), reference=reference)
     assert [checker.instruction_set is not None for checker in pair] == [BUILT, False]
@@ -65,15 +69,15 @@ def test_both_backends_agree_on_states_and_edges_at_random_as_planned_and_next_t
 @pytest.mark.parametrize("name", ["wxai bin", "panda shelf"])
 def test_the_reference_puts_every_pair_to_fcl_in_its_order_up_to_the_first_that_touches(name: str) -> None:
     checker = CollisionChecker(*case(name), backend="fcl")
-    judge = questions(checker).fcl = Judge(questions(checker).fcl, lambda i, j: False)  # type: ignore[assignment]
+    opinion = narrow_phase(checker).fcl = OtherOpinion(narrow_phase(checker).fcl, lambda i, j: False)  # type: ignore[assignment]
     every = [(i, j) for i, j in checker._parts.pairs.tolist()]
     free = []
     for q in states_of(checkers(*case(name))[0], 40, seed=21):
-        judge.asked.clear()
+        opinion.asked.clear()
         free.append(checker.state_is_free(q))
-        assert judge.asked == every[: len(judge.asked)]
-        assert free[-1] == (not judge._judge.collide(*judge.asked[-1]))
-        assert len(judge.asked) == len(every) or not free[-1]
+        assert opinion.asked == every[: len(opinion.asked)]
+        assert free[-1] == (not opinion.fcl.collide(*opinion.asked[-1]))
+        assert len(opinion.asked) == len(every) or not free[-1]
     assert 0 < sum(free) < len(free)
 
 
@@ -84,11 +88,11 @@ def test_both_backends_agree_with_carried_objects_and_padding() -> None:
 @pytest.mark.parametrize("wrong", [-0.003, -0.0003])
 def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> None:
     first, second = checkers(*case("wxai bin"))
-    if isinstance(first._judge, Compiled):
+    if isinstance(first._backend, NativeBackend):
         wrongly = build_kernel(first.robot, first._parts, wrong)
         assert wrongly is not None
-        first._judge.kernel = wrongly
-        first._quick = first._agreed()
+        first._backend.kernel = wrongly
+        first._kernel = first._configured_kernel()
     assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT
 
 
@@ -104,15 +108,22 @@ def test_every_instruction_set_leaves_every_pair_that_touches_and_hardly_another
 
 
 def touching_pairs(checker: CollisionChecker, q: Any) -> list[int]:
-    return checker._judge.touching(np.array(q))
+    return checker._backend.touching(np.array(q))
 
 
-def test_every_instruction_set_tells_the_same_doubt_of_an_edge() -> None:
+def fields(check: _core.RowCheck) -> tuple[Any, ...]:
+    return check.free, check.colliding, check.row, check.fraction, check.pair, check.q, check.pairs
+
+
+def test_every_instruction_set_says_the_same_of_an_edge() -> None:
     checker = checkers(*case("wxai clutter"))[0]
     for a, b in edges_of(checker, 60, seed=6):
         segments = checker.segments(a, b)
-        told = [kernel.edge(a.tolist(), b.tolist(), 3, segments, 0, segments + 1) for kernel in built_kernels(checker)]
-        assert told[1:] == told[:-1]
+        checks = [
+            fields(kernel.check_edge_rows(a.tolist(), b.tolist(), 3, segments, 0, segments + 1))
+            for kernel in built_kernels(checker)
+        ]
+        assert checks[1:] == checks[:-1]
 
 
 @pytest.mark.parametrize("segments", [1, 2, 3, 8, 33, 1000])
@@ -127,25 +138,23 @@ def test_the_kernel_samples_an_edge_to_the_last_bit_as_numpy_does(segments: int)
                 assert kernel.samples(first, last, segments) == interior(first, last, segments).tolist()
 
 
-def test_a_doubt_tells_which_sample_and_where() -> None:
+def test_a_check_says_which_sample_is_not_free_and_where() -> None:
     checker, reference = checkers(*case("wxai bin"))
     for a, b in edges_of(checker, 60, seed=8):
         segments, rows = checker.segments(a, b), interior(a.tolist(), b.tolist(), checker.segments(a, b))
         every = [a, b, *rows]
         for kernel in built_kernels(checker):
-            doubt = kernel.edge(a.tolist(), b.tolist(), 3, segments, 0, segments + 1)
-            while doubt is not None:
-                row, fraction = doubt[:2]
-                assert np.allclose(a + fraction * (b - a), every[row], atol=1e-12)
-                touching = touching_pairs(reference, every[row])
-                if len(doubt) == 3:
-                    assert touching[0] == doubt[2]
+            check = kernel.check_edge_rows(a.tolist(), b.tolist(), 3, segments, 0, segments + 1)
+            while not check.free:
+                assert check.q == every[check.row].tolist()
+                assert np.allclose(a + check.fraction * (b - a), every[check.row], atol=1e-12)
+                touching = touching_pairs(reference, every[check.row])
+                if check.colliding:
+                    assert touching[0] == check.pair
                 else:
-                    _, _, q, pairs = doubt
-                    assert q == every[row].tolist()
-                    assert pairs == sorted(pairs)
-                    assert set(touching[:1]) <= set(pairs)
-                doubt = kernel.edge(a.tolist(), b.tolist(), 3, segments, row + 1, segments + 1)
+                    assert check.pairs == sorted(check.pairs)
+                    assert set(touching[:1]) <= set(check.pairs)
+                check = kernel.check_edge_rows(a.tolist(), b.tolist(), 3, segments, check.row + 1, segments + 1)
 
 
 @pytest.mark.parametrize("known", list(Known))
@@ -161,12 +170,12 @@ def test_known_ends_are_counted_alike(known: Known) -> None:
 
 
 @pytest.mark.parametrize("known", list(Known))
-def test_a_glance_and_the_rest_are_judged_and_counted_alike(known: Known) -> None:
+def test_a_coarse_check_and_the_rest_are_judged_and_counted_alike(known: Known) -> None:
     pair = checkers(*case("wxai clutter"))
     for a, b in edges_of(pair[0], 40, seed=14):
         before = [checker.counts for checker in pair]
-        hits = [(checker.edge_seems_free(a, b, known=known), checker.edge_rest(a, b)) for checker in pair]
-        lists = [checker.edge_seems_free(a.tolist(), b.tolist(), known=known) for checker in pair]
+        hits = [(checker.edge_is_free_coarse(a, b, known=known), checker.finish_edge(a, b)) for checker in pair]
+        lists = [checker.edge_is_free_coarse(a.tolist(), b.tolist(), known=known) for checker in pair]
         spent = [checker.counts - counts for checker, counts in zip(pair, before, strict=True)]
         assert hits[0] == hits[1]
         assert lists == [seems for seems, _ in hits]
@@ -199,44 +208,44 @@ def test_a_budget_ends_both_at_the_same_count(budget: int) -> None:
     assert told[0] == told[1]
 
 
-def questions(checker: CollisionChecker) -> FclQuestions:
-    judge: Any = checker._judge
-    found: FclQuestions = judge.questions
-    return found
+def narrow_phase(checker: CollisionChecker) -> NarrowPhase:
+    backend: Any = checker._backend
+    phase: NarrowPhase = backend.narrow_phase
+    return phase
 
 
-class Judge:
+class OtherOpinion:
     """FCL with another opinion of some pairs."""
 
-    def __init__(self, judge: FclJudge, free: Any) -> None:
-        self._judge, self._free = judge, free
+    def __init__(self, fcl: FclObjects, free: Any) -> None:
+        self.fcl, self._free = fcl, free
         self.asked: list[tuple[int, int]] = []
 
     def place(self, *where: Any) -> None:
-        self._judge.place(*where)
+        self.fcl.place(*where)
 
     def collide(self, i: int, j: int) -> bool:
         self.asked.append((i, j))
-        return not self._free(i, j) and self._judge.collide(i, j)
+        return not self._free(i, j) and self.fcl.collide(i, j)
 
 
 class Unsure:
     """A kernel that is never sure that a pair overlaps."""
 
-    def __init__(self, kernel: Kernel) -> None:
+    def __init__(self, kernel: _core.CollisionKernel) -> None:
         self.candidates = kernel.candidates
         self._kernel = kernel
 
-    def first(self, Q: Any, *where: Any) -> Any:
-        return self._doubt(self._kernel.first(Q, *where), Q)
+    def check_rows(self, Q: Any, *where: Any) -> Any:
+        return self._undecided(self._kernel.check_rows(Q, *where))
 
-    def edge(self, a: Any, b: Any, ends: int, segments: int, *where: Any) -> Any:
-        rows = SampledEdge(a, b, ends, segments).samples
-        return self._doubt(self._kernel.edge(a, b, ends, segments, *where), rows)
+    def check_edge_rows(self, *edge: Any) -> Any:
+        return self._undecided(self._kernel.check_edge_rows(*edge))
 
-    def _doubt(self, told: Any, rows: Any) -> Any:
-        sure = told is not None and len(told) == 3
-        return (*told[:2], rows[told[0]].tolist(), [told[2]]) if sure else told
+    def _undecided(self, check: _core.RowCheck) -> Any:
+        if not check.colliding:
+            return check
+        return Mock(undecided=True, row=check.row, fraction=check.fraction, q=check.q, pairs=[check.pair])
 
 
 @pytest.mark.parametrize("free", [lambda i, j: True, lambda i, j: i < 3, lambda i, j: (i + j) % 2 == 0])
@@ -244,9 +253,10 @@ def test_what_fcl_finds_free_although_in_doubt_is_free_and_the_rest_is_still_jud
     pair = checkers(*case("wxai clutter"))
     edges = list(edges_of(checkers(*case("wxai clutter"))[1], 40, seed=4))
     for checker in pair:
-        questions(checker).fcl = Judge(questions(checker).fcl, free)  # type: ignore[assignment]
-        if isinstance(checker._judge, Compiled):
-            checker._judge.kernel, checker._quick = Unsure(checker._judge.kernel), None  # type: ignore[assignment]
+        narrow_phase(checker).fcl = OtherOpinion(narrow_phase(checker).fcl, free)  # type: ignore[assignment]
+        if isinstance(checker._backend, NativeBackend):
+            checker._backend.kernel = Unsure(checker._backend.kernel)  # type: ignore[assignment]
+            checker._kernel = None
     for a, b in edges:
         hits: list[EdgeHit | None] = [checker.edge_hit(a, b) for checker in pair]
         assert hits[0] == hits[1]
@@ -259,10 +269,10 @@ def test_what_the_kernel_is_sure_of_overlaps_for_fcl_too(name: str) -> None:
     sure = 0
     for q in states_of(checker, 300, seed=13):
         for kernel in built_kernels(checker):
-            doubt = kernel.first(q[None], 0, 1)
-            if doubt is not None and len(doubt) == 3:
+            check = kernel.check_rows(q[None], 0, 1)
+            if check.colliding:
                 sure += 1
-                assert touching_pairs(checker, q)[0] == doubt[2]
+                assert touching_pairs(checker, q)[0] == check.pair
     assert bool(sure) == BUILT
 
 
@@ -334,31 +344,24 @@ def _put(where: Any, value: float) -> Any:
 )
 def test_the_kernel_refuses_what_makes_no_sense(which: int, change: Any, message: str) -> None:
     checker = checkers(*case("wxai bin"))[0]
-    module = kernels._extension()
-    if module is None:
+    core = load_core()
+    if core is None:
         assert checker.instruction_set is None
         return
     data = native_data(checker)
-    module.Kernel(*data)
+    core.CollisionKernel(*data)
     with pytest.raises(ValueError, match=message):
-        module.Kernel(*spoilt(data, which, change))
+        core.CollisionKernel(*spoilt(data, which, change))
 
 
 @pytest.fixture
 def absent(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """As if the kernel had not been built."""
-    whole = builtins.__import__
-
-    def without(name: str, into: Any = None, local: Any = None, names: Any = (), level: int = 0) -> Any:
-        if names and "_kernel" in names:
-            raise ImportError("no compiled kernel here")
-        return whole(name, into, local, names, level)
-
-    kernels._extension.cache_clear()
-    monkeypatch.setattr(builtins, "__import__", without)
-    monkeypatch.delitem(sys.modules, "planner_service.collision._kernel", raising=False)
+    load_core.cache_clear()
+    monkeypatch.setitem(sys.modules, "planner_service.native._core", None)
+    monkeypatch.delattr("planner_service.native._core", raising=False)
     yield
-    kernels._extension.cache_clear()
+    load_core.cache_clear()
 
 
 @pytest.mark.usefixtures("absent")
@@ -367,7 +370,7 @@ def test_without_the_kernel_answers_are_the_same_and_it_is_said_once(caplog: pyt
         pair = checkers(*case("wxai bin"))
         checkers(*case("wxai shelf"))
     assert [checker.instruction_set for checker in pair] == [None, None]
-    assert ["kernel" in record.getMessage() for record in caplog.records] == [True]
+    assert ["compiled core" in record.getMessage() for record in caplog.records] == [True]
     assert compare(pair, 30, 3).differences == []
 
 
@@ -415,7 +418,7 @@ class Halves:
 
 def test_a_rule_of_a_users_own_is_asked() -> None:
     robot, scene = case("wxai shelf")
-    for checker in (CollisionChecker(robot, scene, edge_step=Halves(), backend=b) for b in get_args(Backend)):
+    for checker in (CollisionChecker(robot, scene, edge_step=Halves(), backend=b) for b in get_args(BackendName)):
         assert checker.edge_is_free(robot.home, robot.home + 0.01)
         assert checker.counts.states == 3
 

@@ -12,10 +12,10 @@ from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.prover import Prover, instruction_sets, native_prover, numpy_prover
 from planner_service.collision import CollisionChecker
-from planner_service.collision.backends import Backend, judge_for
+from planner_service.collision.backends import BackendName, make_backend
 from planner_service.collision.native_kernel import build_kernel
 from planner_service.collision.native_kernel import instruction_sets as kernel_instruction_sets
-from planner_service.collision.numpy_broadphase import MARGIN, Prefilter
+from planner_service.collision.numpy_broadphase import MARGIN, Broadphase
 from planner_service.collision.swept_bounds import Sweep
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.shapes import FloatArray
@@ -24,7 +24,7 @@ from planner_service.scene.scene import load_scene
 
 WXAI, BIN = load_robot("wxai"), load_scene("bin")
 CHECKER = CollisionChecker(WXAI, BIN)
-BACKENDS: list[Backend] = ["native", "numpy", "fcl"] if kernel_instruction_sets() else ["numpy", "fcl"]
+BACKENDS: list[BackendName] = ["native", "numpy", "fcl"] if kernel_instruction_sets() else ["numpy", "fcl"]
 BAD = [math.nan, math.inf, -math.inf]
 bad_values = pytest.mark.parametrize("value", BAD)
 
@@ -38,26 +38,26 @@ def rows(value: float, count: int = 8) -> FloatArray:
 
 @bad_values
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_no_judge_answers(backend: Backend, value: float) -> None:
-    judge = judge_for(backend, WXAI, CHECKER.parts, lambda: Prefilter(WXAI, CHECKER.parts))
+def test_no_backend_answers(backend: BackendName, value: float) -> None:
+    made = make_backend(backend, WXAI, CHECKER.parts, lambda: Broadphase(WXAI, CHECKER.parts))
     Q = rows(value)
-    assert judge.first_of(rows(0.5), 0, 0) is None
+    assert made.first_collision(rows(0.5), 0, 0) is None
     with pytest.raises((BrokenInvariant, ValueError), match="finite"):
-        judge.first_of(Q, 0, len(Q))
+        made.first_collision(Q, 0, len(Q))
     with pytest.raises((BrokenInvariant, ValueError), match="finite"):
-        list(judge.colliding(Q))
+        list(made.colliding(Q))
     with pytest.raises((BrokenInvariant, ValueError), match="finite"):
-        judge.touching(Q[len(Q) // 2])
+        made.touching(Q[len(Q) // 2])
 
 
 @bad_values
-def test_no_sieve_answers(value: float) -> None:
-    sieves = Prefilter(WXAI, CHECKER.parts)
+def test_no_broad_phase_answers(value: float) -> None:
+    broadphase = Broadphase(WXAI, CHECKER.parts)
     for count in (1, 8, 40):
         with pytest.raises(BrokenInvariant, match="finite"):
-            sieves.candidates(rows(value, count))
+            broadphase.candidates(rows(value, count))
     with pytest.raises(BrokenInvariant, match="finite"):
-        sieves.smallest_gap(rows(value)[4])
+        broadphase.smallest_gap(rows(value)[4])
 
 
 @bad_values
@@ -69,10 +69,10 @@ def test_no_kernel_answers(variant: str, value: float) -> None:
     good, bad = WXAI.home.tolist(), Q[len(Q) // 2].tolist()
     for ask in (
         lambda: kernel.candidates(Q),
-        lambda: kernel.first(Q, 0, len(Q)),
+        lambda: kernel.check_rows(Q, 0, len(Q)),
         lambda: kernel.near(Q, 0.01),
-        lambda: kernel.edge(good, bad, 3, 8, 0, 9),
-        lambda: kernel.edge(bad, good, 3, 8, 0, 9),
+        lambda: kernel.check_edge_rows(good, bad, 3, 8, 0, 9),
+        lambda: kernel.check_edge_rows(bad, good, 3, 8, 0, 9),
     ):
         with pytest.raises(ValueError, match="finite"):
             ask()

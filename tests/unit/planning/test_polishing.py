@@ -323,7 +323,7 @@ def test_a_descent_keeps_to_the_time_limit(discs: PlannerService, monkeypatch: p
 def test_without_the_compiled_kernel_it_is_refused_before_anything_is_planned(
     monkeypatch: pytest.MonkeyPatch, field: str, given: dict[str, Any]
 ) -> None:
-    monkeypatch.setattr("planner_service.collision.native_kernel._extension", lambda: None)
+    monkeypatch.setattr("planner_service.collision.native_kernel.load_core", lambda: None)
     service = PlannerService("planar2", "empty")
     with pytest.raises(InvalidRequest, match=f"^{field}: optimising needs the compiled kernel"):
         service.plan(asked(**given))

@@ -1,2 +1,2 @@
 #define KERNEL_VARIANT avx512
-#include "judge.inc"
+#include "check.inc"

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace kernel {
+namespace collision {
 
 constexpr int LANES = 8;  // configurations looked at side by side
 
@@ -104,7 +104,7 @@ struct Model {
     std::vector<OwnPair> own_pairs;  // by their first
     std::vector<int> run_of;       // of a part that stands, by its number: the obstacle
     std::vector<int> run_first;    // of an obstacle: its first part
-    std::vector<int> first_pair;   // riders x obstacles: the number of the pair with its first part, -1: not judged
+    std::vector<int> first_pair;   // riders x obstacles: the number of the pair with its first part, -1: not checked
 
     int pair_number(std::size_t rider, const Stander& b) const {
         const auto part = static_cast<std::size_t>(b.part);
@@ -118,7 +118,7 @@ struct Model {
 void build_nodes(Model& model);
 
 // Pairs that are not proven apart, each with the lanes (bits) in which it is not, and in which it surely overlaps.
-struct Found {
+struct Candidates {
     struct Entry {
         int pair;
         unsigned lanes, deep;
@@ -127,7 +127,7 @@ struct Found {
 };
 
 // Not inlined: what is compiled for wider instructions must not share a template's code with the rest of the program.
-void add(Found& found, int pair, unsigned lanes, unsigned deep);
+void add(Candidates& candidates, int pair, unsigned lanes, unsigned deep);
 
 // Memory one call works in.
 class Workspace {
@@ -142,13 +142,13 @@ class Workspace {
     void* data_;
 };
 
-// One variant of the code that judges a block of up to LANES configurations.
+// One variant of the code that checks a block of up to LANES configurations.
 struct Variant {
     const char* name;
     std::size_t (*bytes)(const Model& model);
-    // q: LANES values of the first joint, then of the second, ...; lanes: those that count; found: added to. Unless
+    // q: LANES values of the first joint, then of the second, ...; lanes: those that count; candidates: added to. Unless
     // ``every`` pair is asked for, a lane is left alone after the first rider that has a pair in doubt there.
-    void (*judge)(const Model& model, const double* q, unsigned lanes, bool every, void* workspace, Found& found);
+    void (*check)(const Model& model, const double* q, unsigned lanes, bool every, void* workspace, Candidates& candidates);
 };
 
 extern const Variant baseline;
@@ -160,4 +160,4 @@ extern const Variant avx512;
 // The variants this processor can run, the fastest last.
 std::vector<const Variant*> variants();
 
-}  // namespace kernel
+}  // namespace collision

@@ -1,4 +1,4 @@
-// planner_service.collision._kernel: the model built from arrays, and its questions.
+// The kernel as Python sees it (_core.pyi): a model built from arrays, and what is asked of it.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/pair.h>
@@ -12,12 +12,13 @@
 #include <string>
 
 #include "distance.hpp"
+#include "kernel.hpp"
 #include "model.hpp"
 #include "samples.hpp"
 
 namespace nb = nanobind;
 
-namespace kernel {
+namespace collision {
 
 namespace {
 
@@ -67,12 +68,6 @@ void reach_of(const Solid& s, const double* R, double* out) {
     }
 }
 
-nb::object told(const std::optional<Doubt>& doubt) {
-    if (!doubt) return nb::none();
-    if (doubt->deep) return nb::make_tuple(doubt->row, doubt->fraction, doubt->pairs.front());
-    return nb::make_tuple(doubt->row, doubt->fraction, doubt->q, doubt->pairs);
-}
-
 // A numpy array that keeps the numbers of a vector.
 template <typename T>
 nb::object array_of(std::vector<T>&& values, std::initializer_list<std::size_t> shape) {
@@ -80,6 +75,15 @@ nb::object array_of(std::vector<T>&& values, std::initializer_list<std::size_t> 
     const nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
     return nb::ndarray<nb::numpy, T>(kept->data(), shape, owner).cast();
 }
+
+// ``Near`` as arrays.
+struct NearArrays {
+    nb::object rows, pairs, distances, points, gradients;
+    std::int64_t measured;
+};
+
+// Which samples of an edge are checked: ``Samples`` in edge_sampling.py.
+enum class Samples { all, coarse, rest };
 
 class Kernel {
   public:
@@ -102,80 +106,91 @@ class Kernel {
     std::vector<std::pair<int, int>> candidates(const Rows& Q) const {
         const int m = rows_of(Q);
         nb::gil_scoped_release release;
-        return kernel::candidates(model_, *variant_, Q.data(), m);
+        return collision::candidates(model_, *variant_, Q.data(), m);
     }
 
-    std::optional<Doubt> first(const Rows& Q, int start, int stop) const {
+    RowCheck check_rows(const Rows& Q, int start, int stop) const {
         require(0 <= start && start <= stop && stop <= rows_of(Q), "start <= stop <= rows");
         nb::gil_scoped_release release;
-        return first_in_doubt(model_, *variant_, Q.data(), start, stop);
+        return collision::check_rows(model_, *variant_, Q.data(), start, stop);
     }
 
-    std::optional<Doubt> edge(std::vector<double> a, std::vector<double> b, int ends, int segments, int start,
-                              int stop) const {
+    RowCheck check_edge_rows(std::vector<double> a, std::vector<double> b, int ends, int segments, int start,
+                             int stop) const {
         const Edge edge = edge_of(std::move(a), std::move(b), ends, segments);
         require(0 <= start && start <= stop && stop <= edge.rows(), "start <= stop <= rows");
         nb::gil_scoped_release release;
-        return first_in_doubt(model_, *variant_, edge, start, stop);
+        return collision::check_rows(model_, *variant_, edge, start, stop);
     }
 
-    nb::object near(const Rows& Q, double within) const {
+    NearArrays near(const Rows& Q, double within) const {
         const int m = rows_of(Q);
         require(std::isfinite(within), "a distance in metres");
         Near found;
         {
             nb::gil_scoped_release release;
-            found = kernel::near(model_, Q.data(), m, within);
+            found = collision::near(model_, Q.data(), m, within);
         }
         const std::size_t count = found.rows.size(), n = static_cast<std::size_t>(model_.dof);
-        return nb::make_tuple(array_of(std::move(found.rows), {count}), array_of(std::move(found.pairs), {count}),
-                              array_of(std::move(found.distances), {count}),
-                              array_of(std::move(found.points), {count, 2, 3}),
-                              array_of(std::move(found.gradients), {count, n}), found.asked);
+        return {array_of(std::move(found.rows), {count}),         array_of(std::move(found.pairs), {count}),
+                array_of(std::move(found.distances), {count}),    array_of(std::move(found.points), {count, 2, 3}),
+                array_of(std::move(found.gradients), {count, n}), found.measured};
     }
 
-    void agree(std::vector<double> lower, std::vector<double> upper, std::vector<double> reach,
-               const std::vector<std::pair<bool, double>>& rules) {
+    void configure(std::vector<double> lower, std::vector<double> upper, std::vector<double> reach,
+                   std::vector<double> motion_steps, std::vector<double> joint_steps, int coarse_segments) {
         const auto n = static_cast<std::size_t>(model_.dof);
-        require(lower.size() == n && upper.size() == n && reach.size() == n && !rules.empty(), "terms of another robot");
-        terms_ = Terms{std::move(lower), std::move(upper), std::move(reach), {}};
-        for (const auto& [motion, step] : rules) {
-            require(step > 0.0, "a step is positive");
-            terms_.rules.push_back({motion, step});
-        }
+        require(lower.size() == n && upper.size() == n && reach.size() == n, "limits and reach of another robot");
+        require(!motion_steps.empty() || !joint_steps.empty(), "at least one step");
+        for (const double step : motion_steps) require(step > 0.0, "a step is positive");
+        for (const double step : joint_steps) require(step > 0.0, "a step is positive");
+        require(1 <= coarse_segments && coarse_segments <= 1000, "1 to 1000 segments between coarse samples");
+        settings_ = Settings{std::move(lower),        std::move(upper),       std::move(reach),
+                             std::move(motion_steps), std::move(joint_steps), coarse_segments};
     }
 
-    nb::object state(nb::handle q) const {
+    nb::object check_state(nb::handle q) const {
         std::vector<double> values;
-        if (!read(q, values)) return nb::none();
-        std::optional<Doubt> doubt;
+        if (!read(q, values)) return nb::cast(RowCheck{Status::refused, 0, 0.0, {}, {}});
+        RowCheck check;
         {
             nb::gil_scoped_release release;
-            doubt = first_in_doubt(model_, *variant_, values.data(), 0, 1);
+            check = collision::check_rows(model_, *variant_, values.data(), 0, 1);
         }
-        return doubt ? told(doubt) : nb::bool_(true);
+        return check.status == Status::free ? free_ : nb::cast(std::move(check));
     }
 
-    nb::object ask(nb::handle q1, nb::handle q2, int known, int glance, int many) const {
-        require(-1000 <= glance && glance <= 1000, "a glance is 0 to 1000 segments");
-        require(0 < many, "at least one row");
+    EdgeCheck check_edge(nb::handle q1, nb::handle q2, int known, int samples, int max_rows) const {
+        require(0 <= samples && samples <= static_cast<int>(Samples::rest), "all samples, the coarse ones or the rest");
+        require(0 < max_rows, "at least one row");
+        EdgeCheck out;
         std::vector<double> a, b;
-        if (!read(q1, a) || !read(q2, b)) return nb::none();
-        const int segments = segments_of(terms_, a, b);
-        if (segments == 0) return nb::none();
-        const int ends = 3 & ~(a == b ? known | 2 : known);
-        const Edge edge = edge_of(std::move(a), std::move(b), ends, segments);
-        const int looked = edge.ends() + first_samples(segments, std::abs(glance));
-        const int start = glance < 0 ? looked : 0, rows = glance > 0 ? looked : edge.rows();
-        const int last = std::min(start + many, rows);
-        std::optional<Doubt> doubt;
+        if (!read(q1, a) || !read(q2, b)) return out;
+        out.segments = segments_of(settings_, a, b);
+        if (out.segments == 0) return out;
+        out.ends = 3 & ~(a == b ? known | 2 : known);
+        const Edge edge = edge_of(std::move(a), std::move(b), out.ends, out.segments);
+        const auto which = static_cast<Samples>(samples);
+        const int coarse = edge.ends() + coarse_samples(out.segments, settings_.coarse_segments);
+        const int start = which == Samples::rest ? coarse : 0;
+        out.rows = which == Samples::coarse ? coarse : edge.rows();
+        const int stop = std::min(start + max_rows, out.rows);
+        RowCheck check;
         {
             nb::gil_scoped_release release;
-            doubt = first_in_doubt(model_, *variant_, edge, start, last);
+            check = collision::check_rows(model_, *variant_, edge, start, stop);
         }
-        if (!doubt && last == rows) return nb::int_(rows - start);
-        if (doubt && doubt->deep) return nb::make_tuple(doubt->row - start, doubt->fraction, doubt->pairs.front());
-        return nb::make_tuple(ends, segments, rows, doubt ? start : last, doubt ? 0 : last - start);
+        if (check.status == Status::colliding) {
+            out.status = Status::colliding;
+            out.judged = check.row - start + 1;
+            out.fraction = check.fraction;
+            out.pair = check.pairs.front();
+            return out;
+        }
+        out.next = check.status == Status::free ? stop : start;
+        out.judged = out.next - start;
+        out.status = out.next == out.rows ? Status::free : Status::undecided;
+        return out;
     }
 
     std::vector<std::vector<double>> samples(std::vector<double> a, std::vector<double> b, int segments) const {
@@ -190,13 +205,14 @@ class Kernel {
 
   private:
     Model model_;
-    Terms terms_;
+    Settings settings_;
     const Variant* variant_ = nullptr;
+    nb::object free_ = nb::cast(RowCheck{});  // of every free state the same: to make one takes as long as some checks
     nb::object array_ = nb::module_::import_("numpy").attr("ndarray");
 
     // Whether q is n doubles, as a tuple or an array, within the limits.
     bool read(nb::handle q, std::vector<double>& out) const {
-        const auto n = terms_.lower.size();
+        const auto n = settings_.lower.size();
         if (n == 0) return false;
         out.resize(n);
         if (PyTuple_CheckExact(q.ptr())) {
@@ -206,7 +222,7 @@ class Kernel {
                 if (!PyFloat_Check(value)) return false;
                 out[k] = PyFloat_AsDouble(value);
             }
-            return within(terms_, out);
+            return within_limits(settings_, out);
         }
         if (!q.type().is(array_)) return false;  // others may hide entries
         Anything array;
@@ -214,7 +230,7 @@ class Kernel {
         if (array.ndim() != 1 || array.shape(0) != n || array.dtype() != nb::dtype<double>()) return false;
         const auto* values = static_cast<const double*>(array.data());
         for (std::size_t k = 0; k < n; ++k) out[k] = values[static_cast<std::int64_t>(k) * array.stride(0)];
-        return within(terms_, out);
+        return within_limits(settings_, out);
     }
 
     int rows_of(const Rows& Q) const {
@@ -366,16 +382,45 @@ class Kernel {
     }
 };
 
+// The status as four questions: comparing members of a Python enum would take a tenth of what a check takes.
+template <class Check>
+nb::class_<Check> bind_check(nb::module_& m, const char* name) {
+    return nb::class_<Check>(m, name)
+        .def_prop_ro("refused", [](const Check& self) { return self.status == Status::refused; })
+        .def_prop_ro("free", [](const Check& self) { return self.status == Status::free; })
+        .def_prop_ro("colliding", [](const Check& self) { return self.status == Status::colliding; })
+        .def_prop_ro("undecided", [](const Check& self) { return self.status == Status::undecided; })
+        .def_ro("fraction", &Check::fraction);
+}
+
 }  // namespace
 
-NB_MODULE(_kernel, m) {
-    nb::set_leak_warnings(false);  // a checker that lives as long as the process is no leak
+void bind(nb::module_& m) {
     m.def("instruction_sets", [] {
         std::vector<std::string> names;
         for (const auto* found : variants()) names.emplace_back(found->name);
         return names;
     });
-    nb::class_<Kernel>(m, "Kernel")
+    bind_check<RowCheck>(m, "RowCheck")
+        .def_ro("row", &RowCheck::row)
+        .def_prop_ro("pair", [](const RowCheck& self) { return self.pairs.empty() ? -1 : self.pairs.front(); })
+        .def_ro("q", &RowCheck::q)
+        .def_ro("pairs", &RowCheck::pairs);
+    bind_check<EdgeCheck>(m, "EdgeCheck")
+        .def_ro("judged", &EdgeCheck::judged)
+        .def_ro("pair", &EdgeCheck::pair)
+        .def_ro("ends", &EdgeCheck::ends)
+        .def_ro("segments", &EdgeCheck::segments)
+        .def_ro("rows", &EdgeCheck::rows)
+        .def_ro("next", &EdgeCheck::next);
+    nb::class_<NearArrays>(m, "NearArrays")
+        .def_ro("rows", &NearArrays::rows)
+        .def_ro("pairs", &NearArrays::pairs)
+        .def_ro("distances", &NearArrays::distances)
+        .def_ro("points", &NearArrays::points)
+        .def_ro("gradients", &NearArrays::gradients)
+        .def_ro("measured", &NearArrays::measured);
+    nb::class_<Kernel>(m, "CollisionKernel")
         .def(nb::init<const Rows&, const Rows&, const Rows&, const NumberRows&, const NumberRows&,
                       const std::vector<Rows>&, double, const std::string&>(),
              nb::arg("joints"), nb::arg("places"), nb::arg("solids"), nb::arg("runs"), nb::arg("pairs"),
@@ -390,19 +435,15 @@ NB_MODULE(_kernel, m) {
                  }
                  return nb::make_tuple(rows, pairs);
              })
-        .def("first", [](const Kernel& self, const Rows& Q, int start, int stop) {
-            return told(self.first(Q, start, stop));
-        })
-        .def("edge", [](const Kernel& self, std::vector<double> a, std::vector<double> b, int ends, int segments,
-                        int start, int stop) {
-            return told(self.edge(std::move(a), std::move(b), ends, segments, start, stop));
-        })
+        .def("check_rows", &Kernel::check_rows)
+        .def("check_edge_rows", &Kernel::check_edge_rows)
         .def("near", &Kernel::near)
-        .def("agree", &Kernel::agree)
-        .def("state", &Kernel::state, nb::arg("q").none())
-        .def("ask", &Kernel::ask, nb::arg("q1").none(), nb::arg("q2").none(), nb::arg("known"), nb::arg("glance"),
-             nb::arg("many"))
+        .def("configure", &Kernel::configure, nb::arg("lower"), nb::arg("upper"), nb::arg("reach"), nb::kw_only(),
+             nb::arg("motion_steps"), nb::arg("joint_steps"), nb::arg("coarse_segments"))
+        .def("check_state", &Kernel::check_state, nb::arg("q").none())
+        .def("check_edge", &Kernel::check_edge, nb::arg("q1").none(), nb::arg("q2").none(), nb::arg("known"),
+             nb::arg("samples"), nb::arg("max_rows"))
         .def("samples", &Kernel::samples);
 }
 
-}  // namespace kernel
+}  // namespace collision

@@ -1,2 +1,2 @@
 #define KERNEL_VARIANT avx2
-#include "judge.inc"
+#include "check.inc"

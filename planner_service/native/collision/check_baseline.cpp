@@ -1,2 +1,2 @@
 #define KERNEL_VARIANT baseline
-#include "judge.inc"
+#include "check.inc"

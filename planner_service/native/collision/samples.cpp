@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
-namespace kernel {
+namespace collision {
 
 namespace {
 
-constexpr int FIRST = LANES;  // rows judged before the others: an edge that collides mostly does so early
+constexpr int FIRST = LANES;  // rows checked before the others: an edge that collides mostly does so early
 
 // Puts configurations side by side and hands them to a variant, LANES at a time.
 class Block {
@@ -27,16 +27,16 @@ class Block {
 
     // Calls ``each(row, pair, deep)`` for what is in doubt.
     template <class Each>
-    void judge(Each each) {
+    void check(Each each) {
         const unsigned lanes = (1U << count_) - 1U;
         for (int lane = count_; lane < LANES; ++lane)  // so that the boxes swept over all lanes are no larger
             for (int k = 0; k < model_.dof; ++k) {
                 const auto first = static_cast<std::size_t>(LANES * k);
                 q_[first + static_cast<std::size_t>(lane)] = q_[first];
             }
-        found_.entries.clear();
-        variant_.judge(model_, q_.data(), lanes, every_, memory_.data(), found_);
-        for (const auto& entry : found_.entries)
+        candidates_.entries.clear();
+        variant_.check(model_, q_.data(), lanes, every_, memory_.data(), candidates_);
+        for (const auto& entry : candidates_.entries)
             for (int lane = 0; lane < count_; ++lane)
                 if ((entry.lanes >> lane & 1U) != 0U) each(rows_[lane], entry.pair, (entry.deep >> lane & 1U) != 0U);
         count_ = 0;
@@ -50,10 +50,10 @@ class Block {
     std::vector<double> q_;
     int rows_[LANES] = {};
     int count_ = 0;
-    Found found_;
+    Candidates candidates_;
 };
 
-// The first row in doubt so far and its pairs; rows after it need no look.
+// The first row so far that is not free, and its pairs; rows after it need no check.
 class Earliest {
   public:
     explicit Earliest(int stop) : row_(stop), stop_(stop) {}
@@ -68,11 +68,12 @@ class Earliest {
         pairs_.emplace_back(pair, deep);
     }
 
-    Doubt doubt(double fraction, std::vector<double> q) {
+    RowCheck check(double fraction, std::vector<double> q) {
         std::sort(pairs_.begin(), pairs_.end());
         std::vector<int> numbers;
         for (const auto& [pair, deep] : pairs_) numbers.push_back(pair);
-        return Doubt{row_, fraction, std::move(q), std::move(numbers), pairs_.front().second};
+        const Status status = pairs_.front().second ? Status::colliding : Status::undecided;
+        return RowCheck{status, row_, fraction, std::move(q), std::move(numbers)};
     }
 
   private:
@@ -82,31 +83,37 @@ class Earliest {
 
 }  // namespace
 
-bool within(const Terms& terms, const std::vector<double>& q) {
+bool within_limits(const Settings& settings, const std::vector<double>& q) {
     for (std::size_t k = 0; k < q.size(); ++k)
-        if (!(terms.lower[k] <= q[k] && q[k] <= terms.upper[k])) return false;
+        if (!(settings.lower[k] <= q[k] && q[k] <= settings.upper[k])) return false;
     return true;
 }
 
-int segments_of(const Terms& terms, const std::vector<double>& a, const std::vector<double>& b) {
+int segments_of(const Settings& settings, const std::vector<double>& a, const std::vector<double>& b) {
     constexpr double slack = 1e-9;
-    int most = 1;
-    for (const auto& rule : terms.rules) {
-        double extent = 0.0;
-        for (std::size_t k = 0; k < a.size(); ++k) {
-            const double difference = b[k] - a[k];
-            extent += rule.motion ? terms.reach[k] * std::fabs(difference) : difference * difference;
-        }
-        const double parts = (rule.motion ? extent : std::sqrt(extent)) / rule.step - slack;
-        if (!(parts <= MAX_SEGMENTS)) return 0;
-        most = std::max(most, static_cast<int>(std::ceil(parts)));
+    double motion = 0.0, squares = 0.0;
+    for (std::size_t k = 0; k < a.size(); ++k) {
+        const double difference = b[k] - a[k];
+        motion += settings.reach[k] * std::fabs(difference);
+        squares += difference * difference;
     }
+    int most = 1;
+    const auto split = [&most](double extent, double step) {  // whether that makes no more than MAX_SEGMENTS
+        const double parts = extent / step - slack;
+        if (!(parts <= MAX_SEGMENTS)) return false;
+        most = std::max(most, static_cast<int>(std::ceil(parts)));
+        return true;
+    };
+    for (const double step : settings.motion_steps)
+        if (!split(motion, step)) return 0;
+    for (const double step : settings.joint_steps)
+        if (!split(std::sqrt(squares), step)) return 0;
     return most;
 }
 
-int first_samples(int segments, int glance) {
+int coarse_samples(int segments, int coarse) {
     int parts = 1;
-    while (glance > 0 && parts * glance < segments) parts *= 2;
+    while (parts * coarse < segments) parts *= 2;
     return std::min(parts, segments) - 1;
 }
 
@@ -126,9 +133,9 @@ std::vector<int> bisection_order(int segments, int count) {
     return order;
 }
 
-Edge::Edge(std::vector<double> a, std::vector<double> b, bool judge_a, bool judge_b, int segments)
-    : a_(std::move(a)), b_(std::move(b)), forward_(a_ <= b_), ends_((judge_a ? 1 : 0) + (judge_b ? 1 : 0)),
-      first_end_is_a_(judge_a), segments_(segments) {}
+Edge::Edge(std::vector<double> a, std::vector<double> b, bool check_a, bool check_b, int segments)
+    : a_(std::move(a)), b_(std::move(b)), forward_(a_ <= b_), ends_((check_a ? 1 : 0) + (check_b ? 1 : 0)),
+      first_end_is_a_(check_a), segments_(segments) {}
 
 double Edge::fraction(int row, int k) const {
     if (row < ends_) return row == 0 && first_end_is_a_ ? 0.0 : 1.0;
@@ -153,26 +160,26 @@ std::vector<std::pair<int, int>> candidates(const Model& model, const Variant& v
     const auto note = [&out](int row, int pair, bool) { out.emplace_back(row, pair); };
     for (int row = 0; row < m; ++row) {
         block.put(row, Q + static_cast<std::ptrdiff_t>(row) * model.dof);
-        if (block.full() || row == m - 1) block.judge(note);
+        if (block.full() || row == m - 1) block.check(note);
     }
     std::sort(out.begin(), out.end());
     return out;
 }
 
-std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, const double* Q, int start, int stop) {
+RowCheck check_rows(const Model& model, const Variant& variant, const double* Q, int start, int stop) {
     Block block(model, variant, false);
     Earliest earliest(stop);
     const auto note = [&earliest](int row, int pair, bool deep) { earliest.note(row, pair, deep); };
     for (int row = start; row < stop && !earliest.found(); ++row) {
         block.put(row, Q + static_cast<std::ptrdiff_t>(row) * model.dof);
-        if (block.full() || row == stop - 1) block.judge(note);
+        if (block.full() || row == stop - 1) block.check(note);
     }
-    if (!earliest.found()) return std::nullopt;
+    if (!earliest.found()) return {};
     const double* q = Q + static_cast<std::ptrdiff_t>(earliest.row()) * model.dof;
-    return earliest.doubt(0.0, std::vector<double>(q, q + model.dof));
+    return earliest.check(0.0, std::vector<double>(q, q + model.dof));
 }
 
-std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, const Edge& edge, int start, int stop) {
+RowCheck check_rows(const Model& model, const Variant& variant, const Edge& edge, int start, int stop) {
     const auto order = bisection_order(edge.segments(), stop - edge.ends());
     const auto place = [&](int row) {
         return row < edge.ends() ? 0 : order[static_cast<std::size_t>(row - edge.ends())];
@@ -187,7 +194,7 @@ std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, 
     };
     const int early = std::min(start + FIRST, stop);
     for (int row = start; row < early; ++row) put(row);
-    if (!block.empty()) block.judge(note);
+    if (!block.empty()) block.check(note);
     if (!earliest.found() && early < stop) {  // the others as they follow each other on the edge, not in their order
         std::vector<std::pair<int, int>> along;
         along.reserve(static_cast<std::size_t>(stop - early));
@@ -195,14 +202,14 @@ std::optional<Doubt> first_in_doubt(const Model& model, const Variant& variant, 
         std::sort(along.begin(), along.end());
         for (const auto& [k, row] : along) {
             if (row <= earliest.row()) put(row);
-            if (block.full()) block.judge(note);
+            if (block.full()) block.check(note);
         }
-        if (!block.empty()) block.judge(note);
+        if (!block.empty()) block.check(note);
     }
-    if (!earliest.found()) return std::nullopt;
+    if (!earliest.found()) return {};
     const int row = earliest.row(), k = place(row);
     edge.sample(row, k, q.data());
-    return earliest.doubt(edge.fraction(row, k), q);
+    return earliest.check(edge.fraction(row, k), q);
 }
 
-}  // namespace kernel
+}  // namespace collision

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-namespace kernel {
+namespace collision {
 
 namespace {
 
@@ -34,7 +34,7 @@ void product(const double* a, const double* b, double* out) {
 
 Point point_of(const double* x) { return {x[0], x[1], x[2]}; }
 
-// Sine and cosine in the steps of judge.inc: the library's have other last bits on processors without fused multiply-adds.
+// Sine and cosine in the steps of check.inc: the library's have other last bits on processors without fused multiply-adds.
 void sine_and_cosine(double x, double& sine, double& cosine) {
     const double quarters = std::floor(x * 0.63661977236758134308 + 0.5);
     const double r = (x - quarters * 1.57079632673412561417) - quarters * 6.07710050650619224932e-11, u = r * r;
@@ -503,7 +503,7 @@ class Looking {
     }
 
     void measure(std::pair<std::int64_t, int> where, std::size_t k, const Placed& b, int body, Near& out) {
-        ++out.asked;
+        ++out.measured;
         const Gap gap = gap_of(riders_[k], b, within_);
         if (gap.distance > within_) return;
         out.rows.push_back(where.first);
@@ -538,4 +538,4 @@ Near near(const Model& model, const double* Q, int m, double within) {
     return out;
 }
 
-}  // namespace kernel
+}  // namespace collision

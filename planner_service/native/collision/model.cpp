@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <new>
 
-namespace kernel {
+namespace collision {
 
 namespace {
 
@@ -57,7 +57,7 @@ void build_nodes(Model& model) {
     if (!model.standers.empty()) split(model, 0, static_cast<int>(model.standers.size()));
 }
 
-void add(Found& found, int pair, unsigned lanes, unsigned deep) { found.entries.push_back({pair, lanes, deep}); }
+void add(Candidates& candidates, int pair, unsigned lanes, unsigned deep) { candidates.entries.push_back({pair, lanes, deep}); }
 
 Workspace::Workspace(std::size_t bytes) : data_(::operator new(bytes, ALIGNED)) {}
 Workspace::~Workspace() { ::operator delete(data_, ALIGNED); }
@@ -76,4 +76,4 @@ std::vector<const Variant*> variants() {
     return out;
 }
 
-}  // namespace kernel
+}  // namespace collision

@@ -1,0 +1,1 @@
+"""The compiled proof ``_proof``; it shares nothing with the compiled core in ``planner_service/native``."""

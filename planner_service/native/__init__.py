@@ -1,0 +1,6 @@
+"""The compiled core ``_core``: collision checking today; compiled search, smoothing and timing belong here too.
+
+It is one extension module, built from ``module.cpp`` and one folder for each package that it serves. It is optional:
+where no compiler was at hand, the package does without. The proof has compiled code of its own in ``certify/native``,
+which shares nothing with this.
+"""
