@@ -30,7 +30,7 @@ from planner_service.planning.accounting import Limits, in_turn
 from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import WayOut, way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
-from planner_service.planning.pipeline import Run
+from planner_service.planning.pipeline import plan, require_plannable
 from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
@@ -144,11 +144,9 @@ class PlannerService:
         self._require_own_process()
         instance("request", request, PlanRequest, "a PlanRequest")
         flag("trace", trace)
-        run = Run(self._planning, self._certifier, request, cancel)
-        run.tracer = Tracer() if trace else None
-        result = run.result(self._turns)
-        found = None if run.tracer is None else run.tracer.trace
-        return replace(result, trace=found, origin=Origin(self.world, request))
+        tracer = Tracer() if trace else None
+        result = plan(request, self._planning, self._certifier, self._turns, cancel=cancel, tracer=tracer)
+        return replace(result, trace=None if tracer is None else tracer.trace, origin=Origin(self.world, request))
 
     def plan_many(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None
@@ -184,11 +182,7 @@ class PlannerService:
 
     @property
     def _batch(self) -> Batch:
-        return Batch(self.plan, self._require_answerable, partial(Origin, self.world))
-
-    def _require_answerable(self, request: PlanRequest) -> None:
-        """Refuse what ``plan`` refuses."""
-        Run(self._planning, self._certifier, request, None)
+        return Batch(self.plan, partial(require_plannable, robot=self.robot), partial(Origin, self.world))
 
     def replan(
         self,
@@ -229,9 +223,18 @@ class PlannerService:
         if scene is not None:
             other = self.with_scene(scene)
             return other.replan(previous, at_time=at_time, latency=latency, goal=goal, request=request, cancel=cancel)
-        motion, asked = (previous, at_time, latency), (request, goal)
-        found = replan(self._planning, self._certifier, motion, asked, (self._turns, cancel))
-        return replace(found, result=replace(found.result, origin=Origin(self.world, found.request)))
+        replanned = replan(
+            previous,
+            self._planning,
+            self._certifier,
+            self._turns,
+            at_time=at_time,
+            latency=latency,
+            request=request,
+            goal=goal,
+            cancel=cancel,
+        )
+        return replace(replanned, result=replace(replanned.result, origin=Origin(self.world, replanned.request)))
 
     def _new_certifier(self) -> Certifier:
         return Certifier(self.robot, self.scene, allowed=self._allowed)
@@ -327,7 +330,7 @@ class PlannerService:
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
         request = FollowRequest(waypoints, contacts, pace, blends, padding)
-        result = follow(self._planning, self._certifier, request, (self._turns, cancel))
+        result = follow(request, self._planning, self._certifier, self._turns, cancel=cancel)
         return replace(result, origin=Origin(self.world, None, pace))
 
     def build_roadmap(
@@ -433,7 +436,7 @@ class PlannerService:
         return show(self.world, shown, host=host, port=port, block=block)
 
     def _in_turn(self, act: Callable[[], T], cancel: CancelToken | None = None) -> T:
-        return in_turn(self._turns, self._planning.ledger, Limits(None, None, None, cancel), act)
+        return in_turn(self._turns, self._planning.ledger, Limits(cancel=cancel), act)
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:

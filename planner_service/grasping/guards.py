@@ -100,22 +100,30 @@ def _tools(robot: Robot, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def reach_objection(
-    checker: CollisionChecker, path: JointPath, begin: float, moved: tuple[Obstacle, Obstacle], pairs: tuple[Pair, ...]
+    checker: CollisionChecker,
+    path: JointPath,
+    begin: float,
+    target: Obstacle,
+    pairs: tuple[Pair, ...],
+    *,
+    before: Obstacle,
 ) -> str:
     """Why fingers should not go along a path from s = ``begin`` to its end to take what has moved; empty if they may.
 
+    Asks the checker, which counts a state every 5 mrad.
+
     Args:
-        moved: The object as it was when that was planned, and as it is.
-        pairs: The fingers and the object, as contacts name them: they may touch, nothing else. Asks the checker, which
-            counts a state every 5 mrad.
+        target: The object as it is.
+        pairs: The fingers and the object, as contacts name them: these may touch, nothing else.
+        before: The object as it was when the path was planned.
     """
-    robot, target = checker.robot, moved[1]
+    robot = checker.robot
     if robot.gripper is None:
         return f"{robot.name} has no gripper"
     tool = Pose.from_matrix(robot.tool_pose(path.waypoints[-1]))
-    before, width = (width_across(item, tool, robot.gripper) for item in moved)
-    if abs(width - before) > MEANT_OVERLAP:
-        return f"{target.name} is {width * 1000:.1f} mm wide between the fingers, not {before * 1000:.1f} mm"
+    width, planned_width = (width_across(item, tool, robot.gripper) for item in (target, before))
+    if abs(width - planned_width) > MEANT_OVERLAP:
+        return f"{target.name} is {width * 1000:.1f} mm wide between the fingers, not {planned_width * 1000:.1f} mm"
     looks, objection = tool_line(robot, path, path.length, begin, LONGEST_APPROACH)
     objection = grasp_objection(target, tool, robot.gripper) or objection
     if objection:

@@ -1,7 +1,8 @@
-"""Keeping the books of one call: which stage cost what, what was noted, and how it ended."""
+"""What one call costs, stage by stage, within what limits, and what its result will say."""
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -13,32 +14,38 @@ import numpy as np
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
-from planner_service.collision.budget import Cancelled, Ledger, SearchStopped, TimeBoxSpent
+from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.concurrency.fair_lock import Turns
-from planner_service.concurrency.polling import ask_from_now_on
+from planner_service.concurrency.polling import Prepared, ask_from_now_on
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
+from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.roadmap import Roadmap
+from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import LEAST_BLEND
 
 T = TypeVar("T")
 
 __all__ = [
-    "Entry",
     "Limits",
     "NoPlan",
-    "StageBook",
-    "blocked_in_words",
+    "PlanAccounting",
+    "PlanContext",
+    "StageEntry",
+    "certified_path",
+    "certify",
     "in_turn",
     "in_words",
     "narrower",
     "not_certified",
 ]
 
+logger = logging.getLogger(__name__)
+
 
 class NoPlan(Exception):
-    """Unwinds from a stage to the end of the call, with the reason."""
+    """Ends the call from within any stage, with the reason."""
 
     def __init__(self, failure: Failure, certificate: Certificate | None = None) -> None:
         super().__init__(str(failure))
@@ -48,25 +55,33 @@ class NoPlan(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """What one call may spend; of its states, searching may use ``search_states``."""
+    """What one call may spend.
 
-    states: int | None
-    search_states: int | None
-    seconds: float | None
-    token: CancelToken | None
+    Attributes:
+        states: States it may check; None for no limit.
+        search_states: How many of them searching may use.
+        seconds: Wall time, from the moment its turn has come.
+        cancel: Ends it when cancelled.
+    """
+
+    states: int | None = None
+    search_states: int | None = None
+    seconds: float | None = None
+    cancel: CancelToken | None = None
 
 
 def in_turn(turns: Turns, ledger: Ledger, limits: Limits, act: Callable[[], T]) -> T:
-    """What ``act`` returns: called when the turn has come, held to the limits from then on, and polled for.
+    """What ``act`` returns: called when the turn has come, and held to the limits from then on.
 
-    However it ends, Ctrl-C at any step included, this thread is as before; what undoes it stands twice for that reason.
+    However it ends, this thread is left as it was, even by Ctrl-C between any two steps: this is why the steps that
+    undo it are there twice.
 
     Raises:
-        SearchStopped: a limit was reached.
+        SearchStopped: A limit was reached.
     """
 
     def wanted() -> None:
-        if limits.token is not None and limits.token.cancelled:
+        if limits.cancel is not None and limits.cancel.cancelled:
             raise Cancelled("cancelled while waiting for its turn")
 
     def limited() -> T:
@@ -74,7 +89,7 @@ def in_turn(turns: Turns, ledger: Ledger, limits: Limits, act: Callable[[], T]) 
             try:
                 ledger.let_go()
                 deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
-                with ledger.limited(states=limits.states, deadline=deadline, token=limits.token):
+                with ledger.limited(states=limits.states, deadline=deadline, token=limits.cancel):
                     ask_from_now_on(ledger.poll)
                     return act()
             finally:
@@ -87,18 +102,25 @@ def in_turn(turns: Turns, ledger: Ledger, limits: Limits, act: Callable[[], T]) 
     return turns.taken(limited, wanted)
 
 
-class Entry:
-    """What a running stage wants to have written down."""
+class StageEntry:
+    """What a running stage will report: a note for a person, and the length of the path after it."""
 
     def __init__(self) -> None:
         self.note = ""
         self.length: float | None = None
 
 
-class StageBook:
-    """The stages of one call as they happen; its result at the end."""
+class PlanAccounting:
+    """The stages of one call as they happen, and its result at the end.
 
-    def __init__(self, checker: CollisionChecker, limits: Limits) -> None:
+    Stages write into it what the result will say; what they need of each other they hand on as values.
+
+    Attributes:
+        notes: As in the result; so are ``deterministic``, ``padding``, ``attempts``, ``roadmap`` and ``polish``.
+        end_trouble: Which end the search could not leave, as the end of a sentence.
+    """
+
+    def __init__(self, checker: CollisionChecker, limits: Limits, roadmap: Roadmap | None = None) -> None:
         self._checker = checker
         self._ledger = checker.ledger
         self._limits = limits
@@ -110,29 +132,57 @@ class StageBook:
         self.padding = 0.0
         self.attempts = 0
         self.end_trouble = ""
-        self.roadmap: Roadmap | None = None
+        self.roadmap = roadmap
         self.polish: PolishReport | None = None
 
     @contextmanager
-    def during(self, stage: Stage) -> Iterator[Entry]:
+    def during(self, stage: Stage) -> Iterator[StageEntry]:
         """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up."""
         self._stage = stage
-        entry = Entry()
+        entry = StageEntry()
         counts, clock = self._ledger.counts, time.perf_counter()
         try:
             yield entry
         finally:
             spent, seconds = self._ledger.counts - counts, time.perf_counter() - clock
-            before = self._reports.get(stage, StageReport(stage, CheckCounts(), 0.0))
-            self._reports[stage] = StageReport(
-                stage, before.counts + spent, before.seconds + seconds, entry.length, entry.note
-            )
+            self._add(StageReport(stage, spent, seconds, entry.length, entry.note))
+            if logger.isEnabledFor(logging.DEBUG):
+                logger.debug("%s: %s, %.1f ms; %s", stage.value, spent, seconds * 1e3, entry.note or "no note")
+
+    def _add(self, report: StageReport) -> None:
+        before = self._reports.get(report.stage, StageReport(report.stage, CheckCounts(), 0.0))
+        counts, seconds = before.counts + report.counts, before.seconds + report.seconds
+        self._reports[report.stage] = replace(report, counts=counts, seconds=seconds)
+
+    @contextmanager
+    def improving(self, entry: StageEntry, what: str) -> Iterator[None]:
+        """A block that improves a path which is a plan without it: a limit ends the block alone."""
+        try:
+            yield
+        except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+            self.stopped_by(stopped)
+            entry.note = f"not {what}: {stopped}"
+
+    def stopped_by(self, stopped: SearchStopped) -> None:
+        """Note that a limit had a say in the result: only a number of checks is the same every time."""
+        self.deterministic &= isinstance(stopped, CheckBudgetSpent)
+
+    def attempt(self, what: str) -> None:
+        """Count a search that begins."""
+        self.attempts += 1
+        if self.attempts > 1:
+            logger.info("attempt %d: %s", self.attempts, what)
+
+    def retry(self, note: str) -> None:
+        """Note why the search begins anew."""
+        self.notes.append(note)
+        logger.info("%s", note)
 
     def within_limits(self, turns: Turns, act: Callable[[], T]) -> T:
         """What ``act`` returns: called when the turn has come, and held to the limits from then on.
 
         Raises:
-            NoPlan: a limit was reached.
+            NoPlan: A limit was reached.
         """
 
         def noted() -> T:
@@ -153,49 +203,26 @@ class StageBook:
         finally:
             self._ledger = ledger
 
-    def certificate(
-        self,
-        certifier: Certifier,
-        path: JointPath,
-        exempt: Sequence[ExemptInterval],
-        part: tuple[float, float] | None = None,
-        padding: float = 0.0,
-    ) -> Certificate:
-        """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
-        ledger = self._ledger
+    def charge(self, bounds: int) -> None:
+        """Count clearance bounds of the certifier.
 
-        def charge(bounds: int) -> None:
-            ledger.poll()
-            ledger.charge_distances(bounds)
-
-        with self.during(Stage.CERTIFY) as entry:
-            found = certifier.certify(path, padding=padding, exempt=exempt, part=part, charge=charge)
-            entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
-            return found
-
-    def certified(
-        self, certifier: Certifier, path: JointPath, exempt: Sequence[ExemptInterval]
-    ) -> tuple[JointPath, Certificate]:
-        """The path and what is proven of it; blends that cannot be proven are halved, and in the end stops."""
-        while True:
-            found = self.certificate(certifier, path, exempt)
-            less = None if found.refusal is None else narrower(path, found.refusal)
-            if less is None:
-                return path, found
-            path = less
-            self.notes.append(f"blends made narrower: {found.refusal}")
+        Raises:
+            SearchStopped: A limit was reached.
+        """
+        self._ledger.poll()
+        self._ledger.charge_distances(bounds)
 
     def result(
         self,
         path: JointPath | None = None,
-        timed: tuple[Trajectory, MotionReport] | None = None,
+        trajectory: Trajectory | None = None,
+        motion: MotionReport | None = None,
         *,
         failure: Failure | None = None,
         goal_index: int | None = None,
         certificate: Certificate | None = None,
     ) -> PlanResult:
-        """The books, closed."""
-        trajectory, motion = timed or (None, None)
+        """The result of the call."""
         return PlanResult(
             path=path,
             trajectory=trajectory,
@@ -213,11 +240,9 @@ class StageBook:
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:
-        """A plan made meanwhile, with what these books have beside it; they take over what it cost."""
+        """The result of a call that made another plan: that plan, with what both cost and noted."""
         for report in plan.stages:
-            before = self._reports.get(report.stage, StageReport(report.stage, CheckCounts(), 0.0))
-            counts, seconds = before.counts + report.counts, before.seconds + report.seconds
-            self._reports[report.stage] = replace(report, counts=counts, seconds=seconds)
+            self._add(report)
         self.attempts += plan.attempts
         self.deterministic &= plan.deterministic
         return replace(
@@ -255,8 +280,56 @@ class StageBook:
         total = sum(hits.values())
         worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
         blocked = tuple((a, b, count / total) for (a, b), count in worst)
-        detail = f"{what}; whether a path exists is unknown{blocked_in_words(blocked)}{self.end_trouble}"
+        detail = f"{what}; whether a path exists is unknown{_blocked_in_words(blocked)}{self.end_trouble}"
         return Failure(self._stage, reason, detail, blocked_by=blocked)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanContext:
+    """What every stage of a plan is handed.
+
+    Attributes:
+        request: What was asked.
+        checker: Judges and counts, without padding; its limits are those of the call.
+        certifier: Proves the path in the end.
+        accounting: Told by each stage what the result will say.
+        tracer: Told how the search goes; None if nobody asked.
+    """
+
+    request: PlanRequest
+    checker: CollisionChecker
+    certifier: Prepared[Certifier]
+    accounting: PlanAccounting
+    tracer: Tracer | None = None
+
+
+def certify(
+    path: JointPath,
+    certifier: Certifier,
+    accounting: PlanAccounting,
+    exempt: Sequence[ExemptInterval],
+    *,
+    part: tuple[float, float] | None = None,
+    padding: float = 0.0,
+) -> Certificate:
+    """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
+    with accounting.during(Stage.CERTIFY) as entry:
+        found = certifier.certify(path, padding=padding, exempt=exempt, part=part, charge=accounting.charge)
+        entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
+        return found
+
+
+def certified_path(
+    path: JointPath, certifier: Certifier, accounting: PlanAccounting, exempt: Sequence[ExemptInterval]
+) -> tuple[JointPath, Certificate]:
+    """The path and what can be proven of it; blends that cannot be proven are halved, and become stops in the end."""
+    while True:
+        certificate = certify(path, certifier, accounting, exempt)
+        less = None if certificate.refusal is None else narrower(path, certificate.refusal)
+        if less is None:
+            return path, certificate
+        path = less
+        accounting.notes.append(f"blends made narrower: {certificate.refusal}")
 
 
 def not_certified(certificate: Certificate) -> Failure:
@@ -265,7 +338,7 @@ def not_certified(certificate: Certificate) -> Failure:
 
 
 def narrower(path: JointPath, refusal: Refusal, first: int = 0) -> JointPath | None:
-    """The path with the blends halved, from waypoint ``first`` on, that lie where it was refused; None if none does."""
+    """The path with those blends halved, from waypoint ``first`` on, at which it was refused; None if there is none."""
     if refusal.spent:
         return None
     before, after = path.knots - path.blends, path.knots + path.blends
@@ -283,7 +356,7 @@ def in_words(clearance: float) -> str:
     return f"{math.floor(clearance * 1e5) / 100:.2f} mm clear" if clearance < 0.1 else f"{clearance:.3f} m clear"
 
 
-def blocked_in_words(blocked: tuple[tuple[str, str, float], ...]) -> str:
+def _blocked_in_words(blocked: tuple[tuple[str, str, float], ...]) -> str:
     """The pairs most in the way, as the end of a sentence."""
     if not blocked:
         return ""

@@ -17,7 +17,7 @@ from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import Limits, NoPlan, StageBook, not_certified
+from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, certify, not_certified
 from planner_service.planning.request import Pace
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
@@ -72,14 +72,19 @@ class FollowRequest:
 
 
 def follow(
+    request: FollowRequest,
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
-    request: FollowRequest,
-    caller: tuple[Turns, CancelToken | None],
+    turns: Turns,
+    *,
+    cancel: CancelToken | None = None,
 ) -> PlanResult:
-    """Check a polyline, blend its corners, prove it and time it; its first waypoint is judged in ENDPOINTS.
+    """A polyline checked, its corners blended, proven and in time; its first waypoint is checked in ENDPOINTS.
 
-    The samples come first: they find most collisions sooner, and say where.
+    Samples are checked before anything is proven: they find most collisions sooner, and say where.
+
+    Raises:
+        InvalidRequest: The polyline is not one of this robot, or a contact or blend does not go with it.
     """
     points = numbers("waypoints", request.waypoints, f"rows of {checker.robot.n} joint values")
     path = JointPath(points)
@@ -91,39 +96,42 @@ def follow(
             found = f"waypoints {contact.first} to {contact.last}"
             raise InvalidRequest("contacts", found, f"first and last waypoint in order, from 0 to {len(points) - 1}")
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
-    turns, cancel = caller
-    book = StageBook(checker, Limits(None, None, None, cancel))
+    accounting = PlanAccounting(checker, Limits(cancel=cancel))
 
-    def checked() -> PlanResult:
-        with book.during(Stage.ENDPOINTS):
+    def stages() -> PlanResult:
+        with accounting.during(Stage.ENDPOINTS):
             _judge_first(checker, points, request.contacts)
-        with book.during(Stage.STRAIGHT_LINE) as entry:
+        with accounting.during(Stage.STRAIGHT_LINE) as entry:
             _judge_pieces(checker, points, request.contacts)
             entry.note, entry.length = f"{len(points)} points", path.length
-        smooth = _blended(checker, path, sizes, request.contacts, book)
-        smooth, certificate = book.certified(certifier.get(), smooth, _intervals(smooth, points, request.contacts))
+        smooth = _blended(checker, path, sizes, request.contacts, accounting)
+        exempt = _intervals(smooth, points, request.contacts)
+        smooth, certificate = certified_path(smooth, certifier.get(), accounting, exempt)
         if not certificate.certified:
             raise NoPlan(not_certified(certificate), certificate)
         if certificate.clearance < request.padding:
-            certificate = _padded(book, certifier.get(), smooth, certificate, request.padding)
-        book.padding = min(request.padding, certificate.clearance)
-        return book.result(smooth, timed(smooth, request.pace, checker.robot, book), certificate=certificate)
+            certificate = _padded(accounting, certifier.get(), smooth, certificate, request.padding)
+        accounting.padding = min(request.padding, certificate.clearance)
+        trajectory, motion = timed(smooth, request.pace, checker.robot, accounting)
+        return accounting.result(smooth, trajectory, motion, certificate=certificate)
 
     try:
-        return book.within_limits(turns, checked)
+        return accounting.within_limits(turns, stages)
     except NoPlan as no_plan:
-        return book.result(failure=no_plan.failure, certificate=no_plan.certificate)
+        return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate)
 
 
-def _padded(book: StageBook, certifier: Certifier, path: JointPath, known: Certificate, padding: float) -> Certificate:
-    """The proof that the padding is kept after all, which ``known`` is too rough for; else ``known``, which is said."""
-    found = book.certificate(certifier, path, known.exempt, padding=padding)
-    if found.refusal is None:
-        return found
-    near = f"{found.refusal.a} x {found.refusal.b}"
-    kept = f"{known.clearance * 1e3:.2f} mm are proven, less than the padding of {padding * 1e3:g} mm"
-    book.notes.append(f"{kept}: {near} at s = {found.refusal.s:.3g}")
-    return known
+def _padded(
+    accounting: PlanAccounting, certifier: Certifier, path: JointPath, certificate: Certificate, padding: float
+) -> Certificate:
+    """A certificate that the padding is kept, which the first was too rough for; else the first, and a note."""
+    padded = certify(path, certifier, accounting, certificate.exempt, padding=padding)
+    if padded.refusal is None:
+        return padded
+    near = f"{padded.refusal.a} x {padded.refusal.b}"
+    kept = f"{certificate.clearance * 1e3:.2f} mm are proven, less than the padding of {padding * 1e3:g} mm"
+    accounting.notes.append(f"{kept}: {near} at s = {padded.refusal.s:.3g}")
+    return certificate
 
 
 def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:
@@ -138,11 +146,15 @@ def _sizes(request: FollowRequest, points: FloatArray) -> FloatArray:
 
 
 def _blended(
-    checker: CollisionChecker, path: JointPath, sizes: FloatArray, contacts: Sequence[AllowedStretch], book: StageBook
+    checker: CollisionChecker,
+    path: JointPath,
+    sizes: FloatArray,
+    contacts: Sequence[AllowedStretch],
+    accounting: PlanAccounting,
 ) -> JointPath:
-    """The path with corners blended as widely as is asked and free; a pair may touch where it may on both sides.
+    """The path with corners blended as widely as is requested and free; a pair may touch where it may on both sides.
 
-    Where waypoints coincide corners have lost their numbers, and stay stops.
+    If waypoints coincide, corners no longer have the numbers of their waypoints: all of them stay stops.
     """
     if len(path.waypoints) < len(sizes) or not any(sizes[k] > 0.0 for k in path.corners):
         return path
@@ -151,7 +163,7 @@ def _blended(
         pairs = _allowed_on(contacts, k - 1, k + 1)
         return checker.variant(allowed=(*checker.allowed, *pairs)).blend_is_free(trial, k)
 
-    with book.during(Stage.POLISH) as entry:
+    with accounting.during(Stage.POLISH) as entry:
         smooth = blended(path, is_free, sizes)
         entry.note = f"{len(path.corners) - len(smooth.corners)} of {len(path.corners)} corners blended"
         entry.length = path.length

@@ -16,7 +16,7 @@ from planner_service.geometry.shapes import FloatArray
 from planner_service.kinematics.inverse import tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.accounting import NoPlan, StageBook
+from planner_service.planning.accounting import NoPlan, PlanAccounting
 from planner_service.planning.request import Pace
 from planner_service.planning.result import Failure, MotionReport, Reason, Stage
 from planner_service.robot.model import JointLimits, Robot
@@ -42,7 +42,7 @@ _MISSED, _CLOSER = 0.003, 1024.0
 samples 32 times closer: it is smooth between the ends of pieces of time, which are sampled themselves."""
 
 
-def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[Trajectory, MotionReport]:
+def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting) -> tuple[Trajectory, MotionReport]:
     """The path in time, and how it then moves, as the TIMING stage.
 
     Raises:
@@ -53,7 +53,7 @@ def timed(path: JointPath, pace: Pace, robot: Robot, book: StageBook) -> tuple[T
     def away(work: Callable[[], T]) -> T:
         return waited(work) if len(path.knots) > LONG else work()
 
-    with book.during(Stage.TIMING) as entry:
+    with accounting.during(Stage.TIMING) as entry:
         try:
             limit = tool_speed_limit(path, pace, robot)
             trajectory, found = away(lambda: time_with_peaks(pace.timing, path, limits, limit))

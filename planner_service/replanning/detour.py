@@ -1,7 +1,7 @@
-"""Ways that leave what is left of an old path for a goal: along its waypoints where that is free, else searched.
+"""Paths that leave what is left of an old path for a goal: along its waypoints where that is free, else searched.
 
-A way is the old curve, bit for bit, up to the blend in which it turns off. Where it may turn off depends on how fast
-the robot comes along: within the distance of a stop any turn can be driven, nearer only those that are slight.
+Such a path is the old curve, bit for bit, up to the blend in which it turns off. Where it may turn off depends on the
+robot's speed: any turn can be driven where the robot could have stopped, closer only a slight one.
 """
 
 from __future__ import annotations
@@ -22,19 +22,17 @@ from planner_service.optimize import Optimise
 from planner_service.path.corner_blend import STEEPEST
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
-from planner_service.planning.accounting import NoPlan, StageBook
+from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.endpoints import GoalState
-from planner_service.planning.pipeline import fresh_seed
-from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Reason, Stage
-from planner_service.planning.tries import FIRST_TRIES
-from planner_service.replanning.splice import Handover
+from planner_service.planning.search_stage import FIRST_TRIES, fresh_seed, polyline_length
+from planner_service.replanning.splice import SwitchPoint
 from planner_service.roadmap import Roadmap
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.search.problem import Configuration, SearchProblem, joint_distance
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 
-__all__ = ["Detours", "Place", "Way"]
+__all__ = ["CandidatePath", "Detours", "Place"]
 
 PLACES = (0.6, 1.05, 0.3, 0.1)
 """Where to turn off, in distances of a stop, in the order in which they are tried."""
@@ -72,9 +70,13 @@ Judge = SearchOracle | TieredOracle
 
 
 class Place(NamedTuple):
-    """Where to turn off: s, the index of the waypoint that is to be there, and where that is, (n,).
+    """Where to turn off.
 
-    ``roomy`` says whether the old way keeps the full padding up to there.
+    Attributes:
+        s: On the old path.
+        waypoint: The index that the corner there will have.
+        q: Where that is, shape (n,).
+        roomy: Whether the old path keeps the full padding up to there.
     """
 
     s: float
@@ -84,55 +86,61 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """A path that follows the old one up to waypoint ``leaves``, from which on it is its own; at s there.
+class CandidatePath:
+    """A path to a goal that begins as the old one does.
 
-    ``searched`` says whether a part of it had to be, ``roomy`` whether the old way keeps the full padding so far.
+    Attributes:
+        leaves: The waypoint up to which it follows the old one.
+        s: Where that is on the old path.
+        switch: Where another law takes over.
+        searched: Whether a part of it had to be searched.
+        roomy: Whether the old path keeps the full padding up to there.
     """
 
     path: JointPath
     leaves: int
     s: float
-    handover: Handover
+    switch: SwitchPoint
     searched: bool
     roomy: bool
 
 
 class Detours:
-    """Ways from one path under way.
+    """Paths from a path under way to a goal.
 
     Args:
         path: What is left of the old path.
         ahead: Old waypoints beyond its end, (k, n), known from an earlier motion.
     """
 
-    def __init__(
-        self, checker: CollisionChecker, request: PlanRequest, book: StageBook, old: tuple[JointPath, FloatArray]
-    ) -> None:
-        self._checker, self._request, self._book = checker, request, book
-        self._path, self._ahead = old
-        self._acceleration = checker.robot.limits.acceleration * request.acceleration_scale
-        self._states = max(1, int(request.max_checks * SEARCH_SHARE))
+    def __init__(self, context: PlanContext, path: JointPath, ahead: FloatArray) -> None:
+        self._checker, self._request, self._accounting = context.checker, context.request, context.accounting
+        self._path, self._ahead = path, ahead
+        self._acceleration = self._checker.robot.limits.acceleration * self._request.acceleration_scale
+        self._states = max(1, int(self._request.max_checks * SEARCH_SHARE))
 
-    def places(self, handover: Handover, stop: float, goal: FloatArray, *, beyond: bool = True) -> Iterator[Place]:
-        """Where to turn off for a goal; ``stop`` is where a stop ends.
+    def places(self, switch: SwitchPoint, stop: float, goal: FloatArray, *, beyond: bool = True) -> Iterator[Place]:
+        """Where to turn off for a goal.
 
-        First where the old way keeps the full padding up to there, then where it is free at all, then straight
+        First where the old path keeps the full padding up to there, then where it is free at all, then straight
         ``beyond`` its end.
+
+        Args:
+            stop: Where a stop that begins at the switch point ends.
         """
-        if not handover.rate > 0.0:
-            yield self._place(handover.s, handover.s)
+        if not switch.rate > 0.0:
+            yield self._place(switch.s, switch.s)
             return
         places: list[Place] = []
         for part in PLACES:
-            place = self._place(min(handover.s + part * (stop - handover.s), self._path.length), handover.s)
+            place = self._place(min(switch.s + part * (stop - switch.s), self._path.length), switch.s)
             if all(abs(place.s - other.s) > ROOM for other in places):
                 places.append(place)
         full, bare = self._checker.variant(padding=self._request.padding), self._checker.variant(motion_step=FINEST)
-        wide = [place for place in places if self._free_up_to(handover.s, place.s, full)]
+        wide = [place for place in places if self._free_up_to(switch.s, place.s, full)]
         yield from (place._replace(roomy=True) for place in wide)
         rest = [place for place in places if not any(place is other for other in wide)]
-        yield from (place for place in rest if self._free_up_to(handover.s, place.s, bare))
+        yield from (place for place in rest if self._free_up_to(switch.s, place.s, bare))
         if beyond:
             yield from self._beyond(goal)
 
@@ -169,27 +177,27 @@ class Detours:
         """Whether the old polyline is free in between."""
         knots = [s, *(k for k in self._path.knots.tolist() if s + NEAR < k < end - NEAR), end]
         points = self._path(np.minimum(np.array(knots), self._path.length))
-        with self._book.during(Stage.STRAIGHT_LINE):
+        with self._accounting.during(Stage.STRAIGHT_LINE):
             ends = [Known.NEITHER, *(Known.START for _ in points[1:])]
             edges = zip(pairwise(points), ends, strict=False)
             return all(checker.edge_is_free(a, b, known=known) for (a, b), known in edges)
 
-    def way(self, handover: Handover, place: Place, goal: GoalState, turn: int = 0) -> Way | None:
-        """A way that turns off there, its corners blended; None if there the robot would touch something.
+    def candidate(self, switch: SwitchPoint, place: Place, goal: GoalState, turn: int = 0) -> CandidatePath | None:
+        """A path that turns off at a place, its corners blended; None if the robot would touch something there.
 
         Args:
             turn: Another number, another search.
 
         Raises:
-            NoPlan: none was found.
+            NoPlan: None was found.
         """
-        (s, index, q, roomy), old = place, self._path
+        s, index, q, old = place.s, place.waypoint, place.q, self._path
         least = self._padding(q)
         if least is None:
             return None
-        self._book.padding = self._request.padding
+        self._accounting.padding = self._request.padding
         tight = self._checker.variant(padding=min(least, goal.padding))
-        oracle = self._oracle((q, goal.q), (least, goal.padding))
+        oracle = self._oracle(q, least, goal)
         chain = [q, *old.waypoints[old.knots > s + NEAR], *self._ahead]
         if len(chain) == 1 or chain[-1].tolist() != goal.q.tolist():
             chain = [*(chain[:-1] if len(chain) > 1 else chain), goal.q]
@@ -198,18 +206,18 @@ class Detours:
         path = JointPath(
             np.concatenate([old.waypoints[:index], points]), np.append(old.blends[:index], np.zeros(len(points)))
         )
-        with self._book.during(Stage.POLISH) as entry:
+        with self._accounting.during(Stage.POLISH) as entry:
             sizes = np.full(len(path.waypoints), self._request.blend)
             sizes[:index] = 0.0
-            reached = max(handover.s, float(path.knots[index - 1] + path.blends[index - 1])) if index else handover.s
+            reached = max(switch.s, float(path.knots[index - 1] + path.blends[index - 1])) if index else switch.s
             sizes[index] = min(sizes[index], max(0.0, s - reached))
-            if index and handover.rate > 0.0 and len(points) > 1:
-                sizes[index] = min(sizes[index], self._passable(path, index, handover))
+            if index and switch.rate > 0.0 and len(points) > 1:
+                sizes[index] = min(sizes[index], self._passable(path, index, switch))
             path = blended(path, tight.blend_is_free, sizes, least=LEAST_BLEND)
             entry.length = path.length - s
-        return Way(path, index, s, handover, searched, roomy)
+        return CandidatePath(path, index, s, switch, searched, place.roomy)
 
-    def _passable(self, path: JointPath, index: int, handover: Handover) -> float:
+    def _passable(self, path: JointPath, index: int, switch: SwitchPoint) -> float:
         """How wide the blend at a corner may be at most for the robot to be slow enough when it begins.
 
         A blend as wide as w is passed at a square of speed of w times something, and a narrower one leaves more way
@@ -219,16 +227,16 @@ class Detours:
         with np.errstate(divide="ignore"):
             passing = float((self._acceleration / (STEEPEST * np.abs(v - u))).min())
             braking = float((self._acceleration / np.abs(u)).min())
-        way = float(path.knots[index]) - handover.s
+        way = float(path.knots[index]) - switch.s
         if passing >= 2.0 * braking:
             return math.inf
-        return max(0.0, PART * (2.0 * braking * way - handover.rate * handover.rate) / (2.0 * braking - passing))
+        return max(0.0, PART * (2.0 * braking * way - switch.rate * switch.rate) / (2.0 * braking - passing))
 
-    def _oracle(self, ends: tuple[FloatArray, FloatArray], paddings: tuple[float, float]) -> Judge:
-        """The oracle of a way between two ends that keep that much."""
-        roomy = SearchOracle(self._checker.variant(padding=self._request.padding), ends[:1], ends[1:])
+    def _oracle(self, start: FloatArray, start_padding: float, goal: GoalState) -> Judge:
+        """What judges a path between two ends, of which each keeps a padding of its own."""
+        roomy = SearchOracle(self._checker.variant(padding=self._request.padding), [start], [goal.q])
         tight: dict[Configuration, SearchOracle] = {}
-        for q, padding in zip(ends, paddings, strict=True):
+        for q, padding in ((start, start_padding), (goal.q, goal.padding)):
             if padding < self._request.padding:
                 checker = self._checker.variant(padding=padding, motion_step=max(padding, FINEST))
                 tight[tuple(q.tolist())] = SearchOracle(checker)
@@ -237,7 +245,7 @@ class Detours:
     def _padding(self, q: FloatArray) -> float | None:
         """The widest padding of a short ladder with which q is free."""
         ladder = [self._request.padding * part for part in LESS_PADDING]
-        with self._book.during(Stage.ENDPOINTS):
+        with self._accounting.during(Stage.ENDPOINTS):
             free = (p for p in ladder if self._checker.variant(padding=p).state_is_free(q))
             return next(free, None)
 
@@ -245,9 +253,9 @@ class Detours:
         """The chain with what is blocked of it searched anew, and whether there was any."""
         out, at, last, searched = [chain[0]], 0, len(chain) - 1, False
         while at < last:
-            with self._book.during(Stage.STRAIGHT_LINE):
-                there = at + 1 == last or oracle.state_is_free(chain[at + 1])
-                free = there and oracle.edge_is_free(chain[at], chain[at + 1], known=Known.BOTH)
+            with self._accounting.during(Stage.STRAIGHT_LINE):
+                free = at + 1 == last or oracle.state_is_free(chain[at + 1])
+                free = free and oracle.edge_is_free(chain[at], chain[at + 1], known=Known.BOTH)
                 later = [] if free else [k for k in range(at + 1, last) if oracle.state_is_free(chain[k])]
             if free:
                 at += 1
@@ -255,32 +263,32 @@ class Detours:
                 continue
             searched = True
             later.append(last)
-            found = self._search(chain[at], np.array([chain[k] for k in later]), (oracle, turn))
-            out += list(found[1:])
-            at = next(k for k in later if chain[k].tolist() == found[-1].tolist())
+            points = self._search(chain[at], np.array([chain[k] for k in later]), oracle, turn)
+            out += list(points[1:])
+            at = next(k for k in later if chain[k].tolist() == points[-1].tolist())
         return np.array(out), searched
 
-    def _search(self, start: FloatArray, goals: FloatArray, asked: tuple[Judge, int]) -> FloatArray:
+    def _search(self, start: FloatArray, goals: FloatArray, oracle: Judge, turn: int) -> FloatArray:
         """A path from the start to one of the goals, with fresh seeds if one gives up.
 
-        RRTConnect looks for it where the request's planner is no search, or a roadmap: its verdicts hold where all of
-        the padding is kept.
+        RRTConnect searches where the request's planner does not search, or is a roadmap: what a roadmap knows holds
+        where all of the padding is kept.
 
         Raises:
-            NoPlan: none was found.
+            NoPlan: None was found.
         """
         request, limits, ledger = self._request, self._checker.robot.limits, self._checker.ledger
-        (oracle, turn), planner = asked, request.planner
+        planner = request.planner
         if isinstance(planner, Roadmap | Optimise):
             planner = RRTConnect()
         tries = FIRST_TRIES if request.retries is None else request.retries + 1
         if planner.patience is None:
             tries = 1
         share = max(1, self._states // tries, planner.patience or 0)
-        with self._book.during(Stage.SEARCH) as entry:
+        with self._accounting.during(Stage.SEARCH) as entry:
             entry.note = planner.name
             for attempt in range(tries):
-                self._book.attempts += 1
+                self._accounting.attempt(planner.name)
                 seed = fresh_seed(request.seed, attempt + tries * turn)
                 problem = SearchProblem(start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll)
                 try:
@@ -298,10 +306,10 @@ class Detours:
     def _shortened(self, points: FloatArray, oracle: Judge) -> FloatArray:
         if len(points) < 3:
             return points
-        with self._book.during(Stage.SHORTCUT) as entry, suppress(CheckBudgetSpent):
+        with self._accounting.during(Stage.SHORTCUT) as entry, suppress(CheckBudgetSpent):
             points = shortcut(points, oracle, np.random.default_rng([self._request.seed, 1]))
-            entry.length = _length(points)
-        with self._book.during(Stage.POLISH), suppress(CheckBudgetSpent):
+            entry.length = polyline_length(points)
+        with self._accounting.during(Stage.POLISH), suppress(CheckBudgetSpent):
             points = pulled_in(points, oracle)
             if self._request.blend > 0.0:
                 points = without_short_pieces(points, oracle)
@@ -316,8 +324,3 @@ def _apart(points: FloatArray) -> FloatArray:
             kept.pop()
         kept.append(q)
     return np.array(kept)
-
-
-def _length(points: Sequence[FloatArray] | FloatArray) -> float:
-    """L2 length of a polyline."""
-    return math.fsum(joint_distance(a, b) for a, b in pairwise([q.tolist() for q in points]))

@@ -20,7 +20,7 @@ from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 from planner_service.timing.laws import ToppRa
 
-__all__ = ["MAX_CHECKS", "Old", "Outcome", "Replanned", "request_for", "underway"]
+__all__ = ["MAX_CHECKS", "OldMotion", "Outcome", "Replanned", "request_for", "underway"]
 
 MAX_CHECKS = 20_000
 """States that replanning may judge unless a request says otherwise: some hundredths of a second."""
@@ -107,7 +107,7 @@ class Replanned:
 
 
 @dataclass(frozen=True, eq=False)
-class Old:
+class OldMotion:
     """A motion under way, what was not judged on what is left of it, and where else it was to go.
 
     Attributes:
@@ -132,7 +132,7 @@ class Old:
         return not len(self.ahead) and self.underway.end == self.underway.path.length
 
 
-def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, latency: float) -> Old:
+def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, latency: float) -> OldMotion:
     """The motion that is to be left, checked.
 
     Raises:
@@ -167,11 +167,11 @@ def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, lat
         if e.s_end >= passed
     ]
     ahead = previous.ahead if isinstance(previous, Replanned) else np.zeros((0, robot.n))
-    return Old(motion, max(now + late, motion.splice), tuple(exempt), ahead, None if made is None else made.scene)
+    return OldMotion(motion, max(now + late, motion.splice), tuple(exempt), ahead, None if made is None else made.scene)
 
 
 def request_for(
-    previous: PlanResult | Replanned, old: Old, request: PlanRequest | None, goal: Goal | None
+    previous: PlanResult | Replanned, old: OldMotion, request: PlanRequest | None, goal: Goal | None
 ) -> PlanRequest:
     """What to go on with: of the request given, or the one before, all but the start and maybe the goal.
 

@@ -1,9 +1,9 @@
-"""Going on from a motion that is under way: what is left of it, the quickest stop along it, and another way onwards.
+"""Going on from a motion that is under way: what is left of it, the quickest stop along it, and another path.
 
 Whatever comes next begins with the old motion itself, the same curve under the same law, for at least ``HOLD`` seconds:
-so position, velocity and acceleration do not jump at the splice. From there on speed is another, and after that the
-way. A law that bounds acceleration, and not jerk, lets acceleration jump wherever its pieces meet: here, where the old
-law ends, never at the splice.
+so position, velocity and acceleration do not jump at the splice. After that the speed changes, and later the path. A
+law that bounds acceleration but not jerk lets the acceleration jump wherever its pieces meet: here where the old law
+ends, never at the splice.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from planner_service.timing.laws import TimingFailed, ToppRa
 from planner_service.timing.limit_check import MIN_SHARE, TOLERANCE, LimitPeaks, peaks
 from planner_service.timing.segments import SpeedLimit
 
-__all__ = ["HOLD", "Handover", "Underway"]
+__all__ = ["HOLD", "SwitchPoint", "Underway"]
 
 HOLD = 0.0107
 """Seconds from the splice on for which the old law goes on: a cycle of a slow controller. It is no whole number of
@@ -58,7 +58,7 @@ AT_REST = 1e-9
 """Of the highest speed: slower is standing."""
 
 
-class Handover(NamedTuple):
+class SwitchPoint(NamedTuple):
     """An instant from which another law may take over: its time, s and ds/dt."""
 
     time: float
@@ -76,11 +76,27 @@ class _Row(NamedTuple):
     c3: float
 
 
+class _Braking(NamedTuple):
+    """A stop along a path: its rows, and where it ends."""
+
+    rows: list[_Row]
+    end: float
+
+
+class _Window(NamedTuple):
+    """The least and the largest value that is within the limits."""
+
+    low: float
+    high: float
+
+
 @dataclass(frozen=True, eq=False)
 class Underway:
-    """A motion under way at ``now`` (seconds on it), to be spliced at ``splice``, which is not earlier.
+    """A motion under way, which another is to follow.
 
     Attributes:
+        now: Where it is, in seconds on its clock.
+        splice: Where the next motion begins, not before ``now``.
         path: What is left of its path at ``now``, from the waypoint before on: arc lengths below are along it.
     """
 
@@ -122,9 +138,9 @@ class Underway:
 
     def moved(self, s: float) -> float:
         """An arc length of the old path on what is left of it."""
-        there = min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
-        near = self.path.breaks[np.abs(self.path.breaks - there) <= MEETING]
-        return float(near[0]) if len(near) else there
+        left = min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
+        near = self.path.breaks[np.abs(self.path.breaks - left) <= MEETING]
+        return float(near[0]) if len(near) else left
 
     def rows(self, until: float) -> list[_Row]:
         """The old law from the splice on."""
@@ -134,9 +150,9 @@ class Underway:
             x, end = max(self.splice - began, 0.0), min(until - began, h)
             if end - x > SLIVER:
                 c0, c1, c2, c3 = law.coefficients[k].tolist()
-                there = c0 + x * (c1 + x * (c2 + x * c3))
+                s = c0 + x * (c1 + x * (c2 + x * c3))
                 rate = max(c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0)
-                out.append(_Row(end - x, self.moved(there), rate, c2 + 3.0 * c3 * x, c3))
+                out.append(_Row(end - x, self.moved(s), rate, c2 + 3.0 * c3 * x, c3))
         return out
 
     def rest(self) -> Trajectory:
@@ -149,7 +165,7 @@ class Underway:
         begin = float(table[0, 1]) if len(table) else end
         return Trajectory(path, table[:, 0], table[:, 1:], self.trajectory.dilation, (begin, end))
 
-    def handovers(self) -> Iterator[Handover]:
+    def switch_points(self) -> Iterator[SwitchPoint]:
         """Where another law may take over: as soon as may be, then after each blend that is still ahead."""
         law, path = self.trajectory, self.path
         t = min(self.splice + HOLD, law.duration)
@@ -162,11 +178,11 @@ class Underway:
         near = [x for x in sorted([*ends, *(path.knots - path.blends)[blended].tolist()]) if s < x <= s + RUN_IN]
         later = [x for x in ends if x > s + RUN_IN]
         if not near:
-            yield Handover(t, s, self._rate(t))
+            yield SwitchPoint(t, s, self._rate(t))
         for x in [*near[-1:], *later]:
             knots = law.knots[:-1][np.abs(arrivals - x) <= MEETING]
             if len(knots):
-                yield Handover(float(knots[0]), x, self._rate(float(knots[0])))
+                yield SwitchPoint(float(knots[0]), x, self._rate(float(knots[0])))
 
     @cached_property
     def _rests(self) -> FloatArray:
@@ -196,22 +212,21 @@ class Underway:
             braking = self._braking(self.s(since), self._rate(since), limits, margin)
             if braking is None:
                 continue
-            rows, end = braking
-            found = self._along(self._up_to(end), [*self.rows(since), *rows], end)
-            if peaks(found, limits).highest <= 1.0 + TOLERANCE:
-                return found
+            stop = self._along(self._up_to(braking.end), [*self.rows(since), *braking.rows], braking.end)
+            if peaks(stop, limits).highest <= 1.0 + TOLERANCE:
+                return stop
         end = self.s(rest)
         return self._along(self._up_to(end), self.rows(rest), end)
 
-    def stop_from(self, handover: Handover, limits: JointLimits) -> float:
+    def stop_from(self, switch: SwitchPoint, limits: JointLimits) -> float:
         """About where a stop along the old curve ends that begins there."""
-        if not handover.rate > 0.0:
-            return handover.s
-        found = self._braking(handover.s, handover.rate, limits, 0.0)
-        return self.end if found is None else found[1]
+        if not switch.rate > 0.0:
+            return switch.s
+        braking = self._braking(switch.s, switch.rate, limits, 0.0)
+        return self.end if braking is None else braking.end
 
-    def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> tuple[list[_Row], float] | None:
-        """Rows of a stop that begins at s, and where it ends; None if the old law rests before."""
+    def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> _Braking | None:
+        """The stop that begins at s at a speed of ``rate``; None if the old law rests before it has ended."""
         path, rows = self.path, list[_Row]()
         rest = min([k for k in path.knots[list(path.corners)].tolist() if k > s], default=self.end)
         while s < min(rest, self.end):
@@ -219,16 +234,17 @@ class Underway:
             at = self._grid(s, int(piece[0]), min(rest, self.end))
             slopes, bends = (path.on_pieces(np.repeat(piece, len(at)), at, order) for order in (1, 2))
             for k, (a, b) in enumerate(pairwise(at.tolist())):
-                known = rate * rate, b - a
-                both = _window(slopes[k : k + 2], bends[k : k + 2], known, limits)
-                window = both or _window(slopes[k : k + 1], bends[k : k + 1], known, limits)
+                square, length = rate * rate, b - a
+                window = _window(slopes[k : k + 2], bends[k : k + 2], square, length, limits)
+                if window is None:
+                    window = _window(slopes[k : k + 1], bends[k : k + 1], square, length, limits)
                 if window is None:
                     return None
-                change = window[0] + margin * (window[1] - window[0])
-                square = rate * rate + 2.0 * change * (b - a)
+                change = window.low + margin * (window.high - window.low)
+                square += 2.0 * change * length
                 if square <= 0.0:
                     rows.append(_Row(rate / -change, a, rate, change / 2.0, 0.0))
-                    return rows, min(a + rate * rate / (-2.0 * change), b)
+                    return _Braking(rows, min(a + rate * rate / (-2.0 * change), b))
                 after = math.sqrt(square)
                 rows.append(_Row(2.0 * (b - a) / (rate + after), a, rate, change / 2.0, 0.0))
                 rate = after
@@ -257,12 +273,13 @@ class Underway:
     def onward(
         self,
         path: JointPath,
-        handover: Handover,
-        law: tuple[ToppRa, JointLimits],
+        switch: SwitchPoint,
+        timing: ToppRa,
+        limits: JointLimits,
         *,
         speed_limit: SpeedLimit | None = None,
     ) -> tuple[Trajectory, LimitPeaks]:
-        """Along a path that is the old curve up to the handover at least: the old law up to there, then another.
+        """Along a path that is the old curve up to the switch point at least: the old law up to there, then another.
 
         Returns:
             The motion from the splice on, and how close it comes to its limits, which it holds.
@@ -270,33 +287,30 @@ class Underway:
         Raises:
             TimingFailed: what comes after cannot be entered that fast, or there is no solution.
         """
-        timing, limits = law
-        head = self.rows(handover.time)
+        head = self.rows(switch.time)
         for share in SHARES:
             phases = timing.continue_to_rest(
-                path, limits, handover.s, handover.rate, speed_limit=speed_limit, blend_share=share
+                path, limits, switch.s, switch.rate, speed_limit=speed_limit, blend_share=share
             )
             rows = [_Row(p.duration, p.position, p.speed, p.acceleration / 2.0, p.jerk / 6.0) for p in phases]
             try:
-                found = self._along(path, [*head, *rows], path.length)
+                trajectory = self._along(path, [*head, *rows], path.length)
             except InvalidRequest as error:
                 raise TimingFailed(f"the laws do not meet ({error})") from error
-            ratios = peaks(found, limits)
+            ratios = peaks(trajectory, limits)
             if ratios.highest <= 1.0 + TOLERANCE:
-                return found, ratios
+                return trajectory, ratios
         raise TimingFailed(f"limits are exceeded by {ratios.highest - 1.0:.2%}")
 
 
-def _window(
-    slopes: FloatArray, bends: FloatArray, known: tuple[float, float], limits: JointLimits
-) -> tuple[float, float] | None:
-    """The least and the largest d2s/dt2 within the limits at both ends of an interval; None if there is none.
+def _window(slopes: FloatArray, bends: FloatArray, square: float, length: float, limits: JointLimits) -> _Window | None:
+    """The values of d2s/dt2 within the limits at both ends of an interval; None if there are none.
 
     Args:
         slopes, bends: Derivatives of the path at both ends, (2, n), or at the first alone, (1, n).
-        known: The square of ds/dt at the first, and the length.
+        square: Of ds/dt at the first end.
+        length: Of the interval.
     """
-    square, length = known
     # at the second end the square is square + 2 length u
     per_change = slopes + np.array([[0.0], [2.0 * length]])[: len(slopes)] * bends
     fixed = bends * square
@@ -306,4 +320,4 @@ def _window(
         return None
     a, b = (-acceleration[on] - fixed[on]) / per_change[on], (acceleration[on] - fixed[on]) / per_change[on]
     low, high = float(np.minimum(a, b).max()), float(np.maximum(a, b).min())
-    return (low, high) if low <= high else None
+    return _Window(low, high) if low <= high else None

@@ -32,14 +32,13 @@ from planner_service import (
 from planner_service.collision import budget as ledger
 from planner_service.collision import checker as judging
 from planner_service.concurrency import fair_lock as turns
-from planner_service.planners import AORRTC, Planner
-from planner_service.planning import accounting as stagebook
-from planner_service.planning import pipeline
+from planner_service.planners import Planner
+from planner_service.planning import accounting, pipeline, search_stage
 from planner_service.search import ompl
 
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 
-FILES = {str(module.__file__) for module in (ledger, turns, stagebook, ompl, service, pipeline, judging)}
+FILES = {str(module.__file__) for module in (ledger, turns, accounting, ompl, service, pipeline, search_stage, judging)}
 """Where Ctrl-C strikes: whatever holds a limit, a lock or a turn."""
 
 SAMPLE = None if "EVERY_LINE" in os.environ else 100

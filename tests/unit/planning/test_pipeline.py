@@ -34,8 +34,7 @@ from planner_service import (
 )
 from planner_service.collision.budget import TimeBoxSpent
 from planner_service.kinematics.inverse import tool_speeds
-from planner_service.planning import AllowedStretch, Pace
-from planner_service.planning.accounting import StageBook
+from planner_service.planning.accounting import certified_path
 from planner_service.planning.timing_stage import peak_tool_speed, timed
 from planner_service.search.problem import SearchProblem, SearchResult
 
@@ -228,16 +227,15 @@ def test_a_proven_plan_is_kept_when_a_limit_ends_the_look_at_its_stops(
     monkeypatch.setattr("planner_service.planning.pipeline.timed", slower)
     stopped = discs.plan(asked())
     assert stopped.unwrap()[0].blended.any(), "stops that are not really faster are not taken"
-    certified = StageBook.certified
     calls: list[int] = []
 
-    def spent(self: StageBook, *arguments: Any) -> Any:
+    def spent(*arguments: Any) -> Any:
         calls.append(1)
         if len(calls) > 1:
             raise TimeBoxSpent("the time limit passed")
-        return certified(self, *arguments)
+        return certified_path(*arguments)
 
-    monkeypatch.setattr(StageBook, "certified", spent)
+    monkeypatch.setattr("planner_service.planning.pipeline.certified_path", spent)
     assert discs.plan(asked()).ok
     assert len(calls) == 2
 

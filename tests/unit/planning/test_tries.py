@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.studies.problems import ROBOT, public_problems
 from planner_service import PlannerService, PlanRequest, Reason
-from planner_service.planning.tries import fresh_tries
+from planner_service.planning.search_stage import fresh_tries
 from planner_service.search.problem import SearchProblem, SearchResult
 from tests.integration.test_service import walled_in
 

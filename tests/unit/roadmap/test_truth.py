@@ -29,8 +29,8 @@ from planner_service import (
 )
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.collision.edge_sampling import FinestStep
-from planner_service.planning import pipeline
-from planner_service.roadmap import Terms, Verdict
+from planner_service.planning import search_stage
+from planner_service.roadmap import Terms
 from planner_service.roadmap.roadmap import RoadmapSearchResult
 from planner_service.roadmap.verdicts import SELF, Knowledge
 
@@ -102,7 +102,9 @@ def test_a_path_that_was_not_found_over_the_roadmap_is_remembered_where_it_was_f
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     spent = CheckBudgetSpent("the check budget is spent")
-    monkeypatch.setattr(pipeline, "ask", lambda roadmap, *_: RoadmapSearchResult(None, stopped=spent, roadmap=roadmap))
+    monkeypatch.setattr(
+        search_stage, "ask", lambda roadmap, *_: RoadmapSearchResult(None, stopped=spent, roadmap=roadmap)
+    )
     service, memory = cell(), cell().with_scene(Scene()).path_memory()
     for number in range(3):
         result = ask(service, memory, number)
@@ -113,7 +115,7 @@ def test_a_path_that_was_not_found_over_the_roadmap_is_remembered_where_it_was_f
 @pytest.mark.parametrize("step", [0.1, 0.4])
 def test_parts_of_edges_are_remembered_only_once_judged(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     for smoothing in ("shortcut", "pulled_in", "without_short_pieces"):  # which judges most of them
-        monkeypatch.setattr(pipeline, smoothing, lambda points, *_: points)
+        monkeypatch.setattr(search_stage, smoothing, lambda points, *_: points)
     service = PlannerService("wxai", "shelf", edge_step=JointStep(step))
     few = PRM(milestones=100, neighbours=5)
     roadmap = replace(service.build_roadmap(few, seed=1, padding=0.01), remember=True)

@@ -1,0 +1,378 @@
+"""Searching for a path, with retries, and shortening it: what happens when no straight line is free.
+
+How long a search takes has a long tail, which a fresh start cuts off; one that would end well is over long before. So
+the first tries are short. What they leave may be hard: from then on each try gets twice what the one before it had.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import count, pairwise, repeat
+
+import numpy as np
+
+from planner_service.certify import Certificate
+from planner_service.collision import Cancelled, CollisionChecker, Known
+from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
+from planner_service.errors import BrokenInvariant
+from planner_service.geometry.shapes import FloatArray
+from planner_service.optimize import Optimise
+from planner_service.planners import RRTConnect
+from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
+from planner_service.planning.collision_recovery import near
+from planner_service.planning.endpoints import Ends, padded_ends
+from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import Reason, Stage
+from planner_service.planning.roadmap_work import GROWERS, ask, grow
+from planner_service.roadmap import Roadmap, Terms
+from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.problem import Planner, SearchProblem, joint_distance
+from planner_service.smoothing.smoothing import pulled_in, shortcut, without_short_pieces
+
+__all__ = [
+    "FIRST_TRIES",
+    "Candidates",
+    "SearchRound",
+    "fresh_seed",
+    "fresh_tries",
+    "polyline_length",
+    "remember",
+    "retry_paddings",
+    "search",
+    "search_again",
+    "search_states",
+]
+
+SEARCH_SHARE = 0.8
+"""Part of ``max_checks`` that one search may use; the rest is kept for shortcutting and blending."""
+
+RETRY_PADDING, MIN_RETRY_PADDING = 0.003, 0.0005
+"""Metres of padding with which another path is searched when one cannot be certified, one after the other if less was
+requested. Edges are then sampled as closely: between two samples nothing comes nearer than half the padding."""
+
+FIRST_TRIES, FIRST_STATES = 4, 10_000
+"""Tries before they become longer, and the states of each; a fourth of the states where there are few."""
+
+
+@dataclass(frozen=True)
+class SearchRound:
+    """How a path is searched for.
+
+    Attributes:
+        number: 0 for the first; in the later ones a path was found before that could not be proven.
+        padding: Metres that the path keeps from everything, except near ends that are closer.
+        motion_step: Metres that nothing moves farther than between two samples of an edge; None to sample edges as the
+            checker does.
+    """
+
+    number: int
+    padding: float
+    motion_step: float | None = None
+
+    def checker(self, context: PlanContext, padding: float) -> CollisionChecker:
+        """The checker with the padding, and with the samples of this round."""
+        return context.checker.variant(padding=padding, motion_step=self.motion_step)
+
+    def fits(self, roadmap: Roadmap, padding: float, request: PlanRequest) -> bool:
+        """Whether edges judged in this round are what a roadmap knows: same padding, same samples."""
+        return self.number == 0 and padding == (request.padding if roadmap.terms is None else roadmap.terms.padding)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Polylines from the start to a goal, to be polished and proven in turn.
+
+    Attributes:
+        polylines: Shape (N, n) each.
+        round: How they were searched.
+        padding: Metres that they keep from everything, except near ends that are closer.
+        searched: The same without what leads to ends that are closer; none for a straight line.
+        oracle: What judged them.
+    """
+
+    polylines: tuple[FloatArray, ...]
+    round: SearchRound
+    padding: float
+    searched: tuple[FloatArray, ...]
+    oracle: SearchOracle
+
+
+def search_states(request: PlanRequest) -> int:
+    """How many states one search may check."""
+    return max(1, int(request.max_checks * SEARCH_SHARE))
+
+
+def retry_paddings(request: PlanRequest) -> tuple[float, ...]:
+    """The paddings with which another path is searched, one after the other, when one cannot be proven."""
+    return tuple(dict.fromkeys(max(padding, request.padding) for padding in (RETRY_PADDING, MIN_RETRY_PADDING)))
+
+
+def search(context: PlanContext, ends: Ends, searching: SearchRound | None = None) -> Candidates:
+    """A path with the full padding, and after it the same before its corners were pulled in, should that be easier to
+    prove. An end that is closer to something is left on a short line first.
+
+    Raises:
+        NoPlan: There is none.
+    """
+    searching = SearchRound(0, context.request.padding) if searching is None else searching
+    accounting, padding = context.accounting, searching.padding
+    with accounting.during(Stage.SEARCH):
+        leads = None if ends.padding == padding else _leads(context, ends, searching)
+    if leads is not None:
+        accounting.notes.append(f"an end is closer than {padding * 1000:g} mm to something: only near it less is kept")
+    start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
+    accounting.padding = ends.padding if leads is None else padding
+    oracle = SearchOracle(searching.checker(context, accounting.padding), [start], goals)
+    points = _search(context, searching, start, goals, oracle, accounting.padding)
+    searched = _shortened(context, points, oracle)
+    goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == searched[0][-1].tolist())
+    polylines = tuple(_without_repeats([ends.start, *points, goal]) for points in searched)
+    return Candidates(polylines, searching, accounting.padding, searched, oracle)
+
+
+def search_again(context: PlanContext, ends: Ends, searching: SearchRound, refused: Certificate) -> Candidates | None:
+    """Another path, whose edges are sampled so closely that their padding proves them; None if none was found."""
+    accounting = context.accounting
+    accounting.retry(f"searched again with {searching.padding * 1000:g} mm of padding: {refused.refusal}")
+    try:
+        return search(context, padded_ends(context, ends, searching.padding), searching)
+    except CheckBudgetSpent as spent:
+        accounting.notes.append(f"no other path: {spent}")
+    except NoPlan as no_plan:
+        if no_plan.failure.reason is not Reason.PLANNING_FAILED:
+            raise
+        accounting.notes.append("no other path was found")
+    return None
+
+
+def remember(context: PlanContext, candidates: Candidates, turn: int) -> None:
+    """Add the path that was searched and proven to the roadmap, if that is one that remembers paths."""
+    roadmap, searching = context.accounting.roadmap, candidates.round
+    if roadmap is None or not roadmap.remember or turn >= len(candidates.searched):
+        return
+    if not searching.fits(roadmap, candidates.padding, context.request):
+        return
+    points = candidates.searched[turn]
+    roadmap = roadmap.under(Terms.of(searching.checker(context, candidates.padding)))
+    pieces = roadmap.unknown_pieces(points)  # those of a longer edge, which was judged at other samples
+    judged = not pieces
+    if pieces:
+        with context.accounting.during(Stage.ROADMAP) as entry, context.accounting.improving(entry, "remembered"):
+            judged = all(candidates.oracle.edge_is_free(a, b) for a, b in pieces)
+    if judged:
+        context.accounting.roadmap = roadmap.with_path(points)
+
+
+def _leads(context: PlanContext, ends: Ends, searching: SearchRound) -> list[FloatArray] | None:
+    """Configurations near the ends, the start first, that keep the full padding and are a free line away from them.
+
+    None if an end has none.
+    """
+    roomy = searching.checker(context, searching.padding)
+    rng = np.random.default_rng([context.request.seed, 3])
+    leads: list[FloatArray] = []
+    for q, padding in [(ends.start, ends.start_padding), *((goal.q, goal.padding) for goal in ends.goals)]:
+        if padding == searching.padding:
+            leads.append(q)
+            continue
+        tight = SearchOracle(searching.checker(context, padding), [q], ())
+        roomy_places = (p for p in near(q, roomy.robot.limits, rng) if roomy.state_is_free(p))
+        lead = next((p for p in roomy_places if tight.edge_is_free(q, p, known=Known.BOTH)), None)
+        if lead is None:
+            return None
+        leads.append(lead)
+    return leads
+
+
+def _search(
+    context: PlanContext,
+    searching: SearchRound,
+    start: FloatArray,
+    goals: Sequence[FloatArray],
+    oracle: SearchOracle,
+    padding: float,
+) -> FloatArray:
+    """A path from the start to one of the goals, as the planner of the request finds it.
+
+    Raises:
+        NoPlan: It finds none.
+    """
+    checker, accounting, tracer = context.checker, context.accounting, context.tracer
+    planner = _planner(context, searching)
+    limits = checker.robot.limits
+    problem = SearchProblem(
+        start=start,
+        goals=np.array(goals),
+        lower=limits.lower,
+        upper=limits.upper,
+        oracle=oracle,
+        poll=checker.ledger.poll,
+        reach=checker.reach,
+        grown=None if tracer is None else tracer.grown,
+    )
+    with accounting.during(Stage.SEARCH) as entry:
+        try:
+            if isinstance(planner, Roadmap):
+                points = _search_roadmap(context, searching, planner, problem, padding, entry)
+            else:
+                points = _search_with_retries(context, searching, planner, problem, entry)
+        finally:
+            alone = isinstance(planner, Roadmap) and not planner.fallback  # its motions are long: they tell nothing
+            accounting.end_trouble = "" if alone else oracle.boxed_in()
+        if points is None:
+            raise NoPlan(accounting.gave_up())
+        entry.length = polyline_length(points)
+        if tracer is not None:
+            tracer.searched(points)
+        return points
+
+
+def _planner(context: PlanContext, searching: SearchRound) -> Planner:
+    """The planner of the request; for a PRM the roadmap that it grows, on its own budget of states."""
+    planner = context.request.planner
+    if isinstance(planner, Optimise):
+        raise BrokenInvariant("an optimisation was asked to search")
+    if not isinstance(planner, GROWERS):
+        return planner
+    with context.accounting.during(Stage.ROADMAP) as entry, context.checker.ledger.apart():
+        checker = searching.checker(context, searching.padding)
+        roadmap = replace(grow(planner, checker, seed=context.request.seed), fallback=False)
+        entry.note = f"{planner.name}: {len(roadmap.milestones)} milestones, {len(roadmap.edges)} edges"
+        if searching.number == 0:
+            context.accounting.roadmap = roadmap
+        return roadmap
+
+
+def _search_with_retries(
+    context: PlanContext, searching: SearchRound, planner: Planner, problem: SearchProblem, entry: StageEntry
+) -> FloatArray | None:
+    """The path of the first try that finds one; None after some that ended by themselves without one."""
+    checker, request, accounting = context.checker, context.request, context.accounting
+    most, given_up = search_states(request), 0
+    tries: Iterable[int] = (most,)
+    if planner.patience is not None:
+        tries = fresh_tries(most, request.retries, planner.patience)
+    spent: CheckBudgetSpent | None = None
+    with checker.limited(states=most):
+        for attempt, states in enumerate(tries):
+            entry.note = planner.name + (f", try {attempt + 1}" if attempt else "")
+            accounting.attempt(entry.note)
+            seed = fresh_seed(request.seed, attempt + FIRST_TRIES * searching.number)
+            try:
+                with checker.limited(states=states):
+                    result = planner.search(replace(problem, seed=seed))
+            except CheckBudgetSpent as stopped:
+                if checker.ledger.room() == 0:
+                    raise
+                spent = stopped
+                continue
+            if result.waypoints is not None:
+                accounting.deterministic &= not isinstance(result.stopped, TimeBoxSpent | Cancelled)
+                return result.waypoints
+            spent, given_up = None, given_up + 1
+            if request.retries is None and given_up == FIRST_TRIES:
+                break
+    if spent is not None:
+        raise spent
+    return None
+
+
+def _search_roadmap(
+    context: PlanContext,
+    searching: SearchRound,
+    roadmap: Roadmap,
+    problem: SearchProblem,
+    padding: float,
+    entry: StageEntry,
+) -> FloatArray | None:
+    """The path over a roadmap; where it has none, RRTConnect's, unless the roadmap is to be searched alone."""
+    points = None
+    if searching.number == 0 or not roadmap.fallback:  # a roadmap knows nothing of edges sampled more closely
+        points = _query_roadmap(context, searching, roadmap, problem, padding, entry)
+    if points is None and roadmap.fallback:
+        note = f"{entry.note}; no path there: " if entry.note else ""
+        try:
+            points = _search_with_retries(context, searching, RRTConnect(), problem, entry)
+        finally:
+            entry.note = note + entry.note
+    return points
+
+
+def _query_roadmap(
+    context: PlanContext,
+    searching: SearchRound,
+    roadmap: Roadmap,
+    problem: SearchProblem,
+    padding: float,
+    entry: StageEntry,
+) -> FloatArray | None:
+    """A path over a roadmap; None if it has none, or has spent half of the states and may leave the rest."""
+    most = search_states(context.request)
+    states = most // 2 if roadmap.fallback else most
+    context.accounting.attempt(roadmap.name)
+    checker = searching.checker(context, padding)
+    with context.checker.limited(states=states):
+        answer = ask(roadmap, checker, problem)
+    entry.note = f"{roadmap.name}: {answer.note}"
+    if searching.fits(roadmap, padding, context.request):
+        context.accounting.roadmap = answer.roadmap
+    if answer.stopped is not None:
+        if not roadmap.fallback or not isinstance(answer.stopped, CheckBudgetSpent):
+            raise answer.stopped
+        entry.note = f"{roadmap.name}: given up after {states:,} states"
+    return answer.waypoints
+
+
+def _shortened(context: PlanContext, points: FloatArray, oracle: SearchOracle) -> tuple[FloatArray, ...]:
+    """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""
+    request, accounting = context.request, context.accounting
+    with accounting.during(Stage.SHORTCUT) as entry, accounting.improving(entry, "shortened"):
+        entry.length = polyline_length(points)
+        points = shortcut(points, oracle, np.random.default_rng([request.seed, 1]))
+        entry.length = polyline_length(points)
+    if context.tracer is not None:
+        context.tracer.cut(points)
+    if len(points) > 2:
+        with accounting.during(Stage.POLISH) as entry, accounting.improving(entry, "tidied"):
+            entry.length = polyline_length(points)
+            pulled = pulled_in(points, oracle)
+            if request.blend > 0.0:
+                pulled = without_short_pieces(pulled, oracle)
+            entry.length = polyline_length(pulled)
+            if pulled.tolist() != points.tolist():
+                return pulled, points
+    return (points,)
+
+
+def fresh_tries(states: int, retries: int | None, patience: int) -> Iterator[int]:
+    """How many states each try may check, one after the other, without an end if ``retries`` is None.
+
+    Args:
+        states: What all of them may check.
+        retries: ``PlanRequest.retries``; if given, all tries have equal parts.
+        patience: States that each try is to have at least.
+    """
+    if retries is not None:
+        yield from repeat(max(1, states // (retries + 1), patience), retries + 1)
+        return
+    first = max(1, min(FIRST_STATES, states // FIRST_TRIES), patience)
+    for attempt in count():
+        yield first << max(0, attempt - FIRST_TRIES + 1)
+
+
+def fresh_seed(seed: int, attempt: int) -> int:
+    """The seed of a try: the request's own for the first, an unrelated one for each retry."""
+    if attempt == 0:
+        return seed
+    return int(np.random.SeedSequence([seed, attempt]).generate_state(1)[0])
+
+
+def polyline_length(points: FloatArray) -> float:
+    """L2 length of a polyline (N, n)."""
+    return math.fsum(joint_distance(a, b) for a, b in pairwise(points.tolist()))
+
+
+def _without_repeats(points: Sequence[FloatArray]) -> FloatArray:
+    return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
