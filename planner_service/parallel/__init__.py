@@ -1,4 +1,4 @@
-"""Many items at once: on every core, or on all machines of a Ray cluster."""
+"""Engines that answer many items at once: on every core, or on all machines of a Ray cluster."""
 
 from planner_service.parallel.engine import Answers, Engine, InWorker, Limit, Lost, Work
 from planner_service.parallel.named import engine_named

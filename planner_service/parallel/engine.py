@@ -1,4 +1,4 @@
-"""What an engine is: many items through one work, in order, on whatever there is to work on."""
+"""What an engine does: apply one work to many items and return the answers in order."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ Item_contra = TypeVar("Item_contra", contravariant=True)
 Answer_co = TypeVar("Answer_co", covariant=True)
 
 LOOK_AHEAD = 64
-"""Items per worker that may be taken beyond the next one to be handed out: one that takes long keeps nobody waiting."""
+"""Items per worker that may be taken beyond the next one to be handed out, so that a slow item delays no others."""
 
 Limit = Callable[[Item], float | None]
-"""Seconds that an item may take before its worker is ended; None for no limit."""
+"""Seconds that an item may take before its worker is killed; None for no limit."""
 
 
 class Work(Protocol[Item_contra, Answer_co]):
-    """What is done with every item: a value of a class that others can import, sent to each worker once.
+    """What is done with every item: an object of an importable class, sent to each worker once.
 
-    Items and answers cross to and fro, so both are best plain data, and small.
+    Items and answers are pickled, so they should be plain data, and small.
     """
 
     def prepare(self) -> None:
-        """Make what every item needs; called once in each worker, before its first item."""
+        """Set up what every item needs; called once in each worker, before its first item."""
 
     def __call__(self, item: Item_contra, /) -> Answer_co:
-        """The answer to one item; it depends on nothing but the item."""
+        """The answer to one item, which must depend on the item alone."""
 
 
 @dataclass(frozen=True)
 class Lost:
-    """Stands for the answer to an item that cost two workers their life, or was over its limit.
+    """Takes the place of an answer if two workers died of an item, or it exceeded its time limit.
 
     Attributes:
-        detail: What became of the worker, for a person.
-        over_limit: Whether it was ended because its time was up; such an item is not tried again.
+        detail: How the worker ended, in words.
+        over_limit: Whether it was killed at its time limit; such an item is not tried again.
     """
 
     detail: str
@@ -49,7 +49,7 @@ class Lost:
 
 
 class InWorker(PlannerServiceError):
-    """The cause of an error that a work raised: at which item (None: while getting ready), and the traceback there."""
+    """The cause of an exception that a work raised: the item's index (None while getting ready) and the traceback."""
 
     def __init__(self, index: int | None, traceback: str) -> None:
         super().__init__(f"{'while getting ready' if index is None else f'item {index}'}, in a worker:\n{traceback}")
@@ -58,14 +58,14 @@ class InWorker(PlannerServiceError):
 
 
 class Answers(Protocol[Answer_co]):
-    """The answers in the order of the items, each with its index from 0; an iterator that is closed when done with.
+    """An iterator over the answers in the order of the items, each with its index from 0.
 
-    Whoever leaves early, by Ctrl-C, too, closes it: the workers are then ended within a second.
+    Close it if you do not read it to its end, also after Ctrl-C: its workers are then killed within a second.
     """
 
     @property
     def finished(self) -> Mapping[int, Answer_co | Lost]:
-        """What is finished and was not handed out yet, and the answer handed out last: what an interrupt would lose."""
+        """The answers not handed out yet, and the one handed out last, by index: what an interrupt would lose."""
 
     def __iter__(self) -> Iterator[tuple[int, Answer_co | Lost]]: ...
 
@@ -73,22 +73,22 @@ class Answers(Protocol[Answer_co]):
         """The next answer.
 
         Raises:
-            StopIteration: there are no more items.
-            Exception: whatever the work raised for this item, in its turn, with ``InWorker`` as its cause; or the items
-                themselves, when all before are answered.
+            StopIteration: There are no more items.
+            Exception: What the work raised for this item, with ``InWorker`` as its cause; or what the iterator of items
+                raised, once all items before are answered.
         """
 
     def close(self) -> None:
-        """End all workers. What is ``finished`` stays there."""
+        """Kill all workers; ``finished`` keeps its answers."""
 
 
 class Engine(Protocol):
-    """Where and by how many workers items are answered."""
+    """Where items are answered, and by how many workers."""
 
     def run(
         self, work: Work[Item, Answer], items: Iterable[Item], *, limit: Limit[Any] | None = None
     ) -> Answers[Answer]:
-        """Start to answer; items are taken as there are workers for them, and at most ``LOOK_AHEAD`` a worker ahead.
+        """Start answering. Items are taken as workers are free, and at most ``LOOK_AHEAD`` per worker ahead.
 
-        A worker that dies costs its item a second try with another worker, then that item is ``Lost``, and no other.
+        If a worker dies, another one tries its item again; if that dies too, this item is ``Lost``, and no other.
         """

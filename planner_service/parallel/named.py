@@ -1,4 +1,4 @@
-"""Engines by the words of a command line."""
+"""Engines by the names that the command line takes."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["engine_named"]
 
 
 def engine_named(name: str, workers: int | None) -> Engine:
-    """``processes``, ``ray`` on this machine, or ``ray=ADDRESS``; one worker that is a process is this one.
+    """The engine for ``processes``, ``ray`` (on this machine) or ``ray=ADDRESS``; one process needs no worker.
 
     Raises:
-        InvalidRequest: another name, or no number of workers.
+        InvalidRequest: Another name, or ``workers`` is not a whole number from 1 to 10,000.
         MissingDependency: ray is not installed.
     """
     text("--engine", name, "processes, ray or ray=ADDRESS")

@@ -1,4 +1,4 @@
-"""The engine of one machine: a process for each core, on nothing but the standard library."""
+"""The engine of one machine: a process for each core, with the standard library alone."""
 
 from __future__ import annotations
 
@@ -10,45 +10,41 @@ import traceback
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, Pipe, wait
+from multiprocessing.connection import Pipe, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
 
 from planner_service.errors import BrokenInvariant, InvalidRequest, shown
 from planner_service.geometry.shapes import whole
 from planner_service.parallel.engine import Answers, Limit, Work
-from planner_service.parallel.events import Event, Gone, Raised, Ready
-from planner_service.parallel.scheduler import Schedule
+from planner_service.parallel.pool import Died, Event, Raised, WorkerPool
 
-__all__ = ["ONE_THREAD", "Processes", "available_cores", "require_workers"]
+__all__ = ["Processes", "available_cores", "require_workers"]
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
-AHEAD = 16_384
-"""Bytes that are sent to a worker that is busy: they fit into its socket, so that sending them waits for nobody."""
-
-BOOT = (
+PROGRAM = (
     "import sys; sys.path[:] = sys.argv[2:]; from planner_service.parallel.worker import main; main(int(sys.argv[1]))"
 )
-"""Run by a worker's interpreter: the calling script is not imported, it needs no ``if __name__ == "__main__"``. Before
-``sys.path`` is ours the working directory is in it, with files that may be named like modules.
+"""Run by a worker's interpreter. It does not import the calling script, which so needs no ``if __name__ ==
+"__main__"``, and sets ``sys.path`` first: it would else start with the working directory, whose files may be named
+like modules.
 """
 
-LAST_MOMENT = 1.0
-"""Seconds in which a worker that has hung up has to be gone."""
+EXIT_SECONDS = 1.0
+"""How long a worker that closed its connection may take to exit."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-"""The environment of a worker, which has one core."""
+"""Set in the environment of a worker, which has one core."""
+
+MAX_WORKERS = 10_000
 
 
 def available_cores() -> int:
     """How many cores this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return os.cpu_count() or 1 if affinity is None else len(affinity(0))
-
-
-MAX_WORKERS = 10_000
 
 
 def require_workers(value: object) -> None:
@@ -62,10 +58,10 @@ class Processes:
     """Answers in processes of this machine.
 
     Attributes:
-        workers: How many at most; None for one on each core that this process may use.
+        workers: The most there may be; None for one on each core that this process may use.
 
     Raises:
-        InvalidRequest: no number of workers.
+        InvalidRequest: ``workers`` is not a whole number from 1 to 10,000.
     """
 
     workers: int | None = None
@@ -77,35 +73,33 @@ class Processes:
         self, work: Work[Item, Answer], items: Iterable[Item], *, limit: Limit[Any] | None = None
     ) -> Answers[Answer]:
         """See ``Engine``."""
-        return Schedule(_Crew(self.workers or available_cores(), work), items, limit)
+        return WorkerPool(_Backend(self.workers or available_cores(), _pickled("work", work)), items, limit)
 
 
-class _Hand:
-    """A process, and the socket over which one talks to it."""
+class _Worker:
+    """A process, and the connection to it."""
 
     def __init__(self) -> None:
+        self.started = False
         self.connection, theirs = Pipe()
-        self.begun, self.unanswered = False, 0
-        self.held: Any = None
         with theirs:
             socket = theirs.fileno()
             self.process = subprocess.Popen(
-                [sys.executable, "-c", BOOT, str(socket), *map(str, sys.path)],
-                stdin=subprocess.PIPE,  # nobody writes to it: when it closes, we are no more
+                [sys.executable, "-c", PROGRAM, str(socket), *map(str, sys.path)],
+                stdin=subprocess.PIPE,  # never written to; it closes when this process dies
                 pass_fds=[socket],
                 env=os.environ | ONE_THREAD,
-                start_new_session=True,  # Ctrl-C is for us alone
+                start_new_session=True,  # Ctrl-C does not reach it
             )
 
     def send(self, message: Any) -> None:
-        """Send what was pickled; if the process is gone, the next look says what became of it."""
-        with suppress(BrokenPipeError, ConnectionResetError):
+        with suppress(BrokenPipeError, ConnectionResetError):  # its death is seen when its answer is read
             self.connection.send_bytes(message)
 
-    def became(self) -> str:
-        """What became of it, in words, once it has hung up; it may live on, if its work closed what is not its own."""
+    def exit_detail(self) -> str:
+        """How it ended, in words, after it closed its connection; it lives on if its work closed that."""
         try:
-            code = self.process.wait(LAST_MOMENT)
+            code = self.process.wait(EXIT_SECONDS)
         except subprocess.TimeoutExpired:
             return "it closed its connection"
         if code >= 0:
@@ -114,58 +108,53 @@ class _Hand:
         return f"it was ended by {name}{', as when memory runs out' if name == 'SIGKILL' else ''}"
 
 
-class _Crew:
-    def __init__(self, size: int, work: Work[Any, Any]) -> None:
-        self.size = size
-        self._work = _pickled("work", work)
+@dataclass(frozen=True)
+class _Backend:
+    max_workers: int
+    work: Any
 
-    def hire(self) -> _Hand:
-        return _Hand()
+    def start(self) -> _Worker:
+        return _Worker()
 
-    def give(self, hand: _Hand, item: Any) -> None:
-        message = _pickled("item", item)
-        hand.unanswered += 1
-        if hand.unanswered > 1 and len(message) > AHEAD:
-            hand.held = message
-        else:
-            hand.send(message)
+    def send(self, worker: _Worker, item: Any) -> None:
+        worker.send(_pickled("item", item))
 
-    def look(self, hands: Sequence[_Hand], timeout: float | None) -> list[tuple[_Hand, Event]]:
-        by_connection = {hand.connection: hand for hand in hands}
-        told = ((by_connection[found], self._heard(by_connection[found])) for found in _ready(by_connection, timeout))
-        return [(hand, event) for hand, event in told if event is not None]
+    def receive(self, workers: Sequence[_Worker], timeout: float | None) -> list[tuple[_Worker, Event]]:
+        by_connection: dict[Any, _Worker] = {worker.connection: worker for worker in workers}
+        events = []
+        for connection in wait(by_connection, timeout):
+            worker = by_connection[connection]
+            event = self._received(worker)
+            if event is not None:
+                events.append((worker, event))
+        return events
 
-    def _heard(self, hand: _Hand) -> Event | None:
+    def _received(self, worker: _Worker) -> Event | None:
         try:
-            sent = hand.connection.recv_bytes()
+            message = worker.connection.recv_bytes()
         except (EOFError, OSError):
-            return Gone(hand.became())
-        event = _opened(sent)
-        if isinstance(event, Ready) and not hand.begun:  # up and reading: a large work does not block
-            hand.begun = True
-            hand.send(self._work)
+            return Died(worker.exit_detail())
+        if not worker.started:
+            worker.started = True
+            worker.send(self.work)
             return None
-        hand.unanswered -= not isinstance(event, Ready)
-        if hand.held is not None:
-            hand.send(hand.held)
-            hand.held = None
-        return event
+        return _unpickled(message)
 
-    def end(self, hands: Sequence[_Hand]) -> None:
-        for hand in hands:
-            hand.process.kill()
-        for hand in hands:
-            with hand.process:  # waits, and closes its input
-                hand.connection.close()
+    def kill(self, workers: Sequence[_Worker]) -> None:
+        for worker in workers:
+            worker.process.kill()
+        for worker in workers:
+            with worker.process:  # waits for it and closes its standard input
+                worker.connection.close()
 
     def close(self) -> None:
         pass
 
 
-def _opened(sent: bytes) -> Event:
+def _unpickled(message: bytes) -> Event:
     try:
-        event: Event = ForkingPickler.loads(sent)
-    except Exception as error:  # it was made by classes that are not like that here
+        event: Event = ForkingPickler.loads(message)
+    except Exception as error:  # its classes differ here
         return Raised(BrokenInvariant(f"what a worker sent cannot be read: {error}"), traceback.format_exc())
     return event
 
@@ -176,7 +165,3 @@ def _pickled(name: str, value: Any) -> Any:
     except Exception as error:
         message = f"{name}: {shown(value)} cannot be sent to a worker: {error}"
         raise InvalidRequest(name, value, "what can be pickled", message=message) from error
-
-
-def _ready(connections: Iterable[Connection[Any, Any]], timeout: float | None) -> list[Any]:
-    return wait(list(connections), timeout)

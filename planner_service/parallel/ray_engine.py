@@ -1,25 +1,22 @@
-"""The engine of many machines: Ray actors, wherever a cluster has cores. The only import of ray."""
+"""The engine of many machines: Ray actors, wherever a cluster has cores. The only module that imports ray."""
 
 from __future__ import annotations
 
 import socket
-import traceback
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.parallel.engine import Answers, Limit, Work
-from planner_service.parallel.events import Event, Gone, Raised, Ready, outcome
+from planner_service.parallel.pool import Died, Event, Raised, WorkerPool, outcome
 from planner_service.parallel.processes import available_cores, require_workers
-from planner_service.parallel.scheduler import Schedule
 
 __all__ = ["Ray"]
 
-PATIENCE = 5.0
-"""Seconds for a cluster's head to take a connection."""
+CONNECT_SECONDS = 5.0
+"""How long a cluster's head may take to accept a connection."""
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -27,17 +24,17 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Ray:
-    """Answers on a Ray cluster, whose machines have this package installed in the same version.
+    """Answers on a Ray cluster, whose machines have the same version of this package.
 
-    A cluster that this process is connected to is used, and left as it is. Else one is connected to, or started, and
-    left again when all is answered.
+    A cluster that this process is connected to already is used and stays connected. Else one is connected to, or
+    started, and left when all items are answered.
 
     Attributes:
         address: Of a running cluster, such as ``"auto"`` or ``"ray://head:10001"``; None to start one on this machine.
-        workers: How many at most; None for one on each core of the cluster.
+        workers: The most there may be; None for one on each core of the cluster.
 
     Raises:
-        InvalidRequest: no number of workers, or no address.
+        InvalidRequest: ``workers`` is not a whole number from 1 to 10,000, or ``address`` is empty or not a string.
         MissingDependency: ray is not installed.
     """
 
@@ -56,9 +53,9 @@ class Ray:
         """See ``Engine``.
 
         Raises:
-            InvalidRequest: there is no cluster at the address.
+            InvalidRequest: There is no cluster at the address.
         """
-        return Schedule(_Crew(self, work), items, limit)
+        return WorkerPool(_Backend(self, work), items, limit)
 
 
 def _ray() -> Any:
@@ -70,16 +67,12 @@ def _ray() -> Any:
 
 
 class _Actor:
-    """A worker, in a process of its own."""
+    """A worker in a process of its own."""
 
     def prepare(self, work: Work[Any, Any]) -> tuple[Event, str]:
-        """Take the work; tells on which node."""
+        """Take the work; returns the event and the id of the actor's machine."""
         self._work = work
-        try:
-            work.prepare()
-        except Exception as error:
-            return Raised(error, traceback.format_exc()), ""
-        return Ready(), _ray().get_runtime_context().get_node_id()
+        return outcome(work.prepare), _ray().get_runtime_context().get_node_id()
 
     def answer(self, item: Any) -> Event:
         """What an item comes to."""
@@ -87,59 +80,60 @@ class _Actor:
 
 
 @dataclass(eq=False)
-class _Hand:
-    """An actor, what it has been asked and not yet told, in order, and on which node it is, once that is known."""
+class _Worker:
+    """An actor, the answer that it owes, and the id of its machine once that is known."""
 
     actor: Any
-    asked: deque[Any] = field(default_factory=deque)
+    pending: Any
     node: str = ""
 
 
-class _Crew:
+class _Backend:
     def __init__(self, engine: Ray, work: Work[Any, Any]) -> None:
         self._ray = _ray()
         self._ours = not self._ray.is_initialized()
         if self._ours:
             _connect(self._ray, engine)
-        self.size = engine.workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+        self.max_workers = engine.workers or max(1, int(self._ray.cluster_resources().get("CPU", 1)))
         self._kind = self._ray.remote(num_cpus=1, max_restarts=0)(_Actor)
         self._work = self._ray.put(work)
 
-    def hire(self) -> _Hand:
+    def start(self) -> _Worker:
         actor = self._kind.remote()
-        return _Hand(actor, deque([actor.prepare.remote(self._work)]))
+        return _Worker(actor, actor.prepare.remote(self._work))
 
-    def give(self, hand: _Hand, item: Any) -> None:
-        hand.asked.append(hand.actor.answer.remote(item))
+    def send(self, worker: _Worker, item: Any) -> None:
+        worker.pending = worker.actor.answer.remote(item)
 
-    def look(self, hands: Sequence[_Hand], timeout: float | None) -> list[tuple[_Hand, Event]]:
-        asked = {hand.asked[0]: hand for hand in hands if hand.asked}
-        if not asked:
+    def receive(self, workers: Sequence[_Worker], timeout: float | None) -> list[tuple[_Worker, Event]]:
+        pending = {worker.pending: worker for worker in workers if worker.pending is not None}
+        if not pending:
             return []
-        ready, others = self._ray.wait(list(asked), timeout=timeout)
+        ready, others = self._ray.wait(list(pending), timeout=timeout)
         if ready and others:
             ready += self._ray.wait(others, num_returns=len(others), timeout=0)[0]
-        return [(asked[ref], self._heard(asked[ref])) for ref in ready]
+        return [(pending[ref], self._received(pending[ref])) for ref in ready]
 
-    def _heard(self, hand: _Hand) -> Event:
+    def _received(self, worker: _Worker) -> Event:
+        ref, worker.pending = worker.pending, None
         try:
-            told: Event | tuple[Event, str] = self._ray.get(hand.asked.popleft())
-        except self._ray.exceptions.RayTaskError as error:  # what was sent, or was to be, cannot be read there
+            answer: Event | tuple[Event, str] = self._ray.get(ref)
+        except self._ray.exceptions.RayTaskError as error:  # the item cannot be read there, or its answer not be sent
             return Raised(error.cause if isinstance(error.cause, Exception) else error, str(error))
         except self._ray.exceptions.RayError as error:
-            return Gone(_in_short(error), blameless=self._is_lost(hand.node))
-        if isinstance(told, tuple):
-            event, hand.node = told
+            return Died(_in_short(error), blameless=self._has_lost(worker.node))
+        if isinstance(answer, tuple):
+            event, worker.node = answer
             return event
-        return told
+        return answer
 
-    def _is_lost(self, node: str) -> bool:
-        """Whether a whole machine is no more, for which its workers' items are not to blame."""
+    def _has_lost(self, node: str) -> bool:
+        """Whether a whole machine has left the cluster, which is not the fault of its workers' items."""
         return bool(node) and all(one["NodeID"] != node or not one["Alive"] for one in self._ray.nodes())
 
-    def end(self, hands: Sequence[_Hand]) -> None:
-        for hand in hands:
-            self._ray.kill(hand.actor)
+    def kill(self, workers: Sequence[_Worker]) -> None:
+        for worker in workers:
+            self._ray.kill(worker.actor)
 
     def close(self) -> None:
         if self._ours:
@@ -147,9 +141,9 @@ class _Crew:
 
 
 def _in_short(error: Exception) -> str:
-    """What Ray says of a worker's end, without what it says at length of every end."""
-    told = " ".join(str(error).split()).partition(" Some common causes")[0]
-    return told[told.find("The actor is dead because") :] if "The actor is dead because" in told else told
+    """Ray's message about a worker's death, without the general advice that follows it."""
+    message = " ".join(str(error).split()).partition(" Some common causes")[0]
+    return message[max(0, message.find("The actor is dead because")) :]
 
 
 def _connect(ray: Any, engine: Ray) -> None:
@@ -167,10 +161,10 @@ def _connect(ray: Any, engine: Ray) -> None:
 
 @contextmanager
 def _on_this_machine_alone() -> Iterator[None]:
-    """Within the block a cluster that is begun listens on the loopback address only: others could run code in it.
+    """Have a cluster that is started in the block listen on the loopback address only: others could run code in it.
 
-    Ray does so on systems where it supports no clusters, which nothing but this says; an address that is given to it
-    as 127.0.0.1 it replaces by one that others reach.
+    Ray does so on systems where it supports no clusters, and nothing but this setting says so; the address 127.0.0.1
+    it would replace by one that others reach.
     """
     from ray._private import ray_constants
 
@@ -183,11 +177,11 @@ def _on_this_machine_alone() -> Iterator[None]:
 
 
 def _require_listener(address: str) -> None:
-    """Raise an OSError if nothing listens at an address with a port: Ray would look for it for minutes.
+    """Raise an OSError if nothing listens at an address with a port: Ray would try to connect for minutes.
 
-    Others, such as ``auto``, are names that Ray knows.
+    Addresses without a port, such as ``auto``, are left to Ray.
     """
     host, _, port = address.removeprefix("ray://").partition("/")[0].rpartition(":")
     if host and port.isdecimal() and int(port) <= 65_535:
-        with socket.create_connection((host.strip("[]"), int(port)), timeout=PATIENCE):
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_SECONDS):
             pass

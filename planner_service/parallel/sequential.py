@@ -1,4 +1,4 @@
-"""The engine that needs no workers: items are answered one by one, here."""
+"""The engine without workers: items are answered one by one in this process."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Sequential:
-    """Answers in this process, each item when its answer is asked for.
+    """Answers in this process, each item when its answer is requested.
 
-    Nothing can be ended here: limits do not hold, and whatever takes the process down takes the rest along.
+    Nothing can be killed here: time limits are ignored, and a crash ends this process.
     """
 
     def run(
         self, work: Work[Item, Answer], items: Iterable[Item], *, limit: Limit[Any] | None = None
     ) -> Answers[Answer]:
         """See ``Engine``."""
-        return _InTurn(work, items)
+        return _SequentialAnswers(work, items)
 
 
-class _InTurn(Generic[Answer]):
+class _SequentialAnswers(Generic[Answer]):
     def __init__(self, work: Work[Item, Answer], items: Iterable[Item]) -> None:
         self.finished: dict[int, Answer | Lost] = {}
-        self._steps = self._all(work, items)
+        self._answers = self._all(work, items)
 
     def _all(self, work: Work[Item, Answer], items: Iterable[Item]) -> Iterator[tuple[int, Answer]]:
         for index, item in enumerate(items):
@@ -48,7 +48,7 @@ class _InTurn(Generic[Answer]):
         return self
 
     def __next__(self) -> tuple[int, Answer | Lost]:
-        return next(self._steps)
+        return next(self._answers)
 
     def close(self) -> None:
-        self._steps = iter(())
+        self._answers = iter(())

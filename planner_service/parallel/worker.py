@@ -1,4 +1,4 @@
-"""A worker of ``Processes``: it is told its work once, and then item after item over a socket."""
+"""The program of a worker process of ``Processes``: takes the work once, then answers item after item over a socket."""
 
 from __future__ import annotations
 
@@ -6,61 +6,57 @@ import fcntl
 import os
 import signal
 import traceback
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.parallel.events import Event, Gone, Raised, Ready, outcome
+from planner_service.parallel.pool import Answered, Died, Event, Raised, outcome
 
 __all__ = ["main"]
 
 
 def main(socket: int) -> None:
-    """Work until the other end is closed."""
-    os.set_inheritable(socket, False)  # what a work starts is not to keep it open when this is no more
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for whoever started this; this is ended from there
-    _end_with_the_parent()
+    """Answer items until the other end is closed."""
+    os.set_inheritable(socket, False)  # a process that the work starts must not keep it open
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent, which kills this process
+    _die_with_parent()
     connection: Connection[Any, Any] = Connection(socket)
-    try:
-        _work(connection)
-    except (EOFError, BrokenPipeError, ConnectionResetError):
-        return
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        _serve(connection)
 
 
-def _end_with_the_parent() -> None:
-    """Have Linux end this process when standard input is closed, as it is when the parent is no more.
+def _die_with_parent() -> None:
+    """Have Linux kill this process when standard input closes, as it does when the parent dies.
 
-    It holds while a library computes and lets no Python run. Elsewhere the process ends when its item is done.
+    This works even while native code computes and no Python runs. On other systems the process ends after its item.
     """
     fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
 
 
-def _work(connection: Connection[Any, Any]) -> None:
-    connection.send(Ready())
-    sent = connection.recv_bytes()
-    try:
-        work = _opened("work", sent)
-        work.prepare()
-    except Exception as error:
-        _tell(connection, Raised(error, traceback.format_exc()))
-        return
-    connection.send(Ready())
-    while True:
-        sent = connection.recv_bytes()
-        try:
-            item = _opened("item", sent)
-        except Exception as error:
-            event: Event = Raised(error, traceback.format_exc())
-        else:
-            event = outcome(work, item)
-        _tell(connection, event)
-        if isinstance(event, Gone):
-            return
+def _serve(connection: Connection[Any, Any]) -> None:
+    connection.send_bytes(b"")  # reading from now on: a large work does not block the parent
+    prepared = outcome(_prepare, connection.recv_bytes())
+    event = Answered(None) if isinstance(prepared, Answered) else prepared
+    _send(connection, event)
+    while isinstance(prepared, Answered) and not isinstance(event, Died):
+        event = outcome(_answer, prepared.value, connection.recv_bytes())
+        _send(connection, event)
 
 
-def _opened(name: str, sent: bytes) -> Any:
+def _prepare(sent: bytes) -> Any:
+    work = _unpickled("work", sent)
+    work.prepare()
+    return work
+
+
+def _answer(work: Any, sent: bytes) -> Any:
+    return work(_unpickled("item", sent))
+
+
+def _unpickled(name: str, sent: bytes) -> Any:
     try:
         return ForkingPickler.loads(sent)
     except (AttributeError, ImportError) as error:
@@ -68,12 +64,12 @@ def _opened(name: str, sent: bytes) -> Any:
         raise InvalidRequest(name, str(error), expected) from error
 
 
-def _tell(connection: Connection[Any, Any], event: Event) -> None:
+def _send(connection: Connection[Any, Any], event: Event) -> None:
     try:
         message = ForkingPickler.dumps(event)
         if isinstance(event, Raised):
-            ForkingPickler.loads(message)  # many an error can be sent and not be made again
-    except Exception as error:  # an answer, or an error, that cannot be sent
-        told = event.traceback if isinstance(event, Raised) else traceback.format_exc()
-        message = ForkingPickler.dumps(Raised(BrokenInvariant(f"a worker cannot send what it has: {error}"), told))
+            ForkingPickler.loads(message)  # many exceptions can be pickled but not unpickled
+    except Exception as error:
+        origin = event.traceback if isinstance(event, Raised) else traceback.format_exc()
+        message = ForkingPickler.dumps(Raised(BrokenInvariant(f"a worker cannot send what it has: {error}"), origin))
     connection.send_bytes(message)

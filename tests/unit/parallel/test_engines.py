@@ -18,7 +18,6 @@ import pytest
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.parallel import Engine, InWorker, Lost, Processes, Ray, Sequential
 from planner_service.parallel.engine import LOOK_AHEAD
-from planner_service.parallel.processes import AHEAD
 from tests.support.parallel_work import Echo, Faulty, Stillborn
 
 ROOT = Path(__file__).parents[3]
@@ -95,7 +94,7 @@ def test_no_items_start_no_worker() -> None:
 
 
 def test_what_is_large_crosses_both_ways() -> None:
-    items = [bytes([k]) * (64 * AHEAD) for k in range(6)]
+    items = [bytes([k]) * 1_000_000 for k in range(6)]
     answers = [answer for _, answer in Processes(1).run(Echo(), items)]
     assert [answer[0] for answer in answers if not isinstance(answer, Lost)] == items
 
