@@ -1,1 +1,1 @@
-"""Threads, forks and Ctrl-C: turns in order, locks after a fork, whole imports, and calls that end when told to."""
+"""Threads, forks and Ctrl-C: a fair lock, locks after a fork, uninterrupted imports, and calls that can be ended."""

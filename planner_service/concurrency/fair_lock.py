@@ -1,4 +1,4 @@
-"""One caller at a time, first come, first served."""
+"""A lock that serves callers in the order in which they came."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ __all__ = ["Turns"]
 
 T = TypeVar("T")
 
-_LOOK_AROUND = 0.02
-"""Seconds between looks around while waiting."""
+_POLL_SECONDS = 0.02
+"""Seconds between polls while waiting."""
 
 
 class Turns:
-    """A fair lock: threads get it in the order in which they asked.
+    """A lock that threads get in the order in which they asked for it.
 
-    Ctrl-C may come between any two steps. So the turn is given back twice, the second time in case the first did not
-    come about: leaving a line in which one does not stand does nothing.
+    Ctrl-C may come between any two steps, so a caller leaves the queue twice, in case the first time was interrupted;
+    leaving a queue in which one does not stand does nothing.
     """
 
     def __init__(self) -> None:
-        self._line: deque[threading.Lock] = deque()  # its operations are atomic; each caller's bell, not rung yet
+        self._queue: deque[threading.Lock] = deque()  # each caller's bell; operations are atomic
 
     @property
     def waiting(self) -> int:
-        """How many callers stand in line behind the one whose turn it is."""
-        return max(0, len(self._line) - 1)
+        """How many callers wait for the holder."""
+        return max(0, len(self._queue) - 1)
 
     def taken(self, act: Callable[[], T], poll: Callable[[], None] = lambda: None) -> T:
-        """What ``act`` returns, holding the turn.
+        """Call ``act`` while holding the lock; returns its result.
 
         Args:
-            poll: Called now and then while waiting; what it raises ends the wait.
+            poll: Called repeatedly while waiting; an exception from it ends the wait.
         """
         bell = threading.Lock()
         try:
             try:
                 bell.acquire()
-                self._line.append(bell)
-                while self._line[0] is not bell:
+                self._queue.append(bell)
+                while self._queue[0] is not bell:
                     poll()
-                    bell.acquire(timeout=_LOOK_AROUND)
+                    bell.acquire(timeout=_POLL_SECONDS)
                 return act()
             finally:
                 self._leave(bell)
@@ -52,8 +52,8 @@ class Turns:
             self._leave(bell)
 
     def _leave(self, bell: threading.Lock) -> None:
-        """Leave the line, wherever in it, and ring for the first."""
+        """Leave the queue, from anywhere in it, and wake the first."""
         with suppress(ValueError):
-            self._line.remove(bell)
-        with suppress(IndexError, RuntimeError):  # nobody is there; it was rung for already
-            self._line[0].release()
+            self._queue.remove(bell)
+        with suppress(IndexError, RuntimeError):  # nobody waits, or it is awake already
+            self._queue[0].release()

@@ -1,6 +1,6 @@
-"""What a child process needs after a fork: locks that another thread of the parent held are nobody's there.
+"""Renews locks after a fork: a lock that another thread of the parent held is never released in the child.
 
-``functools.cached_property`` has such a lock before Python 3.12, one for all objects of a class.
+Before Python 3.12 ``functools.cached_property`` has such a lock, one for all objects of a class.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ __all__ = ["renew_locks"]
 
 
 def renew_locks() -> None:
-    """Give every cached property of this package a lock of its own process."""
+    """Give every cached property of this package a new lock, before Python 3.12."""
     if sys.version_info >= (3, 12):
         return
     for name, module in list(sys.modules.items()):

@@ -1,7 +1,7 @@
-"""Loading a library when it is first needed, so that Ctrl-C cannot cut the import in half.
+"""Imports a library when it is first needed, in a way that Ctrl-C cannot interrupt.
 
-Some libraries cannot be imported again after that: Pinocchio, PIQP and what TOPP-RA draws with then stay broken until
-the process ends. Ctrl-C comes to the main thread, so another one imports, and goes on if the main one is interrupted.
+Some libraries cannot be imported again after an interrupted import: Pinocchio, PIQP and matplotlib stay broken until
+the process ends. Ctrl-C interrupts the main thread, so another thread imports, and continues in that case.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ __all__ = ["loaded"]
 _libraries: dict[Callable[[], Any], Any] = {}
 
 _importing = threading.Lock()
-"""Held while a library is imported. A fork waits for that: in its child half an import would be there for good."""
+"""Held while a library is imported. A fork waits for it: the child would keep a half-done import for ever."""
 
-LONGEST = 30.0
-"""Seconds that a fork waits at most."""
+MAX_FORK_WAIT = 30.0
+"""The longest that a fork waits, in seconds."""
 
 
 _forking = False
@@ -27,7 +27,7 @@ _forking = False
 
 def _before() -> None:
     global _forking
-    _forking = _importing.acquire(timeout=LONGEST)
+    _forking = _importing.acquire(timeout=MAX_FORK_WAIT)
 
 
 def _in_parent() -> None:
@@ -44,10 +44,10 @@ os.register_at_fork(before=_before, after_in_parent=_in_parent, after_in_child=_
 
 
 def loaded(load: Callable[[], Any]) -> Any:
-    """The library that ``load`` imports and returns; it is called once, in a thread of its own.
+    """The library that ``load`` imports and returns. ``load`` is called once, in a thread of its own.
 
     Raises:
-        ImportError: whatever the import raises.
+        ImportError: What the import raised.
     """
     if load not in _libraries:
         errors = list[BaseException]()

@@ -1,6 +1,6 @@
-"""Whether the call that this thread is in is still wanted: asked wherever work takes long, however deep.
+"""Ends long work when its call is over its time or cancelled: loops ``poll``, however deep in the call they are.
 
-A call says it once for its thread, not to every function between it and a loop: see ``stagebook.in_turn``.
+A call sets the check once for its thread instead of passing it to every function down to the loops.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ __all__ = ["Prepared", "ask_from_now_on", "asked", "poll", "waited"]
 
 T = TypeVar("T")
 
-_LOOK_AROUND = 0.01
-"""Seconds between looks around while waiting."""
+_POLL_SECONDS = 0.01
+"""Seconds between polls while waiting."""
 
 
 class _Asked(threading.local):
-    """Whom each thread asks."""
+    """The check of each thread."""
 
     ask: Callable[[], None] | None = None
 
@@ -27,26 +27,26 @@ _asked = _Asked()
 
 
 def ask_from_now_on(ask: Callable[[], None] | None) -> None:
-    """Have ``poll`` call this in this thread; None for nothing."""
+    """Set the check that ``poll`` calls in this thread; None for no check."""
     _asked.ask = ask
 
 
 def asked() -> bool:
-    """Whether this thread is in a call that may be over at some time."""
+    """Whether this thread has a check."""
     return _asked.ask is not None
 
 
 def poll() -> None:
-    """Raise if the running call is over its time or was cancelled; outside of one, and in other threads, do nothing."""
+    """Raise if this thread's call is over its time or cancelled; without a check do nothing."""
     ask = _asked.ask
     if ask is not None:
         ask()
 
 
 class Prepared(Generic[T]):
-    """A value that may take long to make: made once, when first asked for, in a thread of its own.
+    """A value that takes long to compute: computed once, when first requested, in a thread of its own.
 
-    Who waits polls, and may be called away; the value is made all the same, for those who ask again.
+    Callers poll while they wait. If one is interrupted, the computation continues for the next caller.
     """
 
     def __init__(self, make: Callable[[], T]) -> None:
@@ -56,14 +56,14 @@ class Prepared(Generic[T]):
         self._thread: threading.Thread | None = None
 
     def get(self) -> T:
-        """The value, or what making it raises."""
+        """The value; raises what computing it raised."""
         if not self._made:
             if self._thread is None:
                 thread = threading.Thread(target=self._work, name="planner-service: prepared", daemon=True)
                 thread.start()
                 self._thread = thread
             while self._thread.is_alive():
-                self._thread.join(_LOOK_AROUND)
+                self._thread.join(_POLL_SECONDS)
                 poll()
         if self._failed:
             raise self._failed[0]
@@ -77,5 +77,5 @@ class Prepared(Generic[T]):
 
 
 def waited(work: Callable[[], T]) -> T:
-    """What ``work`` returns, which does not poll: left to itself in a thread if the call is over."""
+    """Call ``work``, which does not poll itself; if the call is over meanwhile, it is left to finish in its thread."""
     return Prepared(work).get() if asked() else work()

@@ -22,8 +22,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
 from planner_service.roadmap import Roadmap
-from planner_service.search.trace import Tracer
-from planner_service.smoothing.smoothing import LEAST_BLEND
+from planner_service.smoothing.smoothing import MIN_BLEND
 
 T = TypeVar("T")
 
@@ -346,7 +345,7 @@ def narrower(path: JointPath, refusal: Refusal, first: int = 0) -> JointPath | N
     if not np.any(meant):
         return None
     widths = np.where(meant, path.blends / 2.0, path.blends)
-    return path.with_blends(np.where(widths < LEAST_BLEND, 0.0, widths))
+    return path.with_blends(np.where(widths < MIN_BLEND, 0.0, widths))
 
 
 def in_words(clearance: float) -> str:

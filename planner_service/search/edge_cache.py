@@ -1,4 +1,4 @@
-"""The checker as a planner sees it."""
+"""The collision checker as a planner uses it: padded, with free edges remembered."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from planner_service.search.problem import SELF, Configuration, joint_distance
 
 __all__ = ["SearchOracle", "TieredOracle"]
 
-TELLING_MOTIONS = 20
-"""Motions tried at an end, all in vain, before a user is told that it is boxed in."""
+MIN_MOTIONS_BOXED_IN = 20
+"""Motions tried at a start or goal, none of them free, before it is reported as boxed in."""
 
 
 NEAR_END = 0.2
-"""Radians from an end within which an edge keeps no more than that end does."""
+"""Radians from a start or goal within which an edge needs no more clearance than that state."""
 
 
 class SearchOracle:
-    """The checker as a planner sees it: padded, and remembering which edges it found free.
+    """The checker with the padding of the search and a memory of free edges.
 
-    It also notes how motions at the ends of the problem fared, to tell a user which end is boxed in.
+    It also counts free and colliding motions at the starts and goals, to report which of them is boxed in.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class SearchOracle:
     ) -> None:
         self._checker = checker
         self._edges: dict[tuple[Configuration, Configuration], bool] = {}
-        """Those not found to collide, in either direction, and whether all their samples were judged."""
+        """Edges not found to collide, in either direction, and whether all their samples were checked."""
         self._starts: set[Configuration] = {tuple(start.tolist()) for start in starts}
         self._goals: set[Configuration] = {tuple(goal.tolist()) for goal in goals}
         self._ends = self._starts | self._goals
@@ -45,12 +45,12 @@ class SearchOracle:
 
     @property
     def last_hit(self) -> EdgeHit | None:
-        """The collision found last."""
+        """The last collision found."""
         return self._checker.last_hit
 
     @property
     def blocker(self) -> str | None:
-        """The obstacle that the last collision was with, ``SELF`` if it was with none; None before the first."""
+        """The obstacle of the last collision, ``SELF`` if it was a self-collision; None before the first."""
         hit = self._checker.last_hit
         return None if hit is None else hit.b if hit.b in self._obstacles else SELF
 
@@ -71,7 +71,7 @@ class SearchOracle:
     def edge_hit(
         self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
     ) -> EdgeHit | None:
-        """Where the edge collides with the padding of the search, None when it is free; a free edge is judged once."""
+        """Where the edge collides with the padding of the search, None if it is free; a free edge is checked only once."""
         a, b = _tuple(q1), _tuple(q2)
         key = (a, b) if a <= b else (b, a)
         judged = self._edges.get(key)
@@ -100,25 +100,25 @@ class SearchOracle:
         return free
 
     def _note(self, a: Configuration, b: Configuration, *, free: bool) -> None:
-        """Remember how a motion fared, if it is one at an end."""
+        """Count a motion if it starts or ends at a start or goal."""
         for end, configurations in (("start", self._starts), ("goal", self._goals)):
             self._motions[end][free] += a in configurations or b in configurations
 
     def boxed_in(self) -> str:
-        """Which end no motion could leave, as the end of a sentence; empty when both could be left."""
+        """Which ends no motion could leave, as the end of a sentence; empty if both could be left."""
         return "".join(
             f"; none of the {tried[False]} motions tried at the {end} was free: it is boxed in"
             for end, tried in self._motions.items()
-            if tried[False] >= TELLING_MOTIONS and not tried[True]
+            if tried[False] >= MIN_MOTIONS_BOXED_IN and not tried[True]
         )
 
 
 class TieredOracle:
-    """An oracle that keeps less near the ends of a problem, which are closer to something than the rest is to come.
+    """An oracle with less padding near starts and goals that are closer to something than the padding of the rest.
 
     Args:
-        roomy: Judges what is no end, and edges but for their first 0.2 rad from such an end.
-        tight: For each of these ends its judge, and that of edges so far.
+        roomy: Checks all other states, and edges beyond 0.2 rad from such a start or goal.
+        tight: For each such start or goal the oracle of that state and of edges within 0.2 rad.
     """
 
     def __init__(self, roomy: SearchOracle, tight: Mapping[Configuration, SearchOracle]) -> None:
@@ -130,13 +130,13 @@ class TieredOracle:
         return self._roomy.states
 
     def state_is_free(self, q: FloatArray | Configuration) -> bool:
-        """Whether q (n,) is free with the padding that it is to keep."""
+        """Whether q (n,) is free with the padding that holds there."""
         return self._tight.get(_tuple(q), self._roomy).state_is_free(q)
 
     def edge_is_free(
         self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
     ) -> bool:
-        """Whether the edge is free with the padding that it is to keep."""
+        """Whether the edge is free with the padding that holds along it."""
         parts = self._parts(_tuple(q1), _tuple(q2), known)
         return all(oracle.edge_is_free(a, b, known=ends) for oracle, a, b, ends in parts)
 
@@ -147,7 +147,7 @@ class TieredOracle:
     def _parts(
         self, q1: Configuration, q2: Configuration, known: Known
     ) -> list[tuple[SearchOracle, Configuration, Configuration, Known]]:
-        """What to ask whom about an edge, part by part."""
+        """The parts of an edge, each with its oracle and the ends known to be free."""
         first, second = self._tight.get(q1), self._tight.get(q2)
         length = joint_distance(q1, q2)
         if length == 0.0 or (first is None and second is None):

@@ -1,7 +1,7 @@
-"""What a search is asked, what it may ask, and what it answers: the words planners share.
+"""A search problem, its oracle and its result, as all planners share them.
 
-A planner sees neither robot nor scene: only bounds, and an oracle that judges configurations and
-edges and counts what it judged. Tests give it discs in a plane instead.
+A planner knows neither robot nor scene, only joint bounds and an oracle that checks configurations and edges and
+counts its checks. Tests use discs in a plane instead.
 """
 
 from __future__ import annotations
@@ -36,47 +36,47 @@ __all__ = [
 ]
 
 SELF = ""
-"""What stood in the way where the robot met itself or what it carries: no obstacle."""
+"""Takes the place of an obstacle's name where the robot collides with itself or with what it carries."""
 
 Configuration = tuple[float, ...]
 
 
 class Oracle(Protocol):
-    """Judges and counts. It may raise out of any call when a limit is reached."""
+    """Checks states and edges and counts the checks. Any call may raise when a limit is reached."""
 
     @property
     def states(self) -> int:
-        """Configurations judged so far."""
+        """Configurations checked so far."""
 
     def state_is_free(self, q: FloatArray) -> bool:
         """Whether configuration q (n,) is free."""
 
     def edge_is_free(self, q1: FloatArray, q2: FloatArray, *, known: Known = Known.NEITHER) -> bool:
-        """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
+        """Whether the straight line from q1 to q2 is free; ``known`` ends are not checked again."""
 
 
 class CoarseOracle(Protocol):
-    """An oracle that can also look at an edge less closely than it judges it: for edges of which few will be used.
+    """An oracle that can also check an edge coarsely first, for searches that use few of the edges they check.
 
-    It takes configurations as tuples, as a search has them: arrays would be a large part of what an edge costs.
+    It takes configurations as tuples, as searches store them: arrays would be a large part of an edge's cost.
     """
 
     @property
     def states(self) -> int:
-        """Configurations judged so far."""
+        """Configurations checked so far."""
 
     def state_is_free(self, q: Configuration) -> bool:
         """Whether configuration q is free."""
 
     def edge_is_free(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
-        """Whether the straight line from q1 to q2 is free; ``known`` ends are not judged again."""
+        """Whether the straight line from q1 to q2 is free; ``known`` ends are not checked again."""
 
     def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """False if the edge collides; if True, ``edge_is_free`` has the last word, and judges only what is left."""
 
 
 class _OfArrays:
-    """An oracle that takes arrays, asked with tuples."""
+    """Passes configurations given as tuples to an oracle that takes arrays."""
 
     def __init__(self, oracle: Oracle) -> None:
         self._oracle = oracle
@@ -95,18 +95,18 @@ class _OfArrays:
 
 
 def of_tuples(oracle: Oracle) -> CoarseOracle:
-    """The oracle itself if it can glance, and then takes tuples; else one that hands its arrays to it."""
+    """The oracle itself if it has coarse checks, and so takes tuples; else one that converts them to arrays."""
     if hasattr(oracle, "edge_is_free_coarse"):  # isinstance of a Protocol takes longer than an edge
         return oracle  # type: ignore[return-value]
     return _OfArrays(oracle)
 
 
 def _never() -> None:
-    """The poll of a search without a time box."""
+    """The ``poll`` of a search without a time limit."""
 
 
 class Space(Protocol):
-    """What growing a roadmap needs of a problem: everything but its ends."""
+    """What growing a roadmap needs of a problem: everything but its start and goals."""
 
     @property
     def lower(self) -> FloatArray:
@@ -118,27 +118,27 @@ class Space(Protocol):
 
     @property
     def oracle(self) -> Oracle:
-        """The judge."""
+        """Checks states and edges."""
 
     @property
     def reach(self) -> FloatArray | None:
-        """What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all."""
+        """Cost of moving each joint, shape (n,), as ``Robot.reach``; None for the same cost for all."""
 
     @property
     def poll(self) -> Callable[[], None]:
-        """Called often; raises when the time box is over or the call was cancelled."""
+        """Called often; raises when the time is up or the call is cancelled."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchSpace:
-    """Bounds and an oracle: where a roadmap may be grown.
+    """Joint bounds and an oracle: the space in which a roadmap is grown.
 
     Attributes:
         lower: Smallest joint values, shape (n,).
         upper: Largest joint values, shape (n,), each above ``lower``.
-        oracle: The judge.
-        poll: Called often; raises when the time box is over or the call was cancelled.
-        reach: What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all.
+        oracle: Checks states and edges.
+        poll: Called often; raises when the time is up or the call is cancelled.
+        reach: Cost of moving each joint, shape (n,), as ``Robot.reach``; None for the same cost for all.
     """
 
     lower: FloatArray
@@ -155,22 +155,21 @@ class SearchSpace:
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem:
-    """One query. The caller has judged start and goals, and found them free.
+    """One query. The caller has checked that the start and the goals are free.
 
     Attributes:
         start: Shape (n,), within the bounds.
-        goals: Shape (k, n), k >= 1: reaching any of them will do.
+        goals: Shape (k, n), k >= 1; reaching any of them solves the problem.
         lower: Smallest joint values, shape (n,).
         upper: Largest joint values, shape (n,), each above ``lower``.
-        oracle: The judge.
-        seed: At least 0; equal problems with equal seeds have equal results.
-        poll: Called often, even while nothing is judged; raises when the time box is over or the
-            call was cancelled.
-        reach: What moving each joint costs, shape (n,), as ``Robot.reach`` has it; None: the same for all.
-        grown: Told of the milestones (N, n) and edges of each tree that the search gives up or ends with; None: nobody.
+        oracle: Checks states and edges.
+        seed: At least 0. Equal problems with equal seeds have equal results.
+        poll: Called often, even while nothing is checked; raises when the time is up or the call is cancelled.
+        reach: Cost of moving each joint, shape (n,), as ``Robot.reach``; None for the same cost for all.
+        grown: Called with the milestones (N, n) and edges of each tree that the search drops or ends with.
 
     Raises:
-        InvalidRequest: shapes disagree, or a number is not finite or outside the bounds.
+        InvalidRequest: Shapes disagree, or a number is not finite or outside the bounds.
     """
 
     start: FloatArray
@@ -203,14 +202,14 @@ class SearchProblem:
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What a search found.
+    """The path that a search found, if any.
 
     Attributes:
-        waypoints: Shape (N, n), from the start to a goal, both to the last bit; each piece is an
-            edge the oracle found free. None if there is no path.
+        waypoints: Shape (N, n), from the start to a goal, both to the last bit; each piece is an edge that the oracle
+            found free. None without a path.
         goal_index: Which goal the path reaches; None without a path.
-        note: What a user may want to know of how the search went.
-        stopped: The limit that ended an anytime planner while it held a path, or the query of a roadmap.
+        note: How the search went, for the user.
+        stopped: The limit that ended an anytime planner that had a path, or a roadmap query.
     """
 
     waypoints: FloatArray | None
@@ -220,23 +219,26 @@ class SearchResult:
 
 
 class Planner(Protocol):
-    """Looks for a path among free edges."""
+    """Searches for a path of free edges."""
 
     @property
     def name(self) -> str:
-        """Lower case, as on the command line."""
+        """The name on the command line, in lower case."""
 
     @property
     def patience(self) -> int | None:
-        """States to give a try at least before a fresh start with another seed is worth more; None: all there are."""
+        """States to spend before a restart with another seed is worth more; None for no restarts."""
 
     def search(self, problem: SearchProblem) -> SearchResult:
-        """A path, or a result without one. What the oracle and ``poll`` raise comes out unchanged, unless a path or
-        what a roadmap learned is in hand (``SearchResult.stopped``)."""
+        """A path, or a result without one.
+
+        Exceptions of the oracle and of ``poll`` pass through, unless there is a path, or a roadmap that learned
+        something, to return (``SearchResult.stopped``).
+        """
 
 
 def joint_distance(a: Iterable[float], b: Iterable[float]) -> float:
-    """L2 norm of ``b - a``, summed in joint order: equal bits on every CPU."""
+    """The L2 norm of ``b - a``, summed in joint order for equal bits on every CPU."""
     total = 0.0
     for x, y in zip(a, b, strict=True):
         total += (y - x) * (y - x)
@@ -244,7 +246,7 @@ def joint_distance(a: Iterable[float], b: Iterable[float]) -> float:
 
 
 def distances(points: FloatArray, q: FloatArray) -> FloatArray:
-    """``joint_distance`` of every row of points (m, n) from q (n,), shape (m,)."""
+    """``joint_distance`` from each row of points (m, n) to q (n,), shape (m,)."""
     total = np.zeros(len(points))
     for column, value in zip(points.T, q, strict=True):
         total = total + (value - column) * (value - column)
@@ -252,7 +254,7 @@ def distances(points: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def require_seed(seed: int) -> None:
-    """Refuse what is not a whole number of at least 0."""
+    """Refuse a seed that is not a whole number of at least 0."""
     whole("seed", seed, 0, 2**128 - 1)
 
 

@@ -1,10 +1,10 @@
-"""Shortening a polyline and blending its corners, asking as little as possible.
+"""Shortens a polyline and blends its corners with as few collision checks as possible.
 
-Nine tenths of the checks of a naive shortcutter repeat an edge it has asked about before, and most
-of the rest are cuts that gain next to nothing. So: every verdict is remembered, the longest cuts
-between vertices come first, and a cut between random points is only tried if it gains enough.
-What is left are corners that hug an obstacle, with some joints only: each is pulled in, joint by joint, as far as is
-free. A piece too short for a blend is cut out if that is free, a corner is blended as widely as is free.
+Nine tenths of the checks of a naive shortcutter repeat an edge that it has checked before, and most of the others are
+for cuts that gain next to nothing. So every verdict is remembered, the longest cuts between vertices come first, and a
+cut between random points is tried only if it gains enough. Then corners that hug an obstacle with a few joints are
+pulled in, joint by joint, as far as they stay free; pieces too short for a blend are cut out if that is free; and each
+corner gets the widest free blend.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from planner_service.geometry.shapes import FloatArray, read_only
 from planner_service.path.joint_path import JointPath
 from planner_service.search.problem import CoarseOracle, Configuration, Oracle, joint_distance
 
-__all__ = ["LEAST_BLEND", "blended", "pulled_in", "shortcut", "without_short_pieces"]
+__all__ = ["MIN_BLEND", "blended", "pulled_in", "shortcut", "without_short_pieces"]
 
 Edge = tuple[Configuration, Configuration]
 Corner = tuple[Configuration, Configuration, Configuration]
 
 
 class Judge(Protocol):
-    """How an oracle is asked about an edge."""
+    """A method of an oracle that checks an edge."""
 
     def __call__(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool: ...
 
 
 MIN_GAIN = 0.02
-"""Share of the path's length that a random cut must gain to be worth asking about: measured on a six-axis arm,
-1 % costs a fifth more states for one part in a hundred of length, and leaves more corners."""
+"""Share of the path's length that a random cut must gain to be worth a check: measured on a six-axis arm, 1 % costs a
+fifth more states for 1 % of the length, and leaves more corners."""
 
 MIN_PULL = 0.005
-"""Share of the path's length that pulling a joint of a corner must gain: on the public Panda problems 0.3 % asks two
-fifths more states for one part in a hundred of length."""
+"""Share of the path's length that pulling a joint of a corner must gain: on the public Panda problems 0.3 % costs two
+fifths more states for 1 % of the length."""
 
 PULLS = (1.0, 0.5)
-"""How far a joint of a corner is pulled in, all the way first."""
+"""Shares of the way that a joint of a corner is pulled in, the largest first."""
 
 PULL_ROUNDS = 2
 """Rounds over all corners: a corner that moved makes room for its neighbours."""
 
 BLEND_SHARE = 0.499
-"""Part of a piece that the blend at either of its ends may take: all but a run-up, which the closed-form laws need."""
+"""Share of a piece that the blends at its ends may each take, which leaves a run-up for the closed-form timing laws."""
 
-LEAST_BLEND = 0.01
-"""Radians. A narrower blend saves no time: a jerk-limited law is as quick when it stops."""
+MIN_BLEND = 0.01
+"""Radians. A narrower blend saves no time: a jerk-limited law is as fast with a stop."""
 
 SHORT_PIECE = 0.1
-"""Radians. At both ends of a shorter piece there is no room for a blend that saves time."""
+"""Radians. A shorter piece has no room for blends at its ends that save time."""
 
 
 def shortcut(
@@ -67,20 +67,21 @@ def shortcut(
     tries: int = 60,
     misses: int = 15,
 ) -> FloatArray:
-    """A path no longer than ``waypoints`` (N, n) with the same ends, shape (M, n), read-only.
+    """Shorten a free polyline by replacing pieces of it with straight edges that are free.
 
-    First vertices are skipped, the farthest reachable one first; then pieces between two random
-    points are cut (Geraerts & Overmars, IJRR 26(8), 2007). Each piece of the result is a piece
-    of ``waypoints``, which the caller found free, or an edge the oracle found free as exactly this
-    edge; no edge is asked about twice, in either direction.
+    The result, shape (M, n), has the same ends and is never longer. First vertices are skipped, the farthest reachable
+    one first; then pieces between two random points are cut (Geraerts & Overmars, IJRR 26(8), 2007). Each piece of the
+    result is a piece of ``waypoints`` or an edge that the oracle found free as exactly this edge. No edge is checked
+    twice, in either direction.
 
     Args:
-        tries: Random cuts drawn at most.
-        misses: Cuts refused in a row, by the oracle or as too small a gain, that end it.
+        waypoints: Shape (N, n); the caller knows its pieces to be free.
+        tries: The most random cuts to draw.
+        misses: Stop after so many cuts in a row that collide or gain too little.
 
     Raises:
-        InvalidRequest: ``waypoints`` has no rows, or a number that is not finite. What the oracle
-            raises comes out unchanged.
+        InvalidRequest: ``waypoints`` has no rows, or a number that is not finite. What the oracle raises passes
+            through.
     """
     points = read_only(waypoints)
     if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
@@ -93,10 +94,10 @@ def shortcut(
 
 
 def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
-    """The polyline (N, n) with its corners pulled towards the straight line between their neighbours, (N, n).
+    """Pull each corner of a polyline (N, n) towards the straight line between its neighbours; shape (N, n).
 
-    All joints half the way first, then one joint at a time, as long as a first look finds both pieces free; the last
-    such place at which all their samples are free is taken. The ends stay.
+    First all joints go half the way, then one joint at a time, while a coarse check finds both pieces free. The corner
+    moves to the last of these places where a full check finds them free. The ends stay.
     """
     chain = [tuple(q) for q in read_only(waypoints).tolist()]
     done: set[Corner] = set()
@@ -111,15 +112,15 @@ def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
 
 
 def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
-    """The polyline (N, n) without those corners of pieces under 0.1 rad that a free edge can leave out, (M, n).
+    """Remove corners at pieces under 0.1 rad from a polyline (N, n) where a free edge bypasses them; shape (M, n).
 
-    The ends stay, and what is left out makes it no longer. One edge is asked about for each corner tried.
+    The ends stay, and the result is never longer. Each corner tried costs one edge check.
     """
     chain = list(read_only(waypoints))
     k = 1
     while k < len(chain) - 1:
-        before, here, after = chain[k - 1 : k + 2]
-        short = min(joint_distance(before, here), joint_distance(here, after)) < SHORT_PIECE
+        before, corner, after = chain[k - 1 : k + 2]
+        short = min(joint_distance(before, corner), joint_distance(corner, after)) < SHORT_PIECE
         if short and oracle.edge_is_free(before, after, known=Known.BOTH):
             del chain[k]
             k = max(1, k - 1)
@@ -129,17 +130,17 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
 
 
 def blended(
-    path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: FloatArray, *, least: float = LEAST_BLEND
+    path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: FloatArray, *, least: float = MIN_BLEND
 ) -> JointPath:
-    """The path with each corner blended as widely as is free, halving from its size to 0.01 rad; else it stays a stop.
+    """Blend each corner of a path as widely as is free, halving the width until it is; else the corner stays a stop.
 
-    A blend takes less than half of each piece it joins. Corners that all but turn back are left.
+    A blend takes less than half of each piece it joins. Corners that almost turn back are left alone.
 
     Args:
-        is_free: Whether the blend at that waypoint of that path is free.
-        sizes: For each waypoint the arc length (rad) that its blend may replace before and after the corner, shape
-            (N,); 0 leaves the corner.
-        least: Radians of the narrowest blend.
+        is_free: Whether the blend at the given waypoint of the given path is free.
+        sizes: For each waypoint the largest arc length (rad) that its blend may replace before and after the corner,
+            shape (N,); 0 leaves the corner.
+        least: The narrowest blend (rad).
     """
     lengths = (path.knots[1:] - path.knots[:-1]).tolist()
     widths = path.blends.copy()
@@ -154,14 +155,14 @@ def blended(
 
 
 def _only(width: float, k: int, count: int) -> FloatArray:
-    """Blend widths for ``count`` waypoints, all 0 but the k-th."""
+    """Blend widths for ``count`` waypoints, 0 except for the k-th."""
     widths = np.zeros(count)
     widths[k] = width
     return widths
 
 
 class _Verdicts:
-    """The oracle with a memory of edges, and of configurations known to be free."""
+    """Remembers the verdicts of an oracle on edges, and which configurations are free."""
 
     def __init__(self, oracle: Oracle, chain: Sequence[Configuration]) -> None:
         self._oracle = oracle
@@ -180,13 +181,13 @@ class _Verdicts:
 
 
 def _skip_vertices(chain: list[Configuration], verdicts: _Verdicts) -> list[Configuration]:
-    """From each vertex on to the farthest that a free edge reaches."""
-    kept, here = [chain[0]], 0
-    while here < len(chain) - 1:
-        here = next(
-            k for k in range(len(chain) - 1, here, -1) if k == here + 1 or verdicts.is_free(chain[here], chain[k])
+    """From each vertex go to the farthest one that a free edge reaches."""
+    kept, last = [chain[0]], 0
+    while last < len(chain) - 1:
+        last = next(
+            k for k in range(len(chain) - 1, last, -1) if k == last + 1 or verdicts.is_free(chain[last], chain[k])
         )
-        kept.append(chain[here])
+        kept.append(chain[last])
     return kept
 
 
@@ -203,14 +204,14 @@ def _cut_at_random(
         if shorter is not None and verdicts.is_free(*shorter[0]):
             chain, missed = shorter[1], 0
             history.append(chain)
-    # What a cut leaves of the pieces it cuts into was judged as part of them, but at other samples. Most of these
-    # rests fall to later cuts, so only those of the final path are asked about; should one collide, the path
-    # before that cut is next in line, and the first is all judged.
+    # The rest of a piece that is cut was checked as part of it, but at other samples. Later cuts remove most of these
+    # rests, so only those of the final path are checked; if one collides, the path before that cut is tried, and so
+    # on back to the first, which is known to be free.
     return next(path for path in reversed(history) if all(verdicts.is_free(a, b) for a, b in pairwise(path)))
 
 
 def _cut(chain: list[Configuration], u: float, v: float) -> tuple[Edge, list[Configuration]] | None:
-    """The cut from u to v (shares of the length), and ``chain`` with it; None if that gains too little."""
+    """The edge that cuts from u to v (shares of the length), and the chain with it; None if it gains too little."""
     lengths = [joint_distance(a, b) for a, b in pairwise(chain)]
     total = math.fsum(lengths)
     (i, a, before), (j, b, after) = (_point_at(chain, lengths, share * total) for share in sorted((u, v)))
@@ -225,35 +226,35 @@ def _cut(chain: list[Configuration], u: float, v: float) -> tuple[Edge, list[Con
 
 
 def _pulled(corner: Corner, oracle: CoarseOracle, least: float) -> Configuration:
-    """Where a corner goes, given between its neighbours; each pull must gain ``least`` at least."""
-    before, here, after = corner
+    """Where a corner, given between its neighbours, is pulled to; each pull must shorten the path by ``least``."""
+    before, old, after = corner
 
     def detour(q: Configuration) -> float:
         return joint_distance(before, q) + joint_distance(q, after)
 
-    share = joint_distance(before, here) / detour(here)
+    share = joint_distance(before, old) / detour(old)
     target = [a + (c - a) * share for a, c in zip(before, after, strict=True)]
-    joints = sorted(range(len(here)), key=lambda joint: -abs(target[joint] - here[joint]))
-    places, tried = [here], {here}
-    for some, pull in [(joints, 0.5), *(([joint], pull) for pull in PULLS for joint in joints)]:
+    joints = sorted(range(len(old)), key=lambda joint: -abs(target[joint] - old[joint]))
+    places, tried = [old], {old}
+    for pulled, pull in [(joints, 0.5), *(([joint], pull) for pull in PULLS for joint in joints)]:
         moved = list(places[-1])
-        for joint in some:
+        for joint in pulled:
             moved[joint] += (target[joint] - moved[joint]) * pull
-        there = tuple(moved)
-        if there not in tried and detour(places[-1]) - detour(there) >= least:
-            tried.add(there)
-            if _free(oracle.edge_is_free_coarse, corner, there):
-                places.append(there)
-    return next(q for q in reversed(places) if q == here or _free(oracle.edge_is_free, corner, q))
+        new = tuple(moved)
+        if new not in tried and detour(places[-1]) - detour(new) >= least:
+            tried.add(new)
+            if _free(oracle.edge_is_free_coarse, corner, new):
+                places.append(new)
+    return next(q for q in reversed(places) if q == old or _free(oracle.edge_is_free, corner, q))
 
 
 def _free(judge: Judge, corner: Corner, q: Configuration) -> bool:
-    """Whether the edges from both neighbours of a corner, which are free, to q are."""
+    """Whether the edges from both neighbours of a corner, which are free states, to q are free."""
     return judge(corner[0], q, known=Known.START) and judge(q, corner[2], known=Known.BOTH)
 
 
 def _point_at(chain: list[Configuration], lengths: list[float], distance: float) -> tuple[int, Configuration, float]:
-    """The piece at that distance along the chain, the point there, and the distance."""
+    """The piece at a distance along the chain, the point on it, and the distance."""
     passed = 0.0
     for k, length in enumerate(lengths):
         if distance <= passed + length or k == len(lengths) - 1:
