@@ -71,7 +71,7 @@ class SearchOracle:
     def edge_hit(
         self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
     ) -> EdgeHit | None:
-        """Where the edge collides with the padding of the search, None if it is free; a free edge is checked only once."""
+        """Where the edge collides with the padding of the search, None if free; a free edge is checked only once."""
         a, b = _tuple(q1), _tuple(q2)
         key = (a, b) if a <= b else (b, a)
         judged = self._edges.get(key)
