@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from planner_service.certify import Certifier, EdgeVerdict, ExemptInterval
-from planner_service.certify.certifier import Backend
+from planner_service.certify.certifier import ProofBackend
 from planner_service.geometry.shapes import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
@@ -31,7 +31,7 @@ class World(NamedTuple):
     allowed: tuple[tuple[str, str], ...] = ()
     padding: float = 0.0
 
-    def certifier(self, backend: Backend) -> Certifier:
+    def certifier(self, backend: ProofBackend) -> Certifier:
         return Certifier(self.robot, self.scene, allowed=self.allowed, backend=backend)
 
 
@@ -75,7 +75,7 @@ def paths(world: World) -> list[JointPath]:
     return out
 
 
-def proofs(world: World, backend: Backend) -> tuple[int, int, float, float]:
+def proofs(world: World, backend: ProofBackend) -> tuple[int, int, float, float]:
     certifier = world.certifier(backend)
     pair = (world.robot.shapes[-1].link, world.scene.names[0])
     found = []
@@ -88,7 +88,7 @@ def proofs(world: World, backend: Backend) -> tuple[int, int, float, float]:
     return sum(one.certified for one in found), sum(one.distances for one in found), clearances, places
 
 
-def verdicts(world: World, backend: Backend) -> tuple[int, int, float, float]:
+def verdicts(world: World, backend: ProofBackend) -> tuple[int, int, float, float]:
     certifier, rng = world.certifier(backend), np.random.default_rng(5)
     Q = drawn(world, 40, 1.0, rng)
     edges = zip(Q, Q + 0.15 * (Q[::-1] - Q), strict=True)
@@ -112,7 +112,7 @@ places at which others are refused; then edges that are free and that collide, w
 
 @pytest.mark.parametrize("backend", ["numpy", "auto"])
 @pytest.mark.parametrize("name", WORLDS)
-def test_proofs_are_those_of_the_first_release(name: str, backend: Backend, tmp_path: Path) -> None:
+def test_proofs_are_those_of_the_first_release(name: str, backend: ProofBackend, tmp_path: Path) -> None:
     world = WORLDS[name](tmp_path)
     for found, expected in zip((proofs(world, backend), verdicts(world, backend)), EXPECTED[name], strict=True):
         assert found[:2] == expected[:2]

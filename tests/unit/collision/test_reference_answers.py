@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker
-from planner_service.collision.backends import Backend
+from planner_service.collision.backends import BackendName
 from planner_service.scene.scene import Attached
 from tests.laws.test_collision_laws import SETUPS, Setup
 from tests.support.hull_arm import HELD, HullSetup, write_arm
 
-BACKENDS: tuple[Backend, ...] = ("numpy", "native")
+BACKENDS: tuple[BackendName, ...] = ("numpy", "native")
 
 ROWS: dict[str, tuple[int, int, float, float, int, int]] = {
     "bin": (29, 3297, 0.133616893, 0.501285703, 197, 0),
