@@ -20,6 +20,7 @@ from planner_service.certify.prover import LIMIT_SLACK, Prover, native_prover, n
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.shapes import FloatArray, copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
+from planner_service.presentation.plans import proof_text
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
@@ -117,6 +118,9 @@ class Certificate:
 
     def __post_init__(self) -> None:
         copied_in(self, "exempt")
+
+    def __str__(self) -> str:
+        return f"proven: {proof_text([self])}" if self.refusal is None else f"refused: {self.refusal}"
 
     @property
     def certified(self) -> bool:

@@ -192,7 +192,7 @@ def pick_place(
         if png is not None:
             draw_task(service, task, png)
     title = f"{'planned' if task.failure is None else 'no plan'}: {task.task}"
-    table = CostTable(title, task_rows(task, task.seconds), length_unit(service.robot))
+    table = CostTable(title, task_rows(task), length_unit(service.robot))
     finish(task.document(), table, task_lines(task), task.failure, as_json=as_json)
 
 

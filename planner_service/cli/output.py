@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from planner_service.presentation import tables
 from planner_service.presentation.tables import WIDTH, CostTable, Part, printable
 
 __all__ = ["console", "emit", "json_text", "labelled", "render", "wrapped"]
@@ -38,10 +39,8 @@ def render(*parts: Part) -> str:
 
 
 def wrapped(lines: Iterable[str], indent: str = "  ") -> list[str]:
-    """The lines wrapped to fit the terminal, continuations indented."""
-    width = min(console().width, WIDTH)
-    pieces = (textwrap.wrap(line, width, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
-    return [piece for line in pieces for piece in line or [""]]
+    """The lines wrapped to fit the terminal; the continuations of a line are indented."""
+    return tables.wrapped(lines, min(console().width, WIDTH), indent)
 
 
 def labelled(rows: Sequence[tuple[str, str]]) -> list[str]:

@@ -14,6 +14,8 @@ from typing import NamedTuple
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.shapes import number, whole
+from planner_service.presentation.plans import counts_text
+from planner_service.presentation.tables import Table
 
 __all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
 
@@ -35,6 +37,13 @@ class CheckCounts:
     states: int = 0
     edges: int = 0
     distances: int = 0
+
+    def __str__(self) -> str:
+        return counts_text(self)
+
+    def _repr_html_(self) -> str:
+        heads = ("states", "edges", "distances")
+        return Table(heads, [[f"{getattr(self, head):,}" for head in heads]], numeric=heads).html()
 
     def __add__(self, other: CheckCounts) -> CheckCounts:
         return CheckCounts(self.states + other.states, self.edges + other.edges, self.distances + other.distances)

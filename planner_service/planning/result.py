@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 import os
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +17,10 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.world import World
+from planner_service.presentation.models import length_unit
 from planner_service.presentation.page import OpenPage
+from planner_service.presentation.plans import plan_parts
+from planner_service.presentation.tables import Part, render_html, render_text
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Trace
 from planner_service.timing.limit_check import LimitPeaks
@@ -145,6 +149,17 @@ class MotionReport:
     stop_duration: float
     settle_time: float
 
+    def __str__(self) -> str:
+        kinds = (
+            ("velocity", self.peaks.velocity),
+            ("acceleration", self.peaks.acceleration),
+            ("jerk", self.peaks.jerk),
+        )
+        used = ", ".join(f"{name} {peak.ratio:.0%}" for name, peak in kinds if math.isfinite(peak.ratio))
+        faster = self.duration < self.stop_duration < math.inf
+        stops = f" ({self.stop_duration:.2f} s with a stop at each corner)" if faster else ""
+        return f"{self.duration:.2f} s{stops}; {used} of the limits; tool up to {self.tool_speed:.2f} m/s"
+
 
 @dataclass(frozen=True)
 class PolishReport:
@@ -167,6 +182,15 @@ class PolishReport:
     iterations: int
     gradients: int
     note: str = ""
+
+    def __str__(self) -> str:
+        before, after = self.before, self.after
+        change = (
+            f"length {before.length:.2f} -> {after.length:.2f}, cost {before.cost:.3f} -> {after.cost:.3f}, "
+            f"clearance at waypoints {before.clearance * 1000:.1f} -> {after.clearance * 1000:.1f} mm"
+        )
+        end = "" if self.kept else f"; not kept: {self.note}"
+        return f"{change}; {self.method}, {self.iterations} iterations, {self.gradients:,} gradients{end}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +252,24 @@ class PlanResult:
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process it goes without its origin: robot and scene are larger than a plan."""
         return {**self.__dict__, "origin": None}
+
+    def __repr__(self) -> str:
+        if self.failure is not None:
+            return f"<PlanResult: no plan, {self.failure.reason.value}>"
+        seconds = math.nan if self.trajectory is None else self.trajectory.duration
+        return f"<PlanResult: {seconds:.2f} s of motion, {self.counts}>"
+
+    def __str__(self) -> str:
+        return render_text(self._parts())
+
+    def _repr_html_(self) -> str:
+        return render_html(self._parts())
+
+    def _parts(self) -> list[Part]:
+        if self.origin is None:
+            return plan_parts(self)
+        robot, scene = self.origin.world.robot, self.origin.world.scene
+        return plan_parts(self, f"{robot.name} in {scene.name or 'unnamed scene'}", unit=length_unit(robot))
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the robot, the scene and this plan on a page in the browser; see ``PlannerService.view``.

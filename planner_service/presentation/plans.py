@@ -148,6 +148,10 @@ class Task(Protocol):
     def failure(self) -> object | None: ...
     @property
     def notes(self) -> Sequence[str]: ...
+    @property
+    def task(self) -> str: ...
+    @property
+    def seconds(self) -> float: ...
 
 
 def clearance_text(metres: float) -> str:
@@ -164,12 +168,10 @@ def counts_text(counts: Counts) -> str:
 
 
 def proof_text(proofs: Sequence[Proof]) -> str:
-    """What is proven of one or more motions, in a sentence; empty without a proof."""
-    if not proofs:
-        return ""
+    """What is proven of one or more motions."""
     bounds = sum(proof.distances for proof in proofs)
     clearance = clearance_text(min(proof.clearance for proof in proofs))
-    return f"proof: {clearance}, between samples too ({bounds:,} bounds)"
+    return f"{clearance}, between samples too ({bounds:,} bounds)"
 
 
 def _row(
@@ -222,20 +224,17 @@ def plan_row(name: str, plans: Sequence[Plan]) -> Row:
     return _row(name, "", [report.counts for report in stages], seconds, done)
 
 
-def task_rows(task: Task, seconds: float | None = None) -> list[Row]:
-    """A row per motion, below a motion that was searched for also its stages, then the choice of grasps, and the total.
-
-    Args:
-        seconds: Wall time of the task; None if it was not measured.
-    """
+def task_rows(task: Task) -> list[Row]:
+    """A row per motion, with its stages below if it was searched for, then the choice of grasps, and the total."""
     rows: list[Row] = []
     for motion in task.segments:
         rows += [] if motion.gripper is None else [_gripper_row(motion.gripper)]
         rows += _motion_rows(motion.name, motion.result)
-    choosing = None if seconds is None else seconds - sum(row.seconds or 0.0 for row in rows)
+    motions = sum(row.seconds or 0.0 for row in rows)
+    choosing = task.seconds - motions if task.seconds else None
     rows.append(_row("choosing", "grasp, placement and their straight lines", [task.choosing], choosing))
     plans = [motion.result for motion in task.segments] if task.failure is None else []
-    return [*rows, _row("total", "", [task.counts], seconds, plans)]
+    return [*rows, _row("total", "", [task.counts], task.seconds or motions, plans)]
 
 
 def _gripper_row(step: GripperStep) -> Row:
@@ -264,11 +263,10 @@ def _straight_line_note(plan: Plan) -> str:
 
 def plan_lines(plan: Plan) -> list[str]:
     """How a plan moves, what is proven of it, and what was done beyond the request, a sentence each."""
-    lines = []
-    if plan.motion is not None:
-        proofs = [] if plan.certificate is None or plan.failure is not None else [plan.certificate]
-        lines += [str(plan.motion), proof_text(proofs)]
-    lines += [] if plan.polish is None else [str(plan.polish)]
+    lines = [] if plan.motion is None else [f"motion: {plan.motion}"]
+    if plan.certificate is not None and plan.failure is None:
+        lines.append(f"proof: {proof_text([plan.certificate])}")
+    lines += [] if plan.polish is None else [f"optimised: {plan.polish}"]
     return [*lines, *(f"note: {note}" for note in (*plan.notes, *map(str, plan.exempt)))]
 
 
@@ -278,26 +276,30 @@ def task_lines(task: Task) -> list[str]:
     proofs = [plan.certificate for plan in results if plan.certificate is not None and plan.failure is None]
     proofs += [motion.gripper.certificate for motion in task.segments if motion.gripper is not None]
     notes = [*task.notes, *(f"{motion.name}: {note}" for motion in task.segments for note in motion.result.notes)]
-    return [*filter(None, [proof_text(proofs)]), *(f"note: {note}" for note in notes)]
+    proof = [f"proof: {proof_text(proofs)}"] if proofs else []
+    return [*proof, *(f"note: {note}" for note in notes)]
 
 
-def plan_parts(title: str, plan: Plan, *, unit: str = "") -> list[Part]:
+def plan_parts(plan: Plan, where: str = "", *, unit: str = "") -> list[Part]:
     """A plan as ``planner-service plan`` prints it.
 
     Args:
+        where: Robot and scene, for the title.
         unit: Unit of path lengths.
     """
+    title = ": ".join(filter(None, ("planned" if plan.failure is None else "no plan", where)))
     return [CostTable(title, plan_rows(plan), unit), *plan_lines(plan), *_ending(plan.failure)]
 
 
-def task_parts(title: str, task: Task, *, seconds: float | None = None, unit: str = "") -> list[Part]:
+def task_parts(task: Task, *, unit: str = "") -> list[Part]:
     """A task as ``planner-service pick-place`` prints it.
 
     Args:
-        seconds: Wall time of the task; None if it was not measured.
         unit: Unit of path lengths.
     """
-    return [CostTable(title, task_rows(task, seconds), unit), *task_lines(task), *_ending(task.failure)]
+    verdict = "planned" if task.failure is None else "no plan"
+    title = ": ".join(filter(None, (verdict, task.task)))
+    return [CostTable(title, task_rows(task), unit), *task_lines(task), *_ending(task.failure)]
 
 
 def _ending(failure: object | None) -> list[str]:

@@ -15,10 +15,11 @@ __all__ = [
     "Part",
     "Row",
     "Table",
-    "as_html",
-    "as_text",
     "markdown_escaped",
     "printable",
+    "render_html",
+    "render_text",
+    "wrapped",
 ]
 
 WIDTH = 100
@@ -29,7 +30,7 @@ NARROW = 88
 
 NAME_WIDTH = 19
 COUNTS = ("states", "edges", "distances")
-COUNT_WIDTHS, MS_WIDTH = (7, 7, 11), 8
+NUMBER_WIDTHS = (7, 7, 11, 8)
 LENGTH_WIDTH, DURATION_WIDTH = 10, 9
 
 MARKDOWN_SIGNS = re.compile(r"[!-/:-@\[-`{-~]")
@@ -169,38 +170,48 @@ Part = CostTable | Table | str
 """A table, or a line of text."""
 
 
-def as_text(parts: Iterable[Part], width: int = WIDTH) -> str:
-    """Tables and lines one below the other; control characters are written as escapes."""
-    return "\n".join(printable(part) if isinstance(part, str) else part.text(width) for part in parts)
+def render_text(parts: Iterable[Part], width: int = WIDTH) -> str:
+    """Tables and wrapped lines one below the other; control characters are written as escapes."""
+    blocks = (wrapped([part], width) if isinstance(part, str) else [part.text(width)] for part in parts)
+    return "\n".join(line for block in blocks for line in block)
 
 
-def as_html(parts: Iterable[Part]) -> str:
+def wrapped(lines: Iterable[str], width: int = WIDTH, indent: str = "  ") -> list[str]:
+    """Lines of at most so many columns; the continuations of a line are indented."""
+    wrapper = textwrap.TextWrapper(width, subsequent_indent=indent, break_on_hyphens=False)
+    return [piece for line in lines for piece in wrapper.wrap(printable(line)) or [""]]
+
+
+def render_html(parts: Iterable[Part]) -> str:
     """The same as HTML, with every text escaped."""
     return "\n".join(f"<p>{_html(part)}</p>" if isinstance(part, str) else part.html() for part in parts if part)
 
 
-def _wide(title: str, rows: Iterable[Row], width: int, unit: str) -> list[str]:
-    room = width - sum(COUNT_WIDTHS) - MS_WIDTH
-    first, *more = textwrap.wrap(title, room - 1) or [""]
-    lines = [f"{first:<{room}}{_in_columns(COUNTS, 'ms')}", *(f"  {line}" for line in more)]
-    for row in rows:
+def _wide(title: str, rows: Sequence[Row], width: int, unit: str) -> list[str]:
+    numbers = [(*row.counts_text, row.milliseconds_text) for row in rows]
+    sizes = [
+        max(least, *(len(cell) + 1 for cell in column))
+        for least, column in zip(NUMBER_WIDTHS, zip(*numbers, strict=True), strict=True)
+    ]
+
+    def aligned(cells: Sequence[str]) -> str:
+        return "".join(f"{cell:>{size}}" for cell, size in zip(cells, sizes, strict=True))
+
+    room = width - sum(sizes)
+    first, *more = textwrap.wrap(title, max(room - 1, 12)) or [""]
+    lines = [f"{first:<{room}}{aligned((*COUNTS, 'ms'))}", *(f"  {line}" for line in more)]
+    for row, cells in zip(rows, numbers, strict=True):
         length = row.length_text(unit)
         motion = f"{length:>{LENGTH_WIDTH}}{row.duration_text:>{DURATION_WIDTH}}" if length else row.duration_text
         name = f"{'  ' * row.depth}{printable(row.name)}"
-        first, *more = textwrap.wrap(printable(row.note), room - NAME_WIDTH - len(motion)) or [""]
+        first, *more = textwrap.wrap(printable(row.note), max(room - NAME_WIDTH - len(motion), 12)) or [""]
         left = f"{name:<{NAME_WIDTH - 1}} {first}"
-        lines.append(left + motion.rjust(room - len(left)) + _in_columns(row.counts_text, row.milliseconds_text))
+        lines.append(left + motion.rjust(room - len(left)) + aligned(cells))
         lines += [" " * NAME_WIDTH + line for line in more]
     return lines
 
 
-def _in_columns(counts: Iterable[str], milliseconds: str) -> str:
-    return "".join(f"{count:>{size}}" for count, size in zip(counts, COUNT_WIDTHS, strict=True)) + (
-        f"{milliseconds:>{MS_WIDTH}}"
-    )
-
-
-def _narrow(title: str, rows: Iterable[Row], width: int, unit: str) -> list[str]:
+def _narrow(title: str, rows: Sequence[Row], width: int, unit: str) -> list[str]:
     lines = textwrap.wrap(title, width)
     for row in rows:
         indent = "  " * row.depth

@@ -30,9 +30,12 @@ from planner_service.files.reading import as_path
 from planner_service.files.schema import Record, Text, as_text, at_most, read_record, recorded
 from planner_service.files.writing import write_whole
 from planner_service.planning.request import PlanRequest
-from planner_service.planning.result import Failure, PlanResult
+from planner_service.planning.result import Failure, Origin, PlanResult
 from planner_service.planning.world import World
+from planner_service.presentation.models import length_unit
 from planner_service.presentation.page import OpenPage
+from planner_service.presentation.plans import task_parts
+from planner_service.presentation.tables import render_html, render_text
 from planner_service.records.old_versions import command_of
 from planner_service.records.request import TIMINGS, RequestRecord, TimingRecord
 from planner_service.records.result import (
@@ -109,6 +112,20 @@ class SavedPlan:
     made_with: Mapping[str, str] = field(default_factory=_versions)
     sections: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<SavedPlan: {self.robot.name} in {self.scene.name or 'unnamed scene'}, {self.result!r}>"
+
+    def __str__(self) -> str:
+        return str(self._named_result)
+
+    def _repr_html_(self) -> str:
+        return self._named_result._repr_html_()
+
+    @property
+    def _named_result(self) -> PlanResult:
+        """The result with its robot and scene, which its title names."""
+        return replace(self.result, origin=Origin(self.made_for, self.request))
+
     @classmethod
     def of(cls, result: PlanResult) -> SavedPlan:
         """A plan that was made in this process.
@@ -184,6 +201,16 @@ class SavedTask:
     request: PlanRequest | None = None
     made_with: Mapping[str, str] = field(default_factory=_versions)
     sections: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        what = f"{len(self.segments)} motions" if self.failure is None else f"no plan, {self.failure.reason.value}"
+        return f"<SavedTask: {self.task or self.robot.name}, {what}, {self.counts}>"
+
+    def __str__(self) -> str:
+        return render_text(task_parts(self, unit=length_unit(self.robot)))
+
+    def _repr_html_(self) -> str:
+        return render_html(task_parts(self, unit=length_unit(self.robot)))
 
     @classmethod
     def of(cls, task: TaskResult) -> SavedTask:

@@ -47,6 +47,8 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere, instance, items, text
+from planner_service.presentation.models import scene_parts
+from planner_service.presentation.tables import render_html, render_text
 
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
 
@@ -171,6 +173,16 @@ class Scene:
         if text("name", self.name) != "":
             checked_name("name of the scene", self.name)
         checked_description(self.description)
+
+    def __repr__(self) -> str:
+        attached = f", {len(self.attached)} attached" if self.attached else ""
+        return f"Scene({self.name!r}, {len(self.obstacles)} obstacles{attached})"
+
+    def __str__(self) -> str:
+        return render_text(scene_parts(self))
+
+    def _repr_html_(self) -> str:
+        return render_html(scene_parts(self))
 
     @property
     def names(self) -> tuple[str, ...]:

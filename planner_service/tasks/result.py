@@ -13,7 +13,10 @@ from planner_service.geometry.shapes import FloatArray, copied_in, instance, num
 from planner_service.planning.request import PlanRequest, require_timing
 from planner_service.planning.result import Failure, PlanResult
 from planner_service.planning.world import World
+from planner_service.presentation.models import length_unit
 from planner_service.presentation.page import OpenPage
+from planner_service.presentation.plans import task_parts
+from planner_service.presentation.tables import render_html, render_text
 from planner_service.scene.scene import Scene
 from planner_service.timing.laws import Timing
 
@@ -133,6 +136,16 @@ class TaskResult:
 
     def __post_init__(self) -> None:
         copied_in(self, "segments", "q", "notes")
+
+    def __repr__(self) -> str:
+        what = f"{self.duration:.2f} s of motion" if self.failure is None else f"no plan, {self.failure.reason.value}"
+        return f"<TaskResult: {len(self.segments)} motions, {what}, {self.counts}>"
+
+    def __str__(self) -> str:
+        return render_text(task_parts(self, unit=length_unit(self.world.robot)))
+
+    def _repr_html_(self) -> str:
+        return render_html(task_parts(self, unit=length_unit(self.world.robot)))
 
     @property
     def begin(self) -> World:

@@ -400,7 +400,7 @@ def test_a_saved_plan_is_rehearsed_by_the_command(robot: Robot, tmp_path: Path) 
     plan = service.plan(PlanRequest(robot.home, robot.home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])))
     save_plan(SavedPlan(service.world, None, plan), tmp_path / "plan.json")
     done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--sim"])
-    assert (done.exit_code, done.stderr) == (0, "note: against the scene in this file: table\n")
+    assert (done.exit_code, done.stderr) == (0, "note: using the scene in this file: table\n")
     assert "executed in simulation" in done.stdout
     assert re.search(r"^motion +\d\.\d\d ", done.stdout, flags=re.MULTILINE)
     assert "unexpected contacts: 0" in done.stdout

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -18,6 +20,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
+from planner_service import __version__
 from planner_service.cli import OUR_BUG, main
 from planner_service.cli.commands import app
 from planner_service.cli.view import opened
@@ -240,8 +243,11 @@ def test_bad_input_ends_with_2_and_says_what_would_be_right(arguments: tuple[str
             '[[obstacle]]\nname = "a"\nsphere = -0.1\nposition = [0, 0, 1]',
             "sphere: got -0.1; expected a positive length",
         ),
-        ('[[obstacle]]\nname = "a"\nbox = [0.1, nan, 0.1]\nposition = [0, 0, 1]', "box y: got nan"),
-        ('[[obstacle]]\nname = "a"\nsphere = 0.1\nposition = [0, 0, 1]\n' * 2, "name 'a' is there 2 times"),
+        ('[[obstacle]]\nname = "a"\nbox = [0.1, nan, 0.1]\nposition = [0, 0, 1]', "box[1]: got nan"),
+        (
+            '[[obstacle]]\nname = "a"\nsphere = 0.1\nposition = [0, 0, 1]\n' * 2,
+            "name: got 'a'; expected each name once",
+        ),
     ],
 )
 def test_a_scene_file_that_is_wrong_is_bad_input(text: str, message: str, tmp_path: Path) -> None:
@@ -512,11 +518,11 @@ def test_a_plan_is_proven_against_the_scene_in_its_file_or_one_that_is_given(tmp
     there = saved_plan(tmp_path / "plan.json")
     alone = run("certify", str(there))
     assert alone.exit_code == 0
-    assert "note: against the scene in this file: discs" in alone.stdout
+    assert "note: using the scene in this file: discs" in alone.stdout
     asked = run("certify", str(there), "--scene", "empty")
     assert asked.exit_code == 0
     told = " ".join(asked.stdout.split())
-    assert "against --scene empty, not the scene in this file" in told
+    assert "using --scene empty instead of the scene in this file" in told
     assert "made for another scene: discs" in told
 
 
@@ -542,7 +548,7 @@ def test_a_plan_for_a_scene_of_ones_own_needs_nothing_but_its_file(tmp_path: Pat
     _, shown, notes = opened(str(file), None, None)
     assert isinstance(shown, PlanResult)
     assert shown.ok
-    assert notes == ["against the scene in this file: unnamed"]
+    assert notes == ["using the scene in this file: unnamed"]
 
 
 def test_a_robot_whose_package_is_not_installed_is_listed_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -618,3 +624,67 @@ def test_a_task_keeps_the_padding_that_is_asked_for(tmp_path: Path) -> None:
     file = tmp_path / "task.json"
     assert run("pick-place", "--padding", "0.005", "--out", str(file)).exit_code == 0
     assert max(segment.result.padding for segment in load_task(file).segments) == 0.005
+
+
+def test_commands_are_listed_in_the_order_a_person_meets_them() -> None:
+    commands = run("--help").stdout.partition("Commands:\n")[2].partition("\n\n")[0]
+    first, *rest = [line.split()[0] for line in commands.splitlines()]
+    assert [first, *rest[:5]] == ["robots", "scenes", "check", "plan", "pick-place", "view"]
+    assert {*rest[5:]} == {"certify", "export", "run", "import-robot", "episodes", "doctor", "roadmap"}
+
+
+COMMANDS = ["robots", "scenes", "check", "plan", "pick-place", "view", "certify", "export", "run", "import-robot"]
+COMMANDS += ["episodes", "doctor", "roadmap build", "roadmap query", "roadmap info", "roadmap update"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_help_has_an_example_that_the_command_accepts(command: str) -> None:
+    shown = run(*command.split(), "-h")
+    assert shown.exit_code == 0
+    (example,) = re.findall(r"Example:\n +planner-service (.*)$", shown.stdout, re.M)
+    assert example.startswith(command)
+    accepted = run(*shlex.split(example), "--help")  # an unknown option or a missing value would be an error
+    assert (accepted.exit_code, accepted.stdout) == (0, shown.stdout)
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    assert run("--version").stdout == f"planner-service {__version__}\n"
+
+
+def test_the_package_is_the_command(tmp_path: Path) -> None:
+    ask = [sys.executable, "-m", "planner_service", "--version"]
+    done = subprocess.run(ask, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr, done.returncode) == (f"planner-service {__version__}\n", "", 0)
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (("pick",), "pick-place"),
+        (("plan", "--scene", "b"), "bin"),
+        (("plan", "--planner", "rrtc"), "rrtconnect"),
+        (("plan", "--timing", "s"), "s-curve"),
+    ],
+)
+def test_the_shell_completes_commands_and_names(words: tuple[str, ...], offered: str) -> None:
+    typed = " ".join(("planner-service", *words))
+    environment = {"_PLANNER_SERVICE_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words))}
+    result = CliRunner(env=environment).invoke(app, [], prog_name="planner-service")
+    assert offered in result.stdout.split()
+
+
+def test_verbose_shows_the_log_and_leaves_the_logger_as_it_was() -> None:
+    logger = logging.getLogger("planner_service")
+    before = (logger.level, list(logger.handlers))
+    assert logger.isEnabledFor(logging.DEBUG) is False
+
+    @app.command("log-once", hidden=True)
+    def log_once() -> None:
+        logging.getLogger("planner_service.test").debug("a stage")
+
+    try:
+        assert run("-v", "log-once").stderr == "a stage\n"
+        assert run("log-once").stderr == ""
+    finally:
+        app.registered_commands.pop()
+    assert (logger.level, logger.handlers) == before

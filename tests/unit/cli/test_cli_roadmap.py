@@ -111,14 +111,14 @@ def test_roadmaps_are_grown_by_the_planner_that_is_named(name: str, verdict: str
 
 def test_a_build_that_ends_at_its_limit_says_so(tmp_path: Path) -> None:
     words = done("build", *PLANAR, "--milestones", "5000", "--max-checks", "2000", "--out", tmp_path / "new.npz")
-    assert "note growing ended at --max-checks, with" in words
+    assert "note the build ended at --max-checks with" in words
 
 
 def test_parts_that_no_edge_joins_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "parts.npz"
     Roadmap.judged([[0.0], [1.0], [2.0], [3.0], [4.0]], [(0, 1), (1, 2), (3, 4)], {(2, 3): None}).save(path)
     assert document("info", path)["components"] == {"count": 2, "largest": 3}
-    assert "2 parts not joined to each other, the largest of 3" in done("info", path)
+    assert "2 components, the largest of 3" in done("info", path)
 
 
 def test_a_query_is_printed_as_a_plan_and_adds_up(there: Path) -> None:
@@ -135,7 +135,7 @@ def test_a_query_is_printed_as_a_plan_and_adds_up(there: Path) -> None:
 
 def test_what_a_query_finds_is_optimised_if_asked(there: Path) -> None:
     assert document("query", there, *ENDS, "--polish", "--clearance", "0.01")["result"]["polish"]["kept"]
-    assert "--polish with it" in refused("query", there, *ENDS, "--clearance", "0.01")
+    assert "--polish too" in refused("query", there, *ENDS, "--clearance", "0.01")
 
 
 def test_a_query_leaves_the_file_alone_unless_it_is_asked_to_learn(there: Path) -> None:
@@ -143,7 +143,7 @@ def test_a_query_leaves_the_file_alone_unless_it_is_asked_to_learn(there: Path) 
     path = there.with_name("lazy.npz")
     done("build", *PLANAR, *SMALL, "--planner", "lazyprm", "--out", path)
     unjudged = path.read_bytes()
-    assert "not written, for want of --learn" in done("query", path, *ENDS)
+    assert "not saved, as --learn was not given" in done("query", path, *ENDS)
     assert path.read_bytes() == unjudged
     done("query", there, *ENDS)
     assert there.read_bytes() == before
@@ -163,9 +163,9 @@ def test_what_was_learned_is_written_back_and_need_not_be_judged_again(tmp_path:
         return states
 
     assert searched(second) < searched(first)
-    assert "learned: nothing that the roadmap did not know" in done("query", path, *ENDS)
+    assert "learned: nothing new" in done("query", path, *ENDS)
     copy = tmp_path / "copy.npz"
-    assert "did not know; written to" in done("query", path, *ENDS, "--out", copy)
+    assert "nothing new; written to" in done("query", path, *ENDS, "--out", copy)
     assert Roadmap.load(copy).hash == Roadmap.load(path).hash
 
 
@@ -227,11 +227,11 @@ def test_a_place_for_the_roadmap_is_asked_for_before_anything_is_done() -> None:
 
 def test_a_query_in_a_changed_scene_says_what_changed_and_how_many_edges_fell(there: Path, moved: Path) -> None:
     words = done("query", there, *ENDS, "--scene", moved)
-    assert "note: the roadmap was judged for another scene: discs" in words
+    assert "note: the roadmap was built for another scene: discs" in words
     assert "lesson_disc changed" in words
     told = document("query", there, *ENDS, "--scene", moved)
-    assert f"after the change {told['roadmap']['learned']['again']} edges free again, " in words
-    assert f"{told['roadmap']['learned']['fell']} fell" in words
+    assert f"after the change {told['roadmap']['learned']['again']} edges still free, " in words
+    assert f"{told['roadmap']['learned']['fell']} now blocked" in words
     assert told["roadmap"]["learned"]["again"] + told["roadmap"]["learned"]["fell"] > 0
     assert told["result"]["certificate"]["clearance"] > 0.0
 
@@ -240,21 +240,21 @@ def test_what_came_and_what_went_is_told_by_name(there: Path, tmp_path: Path) ->
     path = tmp_path / "other.toml"
     ball = Obstacle("ball", Sphere(0.05), Pose((-1.2, 0.2, 0.0)))
     save_scene(load_scene("discs").without("far_disc").with_obstacle(ball), path)
-    assert "ball came; far_disc went" in done("query", there, *ENDS, "--scene", path)
+    assert "ball added; far_disc removed" in done("query", there, *ENDS, "--scene", path)
 
 
 def test_less_padding_leaves_known_what_was_free(there: Path) -> None:
     words = done("query", there, *ENDS, "--padding", "0.0005")
-    assert "not as it was judged: the padding, there 1 mm; what was free stays known" in words
+    assert "not as the roadmap was built: the padding, 1 mm in the roadmap; free edges stay valid" in words
     words = done("query", there, *ENDS, "--padding", "0.002")
-    assert "the padding, there 1 mm; all of it is judged anew where a path needs it" in words
+    assert "the padding, 1 mm in the roadmap; edges are checked again where a path needs them" in words
 
 
 def test_other_sampling_than_the_roadmaps_is_said(tmp_path: Path) -> None:
     path = tmp_path / "coarse.npz"
     service = PlannerService("planar2", "discs", edge_step=MotionStep(0.02))
     service.build_roadmap(PRM(milestones=60, neighbours=5)).save(path)
-    assert "not as it was judged: the spacing of samples" in done("query", path, *ENDS)
+    assert "not as the roadmap was built: the sampling of edges" in done("query", path, *ENDS)
 
 
 def test_an_update_judges_again_what_a_change_may_have_touched_and_nothing_else(there: Path, moved: Path) -> None:
@@ -267,7 +267,7 @@ def test_an_update_judges_again_what_a_change_may_have_touched_and_nothing_else(
     assert expected.fell > 0 < expected.kept
     assert after.pending == ()
     again = done("update", there, "--scene", moved)
-    assert "nothing was in doubt, the file is left as it is" in again
+    assert "nothing to update, the file is unchanged" in again
 
 
 def test_an_update_can_go_to_another_file_and_be_read_by_machines(there: Path, moved: Path, tmp_path: Path) -> None:
@@ -283,7 +283,7 @@ def test_what_is_in_doubt_is_shown(there: Path, moved: Path, tmp_path: Path) -> 
     out = tmp_path / "lazy.npz"
     done("query", there, *ENDS, "--scene", moved, "--learn", "--out", out)
     words = done("info", out)
-    assert "not yet told lesson_disc changed" in words
+    assert "to update lesson_disc changed" in words
     assert "free before" in words
     done("update", out, "--scene", moved)
     assert "free before" not in done("info", out)
@@ -299,7 +299,7 @@ def test_info_shows_all_that_the_file_says(there: Path) -> None:
         "1 mm of padding",
         "prm, milestones 60, neighbours 5, max checks 2,000,000, seed 0",
         "bytes per milestone",
-        "asks RRTConnect where it has no path",
+        "RRTConnect searches if the roadmap has no path",
     ):
         assert text in words
     told = document("info", there)
@@ -363,11 +363,11 @@ def test_a_file_that_is_no_roadmap_is_bad_input(
     ("arguments", "message"),
     [
         (("build", "--scene", "tabel", "--out", "x.npz"), "unknown scene 'tabel'; did you mean 'table'?"),
-        (("build", *PLANAR, "--planner", "prn", "--out", "x.npz"), "unknown planner of roadmaps 'prn'; did you mean"),
+        (("build", *PLANAR, "--planner", "prn", "--out", "x.npz"), "unknown roadmap planner 'prn'; did you mean"),
         (("build", *PLANAR, "--planner", "rrtconnect", "--out", "x.npz"), "available: lazyprm, prm, prmstar"),
         (
             ("build", *PLANAR, "--planner", "prmstar", "--neighbours", "4", "--out", "x.npz"),
-            "prmstar has no neighbours",
+            "no such option with prmstar",
         ),
         (("build", *PLANAR, "--planner", "lazyprm", "--max-checks", "4", "--out", "x.npz"), "--max-checks: got 4"),
         (("build", *PLANAR, "--milestones", "1", "--out", "x.npz"), "milestones: got 1"),
@@ -376,9 +376,9 @@ def test_a_file_that_is_no_roadmap_is_bad_input(
         (("build", *PLANAR, "--out", "x.json"), "expected a file whose name ends in .npz"),
         (("build", *PLANAR, "--out", "no/such/x.npz"), "cannot be written"),
         (("build", *PLANAR), "Missing option '--out'"),
-        (("query", "discs.npz", *ENDS, "--remember"), "expected --learn or --out with it"),
+        (("query", "discs.npz", *ENDS, "--remember"), "expected --learn or --out too"),
         (("query", "discs.npz", *ENDS, "--learn", "--out", "x.json"), "a file whose name ends in .npz"),
-        (("query", "discs.npz", *ENDS, "--plan", "discs.npz"), "another file than the roadmap itself"),
+        (("query", "discs.npz", *ENDS, "--plan", "discs.npz"), "a different file from the roadmap"),
         (("query", "discs.npz", *ENDS, "--plan", "no/such.json"), "cannot be written"),
         (("query", "discs.npz", *ENDS, "--robot", "wxai"), "a roadmap of shoulder, elbow'; expected one of"),
         (("query", "discs.npz", "--start", "0,0,0", "--goal", "home"), "--start: got 3 values (0,0,0); expected 2"),
@@ -416,16 +416,16 @@ def test_a_name_in_the_file_that_means_another_scene_now_is_refused(tmp_path: Pa
     for command in (("query", path, *ENDS), ("update", path)):
         message = refused(*command)
         assert (
-            "--scene: got 'discs'; expected the file of the scene that the roadmap was judged for: this one differs"
+            "--scene: got 'discs'; expected the file of the scene that the roadmap was built for: this one differs"
             in (message)
         )
-    assert "far_disc came" in done("query", path, *ENDS, "--scene", "discs")
+    assert "far_disc added" in done("query", path, *ENDS, "--scene", "discs")
 
 
 def test_a_name_in_the_file_that_nothing_has_is_refused(tmp_path: Path) -> None:
     path = judged_for("planar2", Scene(name="cell_7"), tmp_path / "mine.npz")
     message = refused("query", path, *ENDS)
-    assert "--scene: got 'cell_7'; expected the file of the scene that the roadmap was judged for" in message
+    assert "--scene: got 'cell_7'; expected the file of the scene that the roadmap was built for" in message
 
 
 def test_a_roadmap_that_was_put_together_needs_to_be_told_its_robot_and_scene(tmp_path: Path) -> None:
@@ -434,7 +434,7 @@ def test_a_roadmap_that_was_put_together_needs_to_be_told_its_robot_and_scene(tm
     assert "--robot: got None; expected a name: the file does not say" in refused("query", path, *ENDS)
     message = refused("query", path, *ENDS, "--robot", "wxai", "--scene", "bin")
     assert "got 'a roadmap of 2 joints'; expected one of joint_0" in message
-    assert "put together, not grown" in done("info", path)
+    assert "assembled by hand" in done("info", path)
     assert "planned:" in done("query", path, *ENDS, *PLANAR)
 
 

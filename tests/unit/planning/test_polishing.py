@@ -608,7 +608,7 @@ def test_without_a_path_there_is_no_picture_and_that_is_said(tmp_path: Path) -> 
     file = tmp_path / "clear.svg"
     done = CliRunner().invoke(app, line("--max-checks", "1", "--plot", str(file)))
     assert done.exit_code == 1
-    assert "note: without a path" in done.stdout
+    assert "note: there is no path to plot" in done.stdout
     assert not file.exists()
 
 

@@ -582,7 +582,7 @@ def test_certify_says_against_what_and_lists_what_is_not_judged(read: SavedTask,
     done = CliRunner().invoke(app, ["certify", str(tmp_path / "task.json")])
     assert done.exit_code == 0
     told = " ".join(done.output.split())
-    assert "note: against the scene in this file: bin" in told
+    assert "note: using the scene in this file: bin" in told
     assert "note: lower: not judged from s" in told
     assert "blue_block x tray (blue_block is to stand there)" in told
 
@@ -691,7 +691,7 @@ def test_a_robot_in_a_file_that_only_has_the_name_of_one_of_the_package_is_told_
     for command in (["certify", file], ["run", file, "--arm", "192.0.2.1"]):
         said = " ".join(CliRunner().invoke(app, command).output.split())
         assert "robot wxai in this file is not the wxai of this package" in said
-        assert "robot wxai in this file lets link_1 x link_3 touch; that of this package does not" in said
+        assert "robot wxai in this file allows link_1 x link_3 to touch; wxai of this package does not" in said
 
 
 def saved_to(service: PlannerService, request: PlanRequest, folder: Path) -> str:

@@ -371,7 +371,7 @@ def test_without_viser_the_extra_is_named(discs: PlannerService, monkeypatch: py
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        (("view",), "give a --scene, or the FILE of a plan or a task"),
+        (("view",), "give --scene, or the FILE of a plan or task"),
         (("view", "--scene", "bni"), "did you mean 'bin'"),
         (("view", "--scene", "discs", "--robot", "planar2", "--port", "-1"), "port: got -1"),
         (("view", "nowhere.json"), "no such file"),
@@ -387,14 +387,14 @@ def test_a_plan_file_is_shown_in_its_scene_or_one_that_is_given(discs: PlannerSe
     result = discs.plan(asked(discs))
     result.save(tmp_path / "plan.json")
     service, shown, notes = opened(str(tmp_path / "plan.json"), None, None)
-    assert notes == ["against the scene in this file: discs"]
+    assert notes == ["using the scene in this file: discs"]
     state = ViewState.of(service, shown)
     assert state.playback is not None
     assert result.trajectory is not None
     assert state.playback.duration == result.trajectory.duration
     other, shown, notes = opened(str(tmp_path / "plan.json"), None, "table")
     assert other.scene.name == "table"
-    assert notes[0].startswith("against --scene table, not the scene in this file")
+    assert notes[0].startswith("using --scene table instead of the scene in this file")
     assert ViewState.of(other, shown).service.scene.name == "table"
 
 
