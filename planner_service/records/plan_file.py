@@ -13,6 +13,7 @@ import math
 import os
 import platform
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -97,16 +98,67 @@ def _versions() -> Mapping[str, str]:
 
 
 @dataclass(frozen=True, eq=False)
-class SavedPlan:
+class _Saved(ABC):
+    """What a plan and a task in a file have in common: the world they were made in."""
+
+    made_for: World
+
+    @property
+    def robot(self) -> Robot:
+        """The robot it was made for."""
+        return self.made_for.robot
+
+    @property
+    def scene(self) -> Scene:
+        """The scene at its start."""
+        return self.made_for.scene
+
+    @property
+    def allowed(self) -> tuple[tuple[str, str], ...]:
+        """Pairs that may touch because whoever made it said so."""
+        return self.made_for.allowed
+
+    def service(self) -> PlannerService:
+        """A service like the one it was made with; edges are sampled by ``MotionStep()`` if their rule is not known.
+
+        Raises:
+            InvalidRequest: robot, scene and pairs do not go together.
+        """
+        return PlannerService.of(self.made_for)
+
+    @abstractmethod
+    def document(self) -> dict[str, Any]:
+        """The content of the file, of plain JSON values.
+
+        Raises:
+            InvalidRequest: a value in it cannot be written.
+        """
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it to a file, whole or not at all.
+
+        Raises:
+            InvalidRequest: a value in it cannot be written, or the file would be too large.
+            InvalidFile: the file cannot be written.
+        """
+        target = as_path("path", path)
+        text = json.dumps(self.document(), indent=1, allow_nan=False) + "\n"
+        if len(text) > MAX_BYTES:  # of ASCII
+            raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
+        write_whole(target, text, OURS)
+
+
+@dataclass(frozen=True, eq=False)
+class SavedPlan(_Saved):
     """A plan with what was asked, and the world it was made in.
 
     Attributes:
+        made_for: The robot, the scene and the terms it was made for.
         request: None if its planner or timing law has no name to be made from.
         made_with: Versions of this package and of the libraries that plans depend on, by name.
         sections: Further parts of the file by name, JSON values; those that are not known are kept as they are.
     """
 
-    made_for: World
     request: PlanRequest | None
     result: PlanResult
     made_with: Mapping[str, str] = field(default_factory=_versions)
@@ -138,44 +190,12 @@ class SavedPlan:
             raise InvalidRequest("plan", "a result from a file or another process", expected)
         return cls(result.origin.world, result.origin.request, result)
 
-    @property
-    def robot(self) -> Robot:
-        """The robot it was made for."""
-        return self.made_for.robot
-
-    @property
-    def scene(self) -> Scene:
-        """The scene it was made in."""
-        return self.made_for.scene
-
-    @property
-    def allowed(self) -> tuple[tuple[str, str], ...]:
-        """Pairs that may touch by the word of whoever made it."""
-        return self.made_for.allowed
-
-    def service(self) -> PlannerService:
-        """A service like the one it was made with; edges are sampled by ``MotionStep()`` if their rule is not known.
-
-        Raises:
-            InvalidRequest: robot, scene and pairs do not go together.
-        """
-        return PlannerService.of(self.made_for)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a file; see ``save_plan``."""
-        save_plan(self, path)
-
     def document(self) -> dict[str, Any]:
-        """The content of the file, of plain JSON values.
-
-        Raises:
-            InvalidRequest: something in it has no place in a file.
-        """
         return recorded("plan", lambda: PlanRecord.of(self)).model_dump()
 
 
 @dataclass(frozen=True, eq=False)
-class SavedTask:
+class SavedTask(_Saved):
     """The motions of a task in order, with the robot and the scene at its start.
 
     Attributes:
@@ -191,7 +211,6 @@ class SavedTask:
         sections: As of ``SavedPlan``.
     """
 
-    made_for: World
     task: str
     segments: tuple[Segment, ...]
     choosing: CheckCounts
@@ -220,28 +239,9 @@ class SavedTask:
         )
 
     @property
-    def robot(self) -> Robot:
-        """The robot it was made for."""
-        return self.made_for.robot
-
-    @property
-    def scene(self) -> Scene:
-        """The scene at its start."""
-        return self.made_for.scene
-
-    @property
-    def allowed(self) -> tuple[tuple[str, str], ...]:
-        """Pairs that may touch by the word of whoever made it."""
-        return self.made_for.allowed
-
-    @property
     def counts(self) -> CheckCounts:
         """What the whole task asked of the collision checker."""
         return sum((segment.counts for segment in self.segments), self.choosing)
-
-    def service(self) -> PlannerService:
-        """A service for the beginning of the task; see ``SavedPlan.service``."""
-        return PlannerService.of(self.made_for)
 
     def within(self, made_for: World) -> SavedTask:
         """The same motions in another world, in which the task takes, carries and leaves the same things."""
@@ -250,10 +250,6 @@ class SavedTask:
             for segment in self.segments
         ]
         return replace(self, made_for=made_for, segments=tuple(segments))
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a file; see ``save_plan``."""
-        save_plan(self, path)
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
@@ -266,11 +262,6 @@ class SavedTask:
         return show(self.made_for, self, port=port, block=block)
 
     def document(self) -> dict[str, Any]:
-        """The content of the file, of plain JSON values.
-
-        Raises:
-            InvalidRequest: something in it has no place in a file.
-        """
         return recorded("task", lambda: TaskRecord.of(self)).model_dump()
 
 
@@ -486,25 +477,17 @@ def save_plan(plan: PlanResult | TaskResult | SavedPlan | SavedTask, path: str |
     """Write a plan or a task, or the failure that is in their place; the file is there whole or not at all.
 
     Raises:
-        InvalidRequest: a result that does not know its world (from a file or another process), or something that has
-            no place in a file.
+        InvalidRequest: a result from a file or another process, which does not know its world, or a value that
+            cannot be written.
         InvalidFile: it cannot be written.
     """
-    target = as_path("path", path)
-    text = json.dumps(_saved(plan).document(), indent=1, allow_nan=False) + "\n"
-    if len(text) > MAX_BYTES:  # of ASCII
-        raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
-    write_whole(target, text, OURS)
-
-
-def _saved(plan: PlanResult | TaskResult | SavedPlan | SavedTask) -> SavedPlan | SavedTask:
-    if isinstance(plan, SavedPlan | SavedTask):
-        return plan
     if isinstance(plan, PlanResult):
-        return SavedPlan.of(plan)
-    if not isinstance(plan, TaskResult):
+        plan = SavedPlan.of(plan)
+    elif isinstance(plan, TaskResult):
+        plan = SavedTask.of(plan)
+    elif not isinstance(plan, SavedPlan | SavedTask):
         raise InvalidRequest("plan", plan, "a PlanResult, a TaskResult, a SavedPlan or a SavedTask")
-    return SavedTask.of(plan)
+    plan.save(path)
 
 
 def load_plan(path: str | os.PathLike[str]) -> SavedPlan:
