@@ -1,7 +1,7 @@
 """Results files: a line that says where and how they were made, then a line for each run, failures among them.
 
-A row is a JSON object: one problem, planned by one planner of one tool with one seed. What ``KEYS`` names is always
-there, what ``OPTIONAL`` names where a tool tells it; further keys are a tool's own.
+A row is a JSON object: one problem, planned by one planner of one tool with one seed. ``RowRecord`` says what is in it;
+further keys are a tool's own.
 """
 
 from __future__ import annotations
@@ -9,19 +9,21 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Annotated, Any
+
+from pydantic import AfterValidator, ConfigDict, Field
 
 from planner_service.errors import InvalidFile, InvalidRequest
-from planner_service.files.json_reader import Node
 from planner_service.files.reading import read_bytes
+from planner_service.files.schema import Count, Reading, Record, of_length, read_record
 from planner_service.files.writing import require_writable, write_whole
 
 __all__ = [
-    *("KEYS", "OPTIONAL", "VERSION", "Key", "Results", "Row"),
+    *("VERSION", "Key", "Results", "Row", "RowRecord"),
     *("appending", "key_of", "line_of", "make_folder", "read", "read_some", "states_of"),
 ]
 
@@ -73,20 +75,24 @@ def read(path: Path) -> Results:
         raise InvalidFile(path, ["no results: the first line is missing"])
     found = {number: content for number, line in told.items() for content in _parsed(number, line, problems)}
     first = min(told)
-    header = Node(f"line {first}", found.pop(first, _UNREAD), problems)
-    if header.value is not _UNREAD:
-        header = header.at("header")
-        _check_header(header)
+    header = found.pop(first, None)
+    if header is not None:
+        _check(_FirstLine, header, path, first, problems)
     for number, row in found.items():
         if len(problems) >= MAX_PROBLEMS:
             break
-        _check_row(Node(f"line {number}", row, problems))
-    if problems:
+        _check(RowRecord, row, path, number, problems)
+    if problems or header is None:
         raise InvalidFile(path, problems[:MAX_PROBLEMS])
-    return Results(header.value, tuple(found.values()))
+    return Results(header["header"], tuple(found.values()))
 
 
-_UNREAD = object()
+def _check(model: type[Record], line: Any, path: Path, number: int, problems: list[str]) -> None:
+    """Note what is wrong with a line."""
+    try:
+        read_record(model, line, path, Reading(where=f"line {number}"))
+    except InvalidFile as error:
+        problems += error.problems
 
 
 def read_some(path: Path) -> Results:
@@ -177,102 +183,109 @@ def _refused(name: str) -> float:
     raise ValueError(f"{name} is not a number")
 
 
-def _check_header(header: Node) -> None:
-    version = header.at("version").whole()
-    if header.sound and header.has("version") and version != VERSION:
-        header.problem(f"version {version} is not {VERSION}, the one that is understood")
-    header.at("suite").text()
-    environment = header.at("environment")
-    for key in ("python", "platform", "cpu"):
-        environment.at(key).text()
-    environment.at("cores").whole()
-    if not isinstance(environment.at("versions").value, dict):
-        environment.at("versions").wrong("an object")
+# Lines, declared.
 
 
-def _check_row(row: Node) -> None:
-    for key, check in KEYS.items():
-        check(row.at(key))
-    for key, check in OPTIONAL.items():
-        if row.has(key):
-            check(row.at(key))
+def _printable(text: str) -> str:
+    if not text.replace("\n", "").isprintable():
+        raise ValueError("a text of printable characters")
+    return text
 
 
-def _maybe(read: Callable[[Node], object]) -> Callable[[Node], object]:
-    return lambda node: node.optional(read)
+def _known_version(version: int) -> int:
+    if version != VERSION:
+        raise ValueError(f"version {VERSION}")
+    return version
 
 
-def _counts(node: Node) -> None:
-    for stage in _names(node):
-        counts = node.at(stage)
-        for kind in ("states", "edges", "distances"):
-            counts.at(kind).whole()
+def _known_verdict(verdict: str) -> str:
+    if verdict not in VERDICTS:
+        raise ValueError(f"one of {', '.join(VERDICTS)}")
+    return verdict
 
 
-def _seconds(node: Node) -> None:
-    for stage in _names(node):
-        node.at(stage).number()
+Words = Annotated[str, AfterValidator(_printable)]
 
 
-def _peaks(node: Node) -> None:
-    for kind in ("velocity", "acceleration", "jerk"):
-        node.at(kind).optional(Node.number)
+class _Open(Record):
+    """An object that may have further keys."""
+
+    model_config = ConfigDict(extra="ignore")
 
 
-def _audit(node: Node) -> None:
-    if node.at("verdict").text() not in VERDICTS:
-        node.at("verdict").wrong(f"one of {', '.join(VERDICTS)}")
-    node.at("step").optional(Node.number)
-    node.at("depth").optional(Node.number)
-    pair = node.at("pair")
-    if pair.value is not None and len([item.text() for item in pair.items()]) != 2:
-        pair.wrong("two names, or null")
+class _Environment(_Open):
+    python: Words
+    platform: Words
+    cpu: Words
+    cores: Count
+    versions: dict[str, Any]
 
 
-def _built(node: Node) -> None:
-    for kind in ("states", "edges", "distances", "milestones", "joined"):
-        node.at(kind).whole()
-    node.at("cpu_seconds").number()
+class _Header(_Open):
+    version: Annotated[Count, AfterValidator(_known_version)]
+    suite: Words
+    environment: _Environment
 
 
-def _texts(node: Node) -> None:
-    for name in _names(node):
-        node.at(name).text()
+class _FirstLine(_Open):
+    header: _Header
 
 
-def _audits(node: Node) -> None:
-    for what in _names(node):
-        _audit(node.at(what))
+class _Cost(_Open):
+    states: Count
+    edges: Count
+    distances: Count
 
 
-def _names(node: Node) -> Iterable[str]:
-    if isinstance(node.value, dict):
-        return list(node.value)
-    node.wrong("an object")
-    return ()
+class _Built(_Cost):
+    """What building a planner cost, once for its scene and seed."""
+
+    milestones: Count
+    joined: Count
+    cpu_seconds: float
 
 
-KEYS: Mapping[str, Callable[[Node], object]] = {
-    **dict.fromkeys(("suite", "problem", "kind", "robot", "tool", "planner", "detail"), Node.text),
-    "seed": Node.whole,
-    "ok": Node.flag,
-    "failure": _maybe(Node.text),
-    "checks": _counts,
-    "seconds": _seconds,
-    "total_seconds": Node.number,
-    "cpu_seconds": Node.number,
-    **dict.fromkeys(("raw_length", "length", "duration", "clearance"), _maybe(Node.number)),
-    "peaks": _maybe(_peaks),
-    "path_hash": _maybe(Node.text),
-    "audit": _audit,
-}
-"""What every row has, and what is wrong with it if it is."""
+class _Peaks(_Open):
+    velocity: float | None
+    acceleration: float | None
+    jerk: float | None
 
-OPTIONAL: Mapping[str, Callable[[Node], object]] = {
-    "built": _built,
-    "versions": _texts,
-    "audits": _audits,
-    **dict.fromkeys(("raw_duration", "raw_waypoints", "waypoints"), Node.number),
-}
-"""What building a planner cost, once for its scene and seed; versions of a peer's packages, its audits one by one, and
-what the lesson's exercise tells besides."""
+
+class _Audit(_Open):
+    verdict: Annotated[str, AfterValidator(_known_verdict)]
+    step: float | None
+    depth: float | None
+    pair: Annotated[list[Words], of_length(2, "two names, or null")] | None
+
+
+class RowRecord(_Open):
+    """A row. Some tools alone have what it may lack: what building a planner cost, versions of a peer's packages, its
+    audits one by one, and what the lesson's exercise says besides."""
+
+    suite: Words
+    problem: Words
+    kind: Words
+    robot: Words
+    tool: Words
+    planner: Words
+    detail: Words
+    seed: Count
+    ok: bool
+    failure: Words | None
+    checks: dict[str, _Cost]
+    seconds: dict[str, float]
+    total_seconds: float
+    cpu_seconds: float
+    raw_length: float | None
+    length: float | None
+    duration: float | None
+    clearance: float | None
+    peaks: _Peaks | None
+    path_hash: Words | None
+    audit: _Audit
+    built: _Built | None = None
+    versions: dict[str, Words] = Field({})
+    audits: dict[str, _Audit] = Field({})
+    raw_duration: float = 0.0
+    raw_waypoints: float = 0.0
+    waypoints: float = 0.0

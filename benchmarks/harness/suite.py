@@ -43,25 +43,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from benchmarks.harness.sources import (
-    SOURCES,
-    Motion,
-    Problem,
-    Task,
-    ToyQuery,
-    allow_only,
-    at_most,
-    attempt,
-    listed,
-    whole,
-)
+from pydantic import AfterValidator, Field
+
+from benchmarks.harness.sources import Motion, Problem, Sources, Task, ToyQuery
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
-from planner_service.files.json_reader import Node
+from planner_service.files.schema import Reading, Text, at_most, read_record
 from planner_service.files.toml_reader import read_tables
 from planner_service.planners import PLANNERS, PRM
 from planner_service.scene.toml_reader import MAX_BYTES
@@ -133,26 +125,13 @@ def load_suite(name_or_path: str) -> Suite:
         if name_or_path not in suite_names():
             raise UnknownName("suite", name_or_path, suite_names())
         path = SUITES / f"{name_or_path}.toml"
-    root = Node("", read_tables(path, MAX_BYTES), [])
-    allow_only(root, ("about", "planners", "seeds", "max_checks", "ceilings", *SOURCES))
-    about, seeds = root.at("about").text(), root.at("seeds")
-    span = attempt(seeds, seeds_of, seeds.text())
-    named = listed(root.at("planners"))
-    planners = tuple(item.text() for item in named)
-    for item, text in zip(named, planners, strict=True):
-        attempt(item, require_planner, text)
-    max_checks = whole(root.at("max_checks"), 10**9) if root.has("max_checks") else MAX_CHECKS
-    ceilings = _ceilings(root.at("ceilings"), planners) if root.has("ceilings") else {}
-    makers = [SOURCES[key](item) for key in SOURCES if root.has(key) for item in at_most(root.at(key))]
-    if not root.problems and not makers:
-        root.problem(f"no problems; expected at least one of {', '.join(f'[[{key}]]' for key in SOURCES)}")
-    if root.problems:
-        raise InvalidFile(path, root.problems)
-    found = tuple(problem for make in makers if make is not None for problem in make())
-    twice = [id for id, count in Counter(problem.id for problem in found).items() if count > 1]
+    file = read_record(_SuiteFile, read_tables(path, MAX_BYTES), path, Reading())
+    problems = tuple(problem for make in file.makers for problem in make())
+    twice = [id for id, count in Counter(problem.id for problem in problems).items() if count > 1]
     if twice:
         raise InvalidFile(path, [f"problem {id!r} is there twice" for id in twice])
-    return Suite(path.stem, about, found, planners, span or range(0), max_checks, ceilings)
+    planners, seeds = tuple(file.planners), seeds_of(file.seeds)
+    return Suite(path.stem, file.about, problems, planners, seeds, file.max_checks, file.ceilings)
 
 
 def require_planner(text: str) -> None:
@@ -219,11 +198,34 @@ def seeds_of(text: str) -> range:
     raise InvalidRequest("seeds", text, f"N, or A:B for A to B - 1, at most {MAX_SEEDS:,} of them")
 
 
-def _ceilings(node: Node, planners: Sequence[str]) -> dict[str, int]:
-    if not isinstance(node.value, dict):
-        node.wrong("a table of planners of this suite")
-        return {}
-    if not set(node.value) <= set(planners):
-        node.wrong(f"a table of planners of this suite: {', '.join(planners)}")
-        return {}
-    return {name: whole(node.at(name), 10**9) for name in node.value}
+# The file, declared.
+
+
+def _known_planner(text: str) -> str:
+    require_planner(text)
+    return text
+
+
+def _known_seeds(text: str) -> str:
+    seeds_of(text)
+    return text
+
+
+Limit = Annotated[int, Field(ge=1, le=10**9)]
+
+
+class _SuiteFile(Sources):
+    about: Text
+    planners: Annotated[list[Annotated[Text, AfterValidator(_known_planner)]], Field(min_length=1), at_most(1000)]
+    seeds: Annotated[Text, AfterValidator(_known_seeds)]
+    max_checks: Limit = MAX_CHECKS
+    ceilings: dict[Text, Limit] = Field({}, description="a table of planners of this suite")
+
+    @cached_property
+    def value(self) -> None:
+        """Nothing; it refuses a suite without problems."""
+        if not set(self.ceilings) <= set(self.planners):
+            raise InvalidRequest("ceilings", self.ceilings, f"planners of this suite: {', '.join(self.planners)}")
+        if not self.makers:
+            expected = f"at least one of {', '.join(f'[[{kind}]]' for kind in Sources.model_fields)}"
+            raise InvalidRequest("problems", None, expected, message=f"no problems; expected {expected}")

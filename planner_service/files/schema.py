@@ -83,12 +83,14 @@ class Reading:
         joints: Joints of its robot; None if that is not known.
         problems: Problems found so far, in models that are done.
         hints: Unknown keys found so far.
+        where: What places begin with, such as ``line 3``; empty for a document that is a whole file.
         models: For each object of the document in which there are problems, by its ``id``, the model it should fit.
     """
 
     joints: int | None = None
     problems: int = 0
     hints: int = 0
+    where: str = ""
     models: dict[int, type[Record]] = field(default_factory=dict)
 
 
@@ -152,16 +154,18 @@ def _problem(document: Any, entry: Any, reading: Reading) -> str:
     """One line for an error of pydantic's."""
     kind, loc, context = entry["type"], entry["loc"], entry.get("ctx", {})
     if kind == "extra_forbidden":
-        return _located(_place(document, loc[:-1]), _unknown_key(loc[-1], _at(document, loc[:-1]), reading))
+        return _located(
+            _place(document, loc[:-1], reading.where), _unknown_key(loc[-1], _at(document, loc[:-1]), reading)
+        )
     if kind in ("union_tag_invalid", "union_tag_not_found") and context["discriminator"].startswith("'"):
         loc = (*loc, context["discriminator"].strip("'"))
         if kind == "union_tag_not_found" and isinstance(entry["input"], dict):
-            return f"{_joined(_place(document, loc[:-1]), loc[-1])}: missing"
+            return f"{_joined(_place(document, loc[:-1], reading.where), loc[-1])}: missing"
     description = _description(document, loc, reading)
     if kind == "missing":
-        where = _joined(_place(document, loc[:-1]), loc[-1])
+        where = _joined(_place(document, loc[:-1], reading.where), loc[-1])
         return f"{where}: missing; expected {description}" if description else f"{where}: missing"
-    where = _place(document, loc)
+    where = _place(document, loc, reading.where)
     error = context.get("error")
     if isinstance(error, InvalidRequest):
         field = re.match(r"\w*", error.field)
@@ -202,12 +206,12 @@ def _at(document: Any, parts: Sequence[int | str]) -> Any:
     return found
 
 
-def _place(document: Any, parts: Sequence[int | str]) -> str:
+def _place(document: Any, parts: Sequence[int | str], where: str) -> str:
     """Such as ``result.path.waypoints[3][2]``, or ``obstacle[1] 'post'.box`` where entries of a list have names.
 
     Only keys of the document are named, not the names that pydantic gives the kinds of a union.
     """
-    value, where = document, ""
+    value = document
     for part in parts:
         if isinstance(part, int):
             value = value[part] if isinstance(value, list) and part < len(value) else None

@@ -142,22 +142,22 @@ tasks = [1, { scene = "post", pick = 4, onto = "trai", without = "x", block = 3,
     with pytest.raises(InvalidFile) as caught:
         suite_of(tmp_path, text)
     assert sorted(caught.value.problems) == [
-        "about: got 3; expected a text of printable characters",
+        "about: got 3; expected a text",
         "ceilings: got 7; expected a table of planners of this suite",
-        "max_checks: got 'many'; expected a whole number of at least 0",
+        "max_checks: got 'many'; expected a whole number",
         "planners: got 'rrtconnect'; expected a list",
         "seeds: missing",
         "tasks[0]: got 1; expected an object",
-        "tasks[1].block: got 3; expected 2 finite numbers",
-        "tasks[1].pick: got 4; expected a text of printable characters",
-        "tasks[1].tray: got ['a', 1]; expected 2 finite numbers",
+        "tasks[1].block: got 3; expected [x, y]",
+        "tasks[1].pick: got 4; expected a text",
+        "tasks[1].tray[0]: got 'a'; expected a finite number",
         "tasks[1].without: got 'x'; expected a list",
     ]
 
 
 def test_a_set_of_problems_is_refused_for_a_robot_with_other_joints(tmp_path: Path) -> None:
     table = '[[problems]]\nfile = "mbm_panda.json"\nrobot = "wxai"\n'
-    with pytest.raises(InvalidFile, match=r"problems\[0\]\.robot: .*wxai has the joints joint_0"):
+    with pytest.raises(InvalidFile, match=r"problems\[0\].*robot: .*wxai has the joints joint_0"):
         suite_of(tmp_path, TINY + table)
 
 
@@ -302,7 +302,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> list[rows.Row]:
 
 def test_a_row_tells_what_a_plan_cost_and_what_became_of_it(found: list[rows.Row]) -> None:
     row = found[0]
-    assert set(rows.KEYS) <= set(row)
+    assert {name for name, field in rows.RowRecord.model_fields.items() if field.is_required()} <= set(row)
     assert (row["suite"], row["problem"], row["planner"], row["seed"], row["ok"]) == (
         "tiny",
         "bin/0",
@@ -451,7 +451,7 @@ def test_a_line_that_is_no_json_is_told_once_by_its_number(tmp_path: Path, found
 def test_a_file_of_another_version_is_refused_by_its_version(tmp_path: Path, found: list[rows.Row]) -> None:
     text = written(tmp_path / "a.jsonl", found).read_text("utf-8").replace('"version":1', '"version":2', 1)
     (tmp_path / "a.jsonl").write_text(text, "utf-8")
-    with pytest.raises(InvalidFile, match=r"header: version 2 is not 1"):
+    with pytest.raises(InvalidFile, match=r"header\.version: got 2; expected version 1"):
         rows.read(tmp_path / "a.jsonl")
 
 
