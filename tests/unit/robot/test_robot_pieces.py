@@ -136,5 +136,5 @@ def test_a_mesh_in_a_scene_is_cut_and_kept(folder: Path, cut: list[Any]) -> None
 def test_a_scene_that_asks_for_pieces_wrongly_is_refused(folder: Path) -> None:
     text = '[[obstacle]]\nname = "fork"\nmesh = { file = "fork.obj", pieces = 0 }\nposition = [0, 0, 0]\n'
     (folder / "s.toml").write_text(text)
-    with pytest.raises(InvalidFile, match=r"obstacle 1 'fork'.*most: got 0"):
+    with pytest.raises(InvalidFile, match=r"obstacle\[0\] 'fork'.*most: got 0"):
         load_scene(folder / "s.toml")
