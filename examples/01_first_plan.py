@@ -1,4 +1,4 @@
-"""The first plan: from home, out of a bin and round a post, to above a tray; and what every step of it cost.
+"""A first plan: from home, out of a bin and round a post, to above a tray, with the cost of every stage.
 
 Run: python examples/01_first_plan.py
 """
@@ -17,15 +17,15 @@ def main() -> None:
     for report in result.stages:
         counts = report.counts
         print(f"{report.stage.value:<14}{counts.states:>6,} states{counts.edges:>4} edges  {report.note}")
-    if result.failure is not None:  # no plan is a result, and says why
+    if result.failure is not None:  # "no plan" is a result, not an exception
         print(result.failure)
         return
     path, trajectory = result.unwrap()
-    print(f"in all {result.counts.states:,} states for {path.length:.2f} rad of path, {trajectory.duration:.2f} s")
+    print(f"in total {result.counts.states:,} states for {path.length:.2f} rad of path, {trajectory.duration:.2f} s")
     if result.certificate is not None:
-        print(f"proven to touch nothing, between samples either, by {result.certificate.distances:,} bounds")
+        print(f"proven free along the whole curve, by {result.certificate.distances:,} bounds")
 
-    t, q, qd, _ = trajectory.sample(0.01)  # what a driver wants, 100 times a second
+    t, q, qd, _ = trajectory.sample(0.01)  # 100 samples a second, for a driver
     for k in range(0, 40, 10):
         print(f"t = {t[k]:.2f} s  q = {q[k].round(3).tolist()}  fastest joint {abs(qd[k]).max():.2f} rad/s")
 

@@ -1,4 +1,4 @@
-"""A block out of a bin onto a tray: straight tool lines where they are free, the planner where they are not.
+"""Move a block from a bin to a tray: straight tool lines where they are free, the planner where they are not.
 
 Run: python examples/02_pick_and_place.py
 """
@@ -18,7 +18,7 @@ from planner_service import (
     top_grasps,
 )
 
-ON_TRAY = Pose((0.20, 0.28, 0.0335))  # the block is a cube of 45 mm; the tray's top is at 10 mm, one millimetre of air
+ON_TRAY = Pose((0.20, 0.28, 0.0335))  # a 45 mm cube, 1 mm above the tray, whose top is at z = 10 mm
 
 
 def main() -> None:
@@ -31,7 +31,7 @@ def main() -> None:
     if picked.failure is not None:
         print(picked.failure)
         return
-    # From here on the gripper is closed and the block is part of the arm, as picked.world says.
+    # picked.world has the gripper closed and the block attached to the arm.
     placed = place(PlannerService.of(picked.world), picked.q, "blue_block", [ON_TRAY], Handling(support="tray"))
     show("place", [(segment.name, segment.result) for segment in placed.segments])
     if placed.failure is not None:
@@ -49,14 +49,14 @@ def main() -> None:
 
 
 def show(title: str, motions: list[tuple[str, PlanResult]]) -> None:
-    """A line for each motion: whether the straight line was free, what it cost, how much room is proven."""
+    """Print a line for each motion: straight or searched, its cost, and the proven clearance."""
     print(title)
     for name, result in motions:
         how = "searched" if result.stage(Stage.SEARCH).counts.states else "straight"
         proof = result.certificate
         room = "" if proof is None else f"{proof.clearance * 1000:6.2f} mm clear"
         print(f"  {name:<14}{how}{result.counts.states:>7,} states  {room}")
-        for stretch in result.exempt:  # contact is meant here, and only here
+        for stretch in result.exempt:  # the only places where contact is allowed
             print(f"    {stretch}")
 
 

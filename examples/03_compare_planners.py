@@ -1,4 +1,4 @@
-"""Which planner? One query in the shelf to several of them, ten seeds each: what they cost, how short their paths are.
+"""Compare planners: one query in the shelf, several planners with ten seeds each, their cost and path lengths.
 
 Run: python examples/03_compare_planners.py
 """
@@ -12,20 +12,21 @@ from planner_service import RRT, Optimise, PlannerService, PlanRequest, PlanResu
 from planner_service.planners import AORRTC, LBKPIECE1, BITstar
 from planner_service.search.problem import Planner
 
-START, GOAL = (-0.36, 1.93, 0.25, 1.56, -0.27, 0.27), (0.16, 1.55, 1.00, 0.64, -0.10, -0.43)  # a board between them
+START = (-0.36, 1.93, 0.25, 1.56, -0.27, 0.27)
+GOAL = (0.16, 1.55, 1.00, 0.64, -0.10, -0.43)  # a shelf board is between them
 SEEDS = range(10)
 PLANNERS: Mapping[str, Planner | Optimise] = {
     "RRTConnect": RRTConnect(),
     "RRT": RRT(),
     "LBKPIECE1": LBKPIECE1(),
-    "BITstar": BITstar(checks=4000),  # these two go on for shorter paths until so many states are judged
+    "BITstar": BITstar(checks=4000),  # these two look for shorter paths until they have checked so many states
     "AORRTC": AORRTC(checks=4000),
-    "Optimise": Optimise(starts=4),  # searches nothing: improves straight and bent lines
+    "Optimise": Optimise(starts=4),  # no search: improves straight and bent lines
 }
 
 
 def main() -> None:
-    """One row per planner, medians over the seeds; a failure counts with what it spent."""
+    """Print one row per planner: medians over the seeds, failures included."""
     service = PlannerService("wxai", "shelf")
     print("planner     solved  search  states  distances   found -> final")
     for name, planner in PLANNERS.items():
@@ -34,7 +35,7 @@ def main() -> None:
 
 
 def show(name: str, results: list[PlanResult]) -> None:
-    """A row of the table."""
+    """Print a row of the table."""
     search = median(result.stage(Stage.SEARCH).counts.states for result in results)
     states = median(result.counts.states for result in results)
     distances = median(result.counts.distances for result in results)

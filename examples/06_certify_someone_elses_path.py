@@ -1,6 +1,6 @@
-"""A path from another program: free at every sample it looked at, and through a post between two of them.
+"""Certify a path from another program: free at every sample it checked, but through a post between two of them.
 
-The proof says where and what; that piece alone is planned again, and the whole is proven and timed.
+The refusal says where and with what it collides. Only that piece is planned again; then the whole is proven and timed.
 
 Run: python examples/06_certify_someone_elses_path.py
 """
@@ -28,21 +28,21 @@ GIVEN = np.array(
     ]
 )
 THEIR_STEP = 0.1
-"""Radians between the configurations that the other program looked at."""
+"""Radians between the configurations that the other program checked."""
 
 
 def main() -> None:
-    """Look as they did, prove, repair what is refused, prove again."""
+    """Sample as they did, certify, repair what is refused, certify again."""
     service = PlannerService("wxai", "post")
-    looked = samples(GIVEN, THEIR_STEP)
-    free = service.checker.states_are_free(looked)
-    print(f"at {len(looked)} samples, {THEIR_STEP} rad apart: {int(free.sum())} free")
+    sampled = samples(GIVEN, THEIR_STEP)
+    free = service.checker.states_are_free(sampled)
+    print(f"at {len(sampled)} samples, {THEIR_STEP} rad apart: {int(free.sum())} free")
 
     waypoints, planned = GIVEN, 0
     while (refusal := service.certify(waypoints).refusal) is not None:
         print(refusal)
         piece = int(np.searchsorted(JointPath(waypoints).knots, refusal.s)) - 1
-        request = PlanRequest(waypoints[piece], waypoints[piece + 1], seed=1, blend=0.0)  # a polyline, to be put in
+        request = PlanRequest(waypoints[piece], waypoints[piece + 1], seed=1, blend=0.0)  # a polyline
         detour = service.plan(request)
         planned += detour.counts.states
         around, _ = detour.unwrap()
@@ -51,8 +51,8 @@ def main() -> None:
 
     proof = service.certify(waypoints)
     print(f"proven: at least {proof.clearance * 1000:.2f} mm from everything ({proof.distances:,} bounds)")
-    stops = service.follow(waypoints)  # checked, proven and timed as it is, with a stop at each waypoint
-    blends = np.full(len(waypoints), 0.3)  # or rounded, up to 0.3 rad before and after each corner, where that is free
+    stops = service.follow(waypoints)  # checked, proven and timed unchanged, with a stop at each waypoint
+    blends = np.full(len(waypoints), 0.3)  # or blended, up to 0.3 rad before and after each corner, where that is free
     smooth = service.follow(waypoints, blends=blends, pace=Pace(ToppRa()))
     print(f"{stops.unwrap()[1].duration:.2f} s with stops, {smooth.unwrap()[1].duration:.2f} s with blends")
     print(f"states: {planned:,} for the repair, {smooth.counts.states:,} to check and blend the whole")
@@ -60,11 +60,11 @@ def main() -> None:
 
 def samples(waypoints: FloatArray, step: float) -> FloatArray:
     """Configurations along a polyline, at most ``step`` apart."""
-    found = [waypoints[:1]]
+    pieces = [waypoints[:1]]
     for a, b in pairwise(waypoints):
         parts = int(np.ceil(np.sqrt(((b - a) ** 2).sum()) / step))
-        found.append(a + (b - a) * (np.arange(1, parts + 1) / parts)[:, None])
-    return np.concatenate(found)
+        pieces.append(a + (b - a) * (np.arange(1, parts + 1) / parts)[:, None])
+    return np.concatenate(pieces)
 
 
 if __name__ == "__main__":

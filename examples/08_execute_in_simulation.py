@@ -1,4 +1,4 @@
-"""A pick-and-place on the simulated arm: planned for what lies there, driven by the vendor's driver, and looked at.
+"""Execute a pick-and-place on the simulated arm, with the vendor's driver, and measure it.
 
 Needs the extra sim: pip install 'planner-service[sim]'. Run: python examples/08_execute_in_simulation.py
 """
@@ -12,11 +12,11 @@ from planner_service.execute import SimulatedArm, Streaming, rehearse
 from planner_service.tasks.pick_place import plan_pick_place
 
 PADDING = 0.005
-"""Metres that the plan keeps from everything: the arm leaves its path by one to three millimetres."""
+"""Metres that the plan keeps from everything, because the arm leaves its path by one to three millimetres."""
 
 
 def main() -> None:
-    """Take the block out of the bin, put it on the tray, and print how near to the plan that was."""
+    """Move the block from the bin to the tray, and print how closely the arm followed the plan."""
     robot = load_robot("wxai")
     with SimulatedArm(robot, load_scene("bin"), loose=("blue_block",)) as arm:
         service = PlannerService(robot, arm.seen())
@@ -31,7 +31,7 @@ def main() -> None:
         print(f"{motion.name:17} {motion.duration:.2f} s, ends {final:.1f} mrad off, at most {off:.1f} mm off its path")
     print(f"unexpected contacts: {len(done.contacts)}", *done.contacts, sep="\n")
     (x, y, _), (u, v, _) = done.loose["blue_block"].position, service.scene.obstacle("tray").pose.position
-    print(f"the block lies {math.hypot(x - u, y - v) * 1000.0:.1f} mm from the tray's middle")
+    print(f"the block is {math.hypot(x - u, y - v) * 1000.0:.1f} mm from the tray's middle")
 
 
 if __name__ == "__main__":
