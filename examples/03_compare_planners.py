@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from statistics import median
 
 from planner_service import RRT, Optimise, PlannerService, PlanRequest, PlanResult, RRTConnect, Stage
-from planner_service.planners import AORRTC, LBKPIECE1, BITstar
-from planner_service.search.problem import Planner
+from planner_service.planners import AORRTC, LBKPIECE1, BITstar, Planner
 
 START = (-0.36, 1.93, 0.25, 1.56, -0.27, 0.27)
 GOAL = (0.16, 1.55, 1.00, 0.64, -0.10, -0.43)  # a shelf board is between them

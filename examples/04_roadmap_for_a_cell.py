@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from planner_service import PRM, PlannerService, PlanRequest, PlanResult, Pose, Roadmap, RRTConnect, Stage
 from planner_service.geometry.shapes import FloatArray
-from planner_service.search.problem import Planner
+from planner_service.planners import Planner
 
 DOWN = (0.5**0.5, 0.0, 0.5**0.5, 0.0)  # wxyz: the tool points down
 PICK = Pose((0.33, 0.0, 0.16), DOWN)

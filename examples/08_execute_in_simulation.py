@@ -9,7 +9,7 @@ import math
 
 from planner_service import PlannerService, PlanRequest, load_robot, load_scene
 from planner_service.execute import SimulatedArm, Streaming, rehearse
-from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.tasks import plan_pick_place
 
 PADDING = 0.005
 """Metres that the plan keeps from everything, because the arm leaves its path by one to three millimetres."""
