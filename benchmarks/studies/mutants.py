@@ -58,7 +58,7 @@ COMPILED = ("planner_service.collision._kernel", "planner_service.certify._proof
 HIDE_CHECKOUT = """import sys
 sys.meta_path[:] = [finder for finder in sys.meta_path if "editable" not in type(finder).__module__]
 """
-"""A sitecustomize.py: what is imported is the copy, not the checkout that is installed."""
+"""A sitecustomize.py beside the copy's packages: these are imported, not those of the checkout that is installed."""
 
 NO_SHRINKING = """from hypothesis import Phase, settings
 settings.register_profile("mutants", phases=[Phase.explicit, Phase.generate], database=None)
@@ -66,7 +66,7 @@ settings.load_profile("mutants")
 """
 """A plugin of pytest: a property that fails has killed the mutant, and no simpler example is looked for."""
 
-MARKS = "not sim and not ray and not browser"
+OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no_shrinking", "-m", "not sim and not ray and not browser")
 NO_TESTS = 5
 """pytest's exit code when all tests of a file are deselected."""
 
@@ -140,13 +140,11 @@ class Sandbox:
             if spec is not None and spec.origin is not None:
                 (self.folder.joinpath(*name.split(".")[:-1])).mkdir(parents=True, exist_ok=True)
                 shutil.copy(spec.origin, self.folder.joinpath(*name.split(".")[:-1]))
-        site = folder / "site"
-        site.mkdir()
-        (site / "sitecustomize.py").write_text(HIDE_CHECKOUT, "utf-8")
-        (site / "no_shrinking.py").write_text(NO_SHRINKING, "utf-8")
+        (self.folder / "sitecustomize.py").write_text(HIDE_CHECKOUT, "utf-8")
+        (self.folder / "no_shrinking.py").write_text(NO_SHRINKING, "utf-8")
         self._environment = {
             **os.environ,
-            "PYTHONPATH": os.pathsep.join([str(site), str(self.folder)]),
+            "PYTHONPATH": str(self.folder),
             "PLANNER_SERVICE_CACHE": str(self._cache),
         }
 
