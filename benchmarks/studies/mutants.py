@@ -45,11 +45,25 @@ __all__ = ["EQUIVALENT", "Mutant", "Package", "draw", "main", "study"]
 
 EQUIVALENT = Path(__file__).parent / "equivalent_mutants.toml"
 PACKAGES: dict[str, tuple[str, ...]] = {
-    "collision": ("collision_laws", "crowd_laws", "mesh_laws", "name_laws", "sweep_laws", "mesh_gaps", "small_solids"),
-    "certify": ("certify_laws", "proof_laws", "planted_faults", "mesh_gaps", "mesh_proofs"),
-    **dict.fromkeys(("planning", "smoothing", "timing", "roadmap", "replanning", "execute"), ()),
+    "collision": tuple(
+        f"laws/test_{name}.py"
+        for name in (
+            "collision_laws",
+            "crowd_laws",
+            "mesh_laws",
+            "name_laws",
+            "sweep_laws",
+            "mesh_gaps",
+            "small_solids",
+        )
+    ),
+    "certify": tuple(
+        f"laws/test_{name}.py" for name in ("certify_laws", "proof_laws", "planted_faults", "mesh_gaps", "mesh_proofs")
+    ),
+    **dict.fromkeys(("planning", "smoothing", "timing", "roadmap", "replanning"), ()),
+    "execute": ("integration/test_simulation.py",),
 }
-"""The packages; a package's own tests are those in its folder, and of the laws these."""
+"""The packages; a package's own tests are those in its folder of tests/unit and these."""
 
 PATIENCE, GRACE = 4.0, 10.0
 """A mutant is killed if a test file takes this many times as long as without it, and these seconds."""
@@ -66,7 +80,7 @@ settings.load_profile("mutants")
 """
 """A plugin of pytest: a property that fails has killed the mutant, and no simpler example is looked for."""
 
-OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no_shrinking", "-m", "not sim and not ray and not browser")
+OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no_shrinking", "-m", "not ray and not browser")
 NO_TESTS = 5
 """pytest's exit code when all tests of a file are deselected."""
 
@@ -105,8 +119,8 @@ class Mutant:
 def package_of(name: str, root: Path = ROOT) -> Package:
     """The package of this name with its own tests."""
     modules = sorted((root / "planner_service" / name).rglob("*.py"))
-    laws = [root / f"tests/laws/test_{law}.py" for law in PACKAGES[name]]
-    tests = [*sorted((root / "tests/unit" / name).rglob("test_*.py")), *laws]
+    more = [root / "tests" / name for name in PACKAGES[name]]
+    tests = [*sorted((root / "tests/unit" / name).rglob("test_*.py")), *more]
     return Package(name, *(tuple(str(file.relative_to(root)) for file in files) for files in (modules, tests)))
 
 
@@ -191,20 +205,7 @@ class Sandbox:
     def _pytest(self, test: str, limit: float | None, **environment: str) -> tuple[int | None, str]:
         """The exit code, None if the time was up, and what was printed."""
         process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "pytest",
-                "-x",
-                "-q",
-                "-p",
-                "no:cacheprovider",
-                "-p",
-                "no_shrinking",
-                "-m",
-                MARKS,
-                test,
-            ],
+            [sys.executable, "-m", "pytest", *OPTIONS, test],
             cwd=self.folder,
             env={**self._environment, **environment},
             start_new_session=True,
