@@ -209,6 +209,19 @@ def test_what_does_not_move_is_in_nobodys_way() -> None:
     assert Sweep(checker, ["floor"]).still_free(up, up).tolist() == [True]
 
 
+@pytest.mark.parametrize("padding", [0.0, 0.004])
+@pytest.mark.parametrize(("more", "clear"), [(1.1e-5, True), (0.9e-5, False)])
+def test_a_motion_keeps_ten_micrometres_and_seven_quarters_of_the_padding(
+    padding: float, more: float, clear: bool
+) -> None:
+    robot = load_robot("wxai")
+    x, y, z = (robot.tool_pose(robot.home) @ np.array([0.1, 0.0, 0.0, 1.0]))[:3].tolist()
+    table = Obstacle("table", Box((0.04, 0.04, 0.02)), Pose((x, y, z - 0.03 - 1.75 * padding - more)))
+    scene = Scene((table,), (Attached("ball", Sphere(0.02), Pose((0.1, 0.0, 0.0))),))
+    home = robot.home[None]
+    assert Sweep(CollisionChecker(robot, scene, padding=padding), ["table"]).still_free(home, home).tolist() == [clear]
+
+
 def test_nothing_is_in_the_way_of_no_edges_and_no_obstacles() -> None:
     setup = World("wxai", ("box",), 0, padding=0.0)
     A, B = setup.edges(5)

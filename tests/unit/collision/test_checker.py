@@ -171,6 +171,14 @@ def test_a_ball_in_a_table_collides_as_deep_as_it_is_lowered(depth: float) -> No
     assert checker.clearance(q) == pytest.approx(-depth, abs=NANO)
 
 
+def test_the_clearance_of_a_single_pair_is_its_gap() -> None:
+    lesson = Scene((DISCS.obstacle("lesson_disc"),))
+    checker = CollisionChecker(PLANAR, lesson, allowed=[("upper_arm", "lesson_disc")])
+    q = np.array([-1.0, 0.3])
+    assert checker.pair_count == 1
+    assert checker.clearance(q) == pytest.approx(link_gap(q, 2, discs_of(lesson)[0]), abs=NANO)
+
+
 def test_padding_is_the_distance_that_must_be_kept() -> None:
     checker, q = ball_above_box(0.005)
     assert checker.variant(padding=0.00499).state_is_free(q)
@@ -442,6 +450,14 @@ def test_no_state_of_a_path_is_judged_twice() -> None:
     assert before == CheckCounts(
         2 + straight + (checker.counts - before).states, 2
     )  # 2: the start, and where the blend ends
+
+
+def test_a_blend_is_sampled_as_an_edge_as_long_on_which_every_joint_is_as_fast() -> None:
+    checker = CollisionChecker(PLANAR, Scene())
+    path = JointPath(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([0.0, 0.2, 0.0]))
+    before = checker.counts
+    assert checker.blend_is_free(path, 1)
+    assert (checker.counts - before).states == checker.segments(np.zeros(2), np.full(2, 0.4)) - 1
 
 
 @pytest.mark.parametrize("k", [0, 2, 3, -2])
