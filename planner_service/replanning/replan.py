@@ -43,6 +43,7 @@ from planner_service.planning.timing_stage import peak_tool_speed, tool_speed_li
 from planner_service.replanning.detour import CandidatePath, Detours
 from planner_service.replanning.result import OldMotion, Outcome, Replanned, request_for, underway
 from planner_service.replanning.splice import SwitchPoint
+from planner_service.scene.names import Names
 from planner_service.scene.scene import KIND_SUFFIXES
 from planner_service.search.problem import joint_distance
 from planner_service.timing.laws import TimingFailed, ToppRa

@@ -32,7 +32,7 @@ from planner_service import (
 from planner_service.collision import budget as ledger
 from planner_service.collision import checker as judging
 from planner_service.concurrency import fair_lock as turns
-from planner_service.planners import Planner
+from planner_service.planners import AORRTC, Planner
 from planner_service.planning import accounting, pipeline, search_stage
 from planner_service.search import ompl
 

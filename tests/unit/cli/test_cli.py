@@ -244,7 +244,10 @@ def test_bad_input_ends_with_2_and_says_what_would_be_right(arguments: tuple[str
             "sphere: got -0.1; expected a positive length",
         ),
         ('[[obstacle]]\nname = "a"\nbox = [0.1, nan, 0.1]\nposition = [0, 0, 1]', "box[1]: got nan"),
-        ('[[obstacle]]\nname = "a"\nsphere = 0.1\nposition = [0, 0, 1]\n' * 2, "name: got 'a'; expected each name once"),
+        (
+            '[[obstacle]]\nname = "a"\nsphere = 0.1\nposition = [0, 0, 1]\n' * 2,
+            "name: got 'a'; expected each name once",
+        ),
     ],
 )
 def test_a_scene_file_that_is_wrong_is_bad_input(text: str, message: str, tmp_path: Path) -> None:

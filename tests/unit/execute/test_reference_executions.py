@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner_service import PlannerService, PlanRequest, PlanResult, Segment
+from planner_service import PlannerService, PlanRequest, PlanResult
 from planner_service.collision import CheckCounts
 from planner_service.execute import ExecutionReport, ExecutionStopped, Streaming, execute
 from planner_service.execute import stream as execution
 from planner_service.geometry.shapes import FloatArray
-from planner_service.records.plan_file import MadeFor, SavedTask
+from planner_service.records.plan_file import SavedTask
+from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime
 
 STEP = np.array([0.3, -0.2, 0.25, 0.2, 0.1, -0.4])
@@ -47,7 +48,7 @@ def plan(way: int) -> PlanResult:
 def task() -> SavedTask:
     there, back = plan(1), plan(-1)
     segments = (Segment("there", there, 0.07), Segment("back", back, 0.045), Segment("again", there, 0.045))
-    return SavedTask(MadeFor.of(service()), "there and back", segments, CheckCounts(), 0.0)
+    return SavedTask(service().world, "there and back", segments, CheckCounts(), 0.0)
 
 
 def real(arm: FakeArm, clock: FakeTime) -> None:

@@ -18,7 +18,6 @@ import pytest
 from benchmarks.worlds import queries
 from planner_service import (
     PRM,
-    Chomp,
     LazyPRM,
     Optimise,
     PlannerService,
@@ -28,11 +27,11 @@ from planner_service import (
     PoseGoal,
     RRTConnect,
     SCurve,
-    TrajOpt,
     Trapezoidal,
 )
+from planner_service.optimize import Chomp, TrajOpt
+from planner_service.planning import Pace
 from planner_service.planning.follow import AllowedStretch
-from planner_service.planning.timing_stage import Pace
 
 FILE = Path(__file__).parents[2] / "golden" / "plans.txt"
 """What is pinned; ``python -m tests.unit.planning.test_reference_plans`` writes it anew, if a change is meant."""

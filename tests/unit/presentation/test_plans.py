@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,8 +110,8 @@ def test_a_hostile_scene_is_harmless_in_a_notebook() -> None:
 
 
 def test_every_shape_is_described_in_text_and_json(tmp_path: Path) -> None:
-    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    shapes = {
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    shapes: dict[str, Any] = {
         "box": Box((0.1, 0.2, 0.3)),
         "mesh": Mesh(corners),
         "point cloud": PointCloud(np.zeros((1, 3)), 0.1),

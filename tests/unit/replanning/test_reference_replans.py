@@ -14,18 +14,9 @@ from typing import Any
 import pytest
 
 from benchmarks.worlds import queries
-from planner_service import (
-    Cylinder,
-    Obstacle,
-    Pace,
-    PlannerService,
-    PlanRequest,
-    PlanResult,
-    Pose,
-    Replanned,
-    SCurve,
-    Trapezoidal,
-)
+from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, PlanResult, Pose, SCurve, Trapezoidal
+from planner_service.planning import Pace
+from planner_service.replanning import Replanned
 from planner_service.scene.scene import Scene
 from tests.unit.planning.test_reference_plans import line as plan_line
 from tests.unit.replanning.test_replan import BENT, EMPTY, WIDE, disc

@@ -9,20 +9,10 @@ from pathlib import Path
 import pytest
 
 from benchmarks.worlds import queries
-from planner_service import (
-    PRM,
-    JointStep,
-    LazyPRM,
-    PlannerService,
-    PlanRequest,
-    PlanResult,
-    Pose,
-    PRMstar,
-    Roadmap,
-    RoadmapUpdate,
-    Stage,
-    Verdict,
-)
+from planner_service import PRM, JointStep, LazyPRM, PlannerService, PlanRequest, PlanResult, Pose, Roadmap, Stage
+from planner_service.planners import PRMstar
+from planner_service.planning import RoadmapUpdate
+from planner_service.roadmap import Verdict
 
 FILE = Path(__file__).parents[2] / "golden" / "small_roadmaps.txt"
 """What is pinned; ``python -m tests.unit.roadmap.test_reference_roadmaps`` writes it anew, if a change is meant."""

@@ -30,7 +30,7 @@ from planner_service import (
 from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.collision.edge_sampling import FinestStep
 from planner_service.planning import search_stage
-from planner_service.roadmap import Terms
+from planner_service.roadmap import Terms, Verdict
 from planner_service.roadmap.roadmap import RoadmapSearchResult
 from planner_service.roadmap.verdicts import SELF, Knowledge
 
