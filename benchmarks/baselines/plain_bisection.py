@@ -23,4 +23,4 @@ def plain_bisection_bounds(certifier: Certifier, path: JointPath, padding: float
     if obstruction is not None:
         a, b = certifier.listed.names(obstruction.pair)
         raise InvalidRequest("path", f"{a} x {b}: {obstruction.detail}", "a path that can be certified")
-    return tree.asked
+    return tree.bounds

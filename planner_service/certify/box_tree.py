@@ -58,11 +58,11 @@ def bundled(pieces: Pieces, first: int, number: int) -> list[Bundle]:
         if float((high - low).max()) + 2.0 * ROUNDING > MAX_LENGTH:  # no box is so large
             break
         size, centre = (high - low + 2.0 * ROUNDING).tolist(), (0.5 * (low + high)).tolist()
-        here = number + len(out)
+        begin = number + len(out)
         for k, ((x, y, z), (u, v, w)) in enumerate(zip(size, centre, strict=True)):
             frame = ((1.0, 0.0, 0.0, u), (0.0, 1.0, 0.0, v), (0.0, 0.0, 1.0, w))
-            out.append(Bundle(here + k, Box((x, y, z)), frame, first + int(starts[k]), int(ends[k] - starts[k])))
-        first = here
+            out.append(Bundle(begin + k, Box((x, y, z)), frame, first + int(starts[k]), int(ends[k] - starts[k])))
+        first = begin
     return out
 
 

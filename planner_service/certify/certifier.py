@@ -189,15 +189,17 @@ class Certifier:
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
         self._check_path(curve)
         self._check_exempt(curve.length, stretches)
-        told = None if part is None else _part_of(curve.length, part)
-        judged = told or (0.0, curve.length)
+        checked_part = None if part is None else _part_of(curve.length, part)
+        judged = checked_part or (0.0, curve.length)
         proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
         obstruction = proof.obstruction
         if obstruction is None:
-            return Certificate(_floored(proof.proven), proof.asked, padding, stretches, None, told, self._allowed)
+            return Certificate(
+                _floored(proof.proven), proof.bounds, padding, stretches, None, checked_part, self._allowed
+            )
         names = self.listed.names(obstruction.pair)
         refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, proof.asked, padding, stretches, refusal, told, self._allowed)
+        return Certificate(-math.inf, proof.bounds, padding, stretches, refusal, checked_part, self._allowed)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
@@ -212,15 +214,15 @@ class Certifier:
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         terms = (padding + MARGIN, padding - MARGIN)
-        found = self.prover.edge(q1, q2, *terms)
-        if found is None:
+        judged = self.prover.edge(q1, q2, *terms)
+        if judged is None:
             points = np.stack([self._configuration("q1", q1), self._configuration("q2", q2)])
-            found = self.prover.edge(points[0], points[1], *terms)
-            if found is None:
+            judged = self.prover.edge(points[0], points[1], *terms)
+            if judged is None:
                 raise BrokenInvariant("a configuration that was checked is not taken")
-        if found.verdict is EdgeVerdict.FREE:
+        if judged.verdict is EdgeVerdict.FREE:
             return FREE_EDGE
-        return EdgeProof(found.verdict, found.s, *self.listed.names(found.pair))
+        return EdgeProof(judged.verdict, judged.s, *self.listed.names(judged.pair))
 
     def clearances(self, Q: ArrayLike) -> FloatArray:
         """Proven lower bounds (metres) of the smallest gap of any judged pair at configurations Q (m, n), (m,).
@@ -267,10 +269,10 @@ class Certifier:
     @cached_property
     def _rows_of(self) -> dict[frozenset[str], list[int]]:
         """Which rows of the roots have the pairs of two names."""
-        found: dict[frozenset[str], list[int]] = {}
+        rows: dict[frozenset[str], list[int]] = {}
         for row, pair in enumerate(self.listed.roots.tolist()):
-            found.setdefault(frozenset(self.listed.names(pair)), []).append(row)
-        return found
+            rows.setdefault(frozenset(self.listed.names(pair)), []).append(row)
+        return rows
 
     def _configuration(self, name: str, q: ArrayLike) -> FloatArray:
         values = numbers(name, q, f"{self.robot.n} joint values")
@@ -297,9 +299,9 @@ class Certifier:
         for interval in exempt:
             if not isinstance(interval, ExemptInterval):
                 raise InvalidRequest("exempt", interval, "a sequence of ExemptInterval(s_start, s_end, pairs, reason)")
-            found = (interval.s_start, interval.s_end)
+            stretch = (interval.s_start, interval.s_end)
             if interval.s_end > length + END_SLACK:
-                raise InvalidRequest("exempt", found, f"0 <= s_start <= s_end <= {length:.12g}")
+                raise InvalidRequest("exempt", stretch, f"0 <= s_start <= s_end <= {length:.12g}")
             for name in (name for pair in interval.pairs for name in pair):
                 self.listed.check_name("link or object", name)
 

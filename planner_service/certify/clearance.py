@@ -31,9 +31,9 @@ def smallest_gaps(motion: Motion, Q: FloatArray, roots: IntArray) -> FloatArray:
     """
     sound = np.isfinite(Q).all(axis=1)
     if not sound.all():
-        told = np.full(len(Q), -np.inf)
-        told[sound] = smallest_gaps(motion, Q[sound], roots)
-        return told
+        gaps = np.full(len(Q), -np.inf)
+        gaps[sound] = smallest_gaps(motion, Q[sound], roots)
+        return gaps
     out = np.full(len(Q), np.inf)
     step = max(1, AT_ONCE // max(len(roots), 1))
     for start in range(0, len(Q) if len(roots) else 0, step):

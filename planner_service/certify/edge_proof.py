@@ -182,8 +182,8 @@ class EdgeTree:
         if len(rows):
             gaps[rows], n[:, rows] = refined_gaps(facing.take(rows), gaps[rows], n[:, rows], ROUNDS)
         for k in rows[~(gaps[rows] > self._enough)].tolist():
-            one, known = facing.take(np.array([k])), (float(gaps[k]), n[:, k])
-            gaps[k], n[:, k], contact = settled(one, known, self._enough, self._nearer)
+            one = facing.take(np.array([k]))
+            gaps[k], n[:, k], contact = settled(one, float(gaps[k]), n[:, k], self._enough, self._nearer)
             state[k] = {Contact.APART: OPEN, Contact.OVERLAP: OVERLAPPING, Contact.UNCLEAR: LOST}[contact]
         apart = rows[state[rows] == OPEN]
         state[apart] = np.where(closes(apart, gaps[apart]), CLOSED, OPEN)
@@ -214,7 +214,7 @@ class EdgeTree:
         clear = motion.spheres_clear(self._poses, roots, np.full(len(roots), middle), moved(roots) + self._enough)
         pair: IntArray = roots[~clear]
         hints: FloatArray = np.zeros((0, 3, len(pair)))
-        found: list[tuple[IntArray, FloatArray, FloatArray]] = [(roots[:0], np.zeros(0), np.zeros((3, 0)))]
+        open_parts: list[tuple[IntArray, FloatArray, FloatArray]] = [(roots[:0], np.zeros(0), np.zeros((3, 0)))]
         while len(pair):
             node, motions = np.full(len(pair), middle), moved(pair)
             self._charge(len(pair), int(pair[0]), middle)
@@ -222,13 +222,13 @@ class EdgeTree:
             rows = self._told(pair, node, state)
             splits = ~self._leaf[pair[rows]] & (motion.size[pair[rows]] >= motions[rows])
             stay, split = rows[~splits], rows[splits]
-            found.append((pair[stay], gaps[stay], n[:, stay]))
+            open_parts.append((pair[stay], gaps[stay], n[:, stay]))
             pair, parent = motion.opened(pair[split])
             hints = n[None][:, :, split[parent]]
         return (
-            np.concatenate([part[0] for part in found]),
-            np.concatenate([part[1] for part in found]),
-            np.concatenate([part[2] for part in found], axis=1),
+            np.concatenate([part[0] for part in open_parts]),
+            np.concatenate([part[1] for part in open_parts]),
+            np.concatenate([part[2] for part in open_parts], axis=1),
         )
 
     def _motions(self, left: IntArray, right: IntArray, pair: IntArray) -> FloatArray:
@@ -247,16 +247,16 @@ class EdgeTree:
             motion = self._motions(left, right, pair) if len(pair) else gaps
             rows = np.flatnonzero(~(gaps - motion > self._enough))
             known = (gaps[rows], n[:, rows])
-            some = _Rows(pair[rows], left[rows], right[rows], known, known, motion[rows])
+            half = _Rows(pair[rows], left[rows], right[rows], known, known, motion[rows])
             if len(rows):
-                self._charge(len(rows), int(some.pair[0]), end)
+                self._charge(len(rows), int(half.pair[0]), end)
                 node = np.full(len(rows), end)
-                here, way, state = self._judged(some.pair, node, known[1][None], self._beside(known[0], some.motion))
-                ends = (known, (here, way)) if end == 2 else ((here, way), known)
-                some = _Rows(some.pair, some.left, some.right, *ends, some.motion).take(
-                    self._told(some.pair, node, state)
+                bounds, way, state = self._judged(half.pair, node, known[1][None], self._beside(known[0], half.motion))
+                ends = (known, (bounds, way)) if end == 2 else ((bounds, way), known)
+                half = _Rows(half.pair, half.left, half.right, *ends, half.motion).take(
+                    self._told(half.pair, node, state)
                 )
-            parts.append(some)
+            parts.append(half)
         return _Rows.joined(parts)
 
     def _alone(self, motion: FloatArray) -> Callable[[IntArray, FloatArray], BoolArray]:
@@ -288,8 +288,10 @@ class EdgeTree:
         hints = np.stack([row.before[1], row.after[1]])
         one, way, first = self._judged(pair, row.left, hints, self._alone(motion))
         left = np.flatnonzero(first == OPEN)
-        some = motion[left]
-        two, other, second = self._judged(pair[left], row.right[left], hints[:, :, left], self._beside(one[left], some))
+        motion_left = motion[left]
+        two, other, second = self._judged(
+            pair[left], row.right[left], hints[:, :, left], self._beside(one[left], motion_left)
+        )
         state, node = first.copy(), row.left.copy()
         state[left], node[left] = second, row.right[left]
         rows = self._told(pair, node, state)
@@ -306,18 +308,20 @@ class EdgeTree:
         motions = [self._motions(*ends, rows.pair) for ends in ((rows.left, node), (node, rows.right))]
         (one, a), (two, b) = rows.before, rows.after
 
-        def halves(some: IntArray, gap: FloatArray) -> tuple[BoolArray, BoolArray]:
-            return self._closed(one[some], gap, motions[0][some]), self._closed(gap, two[some], motions[1][some])
+        def halves(chosen: IntArray, gap: FloatArray) -> tuple[BoolArray, BoolArray]:
+            return self._closed(one[chosen], gap, motions[0][chosen]), self._closed(
+                gap, two[chosen], motions[1][chosen]
+            )
 
         gaps, n, state = self._judged(
-            rows.pair, node, np.stack([a, b, a + b]), lambda some, gap: np.logical_and(*halves(some, gap))
+            rows.pair, node, np.stack([a, b, a + b]), lambda chosen, gap: np.logical_and(*halves(chosen, gap))
         )
         left = self._told(rows.pair, node, state)
         closed = halves(left, gaps[left])
-        some, known = rows.take(left), (gaps[left], n[:, left])
+        chosen, known = rows.take(left), (gaps[left], n[:, left])
         parts = [
-            _Rows(some.pair, some.left, node[left], some.before, known, motions[0][left]),
-            _Rows(some.pair, node[left], some.right, known, some.after, motions[1][left]),
+            _Rows(chosen.pair, chosen.left, node[left], chosen.before, known, motions[0][left]),
+            _Rows(chosen.pair, node[left], chosen.right, known, chosen.after, motions[1][left]),
         ]
         both = _Rows.joined(parts)
         order = np.arange(2 * len(left)).reshape(2, -1).T.ravel()  # a row's halves one after the other

@@ -51,13 +51,13 @@ class Corners:
     @classmethod
     def of(cls, clouds: Sequence[FloatArray | None]) -> Corners | None:
         """From the corners (3, v) of each solid, None for one that is no hull; None if none is."""
-        found = [cloud for cloud in clouds if cloud is not None]
-        if not found:
+        hulls = [cloud for cloud in clouds if cloud is not None]
+        if not hulls:
             return None
         is_hull = np.array([cloud is not None for cloud in clouds])
         rows = np.where(is_hull, np.cumsum(is_hull) - 1, -1)
-        most = max(cloud.shape[1] for cloud in found)
-        padded = [np.concatenate([cloud, np.repeat(cloud[:, :1], most - cloud.shape[1], axis=1)], 1) for cloud in found]
+        most = max(cloud.shape[1] for cloud in hulls)
+        padded = [np.concatenate([cloud, np.repeat(cloud[:, :1], most - cloud.shape[1], axis=1)], 1) for cloud in hulls]
         x, y, z = table = np.stack(padded, axis=1)
         return cls(rows, table, np.sqrt((x * x + y * y + z * z).max(axis=-1)))
 
@@ -67,32 +67,32 @@ class Corners:
 
     def clouds(self) -> list[FloatArray]:
         """The corners (v, 3) of each hull, each once."""
-        found = []
+        hulls = []
         for cloud in self.table.transpose(1, 2, 0):
             other = np.flatnonzero((cloud != cloud[0]).any(axis=1))
-            found.append(np.ascontiguousarray(cloud[: 1 + other.max(initial=0)]))
-        return found
+            hulls.append(np.ascontiguousarray(cloud[: 1 + other.max(initial=0)]))
+        return hulls
 
-    def extended(self, n: FloatArray, found: FloatArray) -> FloatArray:
-        """Support values along n (..., 3, p) in local axes, (..., p): those of hulls put into ``found``."""
-        if found.size == 0:  # how many directions there were cannot be told from that
-            return found
+    def extended(self, n: FloatArray, values: FloatArray) -> FloatArray:
+        """Support values along n (..., 3, p) in local axes, (..., p): those of hulls put into ``values``."""
+        if values.size == 0:  # how many directions there were cannot be told from that
+            return values
         flat = n.reshape(-1, *n.shape[-2:])
-        out = found.reshape(-1, found.shape[-1])
+        out = values.reshape(-1, values.shape[-1])
         for columns in self._blocks(len(flat)):
             out[:, columns] = self._heights(flat, columns).max(axis=-1)
-        return out.reshape(found.shape)
+        return out.reshape(values.shape)
 
-    def farthest(self, n: FloatArray, found: FloatArray) -> FloatArray:
-        """Corners farthest along n (3, p), (3, p): those of hulls put into ``found``."""
+    def farthest(self, n: FloatArray, points: FloatArray) -> FloatArray:
+        """Corners farthest along n (3, p), (3, p): those of hulls put into ``points``."""
         for columns in self._blocks(1):
             best = self._heights(n[None], columns)[0].argmax(axis=-1)
-            found[:, columns] = self.table[:, self.rows[columns], best]
-        return found
+            points[:, columns] = self.table[:, self.rows[columns], best]
+        return points
 
-    def reaching(self, found: FloatArray) -> FloatArray:
-        """Distances of the farthest points from the centres, (p,): those of hulls put into ``found``."""
-        return np.where(self.rows >= 0, self.radii[self.rows], found)
+    def reaching(self, distances: FloatArray) -> FloatArray:
+        """Distances of the farthest points from the centres, (p,): those of hulls put into ``distances``."""
+        return np.where(self.rows >= 0, self.radii[self.rows], distances)
 
     def _heights(self, n: FloatArray, columns: IntArray) -> FloatArray:
         """Of the corners of some hulls along directions n (k, 3, p), (k, columns, v)."""
@@ -133,12 +133,12 @@ def walked(pairs: Pairs, gaps: FloatArray, n: FloatArray, steps: int) -> tuple[F
         going &= length > GAIN
         way = np.where(going, nearest / np.where(going, length, 1.0), n[:, rows])
         point = pairs.difference(way)
-        found = _dot(way, point) - pairs.balls
-        better = found > gaps[rows]
-        gaps[rows] = np.where(better, found, gaps[rows])
+        bounds = _dot(way, point) - pairs.balls
+        better = bounds > gaps[rows]
+        gaps[rows] = np.where(better, bounds, gaps[rows])
         n[:, rows] = np.where(better, way, n[:, rows])
         most = length - pairs.balls  # no bound is larger
-        going &= found < most - GAIN - SHARE * np.maximum(most, 0.0)
+        going &= bounds < most - GAIN - SHARE * np.maximum(most, 0.0)
         left = np.flatnonzero(going)
         if not len(left):
             break

@@ -104,7 +104,7 @@ class ProofTree:
             pairs do, here to compare with.
 
     Attributes:
-        asked: (configuration, pair) bounds so far.
+        bounds: (configuration, pair) bounds so far.
         proven: The smallest gap proven for any stretch so far; infinite before the first.
     """
 
@@ -119,7 +119,7 @@ class ProofTree:
     ) -> None:
         self._motion, self._path, self._enough, self._charge = motion, path, enough, charge
         self._together = together
-        self.asked = 0
+        self.bounds = 0
         self.proven = math.inf
         self._most = MAX_BOUNDS
         self._smallest = math.inf
@@ -137,13 +137,17 @@ class ProofTree:
         self._most = MAX_BOUNDS + 10 * max(len(roots), int(self._leaf.sum()))
         if not self._together and self._path.length > 0.0:
             roots = roots[~self._far(spans, roots)]
-        found = self._rooted(spans, roots)
-        while isinstance(found, _Open):
-            if not len(found.pair):
+        remaining = self._rooted(spans, roots)
+        while isinstance(remaining, _Open):
+            if not len(remaining.pair):
                 return None
-            splitting = ~self._leaf[found.pair] & (self._motion.size[found.pair] >= found.motion)
-            found = self._split(found, splitting) if np.any(splitting) else self._stuck(found) or self._halved(found)
-        return found
+            splitting = ~self._leaf[remaining.pair] & (self._motion.size[remaining.pair] >= remaining.motion)
+            remaining = (
+                self._split(remaining, splitting)
+                if np.any(splitting)
+                else self._stuck(remaining) or self._halved(remaining)
+            )
+        return remaining
 
     def _far(self, spans: Sequence[Span], roots: IntArray) -> NDArray[np.bool_]:
         """Rows of ``roots`` whose bounding spheres are ``FAR`` apart all along: a bound in the middle of each."""
@@ -153,7 +157,7 @@ class ProofTree:
         first = self._placed(np.concatenate([start, 0.5 * (start + end), end]))
         left, middle, right = (first + np.arange(k * count, (k + 1) * count) for k in range(3))
         self._charge(len(pair))
-        self.asked += len(pair)
+        self.bounds += len(pair)
         apart = self._motion.spheres_apart(self._poses, pair, middle[stretch])
         halves = [
             self._motion.pair_motions(self._moved(a, b), pair, stretch) for a, b in ((left, middle), (middle, right))
@@ -170,13 +174,13 @@ class ProofTree:
         left, right = self._placed(s) + back.reshape(2, -1)
         judged: list[_Ends] = []
         for nodes in (left, right) if len(s) > 1 else (left,):  # a point has one end
-            here = nodes[stretch]
-            ends, bad = self._judged(pair, here, np.zeros((0, 3, len(pair))), NEAR)
+            node = nodes[stretch]
+            ends, bad = self._judged(pair, node, np.zeros((0, 3, len(pair))), NEAR)
             if bad is not None:
-                where = float(self._s[here[bad]])
+                where = float(self._s[node[bad]])
                 return self._obstructed(pair, ends, bad, (where, where), where)
             judged.append(ends)
-        return self._kept(left, right, pair, stretch, (judged[0], judged[-1]))
+        return self._kept(left, right, pair, stretch, judged[0], judged[-1])
 
     def _split(self, open_: _Open, splitting: NDArray[np.bool_]) -> _Open | Obstruction:
         """The same with some pairs replaced by their children, as far as these are not proven."""
@@ -186,13 +190,13 @@ class ProofTree:
         hints = np.stack([open_.before.n[:, rows], open_.after.n[:, rows]])[:, :, parent]
         ends = []
         for nodes, known in ((open_.left, open_.before), (open_.right, open_.after)):
-            found, bad = self._judged(pair, nodes[stretch], hints, self._close())
+            bounds, bad = self._judged(pair, nodes[stretch], hints, self._close())
             if bad is not None:
                 s = float(self._s[nodes[stretch[bad]]])
-                return self._obstructed(pair, found, bad, (s, s), s)
-            ends.append(known.take(rest).and_then(found))
+                return self._obstructed(pair, bounds, bad, (s, s), s)
+            ends.append(known.take(rest).and_then(bounds))
         pairs, stretches = np.concatenate([open_.pair[rest], pair]), np.concatenate([open_.stretch[rest], stretch])
-        return self._kept(open_.left, open_.right, pairs, stretches, (ends[0], ends[1]))
+        return self._kept(open_.left, open_.right, pairs, stretches, ends[0], ends[1])
 
     def _close(self) -> float:
         return CLOSE * max(self._smallest, self._enough)
@@ -211,7 +215,7 @@ class ProofTree:
             return self._obstructed(pair, ends, bad, span, float(middle[k]))
         starts, stops = np.concatenate([left, nodes]), np.concatenate([nodes, right])
         pairs, stretches = np.concatenate([pair, pair]), np.concatenate([stretch, stretch + len(left)])
-        return self._kept(starts, stops, pairs, stretches, (before.and_then(ends), ends.and_then(after)))
+        return self._kept(starts, stops, pairs, stretches, before.and_then(ends), ends.and_then(after))
 
     def _middle(self, open_: _Open) -> FloatArray:
         return np.asarray(0.5 * (self._s[open_.left] + self._s[open_.right]))
@@ -220,7 +224,7 @@ class ProofTree:
         """Why the proof cannot go on, None when it can."""
         start, end, middle = self._s[open_.left], self._s[open_.right], self._middle(open_)
         pointlike = ((middle <= start) | (middle >= end))[open_.stretch]
-        spent = self.asked + len(open_.pair) > self._most
+        spent = self.bounds + len(open_.pair) > self._most
         if not spent and not np.any(pointlike):
             return None
         gaps = np.minimum(open_.before.gaps, open_.after.gaps)
@@ -251,15 +255,17 @@ class ProofTree:
         for start in range(0, max(len(pair), 1), BATCH):
             rows = slice(start, start + BATCH)
             self._charge(len(pair[rows]))
-            self.asked += len(pair[rows])
+            self.bounds += len(pair[rows])
             facing = self._motion.facing(self._poses, pair[rows], node[rows])
             gaps, n = rough_gaps(facing, hints[:, :, rows])
             ends, bad = self._tightened(facing, _Ends(gaps, n), pair[rows], close)
             parts.append(ends)
             if bad is not None:
                 break
-        found = _Ends(np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1))
-        return found, None if bad is None else start + bad
+        joined = _Ends(
+            np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1)
+        )
+        return joined, None if bad is None else start + bad
 
     def _tightened(self, facing: Facing, ends: _Ends, pair: IntArray, close: float) -> tuple[_Ends, int | None]:
         """The same with better bounds of pairs that are ``close``, and a row that is not far enough apart, if any is.
@@ -285,10 +291,10 @@ class ProofTree:
         return self._motion.motions(self._radii[left], self._radii[right], travel)
 
     def _kept(
-        self, left: IntArray, right: IntArray, pair: IntArray, stretch: IntArray, ends: tuple[_Ends, _Ends]
+        self, left: IntArray, right: IntArray, pair: IntArray, stretch: IntArray, before: _Ends, after: _Ends
     ) -> _Open:
         """Accept the rows that are proven; the others, their stretches numbered anew."""
-        one, two = ends[0].gaps, ends[1].gaps
+        one, two = before.gaps, after.gaps
         motion = self._motion.pair_motions(self._moved(left, right), pair, stretch)
         bound = np.minimum(0.5 * (one + two - motion), np.minimum(one, two))
         proven = bound >= max(self._enough, FRACTION * self._smallest)
@@ -304,8 +310,8 @@ class ProofTree:
             right[used],
             pair[rest],
             number[stretch[rest]],
-            ends[0].take(rest),
-            ends[1].take(rest),
+            before.take(rest),
+            after.take(rest),
             motion[rest],
         )
 
@@ -313,8 +319,8 @@ class ProofTree:
 def too_close(s: float, gap: float, enough: float) -> str:
     """The words for a pair of which no more than ``gap`` metres is proven at s."""
     mm = gap * 1e3
-    found = f"a gap of {mm:.4f} mm is proven" if mm > 0.0 else f"they overlap by at most {-mm:.4f} mm"
-    return f"at s = {s:.6g} {found}; more than {enough * 1e3:.4f} mm is needed"
+    proven = f"a gap of {mm:.4f} mm is proven" if mm > 0.0 else f"they overlap by at most {-mm:.4f} mm"
+    return f"at s = {s:.6g} {proven}; more than {enough * 1e3:.4f} mm is needed"
 
 
 def no_end(most: int | None) -> str:

@@ -34,16 +34,15 @@ class Contact(Enum):
 
 
 def settled(
-    facing: Facing, known: tuple[float, FloatArray], enough: float, nearer: float
+    facing: Facing, gap: float, n: FloatArray, enough: float, nearer: float
 ) -> tuple[float, FloatArray, Contact]:
     """Whether one pair is farther apart than ``enough`` or nearer than ``nearer`` metres; before that a better bound.
 
     Args:
-        known: A bound and its direction (3,), with which to begin.
+        gap, n: A bound and its direction (3,), with which to begin.
     """
-    gap, n = known
     for start in (n.copy(), *np.eye(3)):
-        overlaps, gap, n = _walk_inside(facing, start, nearer, (gap, n))
+        overlaps, gap, n = _walk_inside(facing, start, nearer, gap, n)
         if overlaps:
             return gap, n, Contact.OVERLAP
         if gap > enough:
@@ -52,10 +51,9 @@ def settled(
 
 
 def _walk_inside(
-    facing: Facing, start: FloatArray, nearer: float, known: tuple[float, FloatArray]
+    facing: Facing, start: FloatArray, nearer: float, gap: float, n: FloatArray
 ) -> tuple[bool, float, FloatArray]:
     """Whether one walk shows an overlap; the bound and its direction are improved on the way."""
-    gap, n = known
     balls = float(facing.balls[0])
     within = balls + nearer
     point = facing.difference(start[:, None])
@@ -75,11 +73,11 @@ def _walk_inside(
         way = nearest / length
         point = facing.difference(way)
         (x, y, z), (u, v, w) = way[:, 0].tolist(), point[:, 0].tolist()
-        found = x * u + y * v + z * w - balls
-        if found > gap:
-            gap, n = found, way[:, 0]
+        bound = x * u + y * v + z * w - balls
+        if bound > gap:
+            gap, n = bound, way[:, 0]
         most = length - balls
-        if not found < most - GAIN - SHARE * max(most, 0.0):
+        if not bound < most - GAIN - SHARE * max(most, 0.0):
             break
     return False, gap, n
 

@@ -1,4 +1,4 @@
-"""What a certificate must prove apart: the pieces of a robot in a scene and their pairs, listed for the proof alone.
+"""What a certificate must prove apart: the pieces of a robot in a scene and their pairs, total for the proof alone.
 
 The collision checker has a list of its own, made elsewhere; that the two agree is for tests to say.
 """
@@ -121,43 +121,43 @@ class ProofPairs:
         return name if plain else f"{name} ({kind})"
 
     def _contacts(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> set[frozenset[Owner]]:
-        found = {frozenset((("link", a), ("link", b))) for a, b in (c.links for c in robot.allowed_contacts)}
+        contacts = {frozenset((("link", a), ("link", b))) for a, b in (c.links for c in robot.allowed_contacts)}
         shaped = {shape.link for shape in robot.shapes}
         for attached in scene.attached:
             for link in attached.touch_links:
                 if link not in shaped:
                     raise UnknownName("touch link", link, shaped)
-                found.add(frozenset((("object", attached.name), ("link", link))))
+                contacts.add(frozenset((("object", attached.name), ("link", link))))
         for a, b in pairs_of_names("allowed", allowed):
             self.check_name("link or object", a)
             self.check_name("link or object", b)
-            found.add(frozenset((self._called[a], self._called[b])))
-        return found
+            contacts.add(frozenset((self._called[a], self._called[b])))
+        return contacts
 
     def _listed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The pairs, and the children of each."""
         rows: list[NDArray[np.intp]] = [np.zeros((0, 2), dtype=np.intp)]
-        found = 0
+        total = 0
         places: list[tuple[int, range, int]] = []
         for run, partners in self._partners():
-            some = [np.zeros(0, dtype=np.intp), *(np.arange(other.start, other.stop) for other in partners)]
-            others = np.concatenate(some)
-            if found + len(run) * len(others) > MAX_PAIRS:
-                count = found + len(run) * len(others)
+            blocks = [np.zeros(0, dtype=np.intp), *(np.arange(other.start, other.stop) for other in partners)]
+            others = np.concatenate(blocks)
+            if total + len(run) * len(others) > MAX_PAIRS:
+                count = total + len(run) * len(others)
                 raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must be apart")
-            ends = np.cumsum([len(some[0]), *map(len, partners)]).tolist()
+            ends = np.cumsum([len(blocks[0]), *map(len, partners)]).tolist()
             for i in run:
-                places += [(i, o, found + at) for o, at in zip(partners, ends, strict=False) if o in self._trees]
+                places += [(i, o, total + at) for o, at in zip(partners, ends, strict=False) if o in self._trees]
                 rows.append(_with(i, others))
-                found += len(others)
-        children: list[NDArray[np.intp]] = [np.zeros((found, 2), dtype=np.intp)]
+                total += len(others)
+        children: list[NDArray[np.intp]] = [np.zeros((total, 2), dtype=np.intp)]
         for i, numbers, first in places:
             tree = self._trees[numbers]
             rows.append(_with(i, np.array([each.number for each in tree], dtype=np.intp)))
-            shift = {True: first - numbers.start, False: found - tree[0].number}  # from pieces to pairs
+            shift = {True: first - numbers.start, False: total - tree[0].number}  # from pieces to pairs
             begins = [each.first + shift[each.first < numbers.stop] for each in tree]
             children.append(np.array([begins, [each.count for each in tree]], dtype=np.intp).T)
-            found += len(tree)
+            total += len(tree)
         return np.concatenate(rows), np.concatenate(children)
 
     def _partners(self) -> Iterator[tuple[range, list[range]]]:

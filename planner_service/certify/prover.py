@@ -38,9 +38,9 @@ FREE = Judged(EdgeVerdict.FREE, -1, 0.0)
 
 
 class Proof(NamedTuple):
-    """What became of one: bounds asked, the smallest gap proven for any stretch, and where it ended."""
+    """What became of one: how many bounds it took, the smallest gap proven for any stretch, and where it ended."""
 
-    asked: int
+    bounds: int
     proven: float
     obstruction: Obstruction | None
 
@@ -71,7 +71,7 @@ class _Numpy:
     ) -> Proof:
         proof = ProofTree(self._motion, path, enough, charge or (lambda bounds: None))
         obstruction = proof.run(*roots)
-        return Proof(proof.asked, proof.proven, obstruction)
+        return Proof(proof.bounds, proof.proven, obstruction)
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
         lower, upper = self._motion.limits
@@ -102,9 +102,13 @@ class _Native:
             return self._reference.prove(path, enough, roots, charge)
         spans, rows = roots
         table = np.array(spans, dtype=np.float64).reshape(-1, 2)
-        found = self._prover.prove(*path.tables, table, rows, enough, charge)
-        asked, most, proven, end, pair, start, stop, s, gap = found
-        return Proof(asked, proven, _obstruction(end, pair, (start, stop), s, (gap, enough, most)))
+        bounds, most, proven, end, pair, start, stop, s, gap = self._prover.prove(
+            *path.tables, table, rows, enough, charge
+        )
+        if end == PROVEN:
+            return Proof(bounds, proven, None)
+        detail = tree.too_close(s, gap, enough) if end == CLOSE else tree.no_end(most if end == SPENT else None)
+        return Proof(bounds, proven, Obstruction(pair, (start, stop), s, detail, end == SPENT))
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
         if type(q1) is not np.ndarray or type(q2) is not np.ndarray:  # others may hide entries
@@ -164,13 +168,3 @@ def _terms() -> list[float]:
 
 PROVEN, CLOSE, SPENT = range(3)
 """How a compiled proof ends; else no shorter stretch has numbers of its own."""
-
-
-def _obstruction(end: int, pair: int, span: Span, s: float, known: tuple[float, float, int]) -> Obstruction | None:
-    """In words; ``known`` are the gap found, the one needed, and how many bounds may be asked."""
-    gap, enough, most = known
-    if end == PROVEN:
-        return None
-    if end == CLOSE:
-        return Obstruction(pair, span, s, tree.too_close(s, gap, enough))
-    return Obstruction(pair, span, s, tree.no_end(most if end == SPENT else None), end == SPENT)

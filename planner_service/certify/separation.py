@@ -65,15 +65,15 @@ class Solids:
         """Support values along unit directions in local axes; n (..., 3, p) in, (..., p) out."""
         u, v, w = n[..., 0, :], n[..., 1, :], n[..., 2, :]
         flat = np.abs(u) * self.half[0] + np.abs(v) * self.half[1] + np.abs(w) * self.half[2]
-        found = np.asarray(flat + self.disc * np.sqrt(u * u + v * v) + self.ball)
-        return found if self.hulls is None else self.hulls.extended(n, found)
+        values = np.asarray(flat + self.disc * np.sqrt(u * u + v * v) + self.ball)
+        return values if self.hulls is None else self.hulls.extended(n, values)
 
     def radius(self) -> FloatArray:
         """Distance of each solid's farthest point from its centre, (p,)."""
         x, y, z = self.half
         across = np.sqrt(x * x + y * y) + self.disc
-        found = np.asarray(np.sqrt(across * across + z * z) + self.ball)
-        return found if self.hulls is None else self.hulls.reaching(found)
+        distances = np.asarray(np.sqrt(across * across + z * z) + self.ball)
+        return distances if self.hulls is None else self.hulls.reaching(distances)
 
     def farthest(self, n: FloatArray) -> FloatArray:
         """A point of each solid without its ball that is farthest along a direction in local axes; (3, p) in, out."""
@@ -236,17 +236,17 @@ def refined_gaps(
     """
     hulled = facing.with_hull
     if hulled is None or not hulled.any():
-        found, n = _best(facing, _crosses(facing))
-        better = found > gaps
-        return _ascended(facing, np.where(better, found, gaps), np.where(better, n, directions), rounds)
+        bounds, n = _best(facing, _crosses(facing))
+        better = bounds > gaps
+        return _ascended(facing, np.where(better, bounds, gaps), np.where(better, n, directions), rounds)
     gaps, directions = gaps.copy(), directions.copy()
     for rows, is_hull in ((np.flatnonzero(~hulled), False), (np.flatnonzero(hulled), True)):
         if len(rows):
-            some, known, n = facing.take(rows), gaps[rows], directions[:, rows]
+            chosen, known, n = facing.take(rows), gaps[rows], directions[:, rows]
             if is_hull:
-                known, n = walked(some, known, n, STEPS_PER_ROUND * rounds)
+                known, n = walked(chosen, known, n, STEPS_PER_ROUND * rounds)
             else:
-                known, n = refined_gaps(some.without_hulls(), known, n, rounds)
+                known, n = refined_gaps(chosen.without_hulls(), known, n, rounds)
             gaps[rows], directions[:, rows] = known, n
     return gaps, directions
 
@@ -266,8 +266,8 @@ def _ascended(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) -> t
         on_a = x + facing.out_of_a(facing.a.nearest(facing.into_a(on_b - x)))
         on_b = facing.b.nearest(on_a)
         line, good = _unit(on_a - on_b)
-        found = facing.along(line)
-        better = good & (found > gaps)
-        gaps = np.where(better, found, gaps)
+        bounds = facing.along(line)
+        better = good & (bounds > gaps)
+        gaps = np.where(better, bounds, gaps)
         n = np.where(better, line, n)
     return gaps, n

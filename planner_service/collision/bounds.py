@@ -254,7 +254,7 @@ def parted(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
     From support point to support point of the difference b - a towards its point nearest to the origin (Gilbert, SIAM
     J. Control 4(1), 1966).
     """
-    found = np.zeros(len(a.t), dtype=bool)
+    proven = np.zeros(len(a.t), dtype=bool)
     rows: IntArray = np.arange(len(a.t))
     x = b.t - a.t
     for _ in range(_PARTING_STEPS):
@@ -263,7 +263,7 @@ def parted(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
         support = b.farthest(-d) - a.farthest(d)
         apart = d[:, 0] * support[:, 0] + d[:, 1] * support[:, 1] + d[:, 2] * support[:, 2] > margin
         apart &= length > _TINY  # or d is no unit vector, and a ball reaches farther along it than its support says
-        found[rows[apart]] = True
+        proven[rows[apart]] = True
         left = np.flatnonzero(~apart)
         if len(left) <= _LEFT_TO_FCL:
             break
@@ -271,7 +271,7 @@ def parted(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
         step = support[left] - x
         share = -(x * step).sum(axis=-1) / np.maximum((step * step).sum(axis=-1), _TINY**2)
         x = x + np.clip(share, 0.0, 1.0)[:, None] * step
-    return found
+    return proven
 
 
 def refined_gaps(a: Placed, b: Placed) -> FloatArray:
@@ -280,17 +280,17 @@ def refined_gaps(a: Placed, b: Placed) -> FloatArray:
     Exact for two boxes that overlap. Pairs with a hull get the gap between nearest points instead.
     """
     every = np.concatenate([_axes(a, b), _edge_crosses(a, b)])
-    found = gaps_along(a, b, every).max(axis=0)
+    gaps = gaps_along(a, b, every).max(axis=0)
     hulls = (a.solids.hulls >= 0) | (b.solids.hulls >= 0)
     if not hulls.any():
-        return np.asarray(np.maximum(found, _projected(a, b)))
+        return np.asarray(np.maximum(gaps, _projected(a, b)))
     plain = np.flatnonzero(~hulls)
-    found[plain] = np.maximum(found[plain], _projected(a.take(plain), b.take(plain)))
+    gaps[plain] = np.maximum(gaps[plain], _projected(a.take(plain), b.take(plain)))
     for row in np.flatnonzero(hulls).tolist():
         first = a.solids.one(row, a.R[row], a.t[row])
         second = b.solids.one(row, b.R[row], b.t[row])
-        found[row] = max(float(found[row]), gap_of(first, second))
-    return np.asarray(found)
+        gaps[row] = max(float(gaps[row]), gap_of(first, second))
+    return np.asarray(gaps)
 
 
 def _projected(a: Placed, b: Placed) -> FloatArray:

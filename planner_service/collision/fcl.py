@@ -54,12 +54,12 @@ class FclObjects:
         self.asked = 0
 
     def _object(self, index: int) -> fcl.CollisionObject:
-        found = self._objects[index]
-        if found is None:
+        made = self._objects[index]
+        if made is None:
             T = self._frames[index]
-            found = fcl.CollisionObject(_geometry(self._shapes[index]), fcl.Transform(T[:3, :3], T[:3, 3]))
-            self._objects[index] = found
-        return found
+            made = fcl.CollisionObject(_geometry(self._shapes[index]), fcl.Transform(T[:3, :3], T[:3, 3]))
+            self._objects[index] = made
+        return made
 
     def place(self, index: int, rotation: FloatArray, translation: FloatArray) -> None:
         """Move object ``index`` to a rotation (3, 3) and a translation (3,) in the world."""

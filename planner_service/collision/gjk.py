@@ -81,10 +81,10 @@ def gap_of(a: Solid, b: Solid) -> float:
         best = max(best, _dot(d, point))
         if nearest - best <= CLOSE_ENOUGH or point in simplex:
             break
-        found = _nearest([*simplex, point])
-        if found is None:  # the origin is inside: they overlap
+        closest = _nearest([*simplex, point])
+        if closest is None:  # the origin is inside: they overlap
             break
-        way, simplex = found
+        way, simplex = closest
         nearest = min(nearest, math.sqrt(_dot(way, way)))
     return best - balls
 
@@ -102,7 +102,7 @@ def _nearest(points: list[Point]) -> tuple[Point, list[Point]] | None:
     outside = [face[:3] for face in faces if not _same_side(*face)]
     if not outside:
         return None
-    return min((_on_triangle(*face) for face in outside), key=lambda found: _dot(found[0], found[0]))
+    return min((_on_triangle(*face) for face in outside), key=lambda candidate: _dot(candidate[0], candidate[0]))
 
 
 def _same_side(a: Point, b: Point, c: Point, inner: Point) -> bool:
@@ -130,7 +130,7 @@ def _on_triangle(a: Point, b: Point, c: Point) -> tuple[Point, list[Point]]:
         share = _dot(n, a) / square
         return (share * n[0], share * n[1], share * n[2]), [a, b, c]
     edges = (_on_segment(a, b), _on_segment(b, c), _on_segment(c, a))
-    return min(edges, key=lambda found: _dot(found[0], found[0]))
+    return min(edges, key=lambda candidate: _dot(candidate[0], candidate[0]))
 
 
 def _point(values: Sequence[float] | FloatArray) -> Point:

@@ -124,10 +124,10 @@ class Broadphase:
         order = np.argsort(rough, kind="stable")
         least, done, count = float("inf"), 0, _LIKELY_SMALLEST
         while done < len(order) and rough[order[done]] <= least:
-            some = order[done : done + count]
-            some = some[rough[some] <= least]
-            least = min(least, float(refined_gaps(a.take(some), b.take(some)).min()))
-            done, count = done + len(some), _REFINED_AT_ONCE
+            likely = order[done : done + count]
+            likely = likely[rough[likely] <= least]
+            least = min(least, float(refined_gaps(a.take(likely), b.take(likely)).min()))
+            done, count = done + len(likely), _REFINED_AT_ONCE
         return least
 
     def overlaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:

@@ -48,7 +48,7 @@ class Crowds:
         self._start, self._size = np.array(starts, dtype=np.intp), np.subtract(ends, starts, dtype=np.intp)
         crowd = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(*run) for run in crowds)])
         firsts = np.cumsum(self._size) - self._size
-        self._groups = _around(solids.take(crowd), (R[crowd - n], t[crowd - n]), firsts, self._size)
+        self._groups = _around(solids.take(crowd), R[crowd - n], t[crowd - n], firsts, self._size)
         reach = box_of(self._groups.solids, self._groups.R)
         self._low, self._high = self._groups.t - reach, self._groups.t + reach
         own = box_of(solids.take(slice(n, None)), R)
@@ -86,19 +86,21 @@ class Crowds:
             row, column = np.nonzero(_meet(low[:, i], high[:, i], self._low[group], self._high[group]))
             i, group = i[column], group[column]
         if len(row):
-            left = np.concatenate(
-                [self._sieved(R, t, (row[k], i[k], group[k]), margin) + k.start for k in _slices(row)]
-            )
+            left = np.concatenate([self._sieved(R, t, row[k], i[k], group[k], margin) + k.start for k in _slices(row)])
             row, i, group = row[left], i[left], group[left]
         if not len(row):
             return row, row
-        return self._members(R, t, (low, high), (row, i, group), margin)
+        rows, pairs = [row[:0]], [row[:0]]
+        for k in _slices(row, GROUP):
+            members = self._members(R, t, low, high, row[k], i[k], group[k], margin)
+            rows.append(members[0])
+            pairs.append(members[1])
+        return np.concatenate(rows), np.concatenate(pairs)
 
     def _sieved(
-        self, R: FloatArray, t: FloatArray, groups: tuple[IntArray, IntArray, IntArray], margin: float
+        self, R: FloatArray, t: FloatArray, row: IntArray, i: IntArray, group: IntArray, margin: float
     ) -> IntArray:
-        """Which groups are in doubt."""
-        row, i, group = groups
+        """Which of some riding solids i and groups, in configurations ``row``, are not proven apart."""
         a = Boxes(self._half[i], R[row, i], t[row, i])
         left = np.flatnonzero(~beyond_faces(a, self._group_boxes.take(group), margin))
         if len(left) > FEW:
@@ -110,27 +112,31 @@ class Crowds:
         self,
         R: FloatArray,
         t: FloatArray,
-        box: tuple[FloatArray, FloatArray],
-        groups: tuple[IntArray, IntArray, IntArray],
+        low: FloatArray,
+        high: FloatArray,
+        row: IntArray,
+        i: IntArray,
+        group: IntArray,
         margin: float,
     ) -> tuple[IntArray, IntArray]:
-        """The same for the pieces of groups that are in doubt."""
-        found: list[tuple[IntArray, IntArray]] = [(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))]
-        for some in _slices(groups[0], GROUP):
-            row, i, group = (item[some] for item in groups)
-            low, high = box[0][row, i][:, None], box[1][row, i][:, None]
-            which, place = np.nonzero(_meet(low, high, self._low_members[group], self._high_members[group]))
-            row, i, group = row[which], i[which], group[which]
-            pair, part = self._first_pair[i, group] + place, self._start[group] - self._riding + place
-            if len(row) > LEFT_TO_FCL:
-                a = Boxes(self._half[i], R[row, i], t[row, i])
-                left = np.flatnonzero(~beyond_faces(a, self._boxes.take(part), margin))
-                if len(left) > LEFT_TO_FCL:
-                    rough = rough_gaps(self._riders(R, t, row[left], i[left]), self._pieces(part[left]))
-                    left = left[rough <= margin]
-                row, pair = row[left], pair[left]
-            found.append((row, pair))
-        return np.concatenate([rows for rows, _ in found]), np.concatenate([pairs for _, pairs in found])
+        """Rows and pairs of the pieces of such groups that are not proven apart either.
+
+        Args:
+            low, high: Corners of the boxes around the riding solids, (m, riding, 3).
+        """
+        which, place = np.nonzero(
+            _meet(low[row, i][:, None], high[row, i][:, None], self._low_members[group], self._high_members[group])
+        )
+        row, i, group = row[which], i[which], group[which]
+        pair, part = self._first_pair[i, group] + place, self._start[group] - self._riding + place
+        if len(row) > LEFT_TO_FCL:
+            a = Boxes(self._half[i], R[row, i], t[row, i])
+            left = np.flatnonzero(~beyond_faces(a, self._boxes.take(part), margin))
+            if len(left) > LEFT_TO_FCL:
+                rough = rough_gaps(self._riders(R, t, row[left], i[left]), self._pieces(part[left]))
+                left = left[rough <= margin]
+            row, pair = row[left], pair[left]
+        return row, pair
 
     def nearest(self, R: FloatArray, t: FloatArray, most: float | None) -> IntArray:
         """Pairs of one configuration (1, riding, ...): of groups that may be nearer than ``most`` metres.
@@ -144,8 +150,8 @@ class Crowds:
         gaps = rough_gaps(self._riders(R, t, np.zeros_like(i), i), self._groups.take(group))
         near = np.array([gaps.argmin()]) if most is None else np.flatnonzero(gaps <= most)
         firsts, sizes = self._first_pair[i[near], group[near]], self._size[group[near]]
-        found = [np.arange(first, first + size) for first, size in zip(firsts.tolist(), sizes.tolist(), strict=True)]
-        return np.concatenate([np.zeros(0, dtype=np.intp), *found])
+        ranges = [np.arange(first, first + size) for first, size in zip(firsts.tolist(), sizes.tolist(), strict=True)]
+        return np.concatenate([np.zeros(0, dtype=np.intp), *ranges])
 
     def _riders(self, R: FloatArray, t: FloatArray, row: IntArray, i: IntArray) -> Placed:
         return Placed(self._solids.take(i), R[row, i], t[row, i])
@@ -168,9 +174,8 @@ def _slices(rows: IntArray, each: int = 1) -> list[slice]:
     return [slice(k, k + step) for k in range(0, len(rows), step)]
 
 
-def _around(solids: Solids, poses: tuple[FloatArray, FloatArray], firsts: IntArray, sizes: IntArray) -> Placed:
+def _around(solids: Solids, R: FloatArray, t: FloatArray, firsts: IntArray, sizes: IntArray) -> Placed:
     """Boxes around groups of solids that stand one after the other, along the axes of the first of each."""
-    R, t = poses
     group = np.repeat(np.arange(len(firsts)), sizes)
     turn = R[firsts].transpose(0, 2, 1)
     reach = box_of(solids, turn[group] @ R)

@@ -155,11 +155,11 @@ class Parts:
 
     def names(self, pair: int) -> tuple[str, str]:
         """The labels of a pair's owners: the link or carried object, then what it meets."""
-        found = self._names.get(pair)
-        if found is None:
+        labels = self._names.get(pair)
+        if labels is None:
             i, j = self.pairs[pair]
-            found = self._names[pair] = self.labels.of(self.parts[i].owner), self.labels.of(self.parts[j].owner)
-        return found
+            labels = self._names[pair] = self.labels.of(self.parts[i].owner), self.labels.of(self.parts[j].owner)
+        return labels
 
 
 def require_padding(padding: object) -> None:

@@ -34,7 +34,7 @@ GROWN = 1.75
 BLOCK, AT_ONCE = 4_096, 1_000_000
 """Edges looked at together, and the robot's balls at the stretches of these, for the sake of memory."""
 
-LEAST_BALL, MOST_CUTS = 0.02, 6
+MIN_BALL, MAX_CUTS = 0.02, 6
 """Pieces are cut into cells not much thinner than this (metres) or than the piece, at most so many along an axis."""
 
 IntArray = NDArray[np.intp]
@@ -160,8 +160,8 @@ def _balls(parts: list[Part]) -> tuple[FloatArray, FloatArray]:
     at: list[FloatArray] = [np.zeros((0, 3))]
     radius: list[float] = []
     for part, core, middle, round_part in zip(parts, solids.half, centres, solids.ball + solids.disc, strict=True):
-        thick = max(LEAST_BALL, float(round_part), float(core.min()))
-        cuts = np.clip(np.ceil(core / thick), 1, MOST_CUTS)
+        thick = max(MIN_BALL, float(round_part), float(core.min()))
+        cuts = np.clip(np.ceil(core / thick), 1, MAX_CUTS)
         lines = [h * ((2 * np.arange(int(n)) + 1) / n - 1) for h, n in zip(core.tolist(), cuts.tolist(), strict=True)]
         cells = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3) + middle
         cell = core / cuts

@@ -26,10 +26,10 @@ NOISE = 0.05
 ABSURD = 0.5
 """Radians (or metres) that an arm cannot be from where it was, or was told to be, however long ago."""
 
-MOST_LAG = 1.0
+MAX_LAG = 1.0
 """Seconds; an arm that is farther behind cannot be told where to be."""
 
-WIDEST = 10.0
+MAX_WIDTH = 10.0
 """Metres between finger pads, beyond which a unit is wrong."""
 
 
@@ -72,15 +72,18 @@ class Arm:
             raise InvalidRequest("limits", limits, "an ArmLimits")
         if len(limits.lower) != robot.n:
             raise refusal("arm", f"{len(limits.lower)} joints", f"the {robot.n} joints of {robot.name}")
-        expected = f"seconds from 0 to {MOST_LAG:g} for each joint, shape ({robot.n},)"
+        expected = f"seconds from 0 to {MAX_LAG:g} for each joint, shape ({robot.n},)"
         self.lag = numbers("lag", lag, expected)
-        if self.lag.shape != (robot.n,) or not np.all((self.lag >= 0.0) & (self.lag <= MOST_LAG)):
+        if self.lag.shape != (robot.n,) or not np.all((self.lag >= 0.0) & (self.lag <= MAX_LAG)):
             raise InvalidRequest("lag", lag, expected)
         self.simulated = bool(simulated)
         self.limits = ArmLimits(limits.lower, limits.upper, np.minimum(limits.velocity, robot.limits.velocity))
 
-    def positions(self, told: FloatArray) -> FloatArray:
-        """A copy of where the joints are, shape (n,), if they can be: the arm was told to be at one of ``told`` (m, n).
+    def positions(self, commanded: FloatArray) -> FloatArray:
+        """A copy of where the joints are, shape (n,), if they can be there.
+
+        Args:
+            commanded: Where the arm was last told to be, (m, n): at one of these, or between them.
 
         Raises:
             InvalidRequest: the reading is no n finite numbers, or none that can be believed.
@@ -93,27 +96,27 @@ class Arm:
             if self._seen is None:  # nothing was commanded yet
                 raise _silent(error) from error
             raise
-        found = numbers("positions", answer, expected)
-        if found.shape != (len(self.joints),):
-            raise InvalidRequest("positions", found, expected)
-        if not np.all(np.isfinite(found)):
-            k = int(np.argmin(np.isfinite(found)))
-            raise refusal("arm", f"{self.joints[k]} at {found[k]}", "a finite position")
+        reading = numbers("positions", answer, expected)
+        if reading.shape != (len(self.joints),):
+            raise InvalidRequest("positions", reading, expected)
+        if not np.all(np.isfinite(reading)):
+            k = int(np.argmin(np.isfinite(reading)))
+            raise refusal("arm", f"{self.joints[k]} at {reading[k]}", "a finite position")
         if self._seen is not None:
-            self._require_believable(found, np.vstack([told, self._seen]))
-        self._seen, self._since = found, now
-        return found
+            self._require_believable(reading, np.vstack([commanded, self._seen]))
+        self._seen, self._since = reading, now
+        return reading
 
-    def _require_believable(self, found: FloatArray, way: FloatArray) -> None:
+    def _require_believable(self, measured: FloatArray, way: FloatArray) -> None:
         seconds = time.perf_counter() - self._since
-        near = np.clip(found, way.min(axis=0), way.max(axis=0))
+        near = np.clip(measured, way.min(axis=0), way.max(axis=0))
         reach = NOISE + np.minimum(self.limits.velocity * seconds, ABSURD)
-        beyond = np.abs(found - near) - reach
+        beyond = np.abs(measured - near) - reach
         k = int(np.argmax(beyond))
         if self._doubted or beyond[k] > 0.0:
             self._doubted = True
             expected = f"{near[k]:.4f} within {reach[k]:.3f}, {seconds * 1000.0:.0f} ms after the last reading"
-            raise refusal("arm", f"{self.joints[k]} at {found[k]:.4f}", expected)
+            raise refusal("arm", f"{self.joints[k]} at {measured[k]:.4f}", expected)
 
     def command(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> None:
         """See ``Driver``; it gets copies."""
@@ -129,7 +132,7 @@ class Arm:
         Raises:
             InvalidRequest: the driver says what is no width.
         """
-        return number("gripper", self._asked("gripper_width"), "metres between the finger pads", -WIDEST, WIDEST)
+        return number("gripper", self._asked("gripper_width"), "metres between the finger pads", -MAX_WIDTH, MAX_WIDTH)
 
     def move_gripper(self, width: float, seconds: float) -> None:
         """See ``Driver``."""

@@ -94,18 +94,18 @@ def link_of(geom: str) -> str:
 def _bodies(world: Element, robot: Robot) -> dict[str, Element]:
     """The elements of the arm's bodies by the joints that move them, "base" for the fixed one."""
     base = world.find("body")
-    found = {} if base is None else {"base": base}
+    bodies = {} if base is None else {"base": base}
     for element in world.iter("body"):
-        found |= {joint.attrib["name"]: element for joint in element.findall("joint")}
+        bodies |= {joint.attrib["name"]: element for joint in element.findall("joint")}
     fingers = () if robot.gripper is None else robot.gripper.joints
     for name in (*robot.joint_names, *fingers):
-        if name not in found:
+        if name not in bodies:
             raise InvalidRequest("robot", robot.name, f"an arm with the simulated arm's joints; {name} is none of them")
     for body in robot.bodies:
-        off = _pose_of(found[body.name]).inverse() @ Pose.from_matrix(body.placement)
+        off = _pose_of(bodies[body.name]).inverse() @ Pose.from_matrix(body.placement)
         if max(map(abs, (*off.position, *off.quaternion[1:]))) > 1e-6:
             raise InvalidRequest("robot", robot.name, f"the simulated arm; {body.name} is elsewhere on it")
-    return found
+    return bodies
 
 
 def _add_robot(bodies: dict[str, Element], robot: Robot, names: Names) -> None:

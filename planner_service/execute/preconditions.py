@@ -100,11 +100,11 @@ def admitted(
         raise needs_a_service(plan)
     if allow_unproven:
         return *_unproven(plan, robot if service is None else service.robot), None
-    found = recertify(plan, service, allowed=allowed, squeeze=squeeze).required()
-    return found.world.robot, [_proven(motion.leg) for motion in found.motions], found
+    proven = recertify(plan, service, allowed=allowed, squeeze=squeeze).required()
+    return proven.world.robot, [_proven(motion.leg) for motion in proven.motions], proven
 
 
-def require_free_opening(found: Recertified, width: float, near: float) -> None:
+def require_free_opening(proven: Recertified, width: float, near: float) -> None:
     """Raise unless the gripper, standing ``width`` metres open, is free to go to where the first motion has it.
 
     Args:
@@ -113,13 +113,13 @@ def require_free_opening(found: Recertified, width: float, near: float) -> None:
     Raises:
         NotProven: something is in its way, or it would drop what it carries.
     """
-    first = found.motions[0].leg.robot
+    first = proven.motions[0].leg.robot
     if first.gripper is not None and abs(first.gripper_width - width) > near:
-        if dropped := found.dropped_from(width):
-            raise NotProven(f"{found.motions[0].name}: {dropped}")
-        opening = found.opening_from(width)
+        if dropped := proven.dropped_from(width):
+            raise NotProven(f"{proven.motions[0].name}: {dropped}")
+        opening = proven.opening_from(width)
         if opening is not None and opening.refused:
-            raise NotProven(f"{found.motions[0].name}: {opening.refused}")
+            raise NotProven(f"{proven.motions[0].name}: {opening.refused}")
 
 
 def needs_a_service(plan: Plan) -> InvalidRequest:
@@ -170,8 +170,8 @@ def _rested(name: str, trajectory: Trajectory, width: float | None) -> Motion:
 def _require_within(motion: Motion, robot: Robot, limits: ArmLimits, speed: float) -> None:
     path = motion.trajectory.path
     if path.n != robot.n or len(limits.lower) != robot.n:
-        found = f"{path.n} joints, the arm {len(limits.lower)}"
-        raise refusal(f"trajectory of {motion.name}", found, f"the {robot.n} joints of {robot.name}")
+        actual = f"{path.n} joints, the arm {len(limits.lower)}"
+        raise refusal(f"trajectory of {motion.name}", actual, f"the {robot.n} joints of {robot.name}")
     least, most = path.waypoints.min(axis=0), path.waypoints.max(axis=0)  # blends stay between their waypoints
     for whose, lower, upper, slack in (
         ("the robot", robot.limits.lower, robot.limits.upper, TOLERANCE),
@@ -179,26 +179,26 @@ def _require_within(motion: Motion, robot: Robot, limits: ArmLimits, speed: floa
     ):
         for k, joint in enumerate(robot.joint_names):
             if least[k] < lower[k] - slack or most[k] > upper[k] + slack:
-                found = f"from {least[k]:.4f} to {most[k]:.4f}"
-                raise refusal(f"{joint} in {motion.name}", found, f"{whose}'s {lower[k]:.4f} to {upper[k]:.4f}")
+                actual = f"from {least[k]:.4f} to {most[k]:.4f}"
+                raise refusal(f"{joint} in {motion.name}", actual, f"{whose}'s {lower[k]:.4f} to {upper[k]:.4f}")
     peak = peaks(motion.trajectory, replace(robot.limits, velocity=limits.velocity)).velocity
     if peak.ratio * speed > 1.0 + TOLERANCE:
         allowed, joint = limits.velocity[peak.joint], robot.joint_names[peak.joint]
-        found = f"{speed:g}, {joint} moving at {peak.ratio * speed * allowed:.3f} in {motion.name}"
-        raise refusal("speed", found, f"at most {1.0 / peak.ratio:.3f}: the arm's limit is {allowed:.3f}")
+        actual = f"{speed:g}, {joint} moving at {peak.ratio * speed * allowed:.3f} in {motion.name}"
+        raise refusal("speed", actual, f"at most {1.0 / peak.ratio:.3f}: the arm's limit is {allowed:.3f}")
 
 
-def require_near(field: str, found: FloatArray, wanted: FloatArray, robot: Robot, near: float) -> None:
+def require_near(field: str, actual: FloatArray, wanted: FloatArray, robot: Robot, near: float) -> None:
     """Raise for the joint that is farthest off, if any is too far."""
-    if found.shape != wanted.shape:
-        raise InvalidRequest(field, found, f"{robot.n} joint positions")
-    off = np.abs(found - wanted)
+    if actual.shape != wanted.shape:
+        raise InvalidRequest(field, actual, f"{robot.n} joint positions")
+    off = np.abs(actual - wanted)
     k = int(np.argmax(np.where(np.isfinite(off), off, math.inf)))
     if not off[k] <= near:
-        at = f"{robot.joint_names[k]} at {found[k]:.4f}"
+        at = f"{robot.joint_names[k]} at {actual[k]:.4f}"
         raise refusal(field, at, f"{wanted[k]:.4f} within {near:g} (start_tolerance)")
 
 
-def refusal(field: str, found: str, expected: str) -> InvalidRequest:
+def refusal(field: str, actual: str, expected: str) -> InvalidRequest:
     """What is wrong with a field, the values as they are written."""
-    return InvalidRequest(field, found, expected, message=f"{field}: got {found}; expected {expected}")
+    return InvalidRequest(field, actual, expected, message=f"{field}: got {actual}; expected {expected}")

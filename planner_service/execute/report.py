@@ -86,15 +86,15 @@ class ExecutedMotion:
         planned = trajectory(t)
         error = np.abs(recording.measured - planned)
         moving = recording.t <= trajectory.duration + ROUNDING
-        some = error[moving] if moving.any() else np.zeros((1, robot.n))
+        moving_error = error[moving] if moving.any() else np.zeros((1, robot.n))
         tool, tool_planned = _tool(robot, recording.measured), _tool(robot, planned)
         curve = _tool(robot, trajectory(np.linspace(0.0, trajectory.duration, CURVE_POINTS)))
         return cls(
             name,
             trajectory,
             recording,
-            read_only(some.max(axis=0)),
-            read_only(np.sqrt((some * some).mean(axis=0))),
+            read_only(moving_error.max(axis=0)),
+            read_only(np.sqrt((moving_error * moving_error).mean(axis=0))),
             read_only(error[-1] if len(error) else np.zeros(robot.n)),
             float(_norms(tool - tool_planned).max(initial=0.0)),
             max((_distance(point, curve) for point in tool), default=0.0),

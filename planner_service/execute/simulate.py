@@ -107,7 +107,7 @@ def meant_contacts(plan: Executable) -> Collection[frozenset[str]]:
     if isinstance(plan, SavedPlan):
         plan = plan.result
     results = [plan] if isinstance(plan, PlanResult) else [segment.result for segment in plan.segments]
-    return frozenset(frozenset(pair) for result in results for found in result.exempt for pair in found.pairs)
+    return frozenset(frozenset(pair) for result in results for interval in result.exempt for pair in interval.pairs)
 
 
 def taken(plan: Executable, robot: Robot) -> tuple[str, ...]:

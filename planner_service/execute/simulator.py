@@ -136,10 +136,10 @@ class SimulatedArm:
 
     def poses(self) -> dict[str, Pose]:
         """Where loose obstacles are now, by name."""
-        found = {}
+        poses_by_name = {}
         for name, (x, y, z, w, i, j, k) in self._ask()["bodies"].items():
-            found[name.removesuffix(MARK)] = Pose((x, y, z), (w, i, j, k))
-        return found
+            poses_by_name[name.removesuffix(MARK)] = Pose((x, y, z), (w, i, j, k))
+        return poses_by_name
 
     def seen(self) -> Scene:
         """The scene with loose obstacles where they came to lie, once they lie still: what there is to plan for.
@@ -251,14 +251,14 @@ class SimulatedArm:
 
     def _next(self) -> dict[str, Any]:
         try:
-            found = self._said.get(timeout=SECONDS)
+            message = self._said.get(timeout=SECONDS)
         except queue.Empty:
             raise BrokenInvariant(f"the simulated arm said nothing for {SECONDS:g} s") from None
-        if found is None:
+        if message is None:
             self._said.put(None)  # the next one who asks hears it, too
             last = self._errors.read_text("utf-8", "replace").strip()[-300:] if self._errors.exists() else ""
             raise BrokenInvariant(f"the simulated arm ended by itself: {last}")
-        return found
+        return message
 
 
 def arm_file() -> Path:

@@ -114,13 +114,13 @@ class _Grip:
 def _loose(mujoco: Any, simulation: Any) -> dict[str, list[float]]:
     """Positions and quaternions (wxyz) of bodies that are free to move."""
     model, data = simulation.model, simulation.data
-    found = {}
+    poses = {}
     with simulation._lock:  # a position and its quaternion are of one instant
         for joint in range(model.njnt):
             if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
                 at = model.jnt_qposadr[joint]
-                found[model.joint(joint).name] = data.qpos[at : at + 7].tolist()
-    return found
+                poses[model.joint(joint).name] = data.qpos[at : at + 7].tolist()
+    return poses
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ __all__ = ["execute"]
 REST, STILL = 0.1, 2e-4
 """Seconds for which an arm moves less than so many radians if it has come to rest."""
 
-MOST_RECENT = 101
+MAX_RECENT = 101
 """Ticks in that time, at most."""
 
 TRIES = 3
@@ -351,7 +351,7 @@ class _Log:
     def rests(self, after: float) -> bool:
         """Whether the arm has moved no more since some time before, which is after the end of its motion."""
         now = self.rows[-1][0]
-        recent = [measured for t, _, measured, _ in self.rows[-MOST_RECENT:] if t >= now - REST]
+        recent = [measured for t, _, measured, _ in self.rows[-MAX_RECENT:] if t >= now - REST]
         return now - REST > after and bool(np.ptp(recent, axis=0).max() < STILL)
 
     def recording(self) -> Recording:

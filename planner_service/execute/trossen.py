@@ -72,8 +72,8 @@ class TrossenDriver:
 
     def limits(self) -> ArmLimits:
         """Those of the controller."""
-        found = self._arm.get_joint_limits()[:JOINTS]
-        return ArmLimits(*(np.array([getattr(one, name) for one in found]) for name in _LIMITS))
+        joints = self._arm.get_joint_limits()[:JOINTS]
+        return ArmLimits(*(np.array([getattr(one, name) for one in joints]) for name in _LIMITS))
 
     def positions(self) -> FloatArray:
         """Where the joints are, in rad, shape (6,)."""

@@ -135,13 +135,13 @@ def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
 
 def _meshes_in_place(source: Source, root: ElementTree.Element, folder: Path) -> dict[str, Path]:
     """The collision meshes of a URDF that stays where it is, by their paths in its folder."""
-    found = {}
+    paths = {}
     for element in _mesh_elements(root):
         path = source.shelf.path(element.get("filename", ""))
         if not path.is_relative_to(folder.resolve()):
             raise InvalidRequest("out", str(folder), f"another folder than the URDF's own: {path} has to be copied")
-        found[path.relative_to(folder.resolve()).as_posix()] = path
-    return found
+        paths[path.relative_to(folder.resolve()).as_posix()] = path
+    return paths
 
 
 def _meshes_to_copy(source: Source, root: ElementTree.Element) -> dict[str, Path]:
@@ -305,9 +305,9 @@ def _contacts(robot: Robot, table: ContactTable) -> list[str]:
     """The allowed contacts by kind, and as comments the pairs that are judged and collide somewhere."""
     lines = ["# Who may touch whom. Pairs that are not listed are judged in every check."]
     for kind, head in _HEADS.items():
-        found = table.of(kind)
-        lines += ["", f"# {head}"] if found else []
-        for item in found:
+        contacts = table.of(kind)
+        lines += ["", f"# {head}"] if contacts else []
+        for item in contacts:
             lines += ["[[allowed_contacts]]", f"links = {_list(map(_quoted, item.links))}"]
             lines.append(f"reason = {_quoted(item.reason)}")
     sometimes = sorted(table.of(ContactKind.SOMETIMES), key=lambda item: -item.share)

@@ -106,8 +106,8 @@ def _proven(certifier: Certifier) -> Judge:
     """The certificate of an edge."""
 
     def judge(edge: FloatArray) -> tuple[bool, Any]:
-        found = certifier.certify(edge)
-        return not found.certified, found
+        certificate = certifier.certify(edge)
+        return not certificate.certified, certificate
 
     return judge
 
