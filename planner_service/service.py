@@ -1,4 +1,4 @@
-"""One verb: plan. Robot and scene in, a timed path and its costs out.
+"""Planning for one robot in one scene: a request goes in, a timed path and what it cost come out.
 
 request -> ENDPOINTS -> STRAIGHT_LINE -> SEARCH -> SHORTCUT -> POLISH -> CERTIFY -> TIMING
 """
@@ -56,8 +56,7 @@ os.register_at_fork(after_in_child=renew_locks)
 class PlannerService:
     """Plans motions of one robot in one scene, and counts what that costs.
 
-    May be used from several threads: calls take turns, first come, first served. Not across a fork:
-    build a new one there.
+    Several threads may use it: calls take turns, first come, first served. After a fork, build a new one in the child.
 
     Args:
         robot: A robot, or the name or file of one (``load_robot``).
@@ -95,7 +94,7 @@ class PlannerService:
 
     @cached_property
     def checker(self) -> CollisionChecker:
-        """The same judge for questions of your own; plans count in another, so that neither disturbs the other."""
+        """A checker for questions of your own. Plans have another, so that neither disturbs the counts of the other."""
         return self._new_checker()
 
     @property
@@ -134,12 +133,12 @@ class PlannerService:
 
         Args:
             request: Start, goal, and what the answer may cost.
-            cancel: Ends the call before its next check when cancelled from another thread.
-            trace: Whether ``result.trace`` is to tell how the search went; plan and counts are the same.
+            cancel: Ends the call before its next check when it is cancelled from another thread.
+            trace: Whether ``result.trace`` keeps how the search went; plan and counts are the same.
 
         Raises:
-            InvalidRequest: start or goal is not n finite numbers (or a pose), or this service was
-                carried across a fork. That no plan exists is a result, not an error.
+            InvalidRequest: Start or goal is not n finite numbers (or a pose), or this service was built before a fork.
+                That there is no plan is a result, not an error.
         """
         self._require_own_process()
         instance("request", request, PlanRequest, "a PlanRequest")
@@ -151,18 +150,18 @@ class PlannerService:
     def plan_many(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None, progress: bool | None = None
     ) -> list[PlanResult]:
-        """The plans of many requests, in their order; the same, to the last bit and count, as from ``plan`` one by one.
+        """The plans of many requests, in their order: bit for bit, and count for count, what ``plan`` returns for each.
 
-        A worker that dies costs its request a second try, then that one is a failure (WORKER_LOST); one that is 10 s
-        over its time limit is ended (TIMED_OUT). ``result.roadmap`` is None: what was learned stays with the workers.
+        If a worker dies, its request is tried once more, and is then a failure (WORKER_LOST). A worker that is 10 s
+        over a time limit is ended (TIMED_OUT). ``result.roadmap`` is None: what was learned stays with the workers.
 
         Args:
-            engine: Who works; ``Processes()``, a process for each core, if not given.
-            progress: Whether to draw a progress bar on standard error; if not given, when that is a terminal.
+            engine: What runs the plans; ``Processes()``, a process for each core, if not given.
+            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
 
         Raises:
-            InvalidRequest: a request cannot be asked, which is named; in a sequence, before any is planned.
-            Interrupted: Ctrl-C; it has the ``results`` that were finished.
+            InvalidRequest: A request cannot be planned; the message names it. In a sequence all are checked first.
+            Interrupted: Ctrl-C. It has the ``results`` that were finished.
         """
         self._require_own_process()
         return self._batch.results(requests, engine, progress)
@@ -170,12 +169,12 @@ class PlannerService:
     def plan_stream(
         self, requests: Iterable[PlanRequest], *, engine: Engine | None = None
     ) -> Generator[PlanResult, None, None]:
-        """As ``plan_many``, one result after the other, for as many requests as there may be: none is kept.
+        """The same as ``plan_many``, one result after the other, for any number of requests: none is kept.
 
-        Close it, or take all there is: until then its workers live.
+        Take all results or close the generator: its workers live until then.
 
         Raises:
-            InvalidRequest: as ``plan_many``; of an iterator, each request is looked at when it is taken.
+            InvalidRequest: As ``plan_many``. The requests of an iterator are checked as they are taken.
         """
         self._require_own_process()
         return self._batch.stream(requests, engine)
@@ -195,23 +194,23 @@ class PlannerService:
         request: PlanRequest | None = None,
         cancel: CancelToken | None = None,
     ) -> Replanned:
-        """Another motion for a robot that is executing one, without a stop: the scene changed, or the goal moved.
+        """Another motion for a robot that is moving, without a stop, as the scene has changed or the goal has moved.
 
-        The old motion is to be kept to for ``latency`` seconds more, in which the new one is found; it begins there,
-        at its own time 0, with the position, velocity and acceleration that the robot then has. What is left of the
-        old motion is kept where it is free and nothing better is found. Contacts that were meant on it stay meant
-        with objects that stand where they stood; with one that moved before it is taken, if ``pick`` would still take
-        it so. If there is no way to the goal, a stop along the old curve, proven in the new scene, is returned, and if
-        that is not free, that nothing is safe.
+        The robot goes on along the old motion for ``latency`` seconds, while this call runs. The new motion begins
+        there, at its own time 0, with the position, velocity and acceleration that the robot then has. What is left of
+        the old motion is kept if it is free and nothing better is found. A contact that was meant on it is still meant
+        if the object stands where it stood; if it moved before it was taken, only if ``pick`` would still take it like
+        this. If there is no way to the goal, the result is a stop along the old curve, proven in the new scene; if that
+        is not free either, the result says that nothing is safe.
 
         Args:
             previous: The plan being executed, or what this method returned before.
             at_time: Seconds since the start of its trajectory: now.
-            latency: Seconds from now to the splice, in which this call has to return and the new motion to be sent.
-            scene: What the world is like from now on; this service's scene if not given.
+            latency: Seconds from now to the splice: by then this call must have returned and the new motion been sent.
+            scene: The scene from now on; this service's if not given.
             goal: Where to go; where ``previous`` was to go if not given.
-            request: Search, padding, blends, budgets and scales, its start and goal apart. If not given those of the
-                call before; after a plan what that was asked, timed by ``ToppRa`` and with at most 20,000 checks.
+            request: Planner, padding, blends, limits and scales; its start and goal are not used. If not given, that
+                of the call before; after a plan its request, timed by ``ToppRa`` and with at most 20,000 checks.
             cancel: As in ``plan``.
 
         Raises:
@@ -247,19 +246,19 @@ class PlannerService:
         exempt: Sequence[ExemptInterval] = (),
         part: tuple[float, float] | None = None,
     ) -> Certificate:
-        """The proof that a path from anywhere is free between its samples too, or where it cannot be proven.
+        """The proof that any path is free, between samples too, or where it cannot be proven.
 
-        Its bounds are counted in the certificate alone.
+        What it costs is counted in the certificate alone.
 
         Args:
             path: A ``JointPath``, or waypoints (N, n) of a polyline.
             padding: Metres that every pair is to keep.
-            exempt: Stretches on which named pairs are not judged.
-            part: From where to where in s to judge it, such as ``certificate.part`` of a motion that was replanned; all
+            exempt: Stretches on which named pairs are not checked.
+            part: From where to where in s to prove it, such as ``certificate.part`` of a motion that was replanned; all
                 of it if None.
 
         Raises:
-            InvalidRequest: the path is not one of this robot within its limits, or another value is out of range.
+            InvalidRequest: The path is not one of this robot within its limits, or another value is out of range.
         """
         self._require_own_process()
         return self._certifier.get().certify(path, padding=padding, exempt=exempt, part=part)
@@ -276,13 +275,13 @@ class PlannerService:
     ) -> GripperMotion:
         """The proof that the gripper can open or close while the arm stands at q (n,), or which pair is in the way.
 
-        Its bounds are counted in the certificate alone.
+        What it costs is counted in the certificate alone.
 
         Args:
-            start: Metres between the finger pads before; the width of this service's robot does not matter.
-            end: The same after.
+            start: Metres between the finger pads before, whatever the width of this service's robot.
+            end: The same afterwards.
             touching: Pairs that may touch meanwhile, such as the fingers and what they close on.
-            reason: Why they may.
+            reason: Why they may touch.
 
         Raises:
             InvalidRequest: the robot has no gripper, q is outside its limits, or a width is out of range.
@@ -312,16 +311,16 @@ class PlannerService:
         padding: float = 0.0,
         cancel: CancelToken | None = None,
     ) -> PlanResult:
-        """A given polyline checked as it is, each piece once, proven and timed; nothing is searched.
+        """A given polyline, checked as it is, each piece once, then proven and timed; nothing is searched.
 
         Args:
             waypoints: Shape (N, n).
             contacts: Stretches on which named pairs may touch, where contact is meant.
-            pace: The law s(t) along it, and how much of the limits it may use; ``Pace(Trapezoidal())`` if not given.
-            blends: For each waypoint how wide its corner may be blended at most (rad of path before and
-                after it), shape (N,); every corner is a stop if not given.
-            padding: Metres that pairs which are not meant to touch are to keep. The line is as given: if it comes
-                nearer, ``result.padding`` and a note say what it keeps.
+            pace: How fast; ``Pace(Trapezoidal())`` if not given.
+            blends: How wide the corner at each waypoint may be blended at most (rad of path before and after it), shape
+                (N,); every corner is a stop if not given.
+            padding: Metres that pairs which may not touch are to keep. The line is not changed: if it comes nearer,
+                ``result.padding`` and a note say what it keeps.
             cancel: As in ``plan``.
 
         Raises:
@@ -342,19 +341,19 @@ class PlannerService:
         progress: bool | None = None,
         cancel: CancelToken | None = None,
     ) -> Roadmap:
-        """A roadmap of the free space, for many queries; pass it as ``PlanRequest.planner``.
+        """A roadmap of the free space for many queries: pass it as ``PlanRequest.planner``.
 
-        What it cost is in ``roadmap.built.counts``; ``planner.max_checks`` limits that.
+        What it cost is in ``roadmap.built.counts``; ``planner.max_checks`` limits it.
 
         Args:
             planner: ``PRM(...)``, ``PRMstar(...)`` or ``LazyPRM(...)``.
             seed: Decides which configurations are drawn.
-            padding: Metres its milestones and edges keep from everything; best that of the queries to come.
-            progress: Whether to draw a progress bar on standard error; if not given, when that is a terminal.
+            padding: Metres that milestones and edges keep from everything: best the padding of the queries to come.
+            progress: Whether to draw a progress bar on standard error; if not given, only if that is a terminal.
             cancel: Ends the call when cancelled from another thread.
 
         Raises:
-            InvalidRequest: no such planner or seed, or a padding that is no distance.
+            InvalidRequest: There is no such planner or seed, or the padding is not a distance.
             Cancelled: ``cancel`` was cancelled; nothing is kept.
         """
         self._require_own_process()
@@ -362,13 +361,13 @@ class PlannerService:
         require_grower(planner)
 
         def grown() -> Roadmap:
-            with bar("roadmap", progress) as told:
-                return grow(planner, self._planning.variant(padding=padding), seed=seed, progress=told)
+            with bar("roadmap", progress) as report:
+                return grow(planner, self._planning.variant(padding=padding), seed=seed, progress=report)
 
         return self._in_turn(grown, cancel)
 
     def path_memory(self, *, padding: float = 0.001) -> Roadmap:
-        """A roadmap of nothing, that remembers every path planned with it: ``result.roadmap`` has one path more.
+        """An empty roadmap that remembers every path planned with it: ``result.roadmap`` has one path more.
 
         Args:
             padding: As in ``build_roadmap``.
@@ -382,15 +381,15 @@ class PlannerService:
         return replace(nothing, terms=Terms.of(checker), remember=True)
 
     def update_roadmap(self, roadmap: Roadmap, *, cancel: CancelToken | None = None) -> RoadmapUpdate:
-        """A roadmap told of what changed in this scene since it was judged: all it may have touched is judged again.
+        """A roadmap brought up to date with this scene: whatever a change may have touched is checked again.
 
-        ``plan`` does that for the edges that a path needs, this for all of them, with the roadmap's own padding.
+        ``plan`` does this for the edges that a path needs, this method for all of them, with the roadmap's own padding.
 
         Args:
             cancel: Ends the call when cancelled from another thread.
 
         Raises:
-            InvalidRequest: it is no roadmap, or one of other joints.
+            InvalidRequest: It is not a roadmap, or one for other joints.
             Cancelled: ``cancel`` was cancelled; the roadmap is as it was.
         """
         self._require_own_process()
@@ -400,9 +399,9 @@ class PlannerService:
         return self._in_turn(lambda: update(roadmap, self._planning.variant(padding=padding)), cancel)
 
     def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
-        """A short motion from a colliding configuration q (n,) to a free one, None if none was found; q itself if free.
+        """A short motion from a colliding configuration q (n,) to a free one; q itself if free, None if none is found.
 
-        Nothing is executed and no plan uses it by itself: it is shown, and the caller decides.
+        It is a suggestion: nothing is executed, and no plan uses it by itself.
         """
         self._require_own_process()
         require_seed(seed)
@@ -417,18 +416,18 @@ class PlannerService:
         port: int = 8080,
         block: bool | None = None,
     ) -> OpenPage:
-        """A page in the browser with the robot, the scene, and a plan or a task; it prints its address.
+        """Open a page in the browser with the robot, the scene, and a plan or a task, and print its address.
 
-        Its last window closed, it is gone, and so is what served it. On it joints can be moved and motions planned.
+        On the page, joints can be moved and motions planned. It is served until its last window is closed.
 
         Args:
             shown: What to show beside robot and scene.
-            host: The address to serve it at; whoever can reach that can use the page.
-            port: The first port to try; if it is taken the next free one.
-            block: Whether to return only when it is gone; if not given, unless this is a notebook or a prompt.
+            host: The address to serve it at; whoever can reach it can use the page.
+            port: The first port to try; if it is taken, the next free one.
+            block: Whether to return only when the page is closed; if not given, unless this is a notebook or a prompt.
 
         Raises:
-            InvalidRequest: no such host or port, or nothing that can be shown.
+            InvalidRequest: There is no such host or port, or ``shown`` cannot be shown.
             MissingDependency: the extra ``view`` is not installed.
         """
         from planner_service.view import show

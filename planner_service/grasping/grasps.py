@@ -1,7 +1,7 @@
 """Where a parallel gripper can take hold of an object: tool poses, best first.
 
-The gripper says along which axes of the tool frame it approaches and its fingers close; the frame's origin is between
-the fingertips.
+The robot's gripper names the axes of the tool frame along which it approaches and its fingers close. The origin of the
+tool frame is between the fingertips.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from planner_service.scene.scene import Obstacle
 __all__ = ["middle_of", "offset_from", "top_grasps", "width_across"]
 
 TILTS = (0.0, math.radians(15.0), math.radians(-15.0), math.radians(30.0), math.radians(-30.0))
-"""Leans of the approach from straight down, in the order tried: the arm cannot rise far with a vertical
-gripper, and a lean is what gives it room."""
+"""How far the approach leans from straight down, in the order tried: the arm cannot rise far with a vertical gripper,
+and a lean gives it room."""
 
 MAX_TILTS = 1_000
 
@@ -30,14 +30,14 @@ _YAWS_OF_A_ROUND_OBJECT = 8
 def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS) -> tuple[Pose, ...]:
     """Grasps of an object from above, its centre between the fingertips: upright first, then leaning ones.
 
-    A box is taken across its faces, a round object from several sides. Grasps wider than the
-    gripper opens are left out.
+    A box is taken across its faces, a round object from several sides. Grasps that are wider than the gripper opens are
+    left out.
 
     Args:
         tilts: Leans in radians about the axis through the fingers, in the order of preference.
 
     Raises:
-        InvalidRequest: the robot has no gripper, or the object is too wide for it from every side.
+        InvalidRequest: The robot has no gripper, or the object is too wide for it from every side.
     """
     instance("target", target, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
     leans = items("tilts", tilts, (int, float), "angles in radians", MAX_TILTS)
@@ -66,20 +66,22 @@ def top_grasps(robot: Robot, target: Obstacle, *, tilts: Sequence[float] = TILTS
 
 
 def _from_above(gripper: Gripper, position: Sequence[float], yaw: float, tilt: float) -> FloatArray:
-    """Tool pose pointing down at a position, turned by yaw about the vertical, leaning about its finger axis."""
+    """The tool pose (4, 4) that points down at a position, turned by yaw about the vertical, leaning by tilt about the
+    finger axis.
+    """
     fingers = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     outward = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     approach = outward * math.sin(tilt) + np.array([0.0, 0.0, -math.cos(tilt)])
     x, y = np.array(gripper.approach), np.array(gripper.closing)
-    ways = ((approach, x), (fingers, y), (np.cross(approach, fingers), np.cross(x, y)))
+    axes = ((approach, x), (fingers, y), (np.cross(approach, fingers), np.cross(x, y)))
     T = np.eye(4)
-    T[:3, :3] = sum(there[:, None] * own for there, own in ways)  # what each axis of the tool becomes
+    T[:3, :3] = sum(world[:, None] * tool for world, tool in axes)  # what each axis of the tool becomes
     T[:3, 3] = position
     return T
 
 
 def middle_of(target: Obstacle) -> tuple[float, float, float]:
-    """The middle of an object's extents along its own axes, in the base frame: its position unless it is lopsided."""
+    """The middle of an object's extents along its own axes, in the base frame: its position, unless it is lopsided."""
     axes = np.eye(3)
     aside = 0.5 * (target.shape.support(axes) + target.shape.support(-axes)).diagonal()
     if not aside.any():
@@ -88,13 +90,13 @@ def middle_of(target: Obstacle) -> tuple[float, float, float]:
 
 
 def width_across(target: Obstacle, grasp: Pose, gripper: Gripper) -> float:
-    """Extent in metres of an object along the axis in which the fingers of a grasp close."""
+    """The extent of an object in metres along the axis on which the fingers of a grasp close."""
     axis = _seen_from(target.pose, _closing(grasp, gripper))
     return _product(axis, target.shape.support(axis) - target.shape.support(-axis))
 
 
 def offset_from(target: Obstacle, grasp: Pose, gripper: Gripper) -> tuple[float, float]:
-    """How far in metres an object's centre is off the middle between the fingers, and the fingertips off the object."""
+    """Metres between an object's centre and the middle between the fingers, and between fingertips and object."""
     fingers = _closing(grasp, gripper)
     aside = abs(_product(fingers, np.array(middle_of(target)) - np.array(grasp.position)))
     tips = _seen_from(target.pose, np.array(grasp.position) - np.array(target.pose.position))
@@ -107,7 +109,7 @@ def _closing(grasp: Pose, gripper: Gripper) -> list[float]:
 
 
 def _seen_from(pose: Pose, direction: Sequence[float] | FloatArray) -> FloatArray:
-    """A direction in the axes of a pose, shape (3,): by sums in a stated order, as no BLAS promises one."""
+    """A direction in the axes of a pose, shape (3,): summed in a fixed order, which BLAS does not promise."""
     return np.array([_product(column, direction) for column in zip(*pose.rotation_rows, strict=True)])
 
 

@@ -1,4 +1,4 @@
-"""What must hold where fingers may touch an object: the grasp is sound, and the way to it straight."""
+"""What must hold where fingers may touch an object: the grasp is sound, and the tool goes straight to it."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ LONGEST_APPROACH = 0.10
 """Metres of straight motion before and after a contact, at most."""
 
 LOOSE_GRASP = 0.01
-"""Metres by which the point between the fingertips may miss the object: the pads reach that far around it."""
+"""Metres by which the point between the fingertips may miss the object: the pads reach that far."""
 
 PUSHED_ASIDE = 0.003
-"""Metres by which closing fingers may push the object aside: what a grasp from a camera is off by."""
+"""Metres by which closing fingers may push the object aside: the error of a grasp from a camera."""
 
 MEANT_OVERLAP = 0.001
-"""Metres by which things that are meant to touch may overlap, as models do."""
+"""Metres by which the models of things that are meant to touch may overlap."""
 
 SLACK = 1.1
-"""Of the tolerance that straight tool lines are planned with."""
+"""Factor on the tolerance with which straight tool lines are planned."""
 
 SPACING = 0.005
-"""Radians of path between looks at the tool: it moves a few millimetres."""
+"""Radians of path between samples of the tool, which moves a few millimetres meanwhile."""
 
-MOST_LOOKS = 4000
-"""A line of 10 cm needs a hundred; an arm that turns about its tool all the while is refused."""
+MAX_SAMPLES = 4000
+"""A line of 10 cm needs a hundred. An arm that turns about its tool all the time is refused."""
 
 Pair = tuple[str, str]
 
 
 def grasp_objection(target: Obstacle, grasp: Pose, gripper: Gripper) -> str:
-    """Why fingers that close there would not hold an object where it stands; empty if they would."""
+    """Why fingers that close at a grasp would not hold an object where it stands; empty if they would."""
     aside, beyond = offset_from(target, grasp, gripper)
     if beyond > LOOSE_GRASP:
         return f"the fingertips are {beyond * 1000:.0f} mm away from {target.name}"
@@ -60,7 +60,7 @@ def grasp_objection(target: Obstacle, grasp: Pose, gripper: Gripper) -> str:
 
 
 def unwanted(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) -> str:
-    """Which of ``pairs`` overlaps too much for touching at q, or what else touches, in words; empty if nothing."""
+    """Which of ``pairs`` overlaps at q by more than touching, or what else touches, in words; empty if nothing does."""
     for c in checker.contacts(q):
         if (c.a, c.b) not in pairs:
             return f"{c.a} x {c.b} touch"
@@ -70,26 +70,29 @@ def unwanted(checker: CollisionChecker, q: FloatArray, pairs: tuple[Pair, ...]) 
 
 
 def tool_line(robot: Robot, path: JointPath, near: float, far: float, longest: float) -> tuple[FloatArray, str]:
-    """Configurations (m, n) of a path from a contact at s = ``near`` to ``far``, and what is wrong there.
+    """Configurations (m, n) of a path from a contact at s = ``near`` to ``far``, and what is wrong there, or "".
 
-    The tool is to keep to the straight line along its approach, to go no farther than ``longest`` metres, and not back.
+    The tool has to stay on the straight line along its approach, go at most ``longest`` metres away, and never back.
     """
     count = math.ceil(abs(far - near) / SPACING)
-    if count > MOST_LOOKS:
+    if count > MAX_SAMPLES:
         return np.zeros((0, path.n)), f"the stretch is {abs(far - near):.3g} rad long, which no straight tool line is"
-    looks = path(near + (far - near) * (np.arange(count + 1) / max(count, 1)))
-    places, turns = _tools(robot, looks)
-    way = places - places[0]
+    samples = path(near + (far - near) * (np.arange(count + 1) / max(count, 1)))
+    places, turns = _tools(robot, samples)
+    moved = places - places[0]
     approach = np.zeros(3) if robot.gripper is None else turns[0] @ np.array(robot.gripper.approach)
-    travel = -(way * approach).sum(axis=1)
-    aside = np.sqrt(((way + travel[:, None] * approach) ** 2).sum(axis=1))
+    travel = -(moved * approach).sum(axis=1)
+    aside = np.sqrt(((moved + travel[:, None] * approach) ** 2).sum(axis=1))
     turned = np.sqrt(((turns - turns[0]) ** 2).sum(axis=(1, 2)) / 2.0)
     backwards = float(np.diff(travel).min(initial=0.0))
     if aside.max() > SLACK * LINE_METRES or turned.max() > SLACK * LINE_RADIANS or backwards < -LINE_METRES / 10.0:
-        return looks, "the tool leaves the straight line along its approach there"
+        return samples, "the tool leaves the straight line along its approach there"
     if travel.max() > longest + SLACK * LINE_METRES:
-        return looks, f"the tool is {travel.max() * 1000:.0f} mm away there; at most {longest * 1000:.0f} mm are meant"
-    return looks, ""
+        return (
+            samples,
+            f"the tool is {travel.max() * 1000:.0f} mm away there; at most {longest * 1000:.0f} mm are meant",
+        )
+    return samples, ""
 
 
 def _tools(robot: Robot, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -124,9 +127,9 @@ def reach_objection(
     width, planned_width = (width_across(item, tool, robot.gripper) for item in (target, before))
     if abs(width - planned_width) > MEANT_OVERLAP:
         return f"{target.name} is {width * 1000:.1f} mm wide between the fingers, not {planned_width * 1000:.1f} mm"
-    looks, objection = tool_line(robot, path, path.length, begin, LONGEST_APPROACH)
+    samples, objection = tool_line(robot, path, path.length, begin, LONGEST_APPROACH)
     objection = grasp_objection(target, tool, robot.gripper) or objection
     if objection:
         return objection
-    inside = np.clip(looks, robot.limits.lower, robot.limits.upper)
+    inside = np.clip(samples, robot.limits.lower, robot.limits.upper)
     return next(filter(None, (unwanted(checker, q, pairs) for q in inside)), "")

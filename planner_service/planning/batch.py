@@ -20,18 +20,18 @@ from planner_service.roadmap import Roadmap
 __all__ = ["GRACE", "Batch", "Interrupted"]
 
 GRACE = 10.0
-"""Seconds over its time limit after which a plan is ended from outside: it hangs where it cannot look at the clock. A
-worker's first plan among thousands of obstacles builds what it needs before its clock starts."""
+"""Seconds over its time limit after which a plan is ended from outside, as it hangs somewhere without looking at the
+clock. A worker's first plan among thousands of obstacles builds what it needs before its clock starts."""
 
 Item = tuple[PlanRequest, int | None]
-"""A request, and which of the roadmaps that were sent before is its planner; None for one of its own."""
+"""A request, and which of the roadmaps that were sent to the workers is its planner; None if it has its own planner."""
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C while many plans were made. Its workers have been ended.
+    """Ctrl-C while many plans were made. The workers have been ended.
 
     Attributes:
-        results: Those that were finished, by the index of their request.
+        results: The results that were finished, by the index of their request.
     """
 
     def __init__(self, results: dict[int, PlanResult]) -> None:
@@ -41,13 +41,13 @@ class Interrupted(KeyboardInterrupt):
 
 @dataclass(frozen=True, eq=False)
 class _Plans:
-    """The work: plans of one service, whose method crosses with all that it is made from."""
+    """The work sent to the workers: the ``plan`` method of one service, with all that the service is made of."""
 
     plan: Callable[[PlanRequest], PlanResult]
     roadmaps: tuple[Roadmap, ...]
 
     def prepare(self) -> None:
-        """The service was built when the method arrived; roadmaps are prepared by the plans, before their clocks."""
+        """Do nothing: the service was built when the method arrived, and plans prepare their roadmap themselves."""
 
     def __call__(self, item: Item) -> PlanResult:
         request, roadmap = item
@@ -58,12 +58,12 @@ class _Plans:
 
 @dataclass(frozen=True)
 class Batch:
-    """What ``plan_many`` and ``plan_stream`` of a service do.
+    """What ``plan_many`` and ``plan_stream`` of a service run.
 
     Attributes:
         plan: The service's.
-        require: Refuses a request that ``plan`` refuses, without planning.
-        origin: Where the result of a request comes from, seen from here.
+        require: Raises for a request that ``plan`` refuses, without planning.
+        origin: What the result of a request is given as its origin, in this process.
     """
 
     plan: Callable[[PlanRequest], PlanResult]
@@ -74,28 +74,28 @@ class Batch:
         self, requests: Iterable[PlanRequest], engine: Engine | None, progress: bool | None
     ) -> list[PlanResult]:
         """See ``PlannerService.plan_many``."""
-        asked = items("requests", requests, PlanRequest, "a PlanRequest")
-        answers, results = self._started(asked, engine), list[PlanResult]()
+        requests = items("requests", requests, PlanRequest, "a PlanRequest")
+        answers, results = self._started(requests, engine), list[PlanResult]()
         try:
-            with closing(answers), bar("plans", progress) as told:
+            with closing(answers), bar("plans", progress) as report:
                 for index, answer in answers:
-                    results.append(self._result(answer, asked[index]))
-                    if told is not None:
-                        told(len(results), len(asked))
+                    results.append(self._result(answer, requests[index]))
+                    if report is not None:
+                        report(len(results), len(requests))
         except KeyboardInterrupt:
-            late = {index: self._result(answer, asked[index]) for index, answer in answers.finished.items()}
+            late = {index: self._result(answer, requests[index]) for index, answer in answers.finished.items()}
             raise Interrupted(dict(enumerate(results)) | late) from None
         return results
 
     def stream(self, requests: Iterable[PlanRequest], engine: Engine | None) -> Generator[PlanResult, None, None]:
         """See ``PlannerService.plan_stream``."""
-        asked = deque[PlanRequest]()
-        return self._handed_out(self._started(requests, engine, asked.append), asked)
+        sent = deque[PlanRequest]()
+        return self._handed_out(self._started(requests, engine, sent.append), sent)
 
-    def _handed_out(self, answers: Answers[PlanResult], asked: deque[PlanRequest]) -> Generator[PlanResult, None, None]:
+    def _handed_out(self, answers: Answers[PlanResult], sent: deque[PlanRequest]) -> Generator[PlanResult, None, None]:
         with closing(answers):
             for _, answer in answers:
-                yield self._result(answer, asked.popleft())
+                yield self._result(answer, sent.popleft())
 
     def _result(self, answer: PlanResult | Lost, request: PlanRequest) -> PlanResult:
         return replace(_result(answer), origin=self.origin(request))
@@ -106,16 +106,16 @@ class Batch:
         engine: Engine | None,
         taken: Callable[[PlanRequest], None] = lambda _: None,
     ) -> Answers[PlanResult]:
-        """The answers; all requests of a sequence are checked, and searched for roadmaps, now; else the first."""
+        """The answers as they come. All requests of a sequence are checked now; of an iterator only the first."""
         checked = (self._checked(index, request) for index, request in enumerate(_iterated(requests)))
-        at_hand = list(checked if isinstance(requests, Sequence) else islice(checked, 1))
+        first = list(checked if isinstance(requests, Sequence) else islice(checked, 1))
         places: dict[int, int] = {}
-        roadmaps = [r.planner for r in at_hand if isinstance(r.planner, Roadmap)]
+        roadmaps = [r.planner for r in first if isinstance(r.planner, Roadmap)]
         for roadmap in roadmaps:
             places.setdefault(id(roadmap), len(places))
         sent = {places[id(roadmap)]: roadmap for roadmap in roadmaps}
         work = _Plans(self.plan, tuple(sent.values()))
-        items = (_item(request, places, taken) for request in chain(at_hand, checked))
+        items = (_item(request, places, taken) for request in chain(first, checked))
         chosen: Engine = Processes() if engine is None else engine
         if isinstance(chosen, type) or not callable(getattr(chosen, "run", None)):
             raise InvalidRequest("engine", engine, "an engine such as Processes(), or None")
@@ -128,8 +128,8 @@ class Batch:
         try:
             self.require(request)
         except InvalidRequest as error:
-            told = f"{name}.{error}"
-            raise InvalidRequest(f"{name}.{error.field}", error.value, error.expected, message=told) from error
+            message = f"{name}.{error}"
+            raise InvalidRequest(f"{name}.{error.field}", error.value, error.expected, message=message) from error
         return request
 
 
@@ -141,7 +141,7 @@ def _iterated(requests: Iterable[PlanRequest]) -> Iterator[PlanRequest]:
 
 
 def _item(request: PlanRequest, places: Mapping[int, int], taken: Callable[[PlanRequest], None]) -> Item:
-    """A request without its roadmap, if that was sent before; told as taken when it goes to a worker."""
+    """A request as it is sent: without its roadmap, if the workers have that already; ``taken`` is called with it."""
     taken(request)
     place = places.get(id(request.planner))
     return (request, None) if place is None else (replace(request, planner=RRTConnect()), place)

@@ -1,6 +1,6 @@
-"""What to do about a configuration in collision: the nearest free one, and a way out to it.
+"""Getting out of a collision: the nearest free configuration, and a motion to it.
 
-Nothing here moves a start by itself: a remedy is shown to the user, who decides.
+A plan never moves its start by itself: these are suggestions, and the user decides.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from planner_service.robot.model import JointLimits
 __all__ = ["WayOut", "near", "nearest_free", "way_out"]
 
 _SHELLS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
-"""Radii in joint space (rad) searched in turn: beyond the last, the way out is a matter for a person."""
+"""Radii in joint space (rad) searched in turn; beyond the last a person has to find the way out."""
 
 _DIRECTIONS = 32
 _BISECTIONS = 8
@@ -30,8 +30,8 @@ class WayOut:
     """A motion out of a collision.
 
     Attributes:
-        path: From the colliding configuration to a free one, a straight line on which nothing
-            touches but the pairs that touch at its start, and those ever less often.
+        path: A straight line from the colliding configuration to a free one. Only pairs that touch at its start touch
+            on it, and a pair that has come apart stays apart.
         pairs: The pairs that touch at its start.
     """
 
@@ -45,9 +45,9 @@ def nearest_free(checker: CollisionChecker, q: FloatArray, rng: np.random.Genera
     Random directions on growing shells inside the joint limits, then bisection back towards q;
     every state is counted.
     """
-    free = (there for there in near(q, checker.robot.limits, rng) if checker.state_is_free(there))
-    found = next(free, None)
-    return None if found is None else read_only(_pulled_back(checker, q, found))
+    nearby = near(q, checker.robot.limits, rng)
+    free = next((candidate for candidate in nearby if checker.state_is_free(candidate)), None)
+    return None if free is None else read_only(_pulled_back(checker, q, free))
 
 
 def near(q: FloatArray, limits: JointLimits, rng: np.random.Generator) -> Iterator[FloatArray]:

@@ -1,4 +1,4 @@
-"""A polyline as somebody gave it, checked once and timed: what straight-line primitives are made of."""
+"""A given polyline, checked once and timed: what straight tool moves are made of."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Pair = tuple[str, str]
 MAX_WAYPOINTS = 1_000_000
 
 MAX_PADDING = 0.1
-"""Metres; more is a wrong unit."""
+"""Metres. More is a mistake in the unit."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,15 @@ class AllowedStretch:
 
 @dataclass(frozen=True, eq=False)
 class FollowRequest:
-    """The polyline to follow, shape (N, n), where contact is meant on it, how fast, how wide corners may blend, and
-    how far from everything it is to stay."""
+    """A polyline to follow, and how.
+
+    Attributes:
+        waypoints: Shape (N, n).
+        contacts: Where pairs may touch.
+        pace: How fast.
+        blends: How wide each corner may be blended (rad), shape (N,); None to stop at all of them.
+        padding: Metres that pairs which may not touch are to keep.
+    """
 
     waypoints: ArrayLike
     contacts: Sequence[AllowedStretch]
@@ -178,13 +185,13 @@ def _allowed_on(contacts: Sequence[AllowedStretch], first: int, last: int) -> fr
 def _judge_first(checker: CollisionChecker, points: FloatArray, contacts: Sequence[AllowedStretch]) -> None:
     lenient = checker.variant(allowed=(*checker.allowed, *_allowed_on(contacts, 0, 0)))
     if not lenient.state_is_free(points[0]):
-        found = lenient.contacts(points[0])
-        detail = f"start in collision: {', '.join(str(contact) for contact in found[:3])}"
-        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, detail, found))
+        touching = lenient.contacts(points[0])
+        detail = f"start in collision: {', '.join(str(contact) for contact in touching[:3])}"
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.START_IN_COLLISION, detail, touching))
 
 
 def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: Sequence[AllowedStretch]) -> None:
-    """Judge each piece once; a waypoint again only where the next piece allows less than the one before did."""
+    """Check each piece once, and a waypoint again only where the next piece allows less than the one before."""
     before = _allowed_on(contacts, 0, 0)
     for k in range(len(points) - 1):
         pairs = _allowed_on(contacts, k, k + 1)
@@ -198,7 +205,7 @@ def _judge_pieces(checker: CollisionChecker, points: FloatArray, contacts: Seque
 
 
 def _intervals(path: JointPath, points: FloatArray, contacts: Sequence[AllowedStretch]) -> tuple[ExemptInterval, ...]:
-    """The stretches in s. Waypoints that the path has merged lie where the one before them does."""
+    """The stretches in arc length. Waypoints that the path has merged lie where the one before them does."""
     s = [0.0]
     for a, b in pairwise(points.tolist()):
         s.append(s[-1] + joint_distance(a, b))

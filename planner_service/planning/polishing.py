@@ -1,4 +1,4 @@
-"""An optimum, and the honest checker's verdict on it: converged is not collision-free."""
+"""Optimising a path, and checking the optimum: an optimiser that has converged need not be free of collisions."""
 
 from __future__ import annotations
 
@@ -19,21 +19,28 @@ from planner_service.search.problem import joint_distance
 __all__ = ["Touch", "judged", "lines", "not_free", "optimum_path"]
 
 SPACING = 0.01
-"""Radians of path between places at which a curve that is not free is looked at, to tell where."""
+"""Radians of path between samples of a curve that is not free, to report where it is not."""
 
 NO_WORSE = 1e-3
-"""Metres of distance lacking, summed over a curve, that make no curve worse than another."""
+"""Metres of missing clearance, summed over a curve, by which a curve may be worse than another."""
 
 SAME = 1e-6
-"""Part by which costs may differ that are the same but for rounding."""
+"""Share by which costs may differ through rounding alone."""
 
 BENT = 0.5
-"""How far the middle of a line may be drawn aside, in each joint: as a share of its length, but at least this (rad)."""
+"""How far the middle of a line may be displaced at random, in each joint: this share of its length, at least this many
+radians."""
 
 
 @dataclass(frozen=True)
 class Touch:
-    """Why a curve is not free, and where: the share of its length, and what touches there, deepest first."""
+    """Where and why a curve is not free.
+
+    Attributes:
+        share: Where, as a share of its length.
+        contacts: What touches there, deepest first.
+        what: The same in words, or which joint is outside its limits.
+    """
 
     share: float
     contacts: tuple[Contact, ...]
@@ -46,11 +53,11 @@ class Touch:
 def optimum_path(
     settings: Optimise, points: FloatArray, checker: CollisionChecker, padded: CollisionChecker
 ) -> tuple[Optimum, Touch | None]:
-    """What optimising a polyline (N, n) gives, and where the result collides; None if it is free with the padding.
+    """The optimum of a polyline (N, n), and where it is in collision; None if it is free with the padding.
 
     Args:
-        checker: Without padding: distances are those of the pieces themselves.
-        padded: Judges the result, between its ends, as any other path.
+        checker: Without padding: measures the distances.
+        padded: Checks the optimum between its ends, as it would any other path.
     """
     optimum = settings.improved(points, checker)
     path = optimum.path
@@ -61,7 +68,7 @@ def optimum_path(
 
 
 def _outside(path: JointPath, robot: Robot) -> Touch | None:
-    """Where a corner of a curve is outside the joint limits; a curve stays in the hull of its corners."""
+    """Where a corner of a curve is outside the joint limits. The curve stays in the hull of its corners."""
     lower, upper = robot.limits.lower, robot.limits.upper
     rows, joints = np.nonzero((path.waypoints < lower) | (path.waypoints > upper))
     if not len(rows):
@@ -77,17 +84,17 @@ def _where(path: JointPath, checker: CollisionChecker, padded: CollisionChecker)
     hits = np.flatnonzero(~padded.states_are_free(path(s)[1:-1]))
     at = float(s[1 + hits[0]]) if len(hits) else 0.0
     contacts = (checker.contacts(path(at)) or padded.contacts(path(at))) if len(hits) else ()
-    what = ", ".join(map(str, contacts)) or "something, between the places at which it was looked at"
+    what = ", ".join(map(str, contacts)) or "something between the samples"
     return Touch(at / path.length, contacts, what)
 
 
 def judged(settings: Optimise, optimum: Optimum, touch: Touch | None) -> PolishReport:
-    """The report on an optimum, to be kept only if it is free and not worse than what it was made from."""
+    """The report on an optimum, which is kept only if it is free and no worse than the path it was made from."""
     note = ""
     if touch is not None:
         note = f"the optimum is not free, {touch}"
     elif _worse(optimum.before, optimum.after):
-        note = "the optimum is worse than what it was made from"
+        note = "the optimum is worse than the path it was made from"
     return PolishReport(
         settings.method.name,
         not note,
@@ -100,13 +107,13 @@ def judged(settings: Optimise, optimum: Optimum, touch: Touch | None) -> PolishR
 
 
 def _worse(before: Figures, after: Figures) -> bool:
-    """Whether more distance is lacking; or no less, and the cost is higher."""
+    """Whether more clearance is missing, or as much is missing and the cost is higher."""
     gained = before.shortfall - after.shortfall
     return gained < -NO_WORSE or (gained <= NO_WORSE and after.cost > before.cost * (1.0 + SAME))
 
 
 def lines(ends: tuple[FloatArray, FloatArray], settings: Optimise, seed: int, robot: Robot) -> Iterator[FloatArray]:
-    """What an optimisation without a path begins with: the straight line, then some through a place drawn beside it."""
+    """What an optimisation without a path begins with: the straight line, then lines that bend at a random point."""
     start, goal = ends
     yield np.array([start, goal])
     aside = max(BENT, BENT * joint_distance(start, goal))
@@ -116,10 +123,10 @@ def lines(ends: tuple[FloatArray, FloatArray], settings: Optimise, seed: int, ro
         yield np.array([start, np.minimum(np.maximum(middle, robot.limits.lower), robot.limits.upper), goal])
 
 
-def not_free(found: Sequence[tuple[Touch | None, str]]) -> Failure:
-    """The failure of optima of lines, the straight one first: where each is not free, or None, and why in words."""
-    told = f"the optimum of the straight line is not free, {found[0][1]}"
-    told += f"; nor are those of {len(found) - 1} other lines" if len(found) > 1 else ""
-    contacts = next((touch.contacts for touch, _ in found if touch is not None), ())
-    detail = f"{told}; converged is not collision-free, and a search may find a way"
+def not_free(tried: Sequence[tuple[Touch | None, str]]) -> Failure:
+    """The failure when no optimum of a line is free: for each, the straight one first, where it is not, and why."""
+    detail = f"the optimum of the straight line is not free, {tried[0][1]}"
+    detail += f"; nor are those of {len(tried) - 1} other lines" if len(tried) > 1 else ""
+    detail += "; converged is not collision-free, and a search may find a way"
+    contacts = next((touch.contacts for touch, _ in tried if touch is not None), ())
     return Failure(Stage.SEARCH, Reason.OPTIMUM_IN_COLLISION, detail, contacts)

@@ -20,7 +20,7 @@ from planner_service.timing.laws import Timing, ToppRa, effective_limits
 __all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "require_timing"]
 
 MIN_TOOL_SPEED = 1e-3
-"""Metres per second. A slower limit is a unit mistake."""
+"""Metres per second. A lower limit is a mistake in the unit."""
 
 Goal = ArrayLike | Pose | PoseGoal | Sequence[ArrayLike | Pose | PoseGoal]
 
@@ -34,24 +34,24 @@ class PlanRequest:
         goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
             kinematics solution is a goal, joints that do not move the tool staying as in the start), a
             ``PoseGoal`` with room around one, or a sequence of these, any of which will do.
-        planner: The search, asked only when no straight line is free; or ``Optimise(...)``, which searches nothing and
-            improves straight lines, free or not.
+        planner: The search, which runs only when no straight line is free; or ``Optimise(...)``, which does not search
+            but improves straight lines, free or not.
         timing: The law s(t) along the path.
         seed: Decides every random choice; the same request and seed give the same plan and counts.
-        max_checks: States the whole plan may judge (a PRM's building has its own budget). As it stands a backstop, for
+        max_checks: States the whole plan may check (growing a PRM has its own budget). The default is a backstop for
             requests without a time limit.
-        time_limit: Wall seconds for all stages and retries; a result that it changed says ``deterministic=False``. None
-            for no limit.
-        retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; None: as many
-            as time and checks allow, the later ones the longer.
-        padding: Metres that the search keeps from everything; near an end that is closer it keeps less.
+        time_limit: Wall seconds for all stages and retries; None for no limit. A result that it changed says
+            ``deterministic=False``.
+        retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; None for as
+            many as time and checks allow, the later ones longer.
+        padding: Metres that the search keeps from everything, except near an end that is closer.
         velocity_scale: Part in (0, 1] of the robot's velocity limits that may be used.
         acceleration_scale: The same of its accelerations, and of its jerks.
         max_tool_speed: Metres per second that the tool frame's origin may move at most; None for no limit.
         blend: Radians of path that the blend of a corner may replace before and after it; 0 keeps every
             corner a stop.
-        polish: How the path is optimised, after it was cut short; None to leave it. The optimum is kept only if it is
-            no worse, free and proven.
+        polish: How the shortened path is optimised; None to leave it. The optimum is kept only if it is no worse, free
+            and proven.
         start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
             then clamped, and the result says so.
 
@@ -104,10 +104,10 @@ class PlanRequest:
 
     @property
     def optimise(self) -> Optimise | None:
-        """How paths are optimised, be it as a polish or by the planner.
+        """How paths are optimised, by ``polish`` or by ``planner``; None if they are not.
 
-        With as many corners as suit the timing law, and with twice the padding as clearance at least: an optimum is
-        judged with the padding, and padded boxes are nearer by up to 1.74 of it at their corners.
+        It has as many corners as suit the timing law, and a clearance of at least twice the padding: an optimum is
+        checked with the padding, and padded boxes are nearer by up to 1.74 of it at their corners.
         """
         chosen = self.planner if isinstance(self.planner, Optimise) else self.polish
         if chosen is None:
@@ -133,17 +133,16 @@ class PlanRequest:
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast to travel.
+    """How fast to move along a path.
 
     Attributes:
         timing: The law s(t).
         velocity_scale: Part in (0, 1] of the robot's velocity limits.
-        acceleration_scale: The same of its accelerations. The robot's jerk limit shrinks with it; one that the law has
-            of its own does not.
+        acceleration_scale: The same of its acceleration and jerk limits. A jerk limit of the law's own is left alone.
         max_tool_speed: Metres per second of the tool frame's origin at most; None for no limit.
 
     Raises:
-        InvalidRequest: no timing law, a scale that is not in (0, 1], or a speed that is no number from 0.001 to 100.
+        InvalidRequest: A value is of the wrong kind, a scale is not in (0, 1], or a speed not in [0.001, 100].
     """
 
     timing: Timing
@@ -159,13 +158,13 @@ class Pace:
 
     @classmethod
     def of(cls, request: PlanRequest, timing: Timing | None = None) -> Pace:
-        """That of a request, with another timing law if one is given."""
+        """The pace of a request, with another timing law if one is given."""
         instance("request", request, PlanRequest, "a PlanRequest")
         scales = request.velocity_scale, request.acceleration_scale
         return cls(request.timing if timing is None else timing, *scales, request.max_tool_speed)
 
     def limits(self, robot: Robot) -> JointLimits:
-        """The robot's limits as far as they may be used."""
+        """The robot's limits, scaled."""
         instance("robot", robot, Robot, "a Robot")
         limits = replace(
             robot.limits,
@@ -177,7 +176,7 @@ class Pace:
 
 
 def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | PoseGoal | FloatArray, ...]:
-    """One goal, or a tuple of several; joint values copied, their shape for the robot to judge."""
+    """One goal, or a tuple of several, with joint values copied; their shape is checked against the robot later."""
     if isinstance(goal, Pose | PoseGoal):
         return goal
     expected = "joint values, a Pose, a PoseGoal, or a list of these"
@@ -211,7 +210,7 @@ def joint_vector(name: str, values: object, robot: Robot) -> FloatArray:
 
 
 def require_timing(value: object) -> None:
-    """Refuse what is no timing law."""
+    """Raise for what is not a timing law."""
     if isinstance(value, type) or not callable(getattr(value, "time_path", None)):
         raise InvalidRequest("timing", value, "a timing law such as ToppRa()")
 
@@ -221,12 +220,12 @@ def _number(name: str, value: object, low: float, high: float) -> float:
 
 
 def _require_scale(name: str, value: object) -> None:
-    """Refuse what is no part in (0, 1] of a limit."""
+    """Raise for what is not a share in (0, 1] of a limit."""
     if _number(name, value, 0.0, 1.0) == 0.0:
         raise InvalidRequest(name, value, "a part in (0, 1] of the limit")
 
 
 def _require_tool_speed(value: object) -> None:
-    """Refuse what is neither None nor a speed in m/s."""
+    """Raise for what is neither None nor a speed in m/s."""
     if value is not None:
         _number("max_tool_speed", value, MIN_TOOL_SPEED, 100.0)

@@ -1,4 +1,4 @@
-"""What a plan came to: its stages, what each cost, and the reason when there is none."""
+"""The result of a plan: its stages and what each cost, and the reason when there is none."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Reason(enum.Enum):
     START_OUTSIDE_LIMITS = "START_OUTSIDE_LIMITS"
     """By more than ``PlanRequest.start_tolerance``."""
     GOAL_OUTSIDE_LIMITS = "GOAL_OUTSIDE_LIMITS"
-    """Of joint values that were given."""
+    """Every goal given as joint values is outside the limits."""
     NO_IK_SOLUTION = "NO_IK_SOLUTION"
     """No configuration within the limits was found for a tool pose."""
     TIMED_OUT = "TIMED_OUT"
@@ -69,17 +69,17 @@ class Reason(enum.Enum):
     PREEMPTED = "PREEMPTED"
     """The caller cancelled."""
     PLANNING_FAILED = "PLANNING_FAILED"
-    """The planner gave up before its budget was spent; whether a path exists is unknown."""
+    """The planner gave up before its limits were reached; whether a path exists is unknown."""
     NOT_CERTIFIED = "NOT_CERTIFIED"
     """A path was found, but there is no proof that it is free; ``PlanResult.certificate`` says where."""
     TIMING_FAILED = "TIMING_FAILED"
     """The timing law has no solution along the path."""
     LINE_BLOCKED = "LINE_BLOCKED"
-    """A given line is not free, or the tool cannot follow it, and nothing was searched instead."""
+    """A given line is not free, or the tool cannot follow it; nothing was searched instead."""
     OPTIMUM_IN_COLLISION = "OPTIMUM_IN_COLLISION"
-    """``Optimise`` as the planner ended on a curve that is not free."""
+    """``Optimise`` was the planner, and its optimum is not free."""
     WORKER_LOST = "WORKER_LOST"
-    """Of ``plan_many``: the process that planned it ended twice; whether a path exists is unknown."""
+    """In ``plan_many``, the worker that planned it died twice; whether a path exists is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +87,10 @@ class Failure:
     """Why there is no plan.
 
     Attributes:
-        stage: Where it ended; the first, if a worker was lost and nobody knows how far it had come.
+        stage: Where it ended; the first stage if a worker was lost, as it is not known how far it had come.
         reason: The kind of reason.
         detail: A sentence for a person: what was wrong, the value, what would be right.
-        contacts: For an end in collision, or the first place at which an optimum is, what touches there, deepest
-            first.
+        contacts: What touches at an end that is in collision, or at the first place where an optimum is; deepest first.
         nearest_free: For an end in collision, the nearest free configuration found, shape (n,).
         blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
     """
@@ -116,7 +115,7 @@ class StageReport:
     """One stage of a plan.
 
     Attributes:
-        counts: What the stage asked of the collision checker.
+        counts: The collision checks of the stage.
         seconds: Wall time.
         length: L2 joint length of the path after the stage, in radians (metres for prismatic joints), or None.
         note: What happened, for a person.
@@ -134,13 +133,13 @@ class MotionReport:
     """How a trajectory moves, measured on it.
 
     Attributes:
-        peaks: How close velocity, acceleration and jerk come to the limits that were to be held; the
-            ratio of a jerk is infinite where acceleration jumps.
+        peaks: How close velocity, acceleration and jerk come to the limits; the ratio of a jerk is infinite where the
+            acceleration jumps.
         tool_speed: Largest speed of the tool frame's origin, in m/s.
         duration: Seconds.
-        stop_duration: Seconds the same polyline would take with a stop at each of its corners, infinite if the
-            timing law finds none.
-        settle_time: Seconds the robot rings after its stop: a gripper should wait so long.
+        stop_duration: Seconds the same polyline would take with a stop at each of its corners; infinite if the timing
+            law has no solution for that.
+        settle_time: Seconds for which the robot rings after its stop: a gripper should wait for as long.
     """
 
     peaks: LimitPeaks
@@ -163,16 +162,16 @@ class MotionReport:
 
 @dataclass(frozen=True)
 class PolishReport:
-    """What optimising came to.
+    """What came of optimising.
 
     Attributes:
         method: Its name.
-        kept: Whether the plan is the optimum; if not, it is what was there before.
-        before: The path that was optimised, in numbers: with its corners as they were, not yet blended.
-        after: The optimum in numbers.
+        kept: Whether the plan is the optimum; if not, it is the path as it was.
+        before: Figures of the path that was optimised, its corners not yet blended.
+        after: Figures of the optimum.
         iterations: Of the method.
-        gradients: Of distances, worked out on the way; the distances are counted in the stage.
-        note: Why the optimum was not kept, else empty.
+        gradients: Gradients of distances that were computed; the distances are counted in the stage.
+        note: Why the optimum was not kept; empty if it was.
     """
 
     method: str
@@ -217,16 +216,16 @@ class PlanResult:
         trajectory: The same geometry in time, None without a plan.
         failure: None with a plan.
         stages: What each stage cost, in order; a retried stage appears once, with all its tries.
-        goal_index: Which of the requested goals the path reaches, counting as given.
+        goal_index: Which of the requested goals the path reaches.
         attempts: Searches started; 0 when a straight line was free.
-        padding: Metres that the search kept from everything; of a given line, what is proven, up to what was asked.
-        deterministic: False when the clock or the caller had a say in the result.
-        certificate: The proof that the whole path is free, between samples too; of NOT_CERTIFIED its refusal.
+        padding: Metres that the search kept from everything; for a given line what is proven, up to what was asked for.
+        deterministic: False if the clock or the caller had a say in the result.
+        certificate: The proof that the whole path is free, between samples too; with NOT_CERTIFIED, its refusal.
         motion: Peaks over limits, tool speed and durations; None without a plan.
-        notes: What was done beyond the request's letter (a clamped start, ends that were closer than the padding).
-        roadmap: Of a planner with a roadmap, that roadmap with all that was learned; not kept in plan files.
-        polish: What optimising came to; None if it was not asked for, or there was nothing to optimise.
-        trace: How the search went; None if that was not asked for, not kept in plan files.
+        notes: What a person should know beside it: a clamped start, ends closer than the padding, a second search.
+        roadmap: The roadmap of a planner that has one, with all that it learned; not kept in plan files.
+        polish: What came of optimising; None if it was not asked for, or there was nothing to optimise.
+        trace: How the search went; None if it was not asked for. Not kept in plan files.
         origin: What it was planned in, and what was asked; None for a result from a file or another process.
     """
 
@@ -306,17 +305,17 @@ class PlanResult:
 
     @property
     def exempt(self) -> tuple[ExemptInterval, ...]:
-        """Stretches on which named pairs were not judged."""
+        """Stretches on which named pairs were not checked."""
         return () if self.certificate is None else self.certificate.exempt
 
     @property
     def allowed(self) -> tuple[tuple[str, str], ...]:
-        """Pairs that were judged nowhere because the service was told that they may touch."""
+        """Pairs that were checked nowhere, as the service allows them to touch."""
         return () if self.certificate is None else self.certificate.allowed
 
     @property
     def counts(self) -> CheckCounts:
-        """What the whole plan asked of the collision checker: the sum of its stages."""
+        """The collision checks of the whole plan: the sum of its stages."""
         return sum((report.counts for report in self.stages), CheckCounts())
 
     @property
@@ -326,8 +325,8 @@ class PlanResult:
 
     def stage(self, stage: Stage) -> StageReport:
         """The report of a stage; one that did not run cost nothing."""
-        found = next((report for report in self.stages if report.stage is stage), None)
-        return found or StageReport(stage, CheckCounts(), 0.0)
+        reports = (report for report in self.stages if report.stage is stage)
+        return next(reports, StageReport(stage, CheckCounts(), 0.0))
 
     def unwrap(self) -> tuple[JointPath, Trajectory]:
         """The path and the trajectory.

@@ -1,4 +1,4 @@
-"""What a service does with roadmaps: grow them, tell them of a changed scene, ask them, in its checker's terms."""
+"""What a service does with roadmaps: grow them, query them, and check again what a changed scene may have touched."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ BEFORE = (int(Verdict.FREE_BEFORE), int(Verdict.BLOCKED_BEFORE))
 
 @dataclass(frozen=True, eq=False)
 class RoadmapUpdate:
-    """A roadmap that was told what its scene is now.
+    """A roadmap brought up to date with its scene.
 
     Attributes:
-        roadmap: All that was known before is known again.
+        roadmap: All that was known in the old scene is known in the new one.
         changed: Obstacles that came, went or moved, sorted; empty if more than obstacles differed, or nothing.
-        kept: Edges that were free and are proven to be out of the way of what changed.
-        judged: Edges judged again.
+        kept: Edges that were free and provably nowhere near what changed.
+        judged: Edges checked again.
         fell: Edges that were free and are blocked now.
         rose: Edges that were blocked and are free now.
-        counts: What this asked of the checker.
+        counts: What this cost.
     """
 
     roadmap: Roadmap
@@ -62,13 +62,13 @@ class RoadmapUpdate:
 
 
 def require_grower(planner: object) -> None:
-    """Refuse what grows no roadmap."""
+    """Raise for a planner that does not grow a roadmap."""
     if not isinstance(planner, GROWERS):
         raise InvalidRequest("planner", planner, "PRM(), PRMstar() or LazyPRM()")
 
 
 def require_robot(roadmap: Roadmap, robot: Robot) -> None:
-    """Refuse a roadmap of other joints than a robot's, or beyond their limits."""
+    """Raise for a roadmap whose joints are not those of a robot, or that goes beyond their limits."""
     names, limits = None if roadmap.terms is None else roadmap.terms.joint_names, robot.limits
     if names not in (None, robot.joint_names) or roadmap.net.n != robot.n:
         known = f"{roadmap.net.n} joints" if names is None else ", ".join(names)
@@ -79,7 +79,7 @@ def require_robot(roadmap: Roadmap, robot: Robot) -> None:
 
 
 def grow(planner: Grower, checker: CollisionChecker, *, seed: int, progress: Progress | None = None) -> Roadmap:
-    """A roadmap of the space in which a checker judges, with what growing it cost."""
+    """A roadmap of the free space as a checker sees it, with what growing it cost."""
     limits, before = checker.robot.limits, checker.counts
     space = SearchSpace(limits.lower, limits.upper, SearchOracle(checker), checker.ledger.poll, checker.reach)
     roadmap = planner.grow(space, seed=seed, progress=progress)
@@ -89,49 +89,53 @@ def grow(planner: Grower, checker: CollisionChecker, *, seed: int, progress: Pro
 
 
 def ask(roadmap: Roadmap, checker: CollisionChecker, problem: SearchProblem) -> RoadmapSearchResult:
-    """A path over a roadmap, which is first told of what changed; that is judged again where a path needs it."""
-    here = _under(roadmap, checker)
-    found = here.search(problem, carried=Sweep(checker, here.pending) if here.pending else None)
-    if here is roadmap or roadmap.terms is None:
-        return found
-    changed = _changed(roadmap, here)
+    """A path over a roadmap. What a change of the scene may have touched is checked again where the path needs it."""
+    current = _under(roadmap, checker)
+    answer = current.search(problem, carried=Sweep(checker, current.pending) if current.pending else None)
+    if current is roadmap or roadmap.terms is None:
+        return answer
+    changed = _changed(roadmap, current)
     if not changed:
-        known = "" if here.verdicts.any() else ", judged under other terms: none is taken for known"
-        return replace(found, note=found.note + known)
-    fell = _both(here.verdicts, Verdict.FREE_BEFORE, found.roadmap.verdicts, Verdict.BLOCKED)
-    again = _both(here.verdicts, Verdict.FREE_BEFORE, found.roadmap.verdicts, Verdict.FREE)
-    told = f"{', '.join(changed)} changed: {again} edges found free again, {fell} fell"
-    return replace(found, note=f"{found.note}; {told}")
+        known = "" if current.verdicts.any() else ", judged under other terms: none is taken for known"
+        return replace(answer, note=answer.note + known)
+    fell = _both(current.verdicts, Verdict.FREE_BEFORE, answer.roadmap.verdicts, Verdict.BLOCKED)
+    again = _both(current.verdicts, Verdict.FREE_BEFORE, answer.roadmap.verdicts, Verdict.FREE)
+    note = f"{', '.join(changed)} changed: {again} edges found free again, {fell} fell"
+    return replace(answer, note=f"{answer.note}; {note}")
 
 
 def _under(roadmap: Roadmap, checker: CollisionChecker) -> Roadmap:
-    """A roadmap in a checker's terms, within its robot's limits."""
+    """A roadmap with what it knows of the world in which a checker judges.
+
+    Raises:
+        InvalidRequest: Its joints are not those of the robot.
+    """
     require_robot(roadmap, checker.robot)
     return roadmap.under(Terms.of(checker))
 
 
-def _changed(roadmap: Roadmap, here: Roadmap) -> tuple[str, ...]:
-    """The obstacles that came, went or moved since all of a roadmap was judged; none where more than these differ."""
-    changed = frozenset(here.pending)
-    if roadmap.terms is not None and here.terms is not None and roadmap.terms.same_but_for_obstacles(here.terms):
-        changed = changed.union(*roadmap.terms.changed(here.terms))
+def _changed(roadmap: Roadmap, current: Roadmap) -> tuple[str, ...]:
+    """The obstacles that came, went or moved since all of a roadmap was checked; none if more than obstacles differ."""
+    changed = frozenset(current.pending)
+    if roadmap.terms is not None and current.terms is not None and roadmap.terms.same_but_for_obstacles(current.terms):
+        changed = changed.union(*roadmap.terms.changed(current.terms))
     return tuple(sorted(changed))
 
 
 def update(roadmap: Roadmap, checker: CollisionChecker) -> RoadmapUpdate:
-    """A roadmap of which everything that was known, and may have changed, is known again."""
+    """A roadmap brought up to date: everything it knew that may have changed is checked again."""
     before = checker.counts
-    here = _under(roadmap, checker)
-    work = _Revision(here, checker)
-    work.milestones(_open(roadmap.milestone_knowledge, here.milestone_knowledge))
-    edges = work.edges(_open(roadmap.edge_knowledge, here.edge_knowledge))
-    done = replace(here.with_lessons(*work.lessons), pending=())
+    current = _under(roadmap, checker)
+    work = _Revision(current, checker)
+    work.milestones(_open(roadmap.milestone_knowledge, current.milestone_knowledge))
+    edges = work.edges(_open(roadmap.edge_knowledge, current.edge_knowledge))
+    done = replace(current.with_lessons(*work.lessons), pending=())
     was, now = roadmap.verdicts, done.verdicts
     was_free = np.isin(was, (Verdict.FREE, Verdict.FREE_BEFORE))
     was_blocked = np.isin(was, (Verdict.BLOCKED, Verdict.BLOCKED_BEFORE))
     return RoadmapUpdate(
         done,
-        _changed(roadmap, here),
+        _changed(roadmap, current),
         work.kept,
         edges - work.kept,
         int(np.count_nonzero(was_free & (now == BLOCKED))),
@@ -145,13 +149,13 @@ def _both(before: np.ndarray, was: Verdict, after: np.ndarray, now: Verdict) -> 
 
 
 def _open(was: Knowledge, now: Knowledge) -> list[int]:
-    """What was judged once and is in doubt now."""
-    found = (was.verdicts != Verdict.UNKNOWN) & (now.verdicts != FREE) & (now.verdicts != BLOCKED)
-    return [int(k) for k in np.flatnonzero(found)]
+    """What was known once and is in doubt now."""
+    doubtful = (was.verdicts != Verdict.UNKNOWN) & (now.verdicts != FREE) & (now.verdicts != BLOCKED)
+    return [int(k) for k in np.flatnonzero(doubtful)]
 
 
 class _Revision:
-    """Judging again what is in doubt: what is proven untouched first, then the rest one by one."""
+    """Checking what is in doubt: first all that is provably untouched, then the rest one by one."""
 
     def __init__(self, roadmap: Roadmap, checker: CollisionChecker) -> None:
         self._roadmap, self._oracle = roadmap, SearchOracle(checker)
@@ -161,7 +165,7 @@ class _Revision:
         self.kept = 0
 
     def milestones(self, doubtful: list[int]) -> None:
-        """Judge milestones."""
+        """Check milestones."""
         points = self._roadmap.milestones
         for node, kept in self._swept(doubtful, self._roadmap.milestone_knowledge, points, points):
             free = kept or self._oracle.state_is_free(points[node])
@@ -170,7 +174,7 @@ class _Revision:
             self.lessons[0][node] = verdict, None if free else self._oracle.blocker
 
     def edges(self, doubtful: list[int]) -> int:
-        """Judge edges but those with an end that is blocked; how many these are."""
+        """Check the edges whose ends are not blocked; return how many those are."""
         ends, points = self._roadmap.edges, self._roadmap.milestones
         whole = [edge for edge in doubtful if BLOCKED not in (self._node[ends[edge, 0]], self._node[ends[edge, 1]])]
         for edge in sorted(set(doubtful) - set(whole)):
@@ -191,10 +195,10 @@ class _Revision:
         name = int(knowledge.blockers[node])
         return Verdict.BLOCKED, None if name < 0 else knowledge.names[name]
 
-    def _swept(self, some: list[int], known: Knowledge, A: np.ndarray, B: np.ndarray) -> list[tuple[int, bool]]:  # type: ignore[type-arg]
-        """Each of some, and whether it was free before and is proven untouched."""
-        kept = dict.fromkeys(some, False)
-        before = [k for k in some if known.verdicts[k] == Verdict.FREE_BEFORE]
+    def _swept(self, doubtful: list[int], known: Knowledge, A: np.ndarray, B: np.ndarray) -> list[tuple[int, bool]]:  # type: ignore[type-arg]
+        """Each of them, and whether it was free before and is provably untouched."""
+        kept = dict.fromkeys(doubtful, False)
+        before = [k for k in doubtful if known.verdicts[k] == Verdict.FREE_BEFORE]
         if self._sweep is not None and before:
             kept.update(zip(before, self._sweep.still_free(A[before], B[before]).tolist(), strict=True))
         return list(kept.items())

@@ -1,6 +1,6 @@
-"""A certified path in time: at most as fast as asked, and measured.
+"""Timing a certified path: as fast as allowed, with its peaks measured.
 
-The tool's speed is no polynomial in time, so its peak is found by sampling, ever denser around the highest samples.
+The tool's speed is not a polynomial in time, so its peak is found by sampling, ever denser around the highest samples.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ T = TypeVar("T")
 __all__ = ["peak_tool_speed", "timed", "tool_speed_limit"]
 
 LONG = 200
-"""Waypoints beyond which a path may take long to time: then the clock is looked at meanwhile."""
+"""Waypoints beyond which a path may take long to time: then the time limit is watched meanwhile."""
 
 _SPACING = 0.04
-"""Radians of path between first samples, on average: joints that turn so little bend the tool's way by as little."""
+"""Radians of path between the first samples, on average: joints that turn so little hardly bend the tool's path."""
 
 _CLOSER_LOOKS = 2
 
 _SPLITS = np.arange(33) / 32
 
 _MISSED, _CLOSER = 0.003, 1024.0
-"""Share by which speed may be higher between two first samples than at them, at most, and by how much less between
-samples 32 times closer: it is smooth between the ends of pieces of time, which are sampled themselves."""
+"""Share by which the speed between two first samples may exceed that at them, and the factor by which this shrinks when
+samples are 32 times closer: speed is smooth between the ends of pieces of time, which are sampled themselves."""
 
 
 def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting) -> tuple[Trajectory, MotionReport]:
-    """The path in time, and how it then moves, as the TIMING stage.
+    """The path in time, and how the robot then moves, as the TIMING stage.
 
     Raises:
-        NoPlan: the timing law found no solution.
+        NoPlan: The timing law has no solution.
     """
     limits = pace.limits(robot)
 
@@ -70,7 +70,7 @@ def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting)
 
 
 def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:
-    """The largest ds/dt at which the tool is no faster than it may be."""
+    """The largest ds/dt at which the tool is no faster than allowed; None without a limit."""
     speed = pace.max_tool_speed
     if speed is None:
         return None
@@ -118,7 +118,7 @@ def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
 
 
 def _instants(trajectory: Trajectory) -> FloatArray:
-    """Where a look at a trajectory begins: the ends of its pieces of time, and between them where it moves far."""
+    """The first samples of a trajectory: the ends of its pieces of time, and more between them where it moves far."""
     starts = trajectory.coefficients[:, 0]
     lengths = np.concatenate([starts[1:], [trajectory.end]]) - starts
     counts = np.maximum(np.ceil(lengths / _SPACING), 1.0).astype(np.intp)

@@ -35,32 +35,32 @@ from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, wi
 __all__ = ["CandidatePath", "Detours", "Place"]
 
 PLACES = (0.6, 1.05, 0.3, 0.1)
-"""Where to turn off, in distances of a stop, in the order in which they are tried."""
+"""Where to turn off, as shares of the distance in which the robot can stop, in the order tried."""
 
 BEYOND = (0.3, 0.8)
-"""How far beyond the old end to turn, in distances from there to the goal: a robot that is braking for a stop there
-cannot stop sooner, nor turn sharply, but can overshoot a little and turn on its way."""
+"""How far beyond the old end to turn, as shares of the distance from there to the goal: a robot that is braking for a
+stop at the old end cannot stop sooner, nor turn sharply, but it can overshoot a little and then turn."""
 
 PART = 0.9
-"""Of the widest blend that the robot can be slow enough for."""
+"""Share of the widest blend that the robot can be slow enough for."""
 
 NEAR = 1e-6
-"""Radians. What is that close to a waypoint is taken for it."""
+"""Radians. Anything that close to a waypoint is taken for it."""
 
 COINCIDING = 1e-9
 """Radians between points that are taken for one."""
 
 ROOM = 1e-3
-"""Radians between two blends that leave room to turn off in between."""
+"""Radians between two blends that leave enough room to turn off."""
 
-LEAST_BLEND = 1e-4
-"""Radians. Of a robot that follows a goal all moves are short, and corners slight."""
+MIN_BLEND = 1e-4
+"""Radians: when a robot follows a moving goal, all its moves are short and all its corners slight."""
 
 FINEST = 0.002
-"""Metres between samples of edges that keep less: blends and edges that pass are then mostly proven, too."""
+"""Metres between samples of edges with less padding: blends and edges that are free at these are mostly proven, too."""
 
 LESS_PADDING = (1.0, 0.75, 0.5, 0.25, 0.125, 0.0)
-"""Parts of the asked padding tried where the old path is closer to something."""
+"""Shares of the requested padding tried where the old path is closer to something."""
 
 SEARCH_SHARE = 0.5
 """Part of the states that searching may use."""
@@ -150,15 +150,15 @@ class Detours:
         last = len(path.waypoints) - 1
         if last == 0:
             return
-        end, way = path.waypoints[-1], path(path.length, 1)
+        end, direction = path.waypoints[-1], path(path.length, 1)
         away = joint_distance(end.tolist(), goal.tolist())
         for part in BEYOND:
-            q = end + way * (part * away)
+            q = end + direction * (part * away)
             if part * away > ROOM and np.all((q >= limits.lower) & (q <= limits.upper)):
                 yield Place(path.length + part * away, last, q)
 
     def _place(self, s: float, since: float) -> Place:
-        """The nearest place from s on that is on a straight piece, or a waypoint whose blend begins after ``since``."""
+        """The first place from s on that is on a straight piece, or a waypoint whose blend begins after ``since``."""
         path = self._path
         index = int(np.flatnonzero(path.knots >= s - NEAR)[0])
         begins, knot = float(path.knots[index] - path.blends[index]), float(path.knots[index])
@@ -213,24 +213,24 @@ class Detours:
             sizes[index] = min(sizes[index], max(0.0, s - reached))
             if index and switch.rate > 0.0 and len(points) > 1:
                 sizes[index] = min(sizes[index], self._passable(path, index, switch))
-            path = blended(path, tight.blend_is_free, sizes, least=LEAST_BLEND)
+            path = blended(path, tight.blend_is_free, sizes, least=MIN_BLEND)
             entry.length = path.length - s
         return CandidatePath(path, index, s, switch, searched, place.roomy)
 
     def _passable(self, path: JointPath, index: int, switch: SwitchPoint) -> float:
-        """How wide the blend at a corner may be at most for the robot to be slow enough when it begins.
+        """How wide the blend at a corner may be for the robot to be slow enough when it begins.
 
-        A blend as wide as w is passed at a square of speed of w times something, and a narrower one leaves more way
-        to slow down: where that gains more, there is a widest.
+        The square of the speed at which a blend can be driven grows in proportion to its width, but a narrower blend
+        leaves more distance to slow down. If that gains more, there is a widest blend.
         """
         u, v = path.on_pieces(path.pieces_at(path.knots[index - 1 : index + 1]), path.knots[index - 1 : index + 1], 1)
         with np.errstate(divide="ignore"):
             passing = float((self._acceleration / (STEEPEST * np.abs(v - u))).min())
             braking = float((self._acceleration / np.abs(u)).min())
-        way = float(path.knots[index]) - switch.s
+        distance = float(path.knots[index]) - switch.s
         if passing >= 2.0 * braking:
             return math.inf
-        return max(0.0, PART * (2.0 * braking * way - switch.rate * switch.rate) / (2.0 * braking - passing))
+        return max(0.0, PART * (2.0 * braking * distance - switch.rate * switch.rate) / (2.0 * braking - passing))
 
     def _oracle(self, start: FloatArray, start_padding: float, goal: GoalState) -> Judge:
         """What judges a path between two ends, of which each keeps a padding of its own."""
@@ -243,14 +243,14 @@ class Detours:
         return TieredOracle(roomy, tight) if tight else roomy
 
     def _padding(self, q: FloatArray) -> float | None:
-        """The widest padding of a short ladder with which q is free."""
-        ladder = [self._request.padding * part for part in LESS_PADDING]
+        """The widest of a few paddings with which q is free; None if it is not free with any."""
+        paddings = [self._request.padding * part for part in LESS_PADDING]
         with self._accounting.during(Stage.ENDPOINTS):
-            free = (p for p in ladder if self._checker.variant(padding=p).state_is_free(q))
+            free = (p for p in paddings if self._checker.variant(padding=p).state_is_free(q))
             return next(free, None)
 
     def _repaired(self, chain: Sequence[FloatArray], oracle: Judge, turn: int) -> tuple[FloatArray, bool]:
-        """The chain with what is blocked of it searched anew, and whether there was any."""
+        """The chain with a search wherever it is blocked, and whether there was one."""
         out, at, last, searched = [chain[0]], 0, len(chain) - 1, False
         while at < last:
             with self._accounting.during(Stage.STRAIGHT_LINE):
@@ -293,14 +293,14 @@ class Detours:
                 problem = SearchProblem(start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll)
                 try:
                     with self._checker.limited(states=share):
-                        found = planner.search(problem).waypoints
+                        points = planner.search(problem).waypoints
                 except CheckBudgetSpent:
                     if ledger.room() == 0:
                         raise
                     continue
-                if found is not None:
-                    return found
-        detail = "no way from where the old one is left was found; whether there is one is unknown"
+                if points is not None:
+                    return points
+        detail = "no path was found from where the old one is left; whether there is one is unknown"
         raise NoPlan(Failure(Stage.SEARCH, Reason.PLANNING_FAILED, detail))
 
     def _shortened(self, points: FloatArray, oracle: Judge) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What came of replanning, and the motion under way that it began with."""
+"""The result of replanning, and the motion under way that it began with."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ MAX_CHECKS = 20_000
 """States that replanning may judge unless a request says otherwise: some hundredths of a second."""
 
 PACE = ("velocity_scale", "acceleration_scale", "max_tool_speed")
-"""What a request and a pace both say of speed."""
+"""Attributes that a request and a pace have in common."""
 
 MAX_LATENCY = 10.0
-"""Seconds; more is a wrong unit."""
+"""Seconds. More is a mistake in the unit."""
 
 OUTSIDE = 1e-6
 """Radians by which a waypoint may lie outside a limit before a motion is another robot's."""
@@ -52,21 +52,21 @@ class Outcome(enum.Enum):
 class Replanned:
     """What to do from the splice on.
 
-    Until then the robot keeps to the old motion, and rests once that has ended. At ``splice`` seconds on the old
-    motion's clock the new one begins, at its own time 0: there position, velocity and acceleration are the same of
-    both, or the robot is at rest.
+    Until then the robot goes on along the old motion, and rests once that has ended. At ``splice`` seconds on the old
+    motion's clock the new one begins, at its own time 0. There both have the same position, velocity and acceleration,
+    or the robot is at rest.
 
     Attributes:
-        outcome: What came of it. Of all but UNSAFE there is a proven motion.
-        result: That motion, with what it cost. Its path begins at the waypoint before the robot, and what is
-            proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's ``part``; if
-            the old motion ends before the splice, what was left of it is proven apart. Of UNSAFE a failure.
-        splice: Seconds on the old motion's clock: ``at_time`` plus the latency; the old motion's end where less than a
+        outcome: What came of it. There is a proven motion unless it is UNSAFE.
+        result: That motion, with what it cost; a failure if UNSAFE. Its path begins at the waypoint before the robot.
+            What is proven, from where the robot was at ``at_time`` to where the motion ends, is its certificate's
+            ``part``; if the old motion ends before the splice, what was left of it is proven separately.
+        splice: Seconds on the old motion's clock: ``at_time`` plus the latency, or the old motion's end if less than a
             nanoradian is left of it by then.
-        request: What to go on with: the request with the start at the splice, and the goal.
+        request: The request with its start at the splice, and the goal: what the next call goes on with.
         failure: Why there is no new motion to the goal; None if there is one.
         ahead: Old waypoints beyond the end of a stop, shape (k, n): the next call tries them first.
-        stop: Of UNSAFE the earliest stop, which is not proven free.
+        stop: The earliest stop, which is not proven free, if UNSAFE.
     """
 
     outcome: Outcome
@@ -82,36 +82,39 @@ class Replanned:
 
     @property
     def ok(self) -> bool:
-        """Whether there is a proven motion, be it a stop."""
+        """Whether there is a proven motion, even if it is a stop."""
         return self.outcome is not Outcome.UNSAFE
 
     @property
     def path(self) -> JointPath | None:
-        """That of the result."""
+        """The same as of the result."""
         return self.result.path
 
     @property
     def trajectory(self) -> Trajectory | None:
-        """That of the result: its time 0 is the splice."""
+        """The same as of the result: its time 0 is the splice."""
         return self.result.trajectory
 
     @property
     def certificate(self) -> Certificate | None:
-        """That of the result."""
+        """The same as of the result."""
         return self.result.certificate
 
     @property
     def counts(self) -> CheckCounts:
-        """What it asked of the collision checker."""
+        """The collision checks it took."""
         return self.result.counts
 
 
 @dataclass(frozen=True, eq=False)
 class OldMotion:
-    """A motion under way, what was not judged on what is left of it, and where else it was to go.
+    """The motion that is to be left.
 
     Attributes:
-        made_in: Where it was planned; None if that is not known, of a motion from a file or another process.
+        splice: Seconds on its clock at which the next motion begins.
+        exempt: Stretches on what is left of it on which pairs were not checked.
+        ahead: Waypoints beyond its end, shape (k, n), if it is a stop.
+        made_in: The scene it was planned in; None if that is not known, for a motion from a file or another process.
     """
 
     underway: Underway
@@ -122,13 +125,13 @@ class OldMotion:
 
     @property
     def end(self) -> FloatArray:
-        """Where it was to go in the end."""
+        """Where it was to end."""
         end: FloatArray = (self.ahead if len(self.ahead) else self.underway.path.waypoints)[-1]
         return end
 
     @property
     def arrives(self) -> bool:
-        """Whether it goes there, and does not stop before."""
+        """Whether it goes all the way there, and does not stop before."""
         return not len(self.ahead) and self.underway.end == self.underway.path.length
 
 
@@ -136,7 +139,7 @@ def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, lat
     """The motion that is to be left, checked.
 
     Raises:
-        InvalidRequest: ``previous`` is no motion of this robot, or a time is out of range.
+        InvalidRequest: ``previous`` is not a motion of this robot, or a time is out of range.
     """
     result = previous.result if isinstance(previous, Replanned) else previous
     expected = "a plan of this robot that is being executed"
@@ -173,12 +176,12 @@ def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, lat
 def request_for(
     previous: PlanResult | Replanned, old: OldMotion, request: PlanRequest | None, goal: Goal | None
 ) -> PlanRequest:
-    """What to go on with: of the request given, or the one before, all but the start and maybe the goal.
+    """The request to go on with: the given one, or the one before, with its start at the splice.
 
-    A plan's own law gives way to ``ToppRa``, and its states are limited to ``MAX_CHECKS``.
+    The timing law of a plan is replaced by ``ToppRa``, and its states are limited to ``MAX_CHECKS``.
 
     Raises:
-        InvalidRequest: its timing law cannot begin at speed.
+        InvalidRequest: The timing law cannot begin at speed.
     """
     start = old.underway.trajectory(old.underway.splice)
     if isinstance(previous, Replanned):
@@ -195,14 +198,14 @@ def request_for(
 
 
 def _request_of(plan: PlanResult) -> PlanRequest:
-    """What a plan was asked, as far as it is known, for another motion at speed."""
+    """The request of a plan, as far as it is known, for another motion that begins at speed."""
     origin = plan.origin
     if origin is None:
         return PlanRequest((), (), max_checks=MAX_CHECKS)
-    asked = origin.request
-    if asked is not None:
-        timing = asked.timing if isinstance(asked.timing, ToppRa) else ToppRa()
-        return replace(asked, timing=timing, max_checks=min(asked.max_checks, MAX_CHECKS))
+    request = origin.request
+    if request is not None:
+        timing = request.timing if isinstance(request.timing, ToppRa) else ToppRa()
+        return replace(request, timing=timing, max_checks=min(request.max_checks, MAX_CHECKS))
     pace, padding = origin.pace, max(plan.padding, PlanRequest((), ()).padding)
     scales = {} if pace is None else {name: getattr(pace, name) for name in PACE}
     return PlanRequest((), (), padding=padding, max_checks=MAX_CHECKS, **scales)

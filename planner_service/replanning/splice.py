@@ -29,33 +29,33 @@ from planner_service.timing.segments import SpeedLimit
 __all__ = ["HOLD", "SwitchPoint", "Underway"]
 
 HOLD = 0.0107
-"""Seconds from the splice on for which the old law goes on: a cycle of a slow controller. It is no whole number of
-milliseconds, so that the next splice hardly ever falls on the instant at which laws meet and acceleration jumps."""
+"""Seconds for which the old law goes on after the splice: one cycle of a slow controller. It is not a whole number of
+milliseconds, so that the next splice hardly ever falls on the instant at which two laws meet and acceleration jumps."""
 
 SHARES = (0.9985, 0.995, 0.98, 0.95)
 """Parts of the limits that a law may use on blends, one after the other, until what it makes of them holds
 the limits between its grid points too: what has begun cannot be slowed down as a whole."""
 
 MARGINS = (0.0, 0.003, 0.01, 0.03, 0.1)
-"""Parts of what braking could do that are left on blends, for the same reason."""
+"""Shares of the possible braking that are not used on blends, for the same reason."""
 
 LATER = (0.0, 0.02, 0.05, 0.1)
-"""Seconds for which the old law goes on longer where nothing else is within the limits: on blends it may be at them."""
+"""Seconds for which the old law goes on longer if nothing else is within the limits: on blends it may be at them."""
 
 INTERVALS = 24
-"""Of constant braking on a whole blend."""
+"""Intervals of constant braking on a whole blend."""
 
 MEETING = 5e-10
-"""Where laws meet at a break of the path, s is taken for it that close to it."""
+"""Arc length up to which s is taken for a break of the path."""
 
 RUN_IN = 1e-4
-"""Radians before a blend begins or ends within which no law takes over: there would be no way to change speed on."""
+"""Radians before a blend begins or ends within which no law takes over: there is no room there to change speed."""
 
 SLIVER = 1e-12
 """Seconds. A shorter piece of time is left out."""
 
 AT_REST = 1e-9
-"""Of the highest speed: slower is standing."""
+"""Share of the highest speed; anything slower is standing still."""
 
 
 class SwitchPoint(NamedTuple):
@@ -124,7 +124,7 @@ class Underway:
 
     @property
     def arrived(self) -> bool:
-        """Whether so little is left at the splice that no motion along it has numbers of its own."""
+        """Whether so little is left at the splice that a motion along it would be lost in rounding."""
         return self.s(self.splice) >= self.end
 
     def s(self, t: float) -> float:
@@ -160,13 +160,13 @@ class Underway:
         return self._along(self.path, self.rows(self.trajectory.duration), self.end)
 
     def _along(self, path: JointPath, rows: Sequence[_Row], end: float) -> Trajectory:
-        """What rows make of a path up to ``end``; where they begin is the splice."""
+        """The motion along a path up to ``end`` that rows describe; it begins at the splice."""
         table = np.array(rows).reshape(-1, 5)
         begin = float(table[0, 1]) if len(table) else end
         return Trajectory(path, table[:, 0], table[:, 1:], self.trajectory.dilation, (begin, end))
 
     def switch_points(self) -> Iterator[SwitchPoint]:
-        """Where another law may take over: as soon as may be, then after each blend that is still ahead."""
+        """Where another law may take over: as soon as possible, then after each blend that is still ahead."""
         law, path = self.trajectory, self.path
         t = min(self.splice + HOLD, law.duration)
         soon = self._rests[(self._rests >= t) & (self._rests <= t + HOLD)]
@@ -198,10 +198,10 @@ class Underway:
     # -- the quickest stop
 
     def braked(self, limits: JointLimits) -> Trajectory:
-        """The quickest stop along the old curve, within limits: with the least margin with which they hold.
+        """The quickest stop along the old curve within limits: with the smallest margin that keeps to them.
 
-        Where the old law stops itself as quickly, at a corner or at its end, it is left to do so. The path ends with
-        the piece on which the robot stops.
+        If the old law itself stops as quickly, at a corner or at its end, it is left to do so. The path ends with the
+        piece on which the robot stops.
         """
         begin = min(self.splice + HOLD, self.trajectory.duration)
         rest = float(self._rests[self._rests >= begin][0])
@@ -219,7 +219,7 @@ class Underway:
         return self._along(self._up_to(end), self.rows(rest), end)
 
     def stop_from(self, switch: SwitchPoint, limits: JointLimits) -> float:
-        """About where a stop along the old curve ends that begins there."""
+        """Roughly where a stop along the old curve ends that begins at a switch point."""
         if not switch.rate > 0.0:
             return switch.s
         braking = self._braking(switch.s, switch.rate, limits, 0.0)
@@ -252,7 +252,7 @@ class Underway:
         return None
 
     def _grid(self, s: float, piece: int, end: float) -> FloatArray:
-        """From s to the end of its piece, or an end before: in small steps on a blend."""
+        """Arc lengths from s to the end of its piece, or to ``end`` if that is nearer: in small steps on a blend."""
         begins, ends = self.path.breaks[piece : piece + 2].tolist()
         stop = min(ends, end)
         steps = max(1, math.ceil(INTERVALS * (stop - s) / (ends - begins))) if self.path.blended[piece] else 1
@@ -268,7 +268,7 @@ class Underway:
         blends[-1] = 0.0
         return JointPath(path.waypoints[: last + 1], blends)
 
-    # -- another way
+    # -- another path
 
     def onward(
         self,
@@ -285,7 +285,7 @@ class Underway:
             The motion from the splice on, and how close it comes to its limits, which it holds.
 
         Raises:
-            TimingFailed: what comes after cannot be entered that fast, or there is no solution.
+            TimingFailed: What comes after cannot be entered that fast, or there is no solution.
         """
         head = self.rows(switch.time)
         for share in SHARES:

@@ -1,4 +1,4 @@
-"""A whole pick-and-place: from home to the object, onto another one, and home again."""
+"""A whole pick-and-place: from the start to the object, onto another one, and back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planner_service.tasks.result import Handling, Segment, TaskResult
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
 
 STANDING_GAP = 0.005
-"""Metres between an object and what it stands on, at most: scenes leave a millimetre, detections more."""
+"""Metres at most between an object and what it stands on: scenes leave a millimetre, detections more."""
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -32,14 +32,14 @@ def plan_pick_place(
     """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
 
     Args:
-        request: Its start is where the robot starts and returns to; planner, timing, seed, scales, padding and limits
-            are used throughout, its goal is not. Its ``time_limit`` is for the pick, for the place and for the way
-            home, its ``max_checks`` for each motion.
+        request: Its start is where the robot starts and returns to. Planner, timing, seed, scales, padding and limits
+            are those of all motions; its goal is not used. Its ``time_limit`` holds for the pick, for the place and for
+            the way home, its ``max_checks`` for each motion.
         cancel: Ends the task before its next check when cancelled from another thread.
 
     Raises:
-        UnknownName: no such obstacle.
-        InvalidRequest: the robot has no gripper, or the object is too wide for it.
+        UnknownName: There is no such obstacle.
+        InvalidRequest: The robot has no gripper, or the object is too wide for it.
     """
     instance("service", service, PlannerService, "a PlannerService")
     instance("request", request, PlanRequest, "a PlanRequest")
@@ -73,7 +73,7 @@ def plan_pick_place(
 
 
 def standing_on(scene: Scene, name: str) -> str | None:
-    """The obstacle whose top is within 5 mm of an object's underside and below its centre, None if there is none."""
+    """The obstacle below an object's centre whose top is within 5 mm of its underside; None if there is none."""
     target = instance("scene", scene, Scene, "a Scene").obstacle(name)
     x, y, _ = middle_of(target)
     bottom = -_reach(target, -UP)
@@ -82,24 +82,24 @@ def standing_on(scene: Scene, name: str) -> str | None:
         for other in scene.obstacles
         if other.name != name and _spans(other, 0, x) and _spans(other, 1, y)
     }
-    near = [(gap, found) for found, gap in gaps.items() if gap <= STANDING_GAP]
+    near = [(gap, support) for support, gap in gaps.items() if gap <= STANDING_GAP]
     return min(near)[1] if near else None
 
 
 def places_on(target: Obstacle, support: Obstacle) -> tuple[Pose, ...]:
-    """Poses of an object with its underside on the middle of a support's top: turned as it is, then by quarters."""
+    """Poses of an object with its underside on the middle of a support's top: as it is turned now, then by quarters."""
     for field, obstacle in (("target", target), ("support", support)):
         instance(field, obstacle, Obstacle, "an Obstacle, such as service.scene.obstacle(name)")
     x, y, _ = middle_of(support)
     height = _reach(target, -UP) + target.pose.position[2]
     top = _reach(support, UP)
     quarters = (Pose(quaternion=(math.cos(k * math.pi / 4), 0.0, 0.0, math.sin(k * math.pi / 4))) for k in range(4))
-    found = []
+    poses = []
     for quarter in quarters:
         turned = (quarter @ Pose(quaternion=target.pose.quaternion)).quaternion
         u, v, _ = middle_of(Obstacle(target.name, target.shape, Pose(quaternion=turned)))
-        found.append(Pose((x - u, y - v, top + height), turned))
-    return tuple(found)
+        poses.append(Pose((x - u, y - v, top + height), turned))
+    return tuple(poses)
 
 
 def _reach(obstacle: Obstacle, direction: FloatArray) -> float:

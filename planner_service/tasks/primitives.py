@@ -1,9 +1,9 @@
-"""Pick, place and straight tool moves: straight lines first, one honest check each, the planner where a check fails.
+"""Pick, place and straight tool moves: straight lines first, each checked once, and the planner where one is blocked.
 
-A pick is: open, go before the object, straight in along the approach, close, straight out. Contact is
-meant there, and only there: the fingers may touch the object from the pregrasp on; once it is
-carried, it may touch its support while it is within ``support_gap`` of where it stood. The gripper's own opening
-and closing is proven as the arm's motions are.
+A pick is: open, go to the pregrasp, straight in along the approach, close, straight out. Contact is meant there and
+nowhere else: from the pregrasp on the fingers may touch the object; once the object is carried, it may touch its
+support while it is within ``support_gap`` of where it stood. The gripper's own opening and closing is proven as the
+arm's motions are.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ __all__ = ["move_linear", "pick", "place"]
 
 USUAL_APPROACHES = (LONGEST_APPROACH, 0.09, 0.08)
 SHORT_APPROACHES = (0.06, 0.04, 0.02)
-"""Metres of straight motion before and after a contact, in the order tried; a short one is said in the notes."""
+"""Metres of straight motion before and after a contact, in the order tried; the notes say which it was."""
 
 FINGER_ROOM = 0.012
-"""Metres that each finger stands off the object when the gripper opens for it."""
+"""Metres between each finger and the object when the gripper opens for it."""
 
 LINE_POINTS = 60
-"""Configurations found along a straight tool line, of which those are travelled that keep the tool on it."""
+"""Configurations computed along a straight tool line; only as many are kept as hold the tool on it."""
 
 Pair = tuple[str, str]
 
@@ -66,13 +66,13 @@ def move_linear(
         start: Joint vector, shape (n,).
         goal: The tool's pose at the end, or its displacement (x, y, z) in metres in the base frame
             (the orientation is kept).
-        points: Configurations along the line, 50 to 100.
+        points: Configurations computed along the line, 50 to 100.
         pace: The law s(t) along the line; ``Pace(Trapezoidal())`` if not given.
         padding: Metres that pairs are to keep, as in ``PlannerService.follow``.
         cancel: As in ``PlannerService.plan``.
 
     Raises:
-        InvalidRequest: as ``PlannerService.follow`` and ``straight_tool_line`` say.
+        InvalidRequest: As ``PlannerService.follow`` and ``straight_tool_line``.
     """
     instance("service", service, PlannerService, "a PlannerService")
     q = joint_vector("start", start, service.robot)
@@ -93,8 +93,8 @@ def pick(
 ) -> TaskResult:
     """Take hold of an object: to the pregrasp, straight in, close, straight out.
 
-    The first grasp whose four motions all have a plan is used, over all inverse kinematics
-    solutions, with 8 to 10 cm of approach; only when no grasp has one, with less.
+    The first grasp is used all of whose motions have a plan, over all inverse kinematics solutions, with 8 to 10 cm of
+    approach; with less only if no grasp has a plan with so much.
 
     Args:
         q: Where the robot stands, shape (n,).
@@ -102,8 +102,8 @@ def pick(
         grasps: Tool poses, best first (``top_grasps`` suggests some).
 
     Raises:
-        UnknownName: no such obstacle or support.
-        InvalidRequest: no grasp given, the robot has no gripper, or the object is too wide for it.
+        UnknownName: There is no such obstacle or support.
+        InvalidRequest: No grasp is given, the robot has no gripper, or the object is too wide for it.
     """
     instance("service", service, PlannerService, "a PlannerService")
     handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
@@ -123,11 +123,11 @@ def place(
     Args:
         q: Where the robot stands, shape (n,).
         carried: The attached object.
-        poses: Where the object may come to stand, in the base frame, best first.
+        poses: Where the object may be set down, in the base frame, best first.
 
     Raises:
-        UnknownName: no such carried object or support.
-        InvalidRequest: no pose given, or the robot has no gripper.
+        UnknownName: There is no such carried object or support.
+        InvalidRequest: No pose is given, or the robot has no gripper.
     """
     instance("service", service, PlannerService, "a PlannerService")
     handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
@@ -147,7 +147,7 @@ def _require_poses(name: str, poses: object) -> None:
 
 @dataclass(frozen=True)
 class _Touch:
-    """Pairs that may touch within so many metres of the contact (None: on all of the line), and why."""
+    """Pairs that may touch, within how many metres of the contact (None for all of the line), and why."""
 
     pairs: tuple[Pair, ...]
     within: float | None
@@ -160,12 +160,12 @@ class _Contact:
 
     Attributes:
         tool: The tool's pose there.
-        services: Makes what plans the way in and what plans the way out.
+        services: Makes the services that plan the way in and the way out.
         touches_in: Where contact is meant on the straight line in.
         touches_out: Where contact is meant on the straight line out.
         grip: What may touch while the gripper closes or opens there.
-        names: Of the three motions: to the line, along it in, along it out.
-        objection: Why a configuration there makes no sense, judged by the checker of the way in; empty if it does.
+        names: Of the three motions: to the line, in along it, and out along it.
+        objection: Why a configuration there would not do, as the checker of the way in sees it; empty if it would.
     """
 
     tool: Pose
@@ -178,7 +178,7 @@ class _Contact:
 
     @cached_property
     def made(self) -> tuple[PlannerService, PlannerService]:
-        """The services, made when first needed: most grasps are out of reach before that."""
+        """The services, made when first needed: most grasps turn out to be out of reach before that."""
         return self.services()
 
 
@@ -263,7 +263,7 @@ def _standing(service: PlannerService, name: str, handling: Handling) -> tuple[_
 
 
 class _Task:
-    """One pick or place under way: what it has tried and spent."""
+    """One pick or place: what it has tried and spent so far."""
 
     def __init__(self, service: PlannerService, q: ArrayLike, handling: Handling, task: str) -> None:
         self._began = time.perf_counter()
@@ -319,7 +319,7 @@ class _Task:
         return TaskResult(segments, service.world, q, failure, choosing, notes, self._template, self._task, seconds)
 
     def _start_trouble(self) -> Failure | None:
-        """Why no motion can begin here: found out before any grasp is looked at."""
+        """Why no motion can begin where the robot stands: this is checked before any grasp."""
         result = self._service.plan(self._template, cancel=self._handling.cancel)
         self._spent += result.counts
         return result.failure
@@ -339,13 +339,13 @@ class _Task:
                             self._tried.append(f"way {number} with {length * 100:.0f} cm: {line.stopped}")
 
     def _thinned(self, waypoints: FloatArray) -> FloatArray:
-        """As few of the waypoints as the line needs, and the last at which object and support may touch."""
+        """As few waypoints as the line needs, and the last one at which object and support may touch."""
         away = _travel(self._service.robot, waypoints)
         gap = max(k for k, metres in enumerate(away) if metres <= self._handling.support_gap)
         return thinned(self._service.robot, waypoints, keep=(gap,))
 
     def _fitting(self, number: int, contact: _Contact, *, first: bool) -> list[FloatArray]:
-        """Configurations at a contact that make sense there; why there are none is noted the ``first`` time."""
+        """Configurations that would do at a contact; why there are none is noted the ``first`` time."""
         robot, seed = self._service.robot, self._template.seed
         solutions = inverse_kinematics(robot, contact.tool, seed=seed, still=self._standing)
         refused = ["out of reach"] if len(solutions) == 0 else []
@@ -364,10 +364,10 @@ class _Task:
         return fitting
 
     def _motions(self, contact: _Contact, outward: FloatArray) -> tuple[Segment, ...]:
-        """The three motions and what the gripper does between them, the cheapest to refuse first.
+        """The three motions and what the gripper does between them; the cheapest to refuse are planned first.
 
         Raises:
-            _NoMotion: one of them has no plan.
+            _NoMotion: One of them has no plan.
         """
         before, after = contact.made
         inward, (going, into, out) = outward[::-1], contact.names
@@ -388,10 +388,10 @@ class _Task:
     def _gripper_motion(
         self, service: PlannerService, q: FloatArray, width: float, touch: _Touch | None
     ) -> GripperMotion | None:
-        """The gripper going from the width it has to another one; None if it has it already. Looked at once.
+        """The gripper going from its width to another one; None if it has it already. It is proven once and remembered.
 
         Raises:
-            _NoMotion: it is not proven free.
+            _NoMotion: It is not proven free.
         """
         now = service.robot.gripper_width
         if width == now:
@@ -401,13 +401,13 @@ class _Task:
             touching, reason = ((), "") if touch is None else (touch.pairs, touch.reason)
             cancel = self._handling.cancel
             try:
-                found = service.certify_gripper(q, now, width, touching=touching, reason=reason, cancel=cancel)
+                motion = service.certify_gripper(q, now, width, touching=touching, reason=reason, cancel=cancel)
             except Cancelled as cancelled:
                 self._ended = Failure(Stage.CERTIFY, Reason.PREEMPTED, str(cancelled))
                 raise _NoMotion from cancelled
-            self._grips[key] = found
-            self._spent += CheckCounts(distances=found.certificate.distances)
-            self._tried += [found.refused] if found.refused else []
+            self._grips[key] = motion
+            self._spent += CheckCounts(distances=motion.certificate.distances)
+            self._tried += [motion.refused] if motion.refused else []
         if self._grips[key].refused:
             raise _NoMotion
         return self._grips[key]
@@ -426,10 +426,10 @@ class _Task:
         return self._having_plan(name, result)
 
     def _share_of_time(self) -> float | None:
-        """Seconds for the next search: half of what is left, so that other ways get their turn.
+        """Seconds for the next search: half of what is left, so that other grasps get their turn.
 
         Raises:
-            _NoMotion: no time is left.
+            _NoMotion: No time is left.
         """
         if self._deadline is None:
             return None
@@ -441,10 +441,10 @@ class _Task:
         return left / 2.0
 
     def _having_plan(self, name: str, result: PlanResult) -> PlanResult:
-        """The same if it has one; its cost is recorded either way, and a cancelled one ends the task.
+        """The result itself if it has a plan. Its cost is counted either way, and a cancelled one ends the task.
 
         Raises:
-            _NoMotion: it has none.
+            _NoMotion: It has none.
         """
         self._spent += result.counts
         if result.failure is None:
@@ -455,21 +455,21 @@ class _Task:
 
 
 class _NoMotion(Exception):
-    """One of the motions of a way has no plan; why not was noted."""
+    """One of the motions of a grasp or placement has no plan; the reason was noted."""
 
 
 def _travel(robot: Robot, waypoints: FloatArray) -> list[float]:
-    """Metres that the tool's origin has come from the first waypoint at each."""
+    """Metres between the tool's origin at the first waypoint and at each."""
     places = [[row[3] for row in robot.tool_rows(q)] for q in waypoints]
     return [math.dist(places[0], place) for place in places]
 
 
 def _stretches(touches: tuple[_Touch, ...], away: Sequence[float], *, inward: bool) -> tuple[AllowedStretch, ...]:
-    """Where on the line pairs may touch, given each waypoint's metres ``away`` from the contact."""
+    """Where on the line pairs may touch, given how many metres ``away`` from the contact each waypoint is."""
     last = len(away) - 1
-    found = []
+    stretches = []
     for touch in touches:
         reach = last if touch.within is None else max(k for k, metres in enumerate(away) if metres <= touch.within)
         first, end = (last - reach, last) if inward else (0, reach)
-        found.append(AllowedStretch(first, end, touch.pairs, touch.reason))
-    return tuple(found)
+        stretches.append(AllowedStretch(first, end, touch.pairs, touch.reason))
+    return tuple(stretches)

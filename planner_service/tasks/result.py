@@ -1,4 +1,4 @@
-"""What picking and placing take and give: how to handle an object, and the motions that came of it."""
+"""What picking and placing take and return: how to handle an object, and the motions that came of it."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class Handling:
     """How an object is taken or set down.
 
     Attributes:
-        support: What the object stands on before a pick, or on after a place: an obstacle's name.
+        support: The obstacle that the object stands on before a pick, or after a place.
         support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
-        open_width: The gripper's opening around the object; 12 mm of room for each finger if None.
-        request: Planner, timing, seed, scales, padding and limits are taken from here; its start and goal are not. Its
-            ``time_limit`` is for the whole pick or place, its ``max_checks`` for each motion.
-        line_timing: The law along the straight tool lines; the request's if None.
+        open_width: The gripper's opening around the object; None for 12 mm of room on either side.
+        request: Planner, timing, seed, scales, padding and limits; its start and goal are not used. Its ``time_limit``
+            is for the whole pick or place, its ``max_checks`` for each motion.
+        line_timing: The timing law along the straight tool lines; the request's if None.
         cancel: Ends the task before its next check when cancelled from another thread.
     """
 
@@ -66,8 +66,8 @@ class Segment:
         width: The gripper's opening in metres during it; NaN or 0 without a gripper.
         scene: What stands around the robot, and what it carries, during it. If None, the scene it was planned in or,
             where that is unknown, the scene of the motion before.
-        gripper: How it comes to that opening, the arm standing at the motion's start; None if it has it already.
-        timing: Its timing law, where that is another one than the task's request names.
+        gripper: How it comes to that opening, while the arm stands at the motion's start; None if it has it already.
+        timing: Its timing law, if that is not the one of the task's request.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Segment:
 
     @property
     def counts(self) -> CheckCounts:
-        """What the motion asked of the collision checker, its gripper's proof included."""
+        """The collision checks of the motion, including the proof of its gripper."""
         if self.gripper is None:
             return self.result.counts
         return self.result.counts + CheckCounts(distances=self.gripper.certificate.distances)
@@ -117,9 +117,9 @@ class TaskResult:
             by ``PlannerService.of(task.world)``.
         q: Where the robot ends, shape (n,).
         failure: None if every segment has a plan.
-        choosing: What looking for a workable grasp or placement cost, beyond the segments.
-        notes: What was chosen, and what was tried and left.
-        request: What all motions were asked to keep: planner, timing, scales, limits; its goal means nothing.
+        choosing: What it cost to find a grasp or placement that works, beyond the segments.
+        notes: Which was chosen, and why others were not.
+        request: The planner, timing law, scales and limits of all motions; its goal has no meaning.
         task: What was to be done, in words.
         seconds: Wall time of all of it.
     """
@@ -159,7 +159,7 @@ class TaskResult:
 
     @property
     def counts(self) -> CheckCounts:
-        """What the whole task asked of the collision checker."""
+        """The collision checks of the whole task."""
         return sum((segment.counts for segment in self.segments), self.choosing)
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
@@ -173,11 +173,11 @@ class TaskResult:
         return show(self.begin, self, port=port, block=block)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the motions, or how far there are plans, to a JSON file with the robot and the scene of each.
+        """Write the motions, as far as there are plans, to a JSON file with the robot and the scene of each.
 
         Raises:
-            InvalidRequest: something in it has no place in a file.
-            InvalidFile: it cannot be written.
+            InvalidRequest: Something in it has no place in a file.
+            InvalidFile: It cannot be written.
         """
         from planner_service.records.plan_file import save_plan
 
@@ -185,5 +185,5 @@ class TaskResult:
 
     @property
     def duration(self) -> float:
-        """Seconds of motion, the gripper's own not included."""
+        """Seconds of motion, without what the gripper takes to open and close."""
         return math.fsum(s.result.trajectory.duration for s in self.segments if s.result.trajectory is not None)

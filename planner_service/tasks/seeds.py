@@ -1,4 +1,4 @@
-"""The best of several plans: each way round has an optimum of its own, and a seed finds one way."""
+"""The best plan of several seeds: each way around an obstacle has an optimum of its own, and a seed finds one way."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["best_of_seeds", "plan_seeds"]
 
 MAX_SEEDS = 100_000
 
-LACKING = 1e-3
-"""Metres of distance, summed over a curve, by which two that lack some are not told apart."""
+SAME_SHORTFALL = 1e-3
+"""Metres of missing clearance, summed over a curve, up to which two curves count as equally good."""
 
 
 def best_of_seeds(
     service: PlannerService, request: PlanRequest, seeds: Sequence[int], *, engine: Engine | None = None
 ) -> PlanResult:
-    """The best plan of a request with any of some seeds: that lacks least distance, and of such the fastest.
+    """The best plan of a request over several seeds: the one with the least missing clearance, then the fastest.
 
     Without a plan it is the first failure. Ties go to the seed that comes first, whatever the engine.
 
@@ -32,23 +32,22 @@ def best_of_seeds(
         engine: As for ``plan_seeds``.
 
     Raises:
-        InvalidRequest: no seeds, or one that is none.
+        InvalidRequest: There are no seeds, or one is not a seed.
     """
-    found = plan_seeds(service, request, seeds, engine=engine)
-    return min(found, key=_worth)
+    return min(plan_seeds(service, request, seeds, engine=engine), key=_worth)
 
 
 def plan_seeds(
     service: PlannerService, request: PlanRequest, seeds: Sequence[int], *, engine: Engine | None = None
 ) -> tuple[PlanResult, ...]:
-    """The plans of a request with some seeds, in their order.
+    """The plans of a request with each of several seeds, in their order.
 
     Args:
-        engine: As for ``service.plan_many``; if not given they are planned one after the other in this process, which
-            takes less time than to start others unless plans take some tenths of a second.
+        engine: As for ``service.plan_many``. If not given, they are planned one after the other in this process: that
+            is faster than starting others unless a plan takes some tenths of a second.
 
     Raises:
-        InvalidRequest: no seeds, or one that is none.
+        InvalidRequest: There are no seeds, or one is not a seed.
     """
     instance("service", service, PlannerService, "a PlannerService")
     instance("request", request, PlanRequest, "a PlanRequest")
@@ -64,5 +63,5 @@ def _worth(result: PlanResult) -> tuple[float, ...]:
     if result.motion is None:
         return (1.0,)
     report = result.polish
-    lacking = 0.0 if report is None else (report.after if report.kept else report.before).shortfall
-    return 0.0, math.floor(lacking / LACKING), result.motion.duration
+    shortfall = 0.0 if report is None else (report.after if report.kept else report.before).shortfall
+    return 0.0, math.floor(shortfall / SAME_SHORTFALL), result.motion.duration

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from planner_service import (
     PlanResult,
     Pose,
     Reason,
+    RRTConnect,
     Scene,
     SCurve,
     Stage,
@@ -239,6 +241,18 @@ def test_a_proven_plan_is_kept_when_a_limit_ends_the_look_at_its_stops(
     monkeypatch.setattr("planner_service.planning.pipeline.certified_path", spent)
     assert discs.plan(asked()).ok
     assert len(calls) == 2
+
+
+def test_stages_are_logged_for_debugging_and_retries_as_information(
+    discs: PlannerService, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.DEBUG, logger="planner_service")
+    result = discs.plan(asked(planner=RRTConnect(range=0.01), max_checks=3000, time_limit=None))
+    logged = [(record.levelno, record.message.split(":")[0]) for record in caplog.records]
+    stages = [name for level, name in logged if level == logging.DEBUG]
+    assert list(dict.fromkeys(stages)) == [report.stage.value for report in result.stages]
+    retries = [name for level, name in logged if level == logging.INFO]
+    assert retries == [f"attempt {k}" for k in range(2, result.attempts + 1)] != []
 
 
 def test_the_corner_where_a_way_out_ends_is_no_blend() -> None:
