@@ -392,7 +392,7 @@ def test_nor_in_the_way_of_the_proof_of_its_saved_plan(room: PlannerService, swi
     assert not service.certify(found.path).certified
     done = CliRunner().invoke(app, ["certify", plan, "--robot", "planar2", "--scene", world])
     assert done.stdout.startswith("certified: ")
-    assert "of the path is left to go" in done.stdout
+    assert "of its path remains" in done.stdout
 
 
 def test_a_robot_at_rest_at_its_goal_is_given_an_ordinary_plan(room: PlannerService, swing: PlanResult) -> None:
