@@ -39,7 +39,7 @@ def certify(
     if as_json:
         emit(json_text(_document(proven, notes)))
     else:
-        notes += proven.lenience
+        notes += proven.not_checked
         for motion in proven.motions:
             if (part := motion.certificate.part) is not None:
                 notes.append(f"{motion.name}: only s = {part[0]:.4g} to {part[1]:.4g} of its path remains")
@@ -50,7 +50,7 @@ def certify(
 
 
 def _verdicts(proven: Recertified) -> list[str]:
-    """A line per motion and per gripper motion, then the objections that none of them names."""
+    """A line per motion and per gripper motion, then the problems that none of them names."""
     lines, named = [], set()
     for motion in proven.motions:
         if (gripper := motion.gripper) is not None:
@@ -59,7 +59,7 @@ def _verdicts(proven: Recertified) -> list[str]:
             named.add(f"{motion.name}: {gripper.refused}")
         lines.append(f"  {motion.name}: {_verdict(motion.certificate)}")
         named.add(f"{motion.name}: {motion.certificate.refusal}")
-    return [*lines, *(f"  refused: {objection}" for objection in proven.objections if objection not in named)]
+    return [*lines, *(f"  refused: {problem}" for problem in proven.problems if problem not in named)]
 
 
 def _verdict(certificate: Certificate) -> str:
@@ -76,7 +76,7 @@ def _document(proven: Recertified, notes: Sequence[str]) -> dict[str, Any]:
         "scene": proven.world.scene.name,
         "notes": list(notes),
         "certified": proven.certified,
-        "objections": list(proven.objections),
+        "problems": list(proven.problems),
         "allowed": [list(pair) for pair in proven.allowed],
         "motions": [{"name": motion.name, **certificate_record(motion.certificate)} for motion in proven.motions],
     }

@@ -164,7 +164,7 @@ def _opened(
 
 def _rehearsed(opened: _Opened, streaming: Streaming) -> Rehearsal:
     world, plan = opened.proven.world, opened.plan
-    start = opened.proven.motions[0].leg.trajectory(0.0)
+    start = opened.proven.motions[0].motion.trajectory(0.0)
     with SimulatedArm(world.robot, world.scene, start, loose=opened.proven.taken) as arm:
         return rehearse(arm, plan, world.robot, streaming, service=opened.service, allowed=opened.allowed)
 
@@ -197,8 +197,8 @@ def _on_an_arm(opened: _Opened, address: str, streaming: Streaming, *, yes: bool
     if not yes:
         speed = HARDWARE_SPEED if streaming.speed is None else streaming.speed
         names = ", ".join(motion.name for motion in proven.motions)
-        seconds = math.fsum(motion.leg.trajectory.duration for motion in proven.motions)
-        unchecked = ["", "Not checked:", *(f"  {line}" for line in proven.lenience)] if proven.lenience else []
+        seconds = math.fsum(motion.motion.trajectory.duration for motion in proven.motions)
+        unchecked = ["", "Not checked:", *(f"  {line}" for line in proven.not_checked)] if proven.not_checked else []
         missing = (
             []
             if opened.service

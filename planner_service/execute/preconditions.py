@@ -23,7 +23,7 @@ from planner_service.records.recertify import (
     require_same_robot,
     world_of,
 )
-from planner_service.records.task_sequence import Leg
+from planner_service.records.task_sequence import TaskMotion
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.service import PlannerService
@@ -101,7 +101,7 @@ def admitted(
     if allow_unproven:
         return *_unproven(plan, robot if service is None else service.robot), None
     proven = recertify(plan, service, allowed=allowed, squeeze=squeeze).required()
-    return proven.world.robot, [_proven(motion.leg) for motion in proven.motions], proven
+    return proven.world.robot, [_proven(motion.motion) for motion in proven.motions], proven
 
 
 def require_free_opening(proven: Recertified, width: float, near: float) -> None:
@@ -113,7 +113,7 @@ def require_free_opening(proven: Recertified, width: float, near: float) -> None
     Raises:
         NotProven: something is in its way, or it would drop what it carries.
     """
-    first = proven.motions[0].leg.robot
+    first = proven.motions[0].motion.robot
     if first.gripper is not None and abs(first.gripper_width - width) > near:
         if dropped := proven.dropped_from(width):
             raise NotProven(f"{proven.motions[0].name}: {dropped}")
@@ -156,9 +156,9 @@ def _as_it_is(segment: Segment, robot: Robot) -> Motion:
     return replace(_rested(segment.name, result.trajectory, width), grips=bool(fingers & touched))
 
 
-def _proven(leg: Leg) -> Motion:
-    width = None if leg.robot.gripper is None else leg.robot.gripper_width
-    return replace(_rested(leg.name, leg.trajectory, width), grips=leg.taken is not None)
+def _proven(motion: TaskMotion) -> Motion:
+    width = None if motion.robot.gripper is None else motion.robot.gripper_width
+    return replace(_rested(motion.name, motion.trajectory, width), grips=motion.taken is not None)
 
 
 def _rested(name: str, trajectory: Trajectory, width: float | None) -> Motion:

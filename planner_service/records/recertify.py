@@ -1,16 +1,18 @@
-"""Plans and tasks proven again before they are used: a file may have been changed, and so may a value.
+"""Plans and tasks are proven again before they are used: a file may have been changed, and so may a value.
 
-Nothing that a plan says of itself is believed but its motions, the gripper's widths and what is carried. Checked is
+Only the motions, the gripper's widths and the carried objects are taken from a plan; everything it says about them is
+checked:
 
-1. that each motion's trajectory runs along the plan's own path, and the gripper's widths are within its range;
-2. that motions join, and the scene changes only by what the gripper takes or leaves where it stands (``story``);
-3. that each motion keeps the robot's limits, scaled as was asked, and the tool its speed; that time runs on, and s goes
-   along the whole path without a jump and rests at its ends, is what makes a ``Trajectory``;
-4. that every stretch on which a pair was not judged follows from a rule (``exemptions``), or is named again by whoever
-   asks, as are all pairs that the plan was made with as ``allowed``;
-5. that every motion is free then, between samples too, and so is the gripper's own.
+1. Each trajectory runs along the plan's own path, and the gripper's widths are within its range.
+2. The motions join, and the scene changes only by what the gripper takes, or leaves where it stands
+   (``task_sequence``).
+3. Each motion keeps the robot's limits, scaled as requested, and the tool's speed limit. ``Trajectory`` itself makes
+   sure that time and path position increase without a jump and that the motion rests at both ends.
+4. Every stretch on which a pair was not checked follows from a rule (``exemptions``) or is named again by the caller.
+   So is every pair that the plan was made with as ``allowed``.
+5. Every motion is then free, also between samples, and so are the gripper's own motions.
 
-That takes some 2 ms for a plan and 80 ms for a task of seven motions, so it is done wherever a plan comes from.
+It takes about 2 ms for a plan and 80 ms for a task of seven motions, so it is done wherever a plan comes from.
 """
 
 from __future__ import annotations
@@ -28,7 +30,14 @@ from planner_service.planning.timing_stage import peak_tool_speed
 from planner_service.planning.world import World
 from planner_service.records.exemptions import ruled
 from planner_service.records.plan_file import SavedPlan, SavedTask
-from planner_service.records.task_sequence import SAME_WIDTH, Leg, Step, fingers_of, gripped_by, legs
+from planner_service.records.task_sequence import (
+    SAME_WIDTH,
+    ClaimedMotion,
+    TaskMotion,
+    fingers_of,
+    gripped_by,
+    task_motions,
+)
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
@@ -51,110 +60,105 @@ __all__ = [
 Plan = PlanResult | SavedPlan | SavedTask | TaskResult
 
 END_SLACK = 1e-9
-"""Rounding by which a stretch may end beyond its path."""
+"""Path length by which a stretch may end beyond its path, for rounding."""
 
-SLIGHT = 1e-6
-"""Share by which a limit may seem exceeded by rounding."""
+LIMIT_SLACK = 1e-6
+"""Share by which a peak may exceed its limit, for rounding."""
 
-MOST_PAIRS = 3
+TOOL_SLACK = 1e-5
+"""The same for the tool's speed, whose peak is known to six digits."""
+
+MAX_PAIRS = 3
 """Pairs named in one message; a file can exempt them all."""
-
-TOOL_SLIGHT = 1e-5
-"""The same of the tool's speed, whose peak is known to six digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProvenMotion:
-    """One motion with what was found of it.
+    """One motion with its proof.
 
     Attributes:
-        leg: The motion, and the robot and the scene as they are during it.
-        certificate: The proof of its path or its refusal, with the stretches on which pairs were not judged; the
-            reasons are those of the rules.
-        gripper: How the gripper comes to its opening before it, proven too; None if it has it already.
+        motion: The motion with the robot and the scene as they are during it.
+        certificate: The proof of its path or its refusal, with the stretches on which pairs were not checked and the
+            rule that allows each.
+        gripper: The gripper's own motion before it, proven too; None if the gripper does not move.
     """
 
-    leg: Leg
+    motion: TaskMotion
     certificate: Certificate
     gripper: GripperMotion | None = None
 
     @property
     def name(self) -> str:
-        """The motion's."""
-        return self.leg.name
+        """The name of the motion."""
+        return self.motion.name
 
 
 @dataclass(frozen=True, eq=False)
 class Recertified:
-    """What was found of a plan or a task.
+    """What proving a plan or a task again has found.
 
     Attributes:
         world: The robot and the scene in which it begins.
-        motions: Those that could be judged, in order.
-        allowed: Pairs that may touch all the time, which the plan was made with and which were named again.
-        objections: What does not hold, motion by motion; nothing of a plan that is proven.
+        motions: The motions that could be checked, in order.
+        allowed: Pairs that may touch all the time: the plan was made with them, and the caller named them again.
+        problems: What does not hold, motion by motion; empty if all of it is proven.
     """
 
     world: World
     motions: tuple[ProvenMotion, ...]
     allowed: tuple[tuple[str, str], ...]
-    objections: tuple[str, ...]
+    problems: tuple[str, ...]
 
     @property
     def certified(self) -> bool:
         """Whether all of it is proven."""
-        return not self.objections
+        return not self.problems
 
     @property
     def taken(self) -> tuple[str, ...]:
         """The obstacles that the gripper takes."""
-        return tuple(motion.leg.taken.name for motion in self.motions if motion.leg.taken is not None)
+        return tuple(proven.motion.taken.name for proven in self.motions if proven.motion.taken is not None)
 
     @property
-    def lenience(self) -> tuple[str, ...]:
-        """Every pair that is not judged, where, and why."""
+    def not_checked(self) -> tuple[str, ...]:
+        """Every pair that is not checked, where, and why."""
         several = len(self.motions) > 1
         stretches = []
-        for motion in self.motions:
-            if motion.gripper is not None:
-                for stretch in motion.gripper.certificate.exempt:
+        for proven in self.motions:
+            if proven.gripper is not None:
+                for stretch in proven.gripper.certificate.exempt:
                     pairs = ", ".join(f"{a} x {b}" for a, b in stretch.pairs)
-                    stretches.append(
-                        f"{motion.gripper.name} before {motion.name}: not judged: {pairs} ({stretch.reason})"
-                    )
-            stretches += [
-                f"{motion.name}: {stretch}" if several else str(stretch) for stretch in motion.certificate.exempt
-            ]
+                    where = f"{proven.gripper.name} before {proven.name}"
+                    stretches.append(f"{where}: not judged: {pairs} ({stretch.reason})")
+            certificate = proven.certificate
+            stretches += [f"{proven.name}: {each}" if several else str(each) for each in certificate.exempt]
         return (*stretches, *(f"allowed to touch all the time: {a} x {b}" for a, b in self.allowed))
 
     def dropped_from(self, width: float) -> str:
-        """What a gripper that stands ``width`` metres open would drop by opening for the first motion, in words."""
-        return _dropped(self.motions[0].leg, width)
+        """Says what a gripper ``width`` metres open would drop by opening for the first motion; empty for nothing."""
+        return _dropped(self.motions[0].motion, width)
 
     def opening_from(self, width: float) -> GripperMotion | None:
-        """The gripper going from a width, in metres, to the one that the first motion begins with, and its proof.
-
-        None if it stays as it is.
-        """
-        first = self.motions[0].leg
+        """The proven motion of the gripper from a width, in metres, to the first motion's; None if it does not move."""
+        first = self.motions[0].motion
         if first.robot.gripper is None:
             return None
         inside = min(max(width, first.robot.gripper.lower), first.robot.gripper.upper)
         return _gripper_motion(first.robot.with_gripper(inside), None, first, self.allowed)
 
     def required(self) -> Recertified:
-        """This, if it is proven.
+        """The same object, if all of it is proven.
 
         Raises:
             NotProven: it is not.
         """
-        if self.objections:
-            raise NotProven(*self.objections)
+        if self.problems:
+            raise NotProven(*self.problems)
         return self
 
 
 def planned_elsewhere(plan: Plan) -> bool:
-    """Whether any of a plan was not planned in this process."""
+    """Whether any motion of a plan was planned by another process."""
     return any(result.origin is None for result in _results(plan))
 
 
@@ -165,10 +169,10 @@ def _results(plan: Plan) -> list[PlanResult]:
 
 
 def world_of(plan: Plan) -> World:
-    """The robot and the scene in which a plan begins, as far as they come with it.
+    """The robot and the scene in which a plan begins.
 
     Raises:
-        InvalidRequest: they do not: another process planned it.
+        InvalidRequest: another process made the plan, so they are not known.
     """
     origins = [result.origin for result in _results(plan)]
     if origins and None not in origins and not isinstance(plan, SavedTask) and origins[0] is not None:
@@ -187,20 +191,20 @@ def recertify(
     padding: float = 0.0,
     squeeze: float = 0.0,
 ) -> Recertified:
-    """A plan or a task proven again, motion by motion; see the list above for what is checked.
+    """Prove a plan or a task again, motion by motion; the list at the top of this module says what is checked.
 
     Args:
-        service: The robot and the scene in which it begins, which those that it was made with must equal; these if not
-            given.
-        allowed: Pairs that may touch although no rule says so: those that the plan was made with as ``allowed``, and
-            those of a stretch of its own. What ``service`` allows is named, too.
-        padding: Metres that every judged pair is to keep.
-        squeeze: Metres that a gripper is to be told to close beyond what it takes: proven free that far, should what it
-            takes give way or not be there.
+        service: The robot and the scene in which it has to begin; those it was made with must be equal. If not given,
+            those it was made with.
+        allowed: Pairs that may touch although no rule says so: pairs the plan was made with as ``allowed``, or that it
+            exempts on a stretch. Pairs that ``service`` allows count as named, too.
+        padding: Metres that every checked pair has to keep.
+        squeeze: Metres by which the gripper is commanded to close beyond the width of what it takes. Closing is proven
+            free that far, in case the object gives way or is not there.
 
     Raises:
-        InvalidRequest: the plan is a failure, comes without a world, or was made in another than ``service``; a pair
-            is named that it does not need; the padding is out of range.
+        InvalidRequest: the plan is a failure, has no world, or was made in another world than that of ``service``; a
+            named pair is not needed; the padding is out of range.
     """
     if service is not None:
         _require_same_world(plan, service)
@@ -215,38 +219,38 @@ def recertify(
     _require_needed(given, {*map(frozenset, recorded), *stretches})
     named = {frozenset(pair) for pair in (*given, *(() if service is None else service.allowed))}
     lenient = tuple(pair for pair in recorded if frozenset(pair) in named)
-    objections = [
+    problems = [
         f"it was planned with {a} x {b} allowed to touch; {_how_to_name([(a, b)])}"
         for a, b in recorded
         if frozenset((a, b)) not in named
     ]
-    steps, paces = _steps(plan, world), _paces(plan, _segments(plan, world))
-    found: list[Leg] = []
+    claims, paces = _claims(plan, world), _paces(plan, _segments(plan, world))
+    motions: list[TaskMotion] = []
     try:
-        found.extend(legs(world.robot, world.scene, steps))
+        motions.extend(task_motions(world.robot, world.scene, claims))
     except NotProven as unsound:
-        objections += unsound.problems
-    if found and isinstance(plan, SavedTask) and (dropped := _dropped(found[0], plan.robot.gripper_width)):
-        objections.append(f"{found[0].name}: {dropped}")
-    motions = []
-    for k, (leg, pace) in enumerate(zip(found, paces, strict=False)):
-        exempt, refused = _exempt(found[k - 1] if k else None, leg, named)
-        troubles = [*_law_troubles(leg, pace), *refused]
+        problems += unsound.problems
+    if motions and isinstance(plan, SavedTask) and (dropped := _dropped(motions[0], plan.robot.gripper_width)):
+        problems.append(f"{motions[0].name}: {dropped}")
+    proven = []
+    for before, motion, pace in zip([None, *motions], motions, paces, strict=False):
+        exempt, refused = _exempt(before, motion, named)
+        refused = [*_exceeded_limits(motion, pace), *refused]
         try:
-            certificate = _certificate(leg, exempt, lenient, padding, whole=len(steps) > 1)
+            certificate = _certificate(motion, exempt, lenient, padding, whole=len(claims) > 1)
         except InvalidRequest as error:
-            objections += [f"{leg.name}: {text}" for text in (error, *troubles)]
+            problems += [f"{motion.name}: {text}" for text in (error, *refused)]
             continue
-        troubles = troubles if certificate.refusal is None else [str(certificate.refusal), *troubles]
-        objections += [f"{leg.name}: {text}" for text in troubles]
-        grip = _gripper_motion(world.robot, found[k - 1] if k else None, leg, lenient, squeeze)
-        objections += [f"{leg.name}: {grip.refused}"] if grip is not None and grip.refused else []
-        motions.append(ProvenMotion(leg, certificate, grip))
-    return Recertified(world, tuple(motions), lenient, tuple(objections))
+        refused = refused if certificate.refusal is None else [str(certificate.refusal), *refused]
+        problems += [f"{motion.name}: {text}" for text in refused]
+        gripper = _gripper_motion(world.robot, before, motion, lenient, squeeze)
+        problems += [f"{motion.name}: {gripper.refused}"] if gripper is not None and gripper.refused else []
+        proven.append(ProvenMotion(motion, certificate, gripper))
+    return Recertified(world, tuple(proven), lenient, tuple(problems))
 
 
 def _require_same_world(plan: Plan, service: PlannerService) -> None:
-    """Raise for a plan that is known to be of another robot than that of a service, or to begin in another scene."""
+    """Refuse a plan that is known to be for another robot than the service's, or to begin in another scene."""
     require_same_robot(plan, service.robot)
     if isinstance(plan, PlanResult) and plan.origin is None:
         return
@@ -257,7 +261,7 @@ def _require_same_world(plan: Plan, service: PlannerService) -> None:
 
 
 def require_same_robot(plan: Plan, robot: Robot) -> None:
-    """Raise for a plan that is known to be of another robot, however far its gripper is open."""
+    """Refuse a plan that is known to be for another robot; how far the gripper is open does not matter."""
     for made in _robots(plan):
         same_width = robot.gripper is None or made.gripper is None or robot.gripper_width == made.gripper_width
         opened = robot if same_width else robot.with_gripper(made.gripper_width)
@@ -276,7 +280,7 @@ def _robots(plan: Plan) -> list[Robot]:
 
 
 def _made_with(plan: Plan, results: Sequence[PlanResult]) -> tuple[tuple[str, str], ...]:
-    """Pairs that were allowed to touch all the time when a plan was made."""
+    """Pairs that could touch all the time when a plan was made."""
     pairs = list(plan.allowed) if isinstance(plan, SavedPlan | SavedTask) else []
     for result in results:
         pairs += [] if result.origin is None else result.origin.world.allowed
@@ -291,23 +295,23 @@ def _require_needed(given: Sequence[tuple[str, str]], needed: set[frozenset[str]
 
 
 def _how_to_name(pairs: Sequence[tuple[str, str]]) -> str:
-    options = [f"--allow {shlex.quote(f'{a}:{b}')}" for a, b in pairs[:MOST_PAIRS]]
-    tuples = [str(pair) for pair in pairs[:MOST_PAIRS]]
-    more = ["..."] if len(pairs) > MOST_PAIRS else []
+    options = [f"--allow {shlex.quote(f'{a}:{b}')}" for a, b in pairs[:MAX_PAIRS]]
+    tuples = [str(pair) for pair in pairs[:MAX_PAIRS]]
+    more = ["..."] if len(pairs) > MAX_PAIRS else []
     python = f"allowed=[{', '.join([*tuples, *more])}]"
     return f"if the contact is intended, allow it: {' '.join([*options, *more])} (Python: {python})"
 
 
-def _steps(plan: Plan, world: World) -> list[Step]:
-    """What a plan says of its motions."""
-    steps: list[Step] = []
+def _claims(plan: Plan, world: World) -> list[ClaimedMotion]:
+    """What a plan claims of its motions."""
+    claims: list[ClaimedMotion] = []
     attached = world.scene.attached
     for segment in _segments(plan, world):
         origin = segment.result.origin
         scene = segment.scene if origin is None else origin.world.scene
         attached = attached if scene is None else scene.attached
-        steps.append(Step(segment.name, segment.result, segment.width, attached, scene))
-    return steps
+        claims.append(ClaimedMotion(segment.name, segment.result, segment.width, attached, scene))
+    return claims
 
 
 def _segments(plan: Plan, world: World) -> Sequence[Segment]:
@@ -319,61 +323,63 @@ def _segments(plan: Plan, world: World) -> Sequence[Segment]:
 
 
 def _paces(plan: Plan, segments: Sequence[Segment]) -> list[Pace | None]:
-    """How fast each motion was to be at most; None where that is not known: then the robot's own limits hold."""
-    told = None if isinstance(plan, PlanResult) else plan.request
-    return [_pace(segment, told) for segment in segments]
+    """How fast each motion was allowed to be; None where that is not known, and the robot's own limits hold."""
+    request = None if isinstance(plan, PlanResult) else plan.request
+    return [_pace(segment, request) for segment in segments]
 
 
-def _pace(segment: Segment, told: PlanRequest | None) -> Pace | None:
+def _pace(segment: Segment, request: PlanRequest | None) -> Pace | None:
     origin = segment.result.origin
     if origin is not None and (origin.pace is not None or origin.request is not None):
         return origin.pace if origin.request is None else Pace.of(origin.request)
-    return None if told is None else Pace.of(told, segment.timing)
+    return None if request is None else Pace.of(request, segment.timing)
 
 
-def _law_troubles(leg: Leg, asked: Pace | None) -> list[str]:
-    """What of a motion is beyond the limits."""
-    robot, trajectory = leg.robot, leg.trajectory
-    pace = asked
-    if trajectory.s(0.0, 1) > 0.0:  # a motion that was replanned; it may be a stop, with all that the robot has
+def _exceeded_limits(motion: TaskMotion, requested: Pace | None) -> list[str]:
+    """Which limits a motion exceeds, where and by how much."""
+    robot, trajectory = motion.robot, motion.trajectory
+    pace = requested
+    if trajectory.s(0.0, 1) > 0.0:  # a replanned motion; it may be a stop, which uses all that the robot can do
         pace = None
     limits = robot.limits if pace is None else pace.limits(robot)
-    told = []
+    exceeded = []
     try:
-        found = peaks(trajectory, limits)
+        measured = peaks(trajectory, limits)
     except InvalidRequest as error:
         return [str(error)]
     kinds = ["velocity", "acceleration"]
     kinds += ["jerk"] if pace is not None and isinstance(pace.timing, SCurve) else []
     for kind in kinds:
-        peak = getattr(found, kind)
-        if not peak.ratio <= 1.0 + SLIGHT:
+        peak = getattr(measured, kind)
+        if not peak.ratio <= 1.0 + LIMIT_SLACK:
             joint = robot.joint_names[peak.joint]
-            told.append(f"{joint} reaches {peak.ratio:.4g} times the {kind} allowed, at t = {peak.time:.3f} s")
+            exceeded.append(f"{joint} reaches {peak.ratio:.4g} times the {kind} allowed, at t = {peak.time:.3f} s")
     most = None if pace is None else pace.max_tool_speed
-    if most is not None and not (speed := peak_tool_speed(robot, trajectory)) <= most * (1.0 + TOOL_SLIGHT):
-        told.append(f"the tool moves at {speed:.4g} m/s; the request allows {most:g} (max_tool_speed)")
-    return told
+    if most is not None and not (speed := peak_tool_speed(robot, trajectory)) <= most * (1.0 + TOOL_SLACK):
+        exceeded.append(f"the tool moves at {speed:.4g} m/s; the request allows {most:g} (max_tool_speed)")
+    return exceeded
 
 
-def _exempt(before: Leg | None, leg: Leg, named: set[frozenset[str]]) -> tuple[tuple[ExemptInterval, ...], list[str]]:
-    """The stretches of a motion that a rule gives, or that were named, and what is wrong with the others."""
+def _exempt(
+    before: TaskMotion | None, motion: TaskMotion, named: set[frozenset[str]]
+) -> tuple[tuple[ExemptInterval, ...], list[str]]:
+    """The stretches of a motion that a rule or the caller allows, and what is wrong with the others."""
     exempt: list[ExemptInterval] = []
     refused: list[str] = []
     unruled: dict[tuple[str, str], list[tuple[str, str]]] = {}
-    names = Names(leg.robot, leg.scene)
-    known = {*(names.link(shape.link) for shape in leg.robot.shapes), *map(names.object, leg.scene.names)}
-    for stretch in leg.result.exempt:
+    names = Names(motion.robot, motion.scene)
+    known = {*(names.link(shape.link) for shape in motion.robot.shapes), *map(names.object, motion.scene.names)}
+    for stretch in motion.result.exempt:
         reasons: dict[str, list[tuple[str, str]]] = {}
         for pair in stretch.pairs:
             a, b = pair
             if not {a, b} <= known:
                 refused.append(f"{a!r} x {b!r} is exempt, but the robot and the scene have no such pair")
                 continue
-            if stretch.s_end > leg.trajectory.path.length + END_SLACK:
+            if stretch.s_end > motion.trajectory.path.length + END_SLACK:
                 refused.append(f"{a} x {b} is exempt up to s = {stretch.s_end:.6g}, beyond the end of the path")
                 continue
-            ruling = ruled(before, leg, stretch, pair)
+            ruling = ruled(before, motion, stretch, pair)
             if ruling.reason or frozenset(pair) in named:
                 reasons.setdefault(ruling.reason or "named as a pair that may touch", []).append(pair)
                 continue
@@ -381,20 +387,20 @@ def _exempt(before: Leg | None, leg: Leg, named: set[frozenset[str]]) -> tuple[t
             unruled.setdefault((where, ruling.objection), []).append(pair)
         exempt += [replace(stretch, pairs=tuple(pairs), reason=reason) for reason, pairs in reasons.items()]
     for (where, why), pairs in unruled.items():
-        first = ", ".join(f"{a} x {b}" for a, b in pairs[:MOST_PAIRS])
-        more = f" and {len(pairs) - MOST_PAIRS} more pairs" if len(pairs) > MOST_PAIRS else ""
+        first = ", ".join(f"{a} x {b}" for a, b in pairs[:MAX_PAIRS])
+        more = f" and {len(pairs) - MAX_PAIRS} more pairs" if len(pairs) > MAX_PAIRS else ""
         verb = "is" if len(pairs) == 1 else "are"
         refused.append(f"{first}{more} {verb} not judged {where}: {why}; {_how_to_name(pairs)}")
     return tuple(exempt), refused
 
 
 def squeezed(robot: Robot, width: float, squeeze: float) -> float:
-    """The width, in metres, that a gripper closing on something is told, so that it presses."""
+    """The width, in metres, that a gripper closing on an object is commanded to, so that it presses."""
     return width if robot.gripper is None else max(robot.gripper.lower, width - squeeze)
 
 
-def _dropped(first: Leg, width: float) -> str:
-    """What a gripper that stands ``width`` metres open would drop by opening for the first motion, in words."""
+def _dropped(first: TaskMotion, width: float) -> str:
+    """Says what a gripper ``width`` metres open would drop by opening for the first motion; empty for nothing."""
     held, wider = gripped_by(first.robot, first.scene.attached), first.robot.gripper_width
     if not held or wider <= width + SAME_WIDTH:
         return ""
@@ -402,38 +408,42 @@ def _dropped(first: Leg, width: float) -> str:
 
 
 def _gripper_motion(
-    first: Robot, before: Leg | None, leg: Leg, allowed: Sequence[tuple[str, str]], squeeze: float = 0.0
+    first: Robot,
+    before: TaskMotion | None,
+    motion: TaskMotion,
+    allowed: Sequence[tuple[str, str]],
+    squeeze: float = 0.0,
 ) -> GripperMotion | None:
-    """How the gripper comes to its opening before a motion, the arm standing where that begins, and its proof."""
+    """The gripper's own motion before one of the arm, proven where the arm stands then; None if it does not move."""
     robot = first if before is None else before.robot
-    widths = robot.gripper_width, leg.robot.gripper_width
+    widths = robot.gripper_width, motion.robot.gripper_width
     if robot.gripper is None or widths[0] == widths[1]:
         return None
-    scene, q = (leg if before is None else before).scene, leg.trajectory(0.0)
+    scene, q = (motion if before is None else before).scene, motion.trajectory(0.0)
     names, touching, reason = Names(robot, scene), list[tuple[str, str]](), ""
     held = None if before is None else before.taken or before.left
     if held is not None:
         touching = [(names.link(finger), names.object(held.name)) for finger in fingers_of(robot)]
         reason = "fingers may touch what they take or leave"
     if before is not None and before.taken is not None:
-        widths = widths[0], squeezed(leg.robot, widths[1], squeeze)
+        widths = widths[0], squeezed(motion.robot, widths[1], squeeze)
     return certify_gripper(robot, scene, q, widths, allowed=allowed, touching=touching, reason=reason)
 
 
 def _certificate(
-    leg: Leg,
+    motion: TaskMotion,
     exempt: Sequence[ExemptInterval],
     allowed: Sequence[tuple[str, str]],
     padding: float,
     *,
     whole: bool,
 ) -> Certificate:
-    trajectory, part = leg.trajectory, leg.trajectory.part
+    trajectory, part = motion.trajectory, motion.trajectory.part
     if part is not None:
         if whole:
             raise InvalidRequest("part", part, "a motion of a task along all of its path")
-        had = None if leg.result.certificate is None else leg.result.certificate.part
+        had = None if motion.result.certificate is None else motion.result.certificate.part
         begin = min(trajectory.begin, had[0]) if had is not None else trajectory.begin
         part = begin, trajectory.end
-    certifier = Certifier(leg.robot, leg.scene, allowed=allowed)
+    certifier = Certifier(motion.robot, motion.scene, allowed=allowed)
     return certifier.certify(trajectory.path, padding=padding, exempt=exempt, part=part)

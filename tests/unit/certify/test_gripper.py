@@ -194,7 +194,7 @@ def test_a_task_is_proven_again_with_the_gripper_as_it_stands() -> None:
     assert told == [(s.gripper.start, s.gripper.end) for s in task.segments if s.gripper is not None]
     closed = recertify(task, service.changed(gripper=0.0))
     assert not closed.certified
-    assert any("cannot open from 0.0 to 69.0 mm: finger_left x plate" in text for text in closed.objections)
+    assert any("cannot open from 0.0 to 69.0 mm: finger_left x plate" in text for text in closed.problems)
 
 
 def test_the_motion_of_the_gripper_is_saved_and_read(tmp_path: Path) -> None:

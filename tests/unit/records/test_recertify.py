@@ -117,7 +117,7 @@ def everything(service: PlannerService, length: float) -> ExemptInterval:
 
 
 def objections(plan: Any, **options: Any) -> str:
-    return "\n".join(recertify(plan, **options).objections)
+    return "\n".join(recertify(plan, **options).problems)
 
 
 def refused(plan: Any, match: str, service: PlannerService, **options: Any) -> None:
@@ -136,7 +136,7 @@ def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(
 ) -> None:
     for plan in (good, saved(bin_, good, tmp_path)):
         found = recertify(plan)
-        assert (found.certified, found.objections, found.lenience) == (True, (), ())
+        assert (found.certified, found.problems, found.not_checked) == (True, (), ())
         assert good.certificate is not None
         assert found.motions[0].certificate.clearance == good.certificate.clearance
         arm = FakeArm(np.array(bin_.robot.home))
@@ -148,7 +148,7 @@ def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: TaskRes
     for plan in (task, SavedTask.of(task), read):
         found = recertify(plan).required()
         assert [motion.name for motion in found.motions] == [segment.name for segment in task.segments]
-        told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.lenience if "gripper" not in line]
+        told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.not_checked if "gripper" not in line]
         assert told == [
             ("descend", f"{fingers} (fingers may touch blue_block, which they take)"),
             ("lift", "blue_block x bin_floor (blue_block stood there)"),
@@ -167,7 +167,7 @@ def test_the_grippers_own_motion_is_proven_too_from_the_width_it_has(
         "lift": "gripper closes",
         "retreat": "gripper opens",
     }
-    assert sum("gripper" in line for line in found.lenience) == 2
+    assert sum("gripper" in line for line in found.not_checked) == 2
     tool = Pose.from_matrix(bin_.robot.tool_pose(bin_.robot.home))
     plate = Obstacle("plate", Box((0.02, 0.004, 0.02)), tool @ Pose((0.0, 0.0, 0.0)))
     beside = PlannerService(bin_.robot, Scene((plate,)))
@@ -230,7 +230,7 @@ def test_an_exemption_over_everything_is_refused_in_two_lines_the_collision_firs
     forged = through_the_post(good, bin_, everything(bin_, length))
     plan = saved(bin_, forged, tmp_path)
     refused(plan, "no rule of picking or placing allows that contact there", bin_)
-    collision, exempt = recertify(plan).objections
+    collision, exempt = recertify(plan).problems
     assert "is not proven apart" in collision
     assert re.search(r"^motion: base_link x table, .* and \d+ more pairs are not judged from s = 0 to ", exempt)
     one = ExemptInterval(0.0, length, (("link_4", "demo_post"),), "grasp")
@@ -249,7 +249,7 @@ def test_a_stretch_that_no_rule_gives_is_honoured_once_its_pairs_are_named_again
     for plan in (made, saved(bin_, made, tmp_path)):
         assert "link_6 x demo_post is not judged from s = 0 to" in objections(plan)
         found = recertify(plan, allowed=[("demo_post", "link_6")]).required()
-        assert [pair for line in found.lenience for pair in [line.split(": ")[1]]] == [
+        assert [pair for line in found.not_checked for pair in [line.split(": ")[1]]] == [
             "link_6 x demo_post (named as a pair that may touch)"
         ]
         arm = FakeArm(np.array(bin_.robot.home))
@@ -269,7 +269,7 @@ def test_pairs_that_a_plan_was_made_with_are_named_again_by_whoever_executes(hom
         found = recertify(plan, allowed=[("link_6", "demo_post")])
         assert (found.certified, found.allowed) == (True, (("demo_post", "link_6"),))
         assert recertify(plan, service=lenient).certified  # who gives a service that allows it has named it
-        assert "allowed to touch all the time: demo_post x link_6" in found.lenience
+        assert "allowed to touch all the time: demo_post x link_6" in found.not_checked
 
 
 def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(
