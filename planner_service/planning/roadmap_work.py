@@ -70,10 +70,10 @@ def require_grower(planner: object) -> None:
 def require_robot(roadmap: Roadmap, robot: Robot) -> None:
     """Raise for a roadmap whose joints are not those of a robot, or that goes beyond their limits."""
     names, limits = None if roadmap.terms is None else roadmap.terms.joint_names, robot.limits
-    if names not in (None, robot.joint_names) or roadmap.net.n != robot.n:
-        known = f"{roadmap.net.n} joints" if names is None else ", ".join(names)
+    if names not in (None, robot.joint_names) or roadmap.graph.n != robot.n:
+        known = f"{roadmap.graph.n} joints" if names is None else ", ".join(names)
         raise InvalidRequest("planner", f"a roadmap of {known}", f"one of {', '.join(robot.joint_names)}")
-    low, high = roadmap.net.span
+    low, high = roadmap.graph.span
     if len(roadmap.milestones) and not ((low >= limits.lower) & (high <= limits.upper)).all():
         raise InvalidRequest("planner", "a roadmap with milestones beyond the joint limits", f"one of {robot.name}")
 

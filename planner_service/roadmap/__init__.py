@@ -1,4 +1,4 @@
-"""Roadmaps as values: built once, saved, asked, and told the truth when the scene changes."""
+"""Roadmaps as values: built once, saved, queried, and kept true when the scene changes."""
 
 from planner_service.roadmap.reference import RoadmapReference
 from planner_service.roadmap.roadmap import Built, Roadmap

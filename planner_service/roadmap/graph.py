@@ -1,8 +1,8 @@
-"""The geometry of a roadmap: milestones and the edges between them, whatever is known of these.
+"""The geometry of a roadmap: its milestones and the edges between them, whatever their verdicts.
 
-A net only ever gains: its milestones and edges keep their numbers. What was grown at once is a ``Trunk``, for which
-more is worked out, once, than for the paths that were added one by one; nets that come from each other share it. What a
-net answers depends on its milestones and edges, on how many of them are its trunk's, and on nothing asked before.
+A graph only grows: its milestones and edges keep their numbers. Those grown at once form its ``Trunk``, for which
+lookup tables are built once; paths added later are looked through one by one. Graphs made from each other share their
+trunk. A graph's answers depend on its milestones and edges and on how many belong to its trunk, not on earlier queries.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, numbers, read_only
 from planner_service.search.problem import joint_distance
 
-__all__ = ["Neighbour", "Net", "Spots", "Trunk", "checked_edges", "motion"]
+__all__ = ["EdgePoints", "Graph", "Neighbour", "Trunk", "checked_edges", "motion"]
 
 IntArray = NDArray[np.int64]
 
 Neighbour = tuple[int, float, int]
-"""A milestone at the other end of an edge, the length of that edge, and its number."""
+"""The milestone at the other end of an edge, the edge's length, and its number."""
 
 SPACING = 0.1
-"""Metres of motion between places on an edge. With half of it the nearest place is no nearer: six joints are many."""
+"""Metres of motion between points on an edge. Half of it brings the nearest point no nearer, with six joints."""
 
-MOST_ON_EDGES = 120_000
-"""Places on the edges of a trunk at most: beyond some ten thousand milestones these alone lie as close."""
+MAX_EDGE_POINTS = 120_000
+"""The most points on the edges of a trunk: from about ten thousand milestones on, these alone lie as close."""
 
-MOST_ON_ONE = 1_000
-"""Places on one edge at most; a robot's are a few metres long, those of a file may be anything."""
+MAX_POINTS_PER_EDGE = 1_000
+"""The most points on one edge. A robot's edges are a few metres long; those in a file may have any length."""
 
 
 class Trunk:
-    """Milestones and edges that were grown at once, and what is worked out for them when first asked for."""
+    """The milestones and edges that were grown at once, with lookup tables that are built when first needed."""
 
     def __init__(self, milestones: FloatArray, edges: IntArray, reach: FloatArray) -> None:
         self.milestones, self.edges, self.reach = milestones, edges, reach
-        self._lists: dict[int, list[Neighbour]] = {}  # rows as they were asked for: lists are quicker than arrays
+        self._lists: dict[int, list[Neighbour]] = {}  # lists are faster than arrays
 
     @cached_property
     def _rows(self) -> tuple[list[int], IntArray, FloatArray, IntArray]:
-        """The edges at each milestone: where its rows begin; then other end, length and number of the edge of each."""
+        """The edges sorted by milestone: where its rows start; other end, length and number of each edge."""
         count = len(self.edges)
         one, two = self.edges[:, 0], self.edges[:, 1]
         at, other = np.concatenate([one, two]), np.concatenate([two, one])
@@ -55,18 +55,18 @@ class Trunk:
         return starts, other[order], lengths_of(self.milestones, self.edges)[number], number
 
     def around(self, milestone: int) -> list[Neighbour]:
-        """What is joined to a milestone by edges; not to be changed."""
-        found = self._lists.get(milestone)
-        if found is None:
+        """The neighbours of a milestone; do not change the list."""
+        neighbours = self._lists.get(milestone)
+        if neighbours is None:
             starts, other, lengths, number = self._rows
             rows = slice(starts[milestone], starts[milestone + 1])
-            found = list(zip(other[rows].tolist(), lengths[rows].tolist(), number[rows].tolist(), strict=True))
-            self._lists[milestone] = found
-        return found
+            neighbours = list(zip(other[rows].tolist(), lengths[rows].tolist(), number[rows].tolist(), strict=True))
+            self._lists[milestone] = neighbours
+        return neighbours
 
     @cached_property
     def components(self) -> list[int]:
-        """Which of the connected components each milestone is in, over edges of whatever verdict."""
+        """The connected component of each milestone, over edges of any verdict."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -78,67 +78,67 @@ class Trunk:
 
     @cached_property
     def milestone_tree(self) -> Any:
-        """The milestones in metres of motion, to look up neighbours."""
+        """The milestones in metres of motion, for nearest-neighbour queries."""
         return _tree_of(self.milestones * self.reach)
 
     @cached_property
     def spacing(self) -> float:
-        """Metres of motion between the places on an edge."""
+        """Metres of motion between the points on an edge."""
         a, b = self.milestones[self.edges[:, 0]], self.milestones[self.edges[:, 1]]
-        return max(SPACING, math.fsum(motion(a, b, self.reach).tolist()) / MOST_ON_EDGES)
+        return max(SPACING, math.fsum(motion(a, b, self.reach).tolist()) / MAX_EDGE_POINTS)
 
     @cached_property
-    def spots(self) -> Spots:
-        """The places on all edges."""
-        return Spots(self, np.arange(len(self.edges)), self.spacing)
+    def edge_points(self) -> EdgePoints:
+        """Points along all edges."""
+        return EdgePoints(self, np.arange(len(self.edges)), self.spacing)
 
     @cached_property
-    def spot_tree(self) -> Any:
-        """These in metres of motion, to look up neighbours."""
-        return _tree_of(self.spots.q * self.reach)
+    def edge_point_tree(self) -> Any:
+        """Them in metres of motion, for nearest-neighbour queries."""
+        return _tree_of(self.edge_points.q * self.reach)
 
 
-class Spots:
-    """Places along edges, evenly spaced: configurations (p, n), and the edge each is on, (p,)."""
+class EdgePoints:
+    """Evenly spaced points along edges: configurations q (p, n) and the edge of each, (p,)."""
 
-    def __init__(self, net: Net | Trunk, edges: IntArray, spacing: float) -> None:
-        ends = net.edges[edges]
-        a, b = net.milestones[ends[:, 0]], net.milestones[ends[:, 1]]
-        parts = np.clip(motion(a, b, net.reach) / spacing, 1, MOST_ON_ONE).astype(np.int64)
+    def __init__(self, graph: Graph | Trunk, edges: IntArray, spacing: float) -> None:
+        ends = graph.edges[edges]
+        a, b = graph.milestones[ends[:, 0]], graph.milestones[ends[:, 1]]
+        parts = np.clip(motion(a, b, graph.reach) / spacing, 1, MAX_POINTS_PER_EDGE).astype(np.int64)
         on = np.repeat(np.arange(len(edges)), parts - 1)
         step = np.arange(len(on)) - np.repeat(np.cumsum(parts - 1) - (parts - 1), parts - 1) + 1
         self.q = a[on] + (b - a)[on] * (step / parts[on])[:, None]
         self.edge = edges[on]
 
 
-class Net:
-    """A trunk, and the paths added to it.
+class Graph:
+    """A trunk and the paths added to it.
 
     Attributes:
-        trunk: Its first milestones and edges.
+        trunk: The first milestones and edges.
         milestones: Shape (N, n), read-only.
         edges: Shape (E, 2), read-only: the two milestones of each edge, the smaller index first, each edge once.
-        reach: Metres that any point of the robot moves per unit of each joint at most, (n,): what an edge costs to
-            judge goes with the sum of ``reach * |dq|``.
+        reach: The most that any point of the robot moves per unit of each joint (m), shape (n,). The cost of checking
+            an edge grows with the sum of ``reach * |dq|``.
     """
 
     def __init__(self, trunk: Trunk, milestones: FloatArray, edges: IntArray) -> None:
         self.trunk, self.milestones, self.edges, self.reach = trunk, milestones, edges, trunk.reach
         self._added: dict[int, tuple[Neighbour, ...]] = {}
-        self._merged: dict[int, int] = {}  # components that an added edge joined to others
+        self._merged: dict[int, int] = {}  # components that added edges joined to others
         self._note(range(len(trunk.edges), len(edges)))
 
     @classmethod
     def of(
         cls, milestones: FloatArray, edges: IntArray, reach: FloatArray, grown: tuple[int, int] | None = None
-    ) -> Net:
-        """The net of some milestones and edges.
+    ) -> Graph:
+        """The graph of some milestones and edges.
 
         Args:
-            grown: How many of each are the trunk's; all if not given.
+            grown: How many of each belong to the trunk; all if not given.
 
         Raises:
-            InvalidRequest: there are not so many, or an edge of the trunk leads out of it.
+            InvalidRequest: There are fewer, or an edge of the trunk leads out of it.
         """
         count, many = (len(milestones), len(edges)) if grown is None else grown
         if not (0 <= count <= len(milestones) and 0 <= many <= len(edges)) or (edges[:many] >= count).any():
@@ -147,12 +147,12 @@ class Net:
 
     @property
     def n(self) -> int:
-        """Joints."""
+        """Number of joints."""
         return int(self.milestones.shape[1])
 
     @property
     def grown(self) -> tuple[int, int]:
-        """How many milestones and edges are the trunk's."""
+        """How many milestones and edges belong to the trunk."""
         return len(self.trunk.milestones), len(self.trunk.edges)
 
     @cached_property
@@ -167,36 +167,36 @@ class Net:
         return lengths_of(self.milestones, self.edges)
 
     @cached_property
-    def added_spots(self) -> Spots:
-        """The places on edges that were added."""
-        return Spots(self, np.arange(len(self.trunk.edges), len(self.edges)), SPACING)
+    def added_points(self) -> EdgePoints:
+        """Points along the edges that were added."""
+        return EdgePoints(self, np.arange(len(self.trunk.edges), len(self.edges)), SPACING)
 
     def around(self, milestone: int) -> list[Neighbour]:
-        """What is joined to a milestone by edges; not to be changed."""
-        found = self.trunk.around(milestone) if milestone < len(self.trunk.milestones) else []
-        return [*found, *self._added[milestone]] if milestone in self._added else found
+        """The neighbours of a milestone; do not change the list."""
+        grown = self.trunk.around(milestone) if milestone < len(self.trunk.milestones) else []
+        return [*grown, *self._added[milestone]] if milestone in self._added else grown
 
     def component(self, milestone: int) -> int:
-        """A number that milestones have in common between which there is a way over edges, blocked ones included."""
+        """The number of a milestone's connected component, over edges of any verdict."""
         count = len(self.trunk.milestones)
         known = self.trunk.components[milestone] if milestone < count else milestone + count
         while known in self._merged:
             known = self._merged[known]
         return known
 
-    def with_path(self, points: FloatArray) -> tuple[Net, list[int], list[int]]:
-        """The net with the waypoints (k, n) of a path as milestones, where none is yet, and its pieces as edges.
+    def with_path(self, points: FloatArray) -> tuple[Graph, list[int], list[int]]:
+        """Add the waypoints (k, n) of a path as milestones, unless they are already, and its pieces as edges.
 
         Returns:
-            It, which milestones the waypoints are, and the numbers of the pieces.
+            The new graph, the milestone of each waypoint, and the edge of each piece.
         """
         count, new = len(self.milestones), []
         path: list[int] = []
         for q in points.tolist():
-            there = np.flatnonzero((self.milestones == np.array(q)).all(axis=1))
-            if len(there) == 0 and q not in new:
+            equal = np.flatnonzero((self.milestones == np.array(q)).all(axis=1))
+            if len(equal) == 0 and q not in new:
                 new.append(q)
-            path.append(int(there[0]) if len(there) else count + new.index(q))
+            path.append(int(equal[0]) if len(equal) else count + new.index(q))
         steps = [(min(a, b), max(a, b)) for a, b in pairwise(path) if a != b]
         number: dict[tuple[int, int], int] = {}
         for a, b in steps:
@@ -209,15 +209,15 @@ class Net:
         edges = _frozen(np.concatenate([self.edges, np.array(joined, dtype=np.int64).reshape(-1, 2)]))
         return self._longer(milestones, edges), path, [number[step] for step in steps]
 
-    def _longer(self, milestones: FloatArray, edges: IntArray) -> Net:
-        """This net and more."""
-        net = Net(self.trunk, milestones, edges[: len(self.trunk.edges)])
-        net._added, net._merged, net.edges = dict(self._added), dict(self._merged), edges
-        net._note(range(len(self.edges), len(edges)))
-        return net
+    def _longer(self, milestones: FloatArray, edges: IntArray) -> Graph:
+        """This graph with more milestones and edges."""
+        graph = Graph(self.trunk, milestones, edges[: len(self.trunk.edges)])
+        graph._added, graph._merged, graph.edges = dict(self._added), dict(self._merged), edges
+        graph._note(range(len(self.edges), len(edges)))
+        return graph
 
     def _note(self, numbers: range) -> None:
-        """Take in edges that were added, by their numbers."""
+        """Enter added edges, given by their numbers."""
         for number in numbers:
             a, b = self.edges[number].tolist()
             length = joint_distance(self.milestones[a].tolist(), self.milestones[b].tolist())
@@ -229,7 +229,7 @@ class Net:
 
 
 def motion(a: FloatArray, b: FloatArray, reach: FloatArray) -> FloatArray:
-    """Metres that any point of a robot moves from configurations a (m, n) to b, (m, n) or (n,), at most; (m,)."""
+    """The most that any point of a robot moves (m) from configurations a (m, n) to b, (m, n) or (n,); shape (m,)."""
     total = np.zeros(len(a))
     for joint, metres in enumerate(reach.tolist()):
         total = total + metres * np.abs(b[..., joint] - a[:, joint])
@@ -246,17 +246,17 @@ def lengths_of(milestones: FloatArray, edges: IntArray) -> FloatArray:
 
 
 def _tree_of(points: FloatArray) -> Any:
-    """The tree in which neighbours of points (m, n) are looked up."""
+    """A tree for nearest-neighbour queries among points (m, n)."""
     from scipy.spatial import cKDTree
 
     return cKDTree(points)
 
 
 def checked_edges(edges: ArrayLike, count: int) -> IntArray:
-    """Edges among ``count`` milestones as a user gives them: the smaller index first, sorted, each once; read-only.
+    """A user's edges among ``count`` milestones, sorted, the smaller index first and each edge once; read-only.
 
     Raises:
-        InvalidRequest: not rows of two different milestones that are there.
+        InvalidRequest: A row is not two different milestones of these.
     """
     expected = "rows of two milestones each, shape (E, 2)"
     given = numbers("edges", edges, expected)

@@ -1,7 +1,7 @@
-"""Where a configuration may be joined to a roadmap: at its milestones, and along edges known to be free.
+"""The places where a configuration may join a roadmap: its milestones, and points along edges known to be free.
 
-What came after the trunk is looked through place by place; what there is of the trunk is looked up in its trees, unless
-few of its edges are free. The nearest places come first, whatever was asked before.
+Places on the trunk are found by its trees, unless few of its edges are free; later additions are searched one by one.
+The nearest places come first, whatever the earlier queries.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.geometry.shapes import FloatArray
-from planner_service.roadmap.graph import Net, Spots, motion
+from planner_service.roadmap.graph import EdgePoints, Graph, motion
 
 __all__ = ["Place", "nearest_places"]
 
@@ -21,19 +21,19 @@ IntArray = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 LOOKED_UP = (24, 128, 1024)
-"""Nearest places of the trunk looked up at first, and then if these are too few: many may lie on the same edge."""
+"""Nearest places of the trunk to look up first, and then if these are too few: many may lie on the same edge."""
 
-FEW = 0.25
-"""Share of the trunk's edges up to which looking through the free ones alone is better than looking up among all."""
+MAX_FREE_SHARE = 0.25
+"""Share of free edges in the trunk up to which searching them one by one is faster than the tree of all edges."""
 
 
 class Place(NamedTuple):
-    """A configuration of a roadmap.
+    """A configuration on a roadmap.
 
     Attributes:
-        far: Metres that some point of the robot moves on the way there at most.
-        edge: Which edge it lies on; -1 if it is a milestone.
-        milestone: Which milestone it is; -1 if it is none.
+        far: The most that any point of the robot moves on the way to it (m).
+        edge: The edge on which it lies; -1 for a milestone.
+        milestone: Its milestone; -1 for a point on an edge.
         q: The configuration.
     """
 
@@ -43,19 +43,19 @@ class Place(NamedTuple):
     q: tuple[float, ...]
 
 
-def nearest_places(net: Net, milestones: Flags, edges: Flags, q: FloatArray) -> Iterator[Place]:
-    """Places from near to far from q (n,), on each edge the nearest alone; not all of them, but the nearest thousand.
+def nearest_places(graph: Graph, milestones: Flags, edges: Flags, q: FloatArray) -> Iterator[Place]:
+    """The places nearest to q (n,), about a thousand, nearest first and one for each edge.
 
     Args:
-        milestones: Which may be offered, (N,).
-        edges: Which may, (E,).
+        milestones: Which milestones may be used, (N,).
+        edges: Which edges may be used, (E,).
     """
-    told: set[tuple[int, int]] = set()
+    yielded: set[tuple[int, int]] = set()
     for count in LOOKED_UP:
-        (ours, to_ours), (theirs, to_theirs) = _milestones(net, q, count), _on_edges(net, edges, q, count)
+        (ours, to_ours), (theirs, to_theirs) = _milestones(graph, q, count), _on_edges(graph, edges, q, count)
         ours, theirs = ours[milestones[ours]], _allowed(theirs, edges)
-        points = np.concatenate([net.milestones[ours], theirs.q])
-        far = motion(points, q, net.reach)
+        points = np.concatenate([graph.milestones[ours], theirs.q])
+        far = motion(points, q, graph.reach)
         edge = np.concatenate([np.full(len(ours), -1), theirs.edge])
         milestone = np.concatenate([ours, np.full(len(theirs.edge), -1)])
         order = np.lexsort((milestone, edge, far))
@@ -64,44 +64,46 @@ def nearest_places(net: Net, milestones: Flags, edges: Flags, q: FloatArray) -> 
         order = order[np.sort(first)]
         columns = (array[order].tolist() for array in (far, edge, milestone))
         for place in map(Place, *columns, map(tuple, points[order].tolist())):
-            if place[1:3] not in told:
-                told.add(place[1:3])
+            if place[1:3] not in yielded:
+                yielded.add(place[1:3])
                 yield place
         if min(to_ours, to_theirs) == np.inf:
             return
 
 
-class _Some(NamedTuple):
+class _Points(NamedTuple):
+    """Configurations (k, n), and the edge of each, (k,)."""
+
     q: FloatArray
     edge: IntArray
 
 
-def _allowed(spots: _Some, edges: Flags) -> _Some:
-    there = edges[spots.edge]
-    return _Some(spots.q[there], spots.edge[there])
+def _allowed(points: _Points, edges: Flags) -> _Points:
+    allowed = edges[points.edge]
+    return _Points(points.q[allowed], points.edge[allowed])
 
 
-def _milestones(net: Net, q: FloatArray, count: int) -> tuple[IntArray, float]:
-    """The nearest milestones, unordered, and how far from q there may be others."""
-    grown = len(net.trunk.milestones)
-    added = np.arange(grown, len(net.milestones))
+def _milestones(graph: Graph, q: FloatArray, count: int) -> tuple[IntArray, float]:
+    """The nearest milestones, unordered, and a distance from q within which there are no others."""
+    grown = len(graph.trunk.milestones)
+    added = np.arange(grown, len(graph.milestones))
     if grown <= count:
-        return np.arange(len(net.milestones)), np.inf
-    far, rows = net.trunk.milestone_tree.query(q * net.reach, k=count, p=1)
+        return np.arange(len(graph.milestones)), np.inf
+    far, rows = graph.trunk.milestone_tree.query(q * graph.reach, k=count, p=1)
     return np.concatenate([np.atleast_1d(rows).astype(np.int64), added]), float(np.max(far))
 
 
-def _on_edges(net: Net, edges: Flags, q: FloatArray, count: int) -> tuple[_Some, float]:
-    """The nearest places on edges, unordered, and how far from q there may be others."""
-    added, trunk = net.added_spots, net.trunk
+def _on_edges(graph: Graph, edges: Flags, q: FloatArray, count: int) -> tuple[_Points, float]:
+    """The nearest points on edges, unordered, and a distance from q within which there are no others."""
+    added, trunk = graph.added_points, graph.trunk
     free = np.flatnonzero(edges[: len(trunk.edges)])
     beyond = np.inf
-    if len(free) <= FEW * len(trunk.edges):
-        spots = Spots(trunk, free, trunk.spacing)
-        near = _Some(spots.q, spots.edge)
-    elif len(trunk.spots.edge) <= count:
-        near = _Some(trunk.spots.q, trunk.spots.edge)
+    if len(free) <= MAX_FREE_SHARE * len(trunk.edges):
+        points = EdgePoints(trunk, free, trunk.spacing)
+        near = _Points(points.q, points.edge)
+    elif len(trunk.edge_points.edge) <= count:
+        near = _Points(trunk.edge_points.q, trunk.edge_points.edge)
     else:
-        far, rows = trunk.spot_tree.query(q * net.reach, k=count, p=1)
-        near, beyond = _Some(trunk.spots.q[rows], trunk.spots.edge[rows]), float(np.max(far))
-    return _Some(np.concatenate([near.q, added.q]), np.concatenate([near.edge, added.edge])), beyond
+        far, rows = trunk.edge_point_tree.query(q * graph.reach, k=count, p=1)
+        near, beyond = _Points(trunk.edge_points.q[rows], trunk.edge_points.edge[rows]), float(np.max(far))
+    return _Points(np.concatenate([near.q, added.q]), np.concatenate([near.edge, added.edge])), beyond

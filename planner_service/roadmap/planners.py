@@ -1,4 +1,4 @@
-"""The roadmap planners: settings that grow a ``Roadmap``, and search it.
+"""The roadmap planners: settings that grow a ``Roadmap`` and search it.
 
 PRM and PRMstar run OMPL's algorithm of the same name (Sucan, Moll & Kavraki, IEEE RAM 19(4), 2012); LazyPRM is ours.
 Equal problems, seeds included, have equal results.
@@ -23,33 +23,33 @@ __all__ = ["PRM", "LazyPRM", "PRMstar", "Progress"]
 
 Progress = Callable[[int, int], None]
 
-_AT_ONCE = 20_000
-"""Neighbours that are looked up between two looks at the clock."""
+_NEIGHBOURS_PER_POLL = 20_000
+"""Neighbours looked up between two polls."""
 
 
 class _Grown(Settings):
-    """A planner that grows a roadmap, up to so many ``milestones`` and at most ``max_checks`` states."""
+    """A planner that grows a roadmap of ``milestones``, checking at most ``max_checks`` states."""
 
     milestones: int
     max_checks: int
 
     def grow(self, space: Space, *, seed: int = 0, progress: Progress | None = None) -> Roadmap:
-        """A roadmap of ``space``: milestones that joined to nothing are left out.
+        """Grow a roadmap of ``space``, without milestones that no edge joins.
 
         Args:
-            progress: Told now and then how many milestones there are, and how many are wanted.
+            progress: Called now and then with the number of milestones so far and the number wanted.
 
         Raises:
-            InvalidRequest: ``seed`` is not a whole number of at least 0. What the oracle and
-                ``poll`` raise comes out unchanged.
+            InvalidRequest: ``seed`` is not a whole number of at least 0. What the oracle and ``poll`` raise passes
+                through.
         """
         require_seed(seed)
         size = (self.milestones, self.max_checks)
-        found = ompl.grow(space, type(self).__name__, self._settings(), size=size, seed=seed, progress=progress)
-        return Roadmap.judged(found.milestones, found.free, found.blocked, reach=space.reach)
+        grown = ompl.grow(space, type(self).__name__, self._settings(), size=size, seed=seed, progress=progress)
+        return Roadmap.judged(grown.milestones, grown.free, grown.blocked, reach=space.reach)
 
     def search(self, problem: SearchProblem) -> RoadmapSearchResult:
-        """Grow a roadmap for this one query, and query it; see ``Planner``."""
+        """Grow a roadmap for this query alone, and search it; see ``Planner``."""
         return self.grow(problem, seed=problem.seed).search(problem)
 
     def _settings(self) -> dict[str, ompl.Setting]:
@@ -62,8 +62,8 @@ class PRM(_Grown):
 
     Attributes:
         milestones: Free configurations sampled.
-        neighbours: Nearest milestones each is joined to where the edge is free.
-        max_checks: States after which growing ends with fewer milestones.
+        neighbours: Nearest milestones to which each is joined where the edge is free.
+        max_checks: States after which growing stops, with fewer milestones.
     """
 
     milestones: int = 1000
@@ -81,7 +81,7 @@ class PRMstar(_Grown):
 
     Attributes:
         milestones: Free configurations sampled.
-        max_checks: States after which growing ends with fewer milestones.
+        max_checks: States after which growing stops, with fewer milestones.
     """
 
     milestones: int = 1000
@@ -91,13 +91,13 @@ class PRMstar(_Grown):
 
 @dataclass(frozen=True)
 class LazyPRM(Settings):
-    """A roadmap of which nothing is judged before a path needs it (Bohlin & Kavraki, ICRA 2000).
+    """A roadmap whose milestones and edges are checked only when a path needs them (Bohlin & Kavraki, ICRA 2000).
 
-    Of its milestones, drawn uniformly, each is joined to those nearest by the robot's motion, whatever lies between.
+    Its milestones are drawn uniformly; each is joined to the nearest others by the robot's motion, unchecked.
 
     Attributes:
         milestones: Configurations sampled.
-        neighbours: Nearest milestones each is joined to.
+        neighbours: Nearest milestones to which each is joined.
     """
 
     milestones: int = 1000
@@ -105,7 +105,7 @@ class LazyPRM(Settings):
     name: ClassVar[str] = "lazyprm"
 
     def grow(self, space: Space, *, seed: int = 0, progress: Progress | None = None) -> Roadmap:
-        """A roadmap of ``space`` of which nothing is known; no state is judged, which takes no time worth telling of.
+        """Grow a roadmap of ``space`` without any check; ``progress`` is ignored.
 
         Raises:
             InvalidRequest: ``seed`` is not a whole number of at least 0.
@@ -117,7 +117,7 @@ class LazyPRM(Settings):
         points = lower + span * np.random.default_rng(seed).random((self.milestones, lower.size))
         scaled = points if space.reach is None else points * space.reach
         tree, blocks, most = cKDTree(scaled), list[NDArray[np.intp]](), min(self.neighbours + 1, self.milestones)
-        many = max(1, _AT_ONCE // most)
+        many = max(1, _NEIGHBOURS_PER_POLL // most)
         for start in range(0, self.milestones, many):
             space.poll()
             rows = scaled[start : start + many]
@@ -127,5 +127,5 @@ class LazyPRM(Settings):
         return waited(lambda: Roadmap.of(points, np.concatenate(blocks), reach=space.reach))
 
     def search(self, problem: SearchProblem) -> RoadmapSearchResult:
-        """Grow a roadmap for this one query, and query it; see ``Planner``."""
+        """Grow a roadmap for this query alone, and search it; see ``Planner``."""
         return self.grow(problem, seed=problem.seed).search(problem)

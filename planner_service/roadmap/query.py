@@ -1,9 +1,9 @@
-"""One query of a roadmap: a short path over edges not known to be blocked, these judged only once a path needs them.
+"""One query of a roadmap: a short path over edges not known to be blocked, checked only when a path uses them.
 
-Lazy collision checking (Bohlin & Kavraki, ICRA 2000; Dellin & Srinivasa, ICAPS 2016): search, judge the path found,
-leave out what is blocked, search again. Most edges of a roadmap are never on such a path. What a query of a judged
-roadmap pays for is how its ends are joined to it, so an end may be joined anywhere along an edge that is known to be
-free, and those places come first to which the robot moves least.
+Lazy collision checking (Bohlin & Kavraki, ICRA 2000; Dellin & Srinivasa, ICAPS 2016): search, check the path, leave
+out what is blocked, search again. Most edges of a roadmap are never on such a path. In a roadmap that is already
+checked, the cost of a query is joining the start and the goals to it. So they may join anywhere along an edge known to
+be free, and the places to which the robot moves least come first.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from planner_service.collision.contact import EdgeHit
 from planner_service.collision.edge_sampling import KNOWN_ENDS
 from planner_service.geometry.shapes import FloatArray
-from planner_service.roadmap.graph import Neighbour, Net
+from planner_service.roadmap.graph import Graph, Neighbour
 from planner_service.roadmap.nearest import Place, nearest_places
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
 from planner_service.search.problem import (
-    CoarseOracle,
     Configuration,
+    CoarseOracle,
     SearchProblem,
     distances,
     joint_distance,
@@ -36,47 +36,45 @@ from planner_service.search.problem import (
 
 __all__ = ["Carried", "Query"]
 
-JOINED_AT_ONCE = 4
-"""Places to which an end is joined at a time; each that turns out blocked makes room for the next.
+JOINS_AT_ONCE = 4
+"""Places to which an end is joined at a time, and as many more if these lead nowhere; each blocked one is replaced."""
 
-So many more where these lead nowhere.
-"""
-
-MOST_JOINED = 48
-"""Places tried at an end in all."""
+MAX_JOINS = 48
+"""The most places tried at an end."""
 
 DETOUR = 4.0
-"""Radians of path that a metre of a joining edge is held to be worth: joining costs checks, the net is paid for."""
+"""Radians of path that count as much as a metre of a joining edge: joining costs checks, the roadmap has been paid."""
 
 GREED, UNKNOWN_AS = 3.0, 2.0
-"""A path may be so many times as long as the shortest, and an edge not known to be free counts as so many times its
-length: paths are shortened anyway, these are found ten times as fast, and cost fewer checks (Phillips et al., 2012)."""
+"""How many times as long as the shortest a path may be, and how many times its length an edge counts that is not known
+to be free. Paths are shortened anyway; these are found ten times as fast and cost fewer checks (Phillips et al., 2012).
+"""
 
-POLLED = 256
-"""Nodes left between two looks at the clock."""
+NODES_PER_POLL = 256
+"""Nodes expanded between two polls."""
 
-EFFORT = 50_000
-"""Nodes left by all searches together before a query gives up, half a second: a net of which little is known, and most
-of that blocked, is searched again and again."""
+MAX_NODES = 50_000
+"""Nodes that all searches of a query may expand before it gives up, about half a second: a roadmap that is mostly
+unknown or blocked is searched again and again."""
 
-NOTHING: list[Neighbour] = []
+NO_NEIGHBOURS: list[Neighbour] = []
 
 FREE, BLOCKED = int(Verdict.FREE), int(Verdict.BLOCKED)
 
 SHADOW, HITS = 0.06, 12
-"""A joining edge that passes nearer, in metres of motion, to where one of the last so many collided is tried late."""
+"""A joining edge that passes within so many metres of motion of one of the last so many collisions is tried late."""
 
 
 class Carried(Protocol):
-    """Knows what changed in a scene."""
+    """Knows which edges a change of the scene left free."""
 
     def still_free(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
-        """Of edges from A (m, n) to B (m, n) that were free before, which are proven to be so still, (m,)."""
+        """Which edges from A (m, n) to B (m, n), free before, are proven to be free still, (m,)."""
 
 
 @dataclass(eq=False)
 class _End:
-    """A start or a goal, and how it is joined to the net."""
+    """A start or a goal, and its joining edges."""
 
     node: int
     q: Configuration
@@ -88,35 +86,35 @@ class _End:
 
 
 class Query:
-    """One query; nodes are the milestones, then the start, the goals, and places on edges that these are joined to."""
+    """One query. Its nodes are the milestones, then the start, the goals, and the places on edges where these join."""
 
-    def __init__(self, net: Net, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> None:
-        self._net, self._problem = net, problem
+    def __init__(self, graph: Graph, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> None:
+        self._graph, self._problem = graph, problem
         self._offered = milestones.verdicts != Verdict.BLOCKED, edges.free
         self._oracle: CoarseOracle = of_tuples(problem.oracle)
         self._glances = hasattr(problem.oracle, "edge_is_free_coarse")
-        self._count, self._edges = len(net.milestones), len(net.edges)
-        self._reach: list[float] = net.reach.tolist()
+        self._count, self._edges = len(graph.milestones), len(graph.edges)
+        self._reach: list[float] = graph.reach.tolist()
         self._node = bytearray(milestones.verdicts.tobytes())
         self._piece = bytearray(edges.verdicts.tobytes())
-        self._at_once, self._effort = 0, EFFORT
+        self._at_once, self._effort = 0, MAX_NODES
         self._extra: list[Configuration] = []
         self._joins: dict[int, list[Neighbour]] = {}
         self._ends_of: dict[int, tuple[int, int]] = {}  # the nodes of a joining edge
-        self._shaded: set[int] = set()  # joining edges that pass near a place where another collided
-        self._on: dict[int, list[int]] = {}  # places on an edge that became nodes
+        self._shaded: set[int] = set()  # joining edges that pass near a collision of another
+        self._on: dict[int, list[int]] = {}  # the nodes on an edge
         self._learned: tuple[dict[int, Lesson], dict[int, Lesson]] = ({}, {})
         goals = problem.goals
         self._bound: list[float] = []
         if self._count:
-            self._bound = np.array([distances(net.milestones, goal) for goal in goals]).min(axis=0).tolist()
+            self._bound = np.array([distances(graph.milestones, goal) for goal in goals]).min(axis=0).tolist()
         self._goals = [tuple(goal) for goal in goals.tolist()]
         self._ends = [self._new_end(tuple(problem.start.tolist())), *map(self._new_end, self._goals)]
         self._start = self._ends[0].node
 
     @property
     def learned(self) -> tuple[dict[int, Lesson], dict[int, Lesson]]:
-        """Verdicts found on milestones and on edges, by their numbers."""
+        """The new verdicts on milestones and on edges, by their numbers."""
         return self._learned
 
     def route(self, carried: Carried | None = None) -> tuple[list[Configuration], int] | None:
@@ -128,7 +126,7 @@ class Query:
                 if self._effort <= 0 or not self._widen():
                     return None
             elif self._is_free(path, carried):
-                # On an edge that is run through, places where no end was joined were never judged.
+                # places inside an edge, where the path neither joins nor leaves it, were never checked
                 passed = {a for (*_, one), (a, _, two) in pairwise(path) if one == two}
                 nodes = [self._start, *(node for _, node, _ in path)]
                 points = [self._at(node) for node in nodes if node not in passed]
@@ -138,7 +136,7 @@ class Query:
     def _at(self, node: int) -> Configuration:
         if node >= self._count:
             return self._extra[node - self._count]
-        return tuple(self._net.milestones[node].tolist())
+        return tuple(self._graph.milestones[node].tolist())
 
     def _new_node(self, q: Configuration, verdict: Verdict) -> int:
         self._extra.append(q)
@@ -147,31 +145,33 @@ class Query:
         return self._count + len(self._extra) - 1
 
     def _new_end(self, q: Configuration) -> _End:
-        waiting = nearest_places(self._net, *self._offered, np.array(q))
+        waiting = nearest_places(self._graph, *self._offered, np.array(q))
         return _End(self._new_node(q, Verdict.FREE), q, waiting)
 
     def _may_meet(self) -> bool:
-        """Whether the start is joined to something that a goal is joined to; the search would look everywhere else."""
+        """Whether the start and a goal are joined to one component; else the search would look everywhere in vain."""
         first, *others = (set(self._components(end)) for end in self._ends)
         return any(first & other for other in others)
 
     def _components(self, end: _End) -> Iterator[int]:
         for piece in end.open:
             node = self._ends_of[piece][1]
-            at = node if node < self._count else self._joins[node][0][0]  # a place is joined to its edge's ends first
-            yield self._net.component(at)
+            at = (
+                node if node < self._count else self._joins[node][0][0]
+            )  # a place's first neighbours are the ends of its edge
+            yield self._graph.component(at)
 
     def _widen(self) -> bool:
         """Join the ends to more places; False if there are none."""
         joined = len(self._ends_of)
-        self._at_once += JOINED_AT_ONCE
+        self._at_once += JOINS_AT_ONCE
         for end in self._ends:
             self._join(end)
         return len(self._ends_of) > joined
 
     def _join(self, end: _End) -> None:
-        """Join an end to as many places as it may be at a time, those in the shadow of a collision last."""
-        while len(end.open) < self._at_once and end.tried < MOST_JOINED:
+        """Join an end to as many places as allowed at a time, those in the shadow of a collision last."""
+        while len(end.open) < self._at_once and end.tried < MAX_JOINS:
             self._problem.poll()
             place = next(end.waiting, None)
             if place is None:
@@ -195,7 +195,7 @@ class Query:
     def _place_node(self, place: Place) -> int:
         """A new node on an edge, joined along it to the edge's milestones and to other such nodes."""
         node, edge = self._new_node(place.q, Verdict.UNKNOWN), place.edge
-        a, b = self._net.edges[edge].tolist()
+        a, b = self._graph.edges[edge].tolist()
         for other in (a, b, *self._on.get(edge, ())):
             self._link(node, other, joint_distance(place.q, self._at(other)), edge)
         self._on.setdefault(edge, []).append(node)
@@ -206,7 +206,7 @@ class Query:
         self._joins.setdefault(b, []).append((a, length, piece))
 
     def _in_shadow(self, end: _End, q: Configuration, hit: Configuration) -> bool:
-        """Whether the way from an end to q passes near a place, told from that end, where another way collided."""
+        """Whether the edge from an end to q passes near the collision of another one, given relative to that end."""
         along = self._moved(end, q)
         square = dot = away = 0.0
         for x, y in zip(along, hit, strict=True):
@@ -218,31 +218,31 @@ class Query:
         return away < SHADOW
 
     def _moved(self, end: _End, q: Configuration) -> Configuration:
-        """From an end to q, each joint in metres of motion."""
+        """The motion from an end to q, each joint in metres."""
         return tuple(r * (y - x) for r, x, y in zip(self._reach, end.q, q, strict=True))
 
     def _shortest(self) -> list[tuple[int, int, int]] | None:
-        """Weighted A* (Pohl, 1970) over what is not known to be blocked: (from, to, piece) of each step.
+        """Weighted A* (Pohl, 1970) over edges not known to be blocked: (from, to, piece) of each step.
 
-        Ties go to the smaller node.
+        Of equal costs the smaller node wins.
         """
         start, bound, nodes, pieces, joins = self._start, self._bound, self._node, self._piece, self._joins
-        count, around = self._count, self._net.around
+        count, around = self._count, self._graph.around
         last_end, best = start + len(self._goals), math.inf
         cost, parent = {start: 0.0}, {start: (start, -1)}
         front = [(GREED * bound[start], start, 0.0)]
         while front:
             _, node, spent = heapq.heappop(front)
             if spent > cost[node]:
-                continue  # a shorter way here was found since
+                continue  # a shorter path to this node was found since
             if start < node <= last_end:
                 return _traced(parent, node)
             self._effort -= 1
             if self._effort <= 0:
                 return None
-            if self._effort % POLLED == 0:
+            if self._effort % NODES_PER_POLL == 0:
                 self._problem.poll()
-            near = around(node) if node < count else NOTHING
+            near = around(node) if node < count else NO_NEIGHBOURS
             for other, length, piece in near + joins[node] if node in joins else near:
                 total = spent + (length if pieces[piece] == FREE else UNKNOWN_AS * length)
                 known = cost.get(other)
@@ -258,7 +258,7 @@ class Query:
         return None
 
     def _is_free(self, path: Sequence[tuple[int, int, int]], carried: Carried | None) -> bool:
-        """Judge what is not known of a path: milestones, then a first look at every piece, then the rest of each."""
+        """Check what is unknown on a path: its milestones, then every piece coarsely, then the rest of each piece."""
         if carried is not None:
             self._carry(path, carried)
         if not all(self._milestone_is_free(node) for step in path for node in step[:2] if node < self._count):
@@ -274,13 +274,13 @@ class Query:
         return True
 
     def _carry(self, path: Sequence[tuple[int, int, int]], carried: Carried) -> None:
-        """Take over what was free before and is proven not to have been touched since."""
+        """Keep what was free before and is proven untouched since."""
         nodes = sorted({n for step in path for n in step[:2] if self._node[n] == Verdict.FREE_BEFORE})
         pieces = sorted({piece for *_, piece in path if self._piece[piece] == Verdict.FREE_BEFORE})
-        rows = [(node, node) for node in nodes] + self._net.edges[pieces].tolist()
+        rows = [(node, node) for node in nodes] + self._graph.edges[pieces].tolist()
         if not rows:
             return
-        points = self._net.milestones[np.array(rows)]
+        points = self._graph.milestones[np.array(rows)]
         still = carried.still_free(points[:, 0], points[:, 1]).tolist()
         for node, free in zip(nodes, still, strict=False):
             if free:
@@ -295,16 +295,16 @@ class Query:
             self._learn_node(node, Verdict.FREE if free else Verdict.BLOCKED)
         return self._node[node] == Verdict.FREE
 
-    def _asked(self, piece: int) -> tuple[Configuration, Configuration, int]:
-        """The ends of a piece, of a part of an edge those of the whole, and which of them are known to be free."""
-        a, b = self._ends_of[piece] if piece >= self._edges else self._net.edges[piece].tolist()
+    def _piece_ends(self, piece: int) -> tuple[Configuration, Configuration, int]:
+        """The ends of a piece (for part of an edge those of the whole edge), and which of them are known to be free."""
+        a, b = self._ends_of[piece] if piece >= self._edges else self._graph.edges[piece].tolist()
         known = (self._node[a] == Verdict.FREE) + 2 * (self._node[b] == Verdict.FREE)
         return self._at(a), self._at(b), known
 
     def _seems_free(self, piece: int) -> bool:
         if not self._glances:
             return self._piece_is_free(piece)
-        a, b, known = self._asked(piece)
+        a, b, known = self._piece_ends(piece)
         free = self._oracle.edge_is_free_coarse(a, b, known=KNOWN_ENDS[known])
         if not free:
             self._learn_piece(piece, Verdict.BLOCKED)
@@ -312,13 +312,13 @@ class Query:
 
     def _piece_is_free(self, piece: int) -> bool:
         if self._piece[piece] != Verdict.FREE:
-            a, b, known = self._asked(piece)
+            a, b, known = self._piece_ends(piece)
             free = self._oracle.edge_is_free(a, b, known=KNOWN_ENDS[known])
             self._learn_piece(piece, Verdict.FREE if free else Verdict.BLOCKED)
         return self._piece[piece] == Verdict.FREE
 
     def _blocker(self) -> str | None:
-        """The obstacle that the last question failed at."""
+        """The obstacle of the last collision."""
         return getattr(self._oracle, "blocker", None)
 
     def _learn_node(self, node: int, verdict: Verdict) -> None:
@@ -333,12 +333,12 @@ class Query:
             return
         self._learned[1][piece] = verdict, self._blocker() if verdict == Verdict.BLOCKED else None
         if verdict == Verdict.FREE:
-            for node in self._net.edges[piece].tolist():
+            for node in self._graph.edges[piece].tolist():
                 if self._node[node] != Verdict.FREE:
                     self._learn_node(node, Verdict.FREE)
 
     def _learn_joint(self, piece: int, verdict: Verdict) -> None:
-        """What joins an end is free, or makes room for another try."""
+        """Enter the verdict on a joining edge; a blocked one is replaced by another."""
         end_node, node = self._ends_of[piece]
         if verdict == Verdict.FREE:
             self._paid(end_node, node, piece)
@@ -358,20 +358,20 @@ class Query:
         self._join(end)
 
     def _paid(self, end: int, node: int, piece: int) -> None:
-        """A joining edge that was judged costs no more than its length."""
+        """Let a joining edge that was checked cost no more than its length."""
         length = joint_distance(self._at(end), self._at(node))
         for at, other in ((end, node), (node, end)):
             self._joins[at] = [(other, length, piece) if row[2] == piece else row for row in self._joins[at]]
 
     def _join_anywhere(self, end: _End) -> None:
-        """Try the most promising places at an end, until it is joined to one: before that no path is worth a search."""
+        """Check joining edges of an end, the most promising first, until one is free; before, no search succeeds."""
         while end.open and not any(self._piece[piece] == Verdict.FREE for piece in end.open):
             best = min(end.open, key=lambda piece: (*self._promise(end, piece), piece))
             if self._seems_free(best) and self._piece_is_free(best):
                 return
 
     def _promise(self, end: _End, piece: int) -> tuple[bool, float]:
-        """What speaks against trying a joining edge first: a collision near by, the length of a path over it."""
+        """The sort key of a joining edge: whether a collision is near, then the length of a path over it."""
         node = self._ends_of[piece][1]
         length = next(row[1] for row in self._joins[end.node] if row[2] == piece)
         return piece in self._shaded, length + self._bound[node]

@@ -1,4 +1,4 @@
-"""A roadmap known by its hash alone, as a plan file names the one that a plan was made with."""
+"""A roadmap known only by its hash, as a plan file refers to the roadmap of its plan."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ __all__ = ["RoadmapReference"]
 
 @dataclass(frozen=True)
 class RoadmapReference:
-    """Says which roadmap a request was made with, and searches nothing.
+    """Names the roadmap of a request; it cannot search.
 
     Attributes:
         hash: ``Roadmap.hash``, 64 hexadecimal digits.
 
     Raises:
-        InvalidRequest: ``hash`` is no such text.
+        InvalidRequest: ``hash`` is something else.
     """
 
     hash: str
@@ -35,7 +35,7 @@ class RoadmapReference:
         """Refuse.
 
         Raises:
-            InvalidRequest: always; it says which roadmap is needed.
+            InvalidRequest: Always, naming the roadmap that is needed.
         """
         expected = f"that roadmap itself, by Roadmap.load from the file whose hash is {self.hash}"
         message = f"planner: the hash of a roadmap searches nothing; expected {expected}"

@@ -19,7 +19,7 @@ from planner_service.collision import CheckCounts
 from planner_service.collision.budget import SearchStopped
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, copied_in, instance, items, numbers, read_only
-from planner_service.roadmap.graph import Net, checked_edges
+from planner_service.roadmap.graph import Graph, checked_edges
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.query import Carried, Query
 from planner_service.roadmap.validity import Terms
@@ -29,7 +29,7 @@ from planner_service.search.problem import SearchProblem, SearchResult
 __all__ = ["Built", "Roadmap", "RoadmapSearchResult"]
 
 FCL_NOISE = 1e-5
-"""Metres of padding; by less than a tenth of it what FCL finds apart may depend on nothing but rounding."""
+"""Metres of padding, ten times the difference that rounding makes to what FCL finds apart."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Built:
         planner: Name of the planner.
         settings: Its settings by name.
         seed: The seed it was given.
-        counts: What growing it asked of the checker.
+        counts: The checks that growing it took.
     """
 
     planner: str
@@ -54,23 +54,23 @@ class Built:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Roadmap:
-    """Milestones and edges with what is known of them; as ``PlanRequest.planner`` a search that costs few checks.
+    """Milestones, edges and the verdicts on them; as ``PlanRequest.planner`` it finds paths with few checks.
 
-    A value: a query changes nothing. What it learned comes back as ``result.roadmap``, another roadmap with another
-    hash.
+    A roadmap is a value that queries do not change. What a query learned is in ``result.roadmap``, another roadmap with
+    another hash.
 
     Attributes:
-        net: The milestones and the edges.
-        milestone_knowledge: What is known of each milestone.
-        edge_knowledge: What is known of each edge.
-        terms: For which robot and scene the verdicts hold; None for those of whoever grew it.
-        pending: Obstacles against which what is FREE_BEFORE has not been judged.
-        built: How it was grown; None if it was put together.
-        fallback: Whether ``plan`` asks RRTConnect where the roadmap does not connect start and goal.
+        graph: The milestones and edges.
+        milestone_knowledge: The verdicts on the milestones.
+        edge_knowledge: The verdicts on the edges.
+        terms: The robot, scene and settings for which the verdicts hold; None for those of the space it was grown in.
+        pending: Obstacles against which FREE_BEFORE milestones and edges have not been checked.
+        built: How it was grown; None if it was made from parts.
+        fallback: Whether ``plan`` tries RRTConnect if the roadmap does not connect start and goal.
         remember: Whether ``plan`` adds the path it found to ``result.roadmap``, as milestones and edges.
     """
 
-    net: Net
+    graph: Graph
     milestone_knowledge: Knowledge
     edge_knowledge: Knowledge
     terms: Terms | None = None
@@ -89,15 +89,16 @@ class Roadmap:
         *,
         reach: ArrayLike | None = None,
     ) -> Roadmap:
-        """A roadmap put together from its parts, of which nothing is known.
+        """A roadmap of unchecked milestones and edges.
 
         Args:
-            milestones: Shape (N, n); none at all, shape (0, n), is where a memory of paths begins.
-            edges: Shape (E, 2): the milestones each joins.
-            reach: What moving each joint costs, (n,), as ``Robot.reach`` has it; the same for all if not given.
+            milestones: Shape (N, n); a memory of paths starts with none, shape (0, n).
+            edges: Shape (E, 2): the indices of the two milestones of each edge.
+            reach: Cost of moving each joint, (n,), as ``Robot.reach``; the same for all if not given.
 
         Raises:
-            InvalidRequest: a milestone is not finite, an edge joins what is not there, or a reach is negative.
+            InvalidRequest: A milestone is not finite, an edge joins a milestone that does not exist, or a reach is
+                negative.
         """
         points = numbers("milestones", milestones, "finite joint values, one row per milestone")
         if points.ndim != 2 or not np.isfinite(points).all() or points.shape[1] == 0:
@@ -105,8 +106,8 @@ class Roadmap:
         weights = np.ones(points.shape[1]) if reach is None else numbers("reach", reach, "positive numbers")
         if weights.shape != points.shape[1:] or not (np.isfinite(weights) & (weights >= 0.0)).all():
             raise InvalidRequest("reach", weights.tolist(), f"{points.shape[1]} numbers of at least 0")
-        net = Net.of(points, checked_edges(edges, len(points)), read_only(weights))
-        return cls(net, Knowledge.none(len(points)), Knowledge.none(len(net.edges)))
+        graph = Graph.of(points, checked_edges(edges, len(points)), read_only(weights))
+        return cls(graph, Knowledge.none(len(points)), Knowledge.none(len(graph.edges)))
 
     @classmethod
     def judged(
@@ -117,11 +118,11 @@ class Roadmap:
         *,
         reach: ArrayLike | None = None,
     ) -> Roadmap:
-        """A roadmap of free milestones (N, n) and edges that were judged.
+        """A roadmap of free milestones (N, n) and checked edges.
 
         Args:
-            free: Edges that are.
-            blocked: Edges that are not, and the obstacle in the way, ``SELF`` for none, None if that is not known.
+            free: The free edges.
+            blocked: The blocked edges, each with the obstacle in the way, ``SELF``, or None if that is not known.
             reach: See ``of``.
 
         Raises:
@@ -133,12 +134,12 @@ class Roadmap:
         obstacles = {(min(edge), max(edge)): blocker for edge, blocker in blocked.items()}
         verdicts: dict[int, Lesson] = {}
         for k, (a, b) in enumerate(roadmap.edges.tolist()):
-            there = (a, b) in obstacles
-            verdicts[k] = (Verdict.BLOCKED, obstacles[a, b]) if there else (Verdict.FREE, None)
+            is_blocked = (a, b) in obstacles
+            verdicts[k] = (Verdict.BLOCKED, obstacles[a, b]) if is_blocked else (Verdict.FREE, None)
         return roadmap.with_lessons(dict.fromkeys(range(len(roadmap.milestones)), (Verdict.FREE, None)), verdicts)
 
     def __post_init__(self) -> None:
-        instance("net", self.net, Net, "a Net")
+        instance("graph", self.graph, Graph, "a Graph")
         for name in ("milestone_knowledge", "edge_knowledge"):
             instance(name, getattr(self, name), Knowledge, "Knowledge")
         instance("terms", self.terms, (Terms, NoneType), "Terms, or None")
@@ -152,38 +153,38 @@ class Roadmap:
     @property
     def milestones(self) -> FloatArray:
         """Shape (N, n)."""
-        return self.net.milestones
+        return self.graph.milestones
 
     @property
     def edges(self) -> NDArray[np.int64]:
-        """Shape (E, 2): indices of the milestones each edge joins, the smaller first."""
-        return self.net.edges
+        """Shape (E, 2): indices of the two milestones of each edge, the smaller first."""
+        return self.graph.edges
 
     @property
     def lengths(self) -> FloatArray:
         """L2 joint length of every edge, shape (E,)."""
-        return self.net.lengths
+        return self.graph.lengths
 
     @property
     def verdicts(self) -> NDArray[np.int8]:
-        """A ``Verdict`` on every edge, shape (E,)."""
+        """The ``Verdict`` on each edge, shape (E,)."""
         return self.edge_knowledge.verdicts
 
     def search(self, problem: SearchProblem, *, carried: Carried | None = None) -> RoadmapSearchResult:
-        """A short path over it from the start to any of the goals, as a planner; the seed plays no part.
+        """Search a short path over the roadmap from the start to any of the goals; the seed is ignored.
 
-        Edges are judged only once a path needs them, those that join the ends to the roadmap always. One that is
-        blocked is left out, and the search repeated. What was learned is in the result's roadmap, also where a limit
-        of the checker ended it, which is in ``stopped`` then.
+        Edges are checked only when a path needs them, those that join the start and goals always. A blocked one is
+        left out, and the search repeated. The result's roadmap has what was learned, even if a limit of the checker
+        ended the search, which is then in ``stopped``.
 
         Args:
-            carried: Tells of edges that are FREE_BEFORE which still are; without it they are judged like others.
+            carried: Decides which FREE_BEFORE edges are free still; without it they are checked like others.
         """
-        if problem.lower.size != self.net.n:
+        if problem.lower.size != self.graph.n:
             raise InvalidRequest(
-                "planner", f"a roadmap of {self.net.n} joints", f"a roadmap of {problem.lower.size} joints"
+                "planner", f"a roadmap of {self.graph.n} joints", f"a roadmap of {problem.lower.size} joints"
             )
-        query = Query(self.net, self.milestone_knowledge, self.edge_knowledge, problem)
+        query = Query(self.graph, self.milestone_knowledge, self.edge_knowledge, problem)
         route, stopped = None, None
         try:
             route = query.route(carried)
@@ -194,15 +195,15 @@ class Roadmap:
         return RoadmapSearchResult(points, goal, note, stopped, roadmap=self.with_lessons(*query.learned))
 
     def prepare(self) -> None:
-        """Sort what queries look up, once for all roadmaps that come from this one; 100,000 milestones take 0.3 s."""
+        """Build the lookup tables of queries, for all roadmaps made from this one; 100,000 milestones take 0.3 s."""
         blocked = self.milestone_knowledge.verdicts == Verdict.BLOCKED
-        next(nearest_places(self.net, ~blocked, self.edge_knowledge.free, np.zeros(self.net.n)), None)
+        next(nearest_places(self.graph, ~blocked, self.edge_knowledge.free, np.zeros(self.graph.n)), None)
         if len(self.milestones):
-            self.net.around(0)
-            self.net.component(0)
+            self.graph.around(0)
+            self.graph.component(0)
 
     def with_lessons(self, milestones: Mapping[int, Lesson], edges: Mapping[int, Lesson]) -> Roadmap:
-        """This roadmap and what was learned of some of its milestones and edges, by their numbers."""
+        """This roadmap with new verdicts on some of its milestones and edges, by their numbers."""
         if not milestones and not edges:
             return self
         return replace(
@@ -212,35 +213,35 @@ class Roadmap:
         )
 
     def with_path(self, points: ArrayLike) -> Roadmap:
-        """This roadmap and a path (k, n) whose pieces were judged free, its waypoints as milestones.
+        """This roadmap with the waypoints of a free path (k, n) as milestones and its pieces as edges.
 
         Raises:
-            InvalidRequest: not two waypoints or more of n finite joint values.
+            InvalidRequest: The path is not two or more waypoints of n finite joint values.
         """
-        rows = numbers("points", points, f"waypoints of {self.net.n} joints")
-        if rows.ndim != 2 or rows.shape[1] != self.net.n or len(rows) < 2 or not np.isfinite(rows).all():
-            raise InvalidRequest("points", rows.shape, f"two waypoints or more, shape (k, {self.net.n})")
-        net, nodes, pieces = self.net.with_path(rows)
+        rows = numbers("points", points, f"waypoints of {self.graph.n} joints")
+        if rows.ndim != 2 or rows.shape[1] != self.graph.n or len(rows) < 2 or not np.isfinite(rows).all():
+            raise InvalidRequest("points", rows.shape, f"two waypoints or more, shape (k, {self.graph.n})")
+        graph, nodes, pieces = self.graph.with_path(rows)
         free: Lesson = (Verdict.FREE, None)
-        return replace(self, net=net).with_lessons(dict.fromkeys(nodes, free), dict.fromkeys(pieces, free))
+        return replace(self, graph=graph).with_lessons(dict.fromkeys(nodes, free), dict.fromkeys(pieces, free))
 
     def unknown_pieces(self, points: ArrayLike) -> list[tuple[FloatArray, FloatArray]]:
-        """The pieces of a path (k, n) that are no edges known to be free, as pairs of waypoints."""
+        """The pieces of a path (k, n) that are not edges known to be free, as pairs of waypoints."""
         rows = read_only(points)
-        _, nodes, _ = self.net.with_path(rows)
+        _, nodes, _ = self.graph.with_path(rows)
         count, free = len(self.milestones), self.verdicts == Verdict.FREE
         unknown = []
         for (a, b), piece in zip(pairwise(nodes), pairwise(rows), strict=True):
-            known = a == b or (max(a, b) < count and any(row[0] == b and free[row[2]] for row in self.net.around(a)))
+            known = a == b or (max(a, b) < count and any(row[0] == b and free[row[2]] for row in self.graph.around(a)))
             if not known:
                 unknown.append(piece)
         return unknown
 
     def under(self, terms: Terms) -> Roadmap:
-        """This roadmap where other terms hold: what may have changed is no longer taken for known.
+        """This roadmap under other terms, without the verdicts that may have changed.
 
-        Where only obstacles came, went or moved, what was free is FREE_BEFORE, and what one of them blocked
-        BLOCKED_BEFORE; if anything else differs, nothing is known.
+        If only obstacles came, went or moved, what was free becomes FREE_BEFORE, and what one of them blocked
+        BLOCKED_BEFORE. If anything else differs, all verdicts become UNKNOWN.
         """
         before = self.terms
         if before is not None and before.same(terms):
@@ -253,8 +254,8 @@ class Roadmap:
             milestones, edges = self.milestone_knowledge.elsewhere(), self.edge_knowledge.elsewhere()
             return replace(self, milestone_knowledge=milestones, edge_knowledge=edges, terms=terms, pending=())
         come, gone = before.changed(terms)
-        there = {name for name, _ in terms.obstacles}
-        pending = tuple(sorted((come | set(self.pending)) & there))
+        present = {name for name, _ in terms.obstacles}
+        pending = tuple(sorted((come | set(self.pending)) & present))
         return replace(
             self,
             milestone_knowledge=self.milestone_knowledge.after(come, gone, pending),
@@ -265,7 +266,7 @@ class Roadmap:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of all that can change what a query answers, learned verdicts included; equal in every process."""
+        """SHA-256 of everything that the answer to a query depends on, verdicts included; equal in every process."""
         content = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         for array in self.arrays.values():
             content.update(repr((array.shape, array.dtype.str)).encode())
@@ -274,25 +275,25 @@ class Roadmap:
 
     @property
     def head(self) -> dict[str, Any]:
-        """All but the arrays, of plain JSON values."""
+        """Everything but the arrays, as plain JSON values."""
         return {
             "terms": None if self.terms is None else asdict(self.terms),
             "pending": list(self.pending),
             "built": None if self.built is None else asdict(self.built),
             "fallback": self.fallback,
             "remember": self.remember,
-            "grown": list(self.net.grown),
+            "grown": list(self.graph.grown),
             "milestone_names": list(self.milestone_knowledge.names),
             "edge_names": list(self.edge_knowledge.names),
         }
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays, by the names they have in a file."""
+        """The arrays by their names in a file."""
         return {
             "milestones": self.milestones,
             "edges": self.edges,
-            "reach": self.net.reach,
+            "reach": self.graph.reach,
             "milestone_verdicts": self.milestone_knowledge.verdicts,
             "milestone_blockers": self.milestone_knowledge.blockers,
             "edge_verdicts": self.edge_knowledge.verdicts,
@@ -300,10 +301,10 @@ class Roadmap:
         }
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to an npz file, whole or not at all; ``load`` gives back one with the same hash.
+        """Write it to an npz file, whole or not at all; ``load`` returns one with the same hash.
 
         Raises:
-            InvalidFile: it cannot be written.
+            InvalidFile: It cannot be written.
         """
         from planner_service.roadmap.roadmap_file import save_roadmap
 
@@ -314,7 +315,8 @@ class Roadmap:
         """The roadmap in a file that ``save`` wrote.
 
         Raises:
-            InvalidFile: it is no such file, it is truncated or was changed, or another version of the package wrote it.
+            InvalidFile: It is not such a file, it is truncated or was changed, or another version of the package wrote
+                it.
         """
         from planner_service.roadmap.roadmap_file import load_roadmap
 
@@ -323,10 +325,10 @@ class Roadmap:
 
 @dataclass(frozen=True, eq=False)
 class RoadmapSearchResult(SearchResult):
-    """What a search of a roadmap found.
+    """The path that a search of a roadmap found, if any, and what it learned.
 
     Attributes:
-        roadmap: The roadmap with all that the search learned.
+        roadmap: The roadmap with the verdicts of the search.
     """
 
     roadmap: Roadmap = field(kw_only=True)

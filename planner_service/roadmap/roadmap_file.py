@@ -33,10 +33,10 @@ from planner_service.files.schema import (
 )
 from planner_service.files.writing import write_whole
 from planner_service.geometry.point_files import arrays_of
-from planner_service.roadmap.graph import Net
+from planner_service.roadmap.graph import Graph
 from planner_service.roadmap.roadmap import Built, Roadmap
 from planner_service.roadmap.validity import Terms
-from planner_service.roadmap.verdicts import NOBODY, Knowledge, Verdict
+from planner_service.roadmap.verdicts import UNKNOWN_BLOCKER, Knowledge, Verdict
 
 __all__ = ["OURS", "SUFFIX", "load_roadmap", "save_roadmap"]
 
@@ -198,7 +198,7 @@ def _roadmap(head: HeadRecord, array: Callable[[str, str], NDArray[Any]]) -> Roa
     edges = _edges(array("edges", "iu"), count)
     milestones, added = head.grown
     return Roadmap(
-        Net.of(plain.milestones, edges, plain.net.reach, (milestones, added)),
+        Graph.of(plain.milestones, edges, plain.graph.reach, (milestones, added)),
         _knowledge(tuple(head.milestone_names), "milestone", count, array),
         _knowledge(tuple(head.edge_names), "edge", len(edges), array),
         None if head.terms is None else head.terms.value,
@@ -226,7 +226,7 @@ def _knowledge(names: tuple[str, ...], kind: str, count: int, array: Callable[[s
     verdicts, blockers = array(f"{kind}_verdicts", "iu"), array(f"{kind}_blockers", "iu")
     for name, found, least, most in (
         ("verdicts", verdicts, 0, max(Verdict)),
-        ("blockers", blockers, NOBODY, len(names) - 1),
+        ("blockers", blockers, UNKNOWN_BLOCKER, len(names) - 1),
     ):
         if found.shape != (count,) or not ((found >= least) & (found <= most)).all():
             raise InvalidRequest(f"{kind}_{name}", found.shape, f"{count} whole numbers in [{least}, {int(most)}]")

@@ -1,4 +1,4 @@
-"""For what the verdicts in a roadmap hold: robot, scene, padding and step; and what another scene leaves of them."""
+"""What the verdicts of a roadmap depend on: robot, scene, padding and edge step, and how those of two scenes differ."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ __all__ = ["Terms"]
 
 @dataclass(frozen=True)
 class Terms:
-    """What decides a verdict.
+    """Everything that a verdict depends on.
 
     Attributes:
         robot: Its name.
-        robot_hash: ``Robot.hash``, the gripper's width included.
+        robot_hash: ``Robot.hash``, which includes the gripper's width.
         joint_names: The joints of q.
         scene: Its name.
         scene_hash: ``Scene.hash``.
         obstacles: Name and hash of each obstacle, sorted by name.
         attached: Hash of what is attached to the tool.
-        allowed: Pairs that may touch, beside those that the robot allows.
-        padding: Metres that are kept.
-        step: How finely edges are sampled, in words; empty of a rule of the user, which words do not tell from others.
+        allowed: Pairs that may touch, in addition to those that the robot allows.
+        padding: The padding in metres.
+        step: How finely edges are sampled, in words; empty for a rule of the user, which cannot be compared.
     """
 
     robot: str
@@ -40,7 +40,7 @@ class Terms:
 
     @classmethod
     def of(cls, checker: CollisionChecker) -> Terms:
-        """What decides the verdicts of a checker."""
+        """What a checker's verdicts depend on."""
         robot, scene = checker.robot, checker.scene
         return cls(
             robot.name,
@@ -56,23 +56,23 @@ class Terms:
         )
 
     def same(self, other: Terms) -> bool:
-        """Whether verdicts hold in both; never where how finely edges are sampled cannot be told."""
+        """Whether the same verdicts hold in both; False if the edge step cannot be compared."""
         return self == other and self.step != ""
 
     def same_but_for_obstacles(self, other: Terms) -> bool:
-        """Whether at most obstacles differ, which are judged one by one."""
+        """Whether they differ in obstacles at most."""
         named = {"scene": "", "scene_hash": "", "obstacles": ()}
         return replace(self, **named).same(replace(other, **named))  # type: ignore[arg-type]
 
     def changed(self, other: Terms) -> tuple[frozenset[str], frozenset[str]]:
-        """The obstacles that are new or different there, and those that are gone or different."""
+        """The obstacles that are new or changed in the other, and those that are gone or changed."""
         before, after = dict(self.obstacles), dict(other.obstacles)
         come = frozenset(name for name, content in after.items() if before.get(name) != content)
         return come, frozenset(name for name, content in before.items() if after.get(name) != content)
 
 
 def _in_words(step: EdgeStep) -> str:
-    """One of our own rules by its fields, which are all there is to it; "" of a user's, whatever its ``repr`` says."""
+    """One of our own rules with its fields; "" for a user's rule, whatever its ``repr``."""
     if isinstance(step, FinestStep):
         rules = [_in_words(rule) for rule in step.rules]
         return f"finest of {', '.join(rules)}" if all(rules) else ""

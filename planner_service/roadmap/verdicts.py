@@ -1,4 +1,4 @@
-"""What is known of milestones and edges: a verdict on each, and what stood in the way of those that are blocked."""
+"""Verdicts on milestones and edges, and the obstacles that block them."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from numpy.typing import NDArray
 
 from planner_service.search.problem import SELF
 
-__all__ = ["NOBODY", "SELF", "Knowledge", "Lesson", "Verdict"]
+__all__ = ["SELF", "UNKNOWN_BLOCKER", "Knowledge", "Lesson", "Verdict"]
 
 Verdicts = NDArray[np.int8]
 Blockers = NDArray[np.int32]
 
-NOBODY = -1
-"""Not known what stood in the way."""
+UNKNOWN_BLOCKER = -1
+"""The index of an unknown blocker."""
 
 Lesson = tuple["Verdict", str | None]
-"""A verdict, and the obstacle in the way if it is BLOCKED, ``SELF``, or None if that is not known."""
+"""A verdict and, if it is BLOCKED, the obstacle in the way, ``SELF``, or None if that is not known."""
 
 
 class Verdict(enum.IntEnum):
-    """What is known of a milestone or an edge."""
+    """The verdict on a milestone or an edge."""
 
     UNKNOWN = 0
-    """Not judged."""
+    """Not checked."""
     FREE = 1
     """Free at its samples."""
     BLOCKED = 2
     """Not free."""
     FREE_BEFORE = 3
-    """Free of all but some obstacles that came or moved since."""
+    """Free before some obstacles came or moved."""
     BLOCKED_BEFORE = 4
-    """Blocked by an obstacle that went or moved since."""
+    """Blocked by an obstacle that has since gone or moved."""
 
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """Verdicts on a number of things.
+    """The verdicts on all milestones, or on all edges.
 
     Attributes:
-        verdicts: A ``Verdict`` each, (k,), read-only.
-        blockers: What stood in the way of each that is BLOCKED, an index in ``names`` or -1, (k,), read-only.
-        names: Obstacles, and ``SELF``.
+        verdicts: A ``Verdict`` for each, (k,), read-only.
+        blockers: For each that is BLOCKED the index in ``names`` of what blocks it, or -1, (k,), read-only.
+        names: Names of obstacles, and ``SELF``.
     """
 
     verdicts: Verdicts
@@ -59,38 +59,38 @@ class Knowledge:
 
     @classmethod
     def none(cls, count: int) -> Knowledge:
-        """Nothing known of ``count`` things."""
-        return cls(np.zeros(count, dtype=np.int8), np.full(count, NOBODY, dtype=np.int32))
+        """``count`` unknown verdicts."""
+        return cls(np.zeros(count, dtype=np.int8), np.full(count, UNKNOWN_BLOCKER, dtype=np.int32))
 
     def with_lessons(self, lessons: Mapping[int, Lesson]) -> Knowledge:
-        """This and what was learned of some, by their numbers; those beyond the last one are new."""
+        """These verdicts updated with new ones, by their numbers; numbers beyond the last are added."""
         if not lessons:
             return self
         count = max(len(self.verdicts), max(lessons) + 1)
         verdicts = np.concatenate([self.verdicts, np.zeros(count - len(self.verdicts), dtype=np.int8)])
-        blockers = np.concatenate([self.blockers, np.full(count - len(self.blockers), NOBODY, dtype=np.int32)])
+        blockers = np.concatenate([self.blockers, np.full(count - len(self.blockers), UNKNOWN_BLOCKER, dtype=np.int32)])
         names = {name: k for k, name in enumerate(self.names)}
         for at, (verdict, blocker) in lessons.items():
             verdicts[at] = verdict
             known = verdict is Verdict.BLOCKED and blocker is not None
-            blockers[at] = names.setdefault(str(blocker), len(names)) if known else NOBODY
+            blockers[at] = names.setdefault(str(blocker), len(names)) if known else UNKNOWN_BLOCKER
         return Knowledge(verdicts, blockers, tuple(names))
 
     def elsewhere(self) -> Knowledge:
-        """What is left of it where nothing that was judged holds."""
+        """What remains where no verdict holds: unknown verdicts."""
         return self.none(len(self.verdicts))
 
     def nearer(self) -> Knowledge:
-        """What is left of it where less padding is kept: what was free is."""
+        """What remains with less padding: what was free still is."""
         verdicts = self.verdicts.copy()
         verdicts[(verdicts == Verdict.BLOCKED) | (verdicts == Verdict.BLOCKED_BEFORE)] = Verdict.UNKNOWN
         return replace(self, verdicts=verdicts)._tidy()
 
     def after(self, come: Collection[str], gone: Collection[str], pending: Collection[str]) -> Knowledge:
-        """What is left of it once some obstacles have ``come`` and some have ``gone``; one that moved did both.
+        """What remains after some obstacles have ``come`` and some have ``gone``; one that moved did both.
 
         Args:
-            pending: All that came since something that is FREE_BEFORE was judged, and are still there.
+            pending: All obstacles that came since anything FREE_BEFORE was checked and have not gone.
         """
         verdicts = self.verdicts.copy()
         if come:
@@ -103,18 +103,18 @@ class Knowledge:
         return replace(self, verdicts=verdicts)._tidy()
 
     def _tidy(self) -> Knowledge:
-        """The same without the names of what blocks nothing: obstacles come and go."""
-        blockers = np.where(self.verdicts == Verdict.BLOCKED, self.blockers, NOBODY)
+        """The same without names of obstacles that block nothing any more."""
+        blockers = np.where(self.verdicts == Verdict.BLOCKED, self.blockers, UNKNOWN_BLOCKER)
         used = np.unique(blockers[blockers >= 0]).tolist()
-        number = np.full(len(self.names) + 1, NOBODY, dtype=np.int32)  # the last is that of nobody
+        number = np.full(len(self.names) + 1, UNKNOWN_BLOCKER, dtype=np.int32)  # the last is for -1
         number[used] = np.arange(len(used))
         return replace(self, blockers=number[blockers], names=tuple(self.names[k] for k in used))
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which are free, or were before."""
+        """Which are FREE or FREE_BEFORE."""
         return np.asarray((self.verdicts == Verdict.FREE) | (self.verdicts == Verdict.FREE_BEFORE))
 
     def count(self, verdict: Verdict) -> int:
-        """How many have this verdict."""
+        """How many have a verdict."""
         return int(np.count_nonzero(self.verdicts == verdict))

@@ -78,7 +78,7 @@ class Maze:
         """The milestones that can be reached from q."""
         offered = self.roadmap.milestone_knowledge.verdicts != Verdict.BLOCKED
         found = set()
-        for place in nearest_places(self.roadmap.net, offered, self.roadmap.edge_knowledge.free, q):
+        for place in nearest_places(self.roadmap.graph, offered, self.roadmap.edge_knowledge.free, q):
             if place.edge < 0:
                 found |= {place.milestone} if self.free(q, np.array(place.q)) else set()
             elif self.edges[place.edge] and self.free(q, np.array(place.q)):
@@ -181,7 +181,7 @@ def test_an_edge_of_any_length_has_few_places() -> None:
     world = DiscWorld((), step=1e9)
     found = far.search(SearchProblem(np.array([1e11, 1e6]), np.array([[9e11, 1e6]]), -wide, wide, world))
     assert found.waypoints is not None
-    assert len(far.net.added_spots.edge) < 1000
+    assert len(far.graph.added_points.edge) < 1000
 
 
 def test_a_no_that_is_no_verdict_is_not_noted_as_one() -> None:

@@ -12,7 +12,7 @@ import pytest
 from planner_service.errors import InvalidRequest
 from planner_service.planners import PRM, LazyPRM
 from planner_service.roadmap import Roadmap, Verdict
-from planner_service.roadmap.graph import Net, Spots
+from planner_service.roadmap.graph import EdgePoints, Graph
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.verdicts import SELF, Knowledge
 from planner_service.search.problem import SearchProblem
@@ -232,13 +232,13 @@ def test_a_net_of_added_paths_is_as_if_made_at_once() -> None:
         roadmap = roadmap.with_path(np.round(rng.random((4, 2)), 1))
     whole = Roadmap.of(roadmap.milestones, roadmap.edges)
     for node in range(len(roadmap.milestones)):
-        ends = sorted((other, length) for other, length, _ in roadmap.net.around(node))
-        assert ends == sorted((other, length) for other, length, _ in whole.net.around(node))
-        for other, _, number in roadmap.net.around(node):
+        ends = sorted((other, length) for other, length, _ in roadmap.graph.around(node))
+        assert ends == sorted((other, length) for other, length, _ in whole.graph.around(node))
+        for other, _, number in roadmap.graph.around(node):
             assert sorted(roadmap.edges[number].tolist()) == sorted((node, other))
     for a, b in pairwise(range(len(roadmap.milestones))):
-        together = whole.net.component(a) == whole.net.component(b)
-        assert (roadmap.net.component(a) == roadmap.net.component(b)) == together
+        together = whole.graph.component(a) == whole.graph.component(b)
+        assert (roadmap.graph.component(a) == roadmap.graph.component(b)) == together
 
 
 @pytest.mark.parametrize("share", [0.05, 0.6, 1.0])
@@ -247,16 +247,16 @@ def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
     roadmap = LazyPRM(milestones=400, neighbours=6).grow(across(DiscWorld(NOTHING)), seed=1)
     for _ in range(5):
         roadmap = roadmap.with_path(rng.random((4, 2)) * 3)
-    net = roadmap.net
-    milestones, edges = rng.random(len(net.milestones)) < 0.7, rng.random(len(net.edges)) < share
-    every = Spots(net.trunk, np.arange(len(net.trunk.edges)), net.trunk.spacing), net.added_spots
+    graph = roadmap.graph
+    milestones, edges = rng.random(len(graph.milestones)) < 0.7, rng.random(len(graph.edges)) < share
+    every = EdgePoints(graph.trunk, np.arange(len(graph.trunk.edges)), graph.trunk.spacing), graph.added_points
     spots, on = (np.concatenate([getattr(some, name) for some in every]) for name in ("q", "edge"))
     for q in rng.random((10, 2)) * 3:
-        nearest = {-1 - k: float(np.abs(net.milestones[k] - q).sum()) for k in np.flatnonzero(milestones).tolist()}
+        nearest = {-1 - k: float(np.abs(graph.milestones[k] - q).sum()) for k in np.flatnonzero(milestones).tolist()}
         for edge, far in zip(on.tolist(), np.abs(spots - q).sum(axis=1).tolist(), strict=True):
             if edges[edge]:
                 nearest[edge] = min(nearest.get(edge, math.inf), far)
-        found = [*itertools.islice(nearest_places(net, milestones, edges, q), 40)]
+        found = [*itertools.islice(nearest_places(graph, milestones, edges, q), 40)]
         assert [place.far for place in found] == pytest.approx(sorted(nearest.values())[:40])
         for place in found:
             owner = place.edge if place.edge >= 0 else -1 - place.milestone
@@ -271,7 +271,7 @@ def test_a_roadmap_answers_the_same_whatever_it_or_its_kin_were_asked_before() -
         assert found.waypoints is not None
         assert found.roadmap is not None
         roadmap = found.roadmap.with_path(found.waypoints)
-    anew = replace(roadmap, net=Net.of(roadmap.milestones, roadmap.edges, roadmap.net.reach, roadmap.net.grown))
+    anew = replace(roadmap, graph=Graph.of(roadmap.milestones, roadmap.edges, roadmap.graph.reach, roadmap.graph.grown))
     for goal in rng.random((10, 2)) * 2.0 - 1.0:
         one, two = DiscWorld(), DiscWorld()
         end = (2.0 + float(goal[0]) / 4, float(goal[1]))

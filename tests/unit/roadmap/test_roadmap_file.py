@@ -91,7 +91,7 @@ def test_what_was_saved_comes_back_bit_for_bit(roadmap: Roadmap, tmp_path: Path)
     assert json.dumps(back.head) == json.dumps(roadmap.head)
     assert back.terms == roadmap.terms
     assert back.built == roadmap.built
-    assert back.net.grown == roadmap.net.grown
+    assert back.graph.grown == roadmap.graph.grown
     for name, array in roadmap.arrays.items():
         assert back.arrays[name].tobytes() == np.ascontiguousarray(array).tobytes(), name
         assert back.arrays[name].dtype == array.dtype

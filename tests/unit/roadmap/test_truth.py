@@ -255,7 +255,7 @@ def test_threads_share_a_roadmap_and_each_gets_its_own_answer() -> None:
     services = [PlannerService("wxai", "bin", edge_step=JointStep(0.05)) for _ in range(2)]
     roadmap = cell().build_roadmap(LazyPRM(milestones=200), seed=3)
     alone = [ask(cell(), replace(roadmap), number) for number in range(4)]
-    shared = Roadmap.of(roadmap.milestones, roadmap.edges, reach=roadmap.net.reach)
+    shared = Roadmap.of(roadmap.milestones, roadmap.edges, reach=roadmap.graph.reach)
     shared = replace(shared, terms=roadmap.terms, built=roadmap.built)
     assert shared.hash == roadmap.hash
     with ThreadPoolExecutor(4) as pool:
