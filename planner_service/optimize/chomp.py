@@ -1,7 +1,7 @@
-"""The CHOMP family: covariant descent among looked-up distances (Zucker et al., IJRR 32(9-10), 2013).
+"""CHOMP: covariant gradient descent in a distance field (Zucker et al., IJRR 32(9-10), 2013).
 
-The robot is a set of balls that hold its moving pieces; each is pushed out of the field of what stands in the scene.
-The robot's own links are not kept apart here, nor is an allowed contact left alone: the checker judges the result.
+The robot is a set of balls that enclose its moving pieces, each pushed away from the obstacles by the field's gradient.
+Self-collisions and allowed contacts are ignored here: the collision checker decides about the result.
 """
 
 from __future__ import annotations
@@ -19,34 +19,36 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere, number, whole
 from planner_service.optimize.curve import IntArray, Samples, summed
 from planner_service.optimize.distance_field import DistanceField, field_of
-from planner_service.optimize.method import Found
-from planner_service.optimize.problem import RAMP, Task
+from planner_service.optimize.method import MethodResult
+from planner_service.optimize.problem import RAMP, CurveProblem
 from planner_service.robot.kinematic_tree import Body
 
 __all__ = ["Balls", "Chomp"]
 
 PITCH = 0.04
-"""Metres between balls along each side of a piece, at most: a ball then reaches 15 mm beyond the piece, or less."""
+"""The largest distance (m) between balls along each side of a piece; a ball then reaches at most 15 mm beyond it."""
 
 PRICES = (100.0, 1_000.0, 10_000.0)
-"""Cost of a square metre of distance lacking, in units of a straight curve; one after the other."""
+"""Penalties for each square metre of shortfall, in units of a straight curve, one after the other."""
 
-FIRST_MOVE, LEAST_MOVE = 0.05, 1e-5
-"""Radians by which a step moves the joint of a corner that moves most: at first, and when it is given up."""
+FIRST_MOVE, MIN_MOVE = 0.05, 1e-5
+"""Radians that a step moves the joint that moves most: at first, and at least."""
 
 SHRINK, GROW = 0.5, 1.3
 
 SMALL_GAIN = 1e-4
-"""Part of the merit that a step must gain for another one at this price to be worth taking."""
+"""Share of the merit that a step must gain for another one at this price."""
 
 
 @dataclass(frozen=True)
 class Chomp:
-    """Distances of balls are looked up in a grid that is made once for a scene: a step costs next to nothing more in a
-    crowd than on an empty table; but balls are larger than what they hold, and links do not see each other.
+    """Looks up distances of balls in a grid that is computed once for a scene.
+
+    A step costs hardly more among many obstacles than on an empty table. But balls are larger than the pieces they
+    enclose, and the robot's links do not keep apart.
 
     Attributes:
-        iterations: Steps at most.
+        iterations: The most steps.
         voxel: Metres between points of the grid.
     """
 
@@ -59,26 +61,26 @@ class Chomp:
 
     @property
     def name(self) -> str:
-        """Lower case, as on the command line."""
+        """The name on the command line, in lower case."""
         return "chomp"
 
-    def minimise(self, task: Task, corners: FloatArray, held: tuple[int, int]) -> Found:
+    def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
         """See ``Method``."""
-        descent = _Descent(task, corners, held, field_of(task.checker, self.voxel))
+        descent = _Descent(problem, corners, held, field_of(problem.checker, self.voxel))
         done = 0
         for price in PRICES:
             descent.begin(price)
             while done < self.iterations and descent.advance():
-                task.checker.ledger.poll()  # looking up distances asks the checker nothing
+                problem.checker.ledger.poll()  # the checker counts no looked-up distances
                 done += 1
-        return Found(descent.corners, done)
+        return MethodResult(descent.corners, done)
 
 
 @dataclass(frozen=True, eq=False)
 class Balls:
-    """Balls that hold the moving pieces of a robot: body, centre in it and radius; (b,), (b, 3), (b,).
+    """Balls that enclose the moving pieces of a robot: body, centre in its frame and radius; (b,), (b, 3), (b,).
 
-    ``piece`` numbers the pieces they are of, and ``whole`` are balls around whole pieces, one each; None for these.
+    ``piece`` is the piece of each, (b,); ``whole`` has one ball around each whole piece, and is None in that itself.
     """
 
     body: IntArray
@@ -89,7 +91,7 @@ class Balls:
 
     @classmethod
     def of(cls, checker: CollisionChecker) -> Balls:
-        """Those of a checker's robot and of what it carries."""
+        """The balls of a checker's robot and of what it carries."""
         moving = [part for part in checker.parts.parts if part.body > 0]
         rows = [
             (part.body, *_moved(part.T, centre), radius, number)
@@ -105,7 +107,7 @@ class Balls:
         return cls(table[:, 0].astype(np.intp), table[:, 1:4], table[:, 4], table[:, 5].astype(np.intp))
 
     def _around(self, piece: int) -> tuple[float, ...]:
-        """A ball around those of a piece."""
+        """A ball around all balls of a piece."""
         mine = self.piece == piece
         centre, radius = self.centre[mine], self.radius[mine]
         middle = 0.5 * (centre.min(axis=0) + centre.max(axis=0))
@@ -114,7 +116,7 @@ class Balls:
         return (float(self.body[mine][0]), *middle.tolist(), float(reach.max()), float(piece))
 
     def placed(self, poses: tuple[FloatArray, FloatArray], row: IntArray, ball: IntArray) -> FloatArray:
-        """The centres of some balls, each at one of the configurations that poses of bodies are for, (k, 3)."""
+        """The centres of balls (k,) in the world frame, each at the configuration of its row of poses; (k, 3)."""
         R, t = (part[row, self.body[ball]] for part in poses)
         c = self.centre[ball]
         return np.asarray(t + (R[..., 0] * c[:, 0, None] + R[..., 1] * c[:, 1, None] + R[..., 2] * c[:, 2, None]))
@@ -125,7 +127,7 @@ def _moved(T: FloatArray, x: Sequence[float]) -> list[float]:
 
 
 def _held_by(shape: Shape) -> Iterator[tuple[tuple[float, ...], float]]:
-    """Balls that hold a shape: centres in its frame, and radii."""
+    """Balls that enclose a shape: centres in its frame, and radii."""
     if isinstance(shape, Sphere):
         yield (0.0, 0.0, 0.0), shape.radius
         return
@@ -159,7 +161,7 @@ def _held_by(shape: Shape) -> Iterator[tuple[tuple[float, ...], float]]:
 
 @dataclass(frozen=True, eq=False)
 class _Lacking:
-    """Points (m, n) with poses there, and of each ball too near at one: row, ball, metres lacking, gradient, centre."""
+    """Points (m, n) with their poses, and for each ball too near: row, ball, shortfall (m), gradient, centre."""
 
     points: FloatArray
     poses: tuple[FloatArray, FloatArray]
@@ -171,36 +173,37 @@ class _Lacking:
 
 
 class _Descent:
-    """Where the corners stand, and how far the next step may go."""
+    """The current corners, and the length of the next step."""
 
-    def __init__(self, task: Task, corners: FloatArray, held: tuple[int, int], grid: DistanceField | None) -> None:
-        self._task, self.corners, self._grid = task, corners, grid
+    def __init__(
+        self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int], grid: DistanceField | None
+    ) -> None:
+        self._problem, self.corners, self._grid = problem, corners, grid
         self._free = slice(held[0], len(corners) - held[1])
-        self._balls = Balls.of(task.checker)
+        self._balls = Balls.of(problem.checker)
         self._price, self._move = PRICES[0], FIRST_MOVE
-        metric = task.curvature(task.samples(corners), len(corners))[self._free, self._free]
+        metric = problem.curvature(problem.samples(corners), len(corners))[self._free, self._free]
         self._inverse = _inverse(metric)
         self._targets = self._aims()
         self._merit = math.inf
 
     def begin(self, price: float) -> None:
-        """Go on at another price."""
+        """Continue with another price."""
         self._price, self._move = price, FIRST_MOVE
-        self._merit = self._worth(self._task.samples(self.corners), self.corners)
+        self._merit = self._worth(self._problem.samples(self.corners), self.corners)
 
     def advance(self) -> bool:
-        """One step; False if none was worth taking."""
-        task, corners = self._task, self.corners
-        samples = task.samples(corners)
+        """Take one step; False if none gains enough."""
+        problem, corners = self._problem, self.corners
+        samples = problem.samples(corners)
         slope = self._slope(samples)
-        way = summed(self._inverse[:, :, None].transpose(1, 0, 2) * slope[:, None, :])
-        size = float(np.abs(way).max())
-        while self._move >= LEAST_MOVE and size > 0.0:
+        direction = summed(self._inverse[:, :, None].transpose(1, 0, 2) * slope[:, None, :])
+        size = float(np.abs(direction).max())
+        while self._move >= MIN_MOVE and size > 0.0:
             moved = corners.copy()
-            step = way * (self._move / size)
-            moved[self._free] = np.clip(corners[self._free] - step, task.lower, task.upper)
-            there = task.samples(moved)
-            merit = self._worth(there, moved)
+            step = direction * (self._move / size)
+            moved[self._free] = np.clip(corners[self._free] - step, problem.lower, problem.upper)
+            merit = self._worth(problem.samples(moved), moved)
             if merit < self._merit:
                 worthwhile = self._merit - merit > SMALL_GAIN * self._merit
                 self.corners, self._merit = moved, merit
@@ -210,8 +213,8 @@ class _Descent:
         return False
 
     def _slope(self, samples: Samples) -> FloatArray:
-        """The derivative of the merit by the free corners, (f, n)."""
-        H = 2.0 * self._task.curvature(samples, len(self.corners))
+        """The gradient of the merit by the free corners, (f, n)."""
+        H = 2.0 * self._problem.curvature(samples, len(self.corners))
         smooth = np.add.accumulate(H[:, :, None] * self.corners[None], axis=1)[:, -1]
         by_point = self._pushed(self._lacking(samples, self.corners))
         weights = samples.matrix(len(self.corners))
@@ -219,12 +222,12 @@ class _Descent:
         return np.asarray((smooth + self._price * pushed)[self._free])
 
     def _aims(self) -> FloatArray:
-        """The distance that each ball is to keep at each point, (m, b): near the ends no more than it has there."""
-        task, balls = self._task, self._balls
-        poses = task.checker.robot.body_poses_batch(task.route[[0, -1]], portable=True)
-        way = task.length * (np.arange(task.points) / (task.points - 1))
-        out = np.full((task.points, len(balls.radius)), task.aim)
-        for end, far in enumerate((way, task.length - way)):
+        """The distance that each ball should keep at each point, (m, b): near the ends no more than it has there."""
+        problem, balls = self._problem, self._balls
+        poses = problem.checker.robot.body_poses_batch(problem.route[[0, -1]], portable=True)
+        travelled = problem.length * (np.arange(problem.points) / (problem.points - 1))
+        out = np.full((problem.points, len(balls.radius)), problem.aim)
+        for end, far in enumerate((travelled, problem.length - travelled)):
             every = np.arange(len(balls.radius))
             centre = balls.placed(poses, np.full_like(every, end), every)
             own = math.inf if self._grid is None else self._grid.at(centre)[0] - balls.radius
@@ -232,50 +235,51 @@ class _Descent:
         return out
 
     def _lacking(self, samples: Samples, corners: FloatArray) -> _Lacking:
-        task, balls = self._task, self._balls
-        points = np.minimum(np.maximum(samples.of(corners), task.lower), task.upper)
-        poses = task.checker.robot.body_poses_batch(points, portable=True)
+        problem, balls = self._problem, self._balls
+        points = np.minimum(np.maximum(samples.of(corners), problem.lower), problem.upper)
+        poses = problem.checker.robot.body_poses_batch(points, portable=True)
         row, ball = self._close(poses)
         centre = balls.placed(poses, row, ball)
         wanted = self._targets[row, ball] + balls.radius[ball]
         metres: FloatArray = np.zeros(0)
         gradient: FloatArray = np.zeros((0, 3))
         if self._grid is not None:
-            some = self._grid.may_be_within(centre, wanted)
-            row, ball, centre, wanted = row[some], ball[some], centre[some], wanted[some]
+            near = self._grid.may_be_within(centre, wanted)
+            row, ball, centre, wanted = row[near], ball[near], centre[near], wanted[near]
             value, gradient = self._grid.at(centre)
             metres = wanted - value
         short = metres > 0.0
         return _Lacking(points, poses, row[short], ball[short], metres[short], gradient[short], centre[short])
 
     def _close(self, poses: tuple[FloatArray, FloatArray]) -> tuple[IntArray, IntArray]:
-        """Rows and balls of pieces that may be too near something there."""
+        """The rows and balls of pieces that may be too near an obstacle."""
         none: IntArray = np.zeros(0, dtype=np.intp)
         whole = self._balls.whole
         if self._grid is None or whole is None:
             return none, none
         m, count = len(poses[0]), len(whole.radius)
         row, piece = np.repeat(np.arange(m), count), np.tile(np.arange(count), m)
-        wanted = whole.radius[piece] + self._task.aim
+        wanted = whole.radius[piece] + self._problem.aim
         near = self._grid.may_be_within(whole.placed(poses, row, piece), wanted).reshape(m, count)
         rows, balls = near[:, self._balls.piece].nonzero()
         return rows, balls
 
     def _worth(self, samples: Samples, corners: FloatArray) -> float:
-        """The merit of corners: their cost, and for each waypoint the squares of the distances lacking."""
+        """The merit of corners: their cost, plus the squared shortfall per waypoint times the price."""
         metres = self._lacking(samples, corners).metres
         return (
-            self._task.cost(samples, corners) + self._price * math.fsum((metres * metres).tolist()) / self._task.between
+            self._problem.cost(samples, corners)
+            + self._price * math.fsum((metres * metres).tolist()) / self._problem.between
         )
 
     def _pushed(self, lacking: _Lacking) -> FloatArray:
-        """The derivative of the squares lacking by the points, (m, n): what forces on balls are by joints."""
-        task = self._task
-        task.gradients += len(lacking.row)
-        force = lacking.gradient * (-2.0 * lacking.metres / task.between)[:, None]
+        """The gradient of the squared shortfall by the points, (m, n): forces on balls as torques on joints."""
+        problem = self._problem
+        problem.gradients += len(lacking.row)
+        force = lacking.gradient * (-2.0 * lacking.metres / problem.between)[:, None]
         R, t = lacking.poses
         out = np.zeros(lacking.points.shape)
-        bodies = task.checker.robot.bodies
+        bodies = problem.checker.robot.bodies
         for index, body in enumerate(bodies[1:], 1):
             carries = np.array([index in _chain(bodies, at) for at in range(len(bodies))])
             moved = carries[self._balls.body[lacking.ball]]
@@ -288,12 +292,12 @@ class _Descent:
 
 
 def _chain(bodies: Sequence[Body], index: int) -> set[int]:
-    """A body and those that carry it."""
-    found = set()
+    """A body and all that carry it."""
+    chain = set()
     while index > 0:
-        found.add(index)
+        chain.add(index)
         index = bodies[index].parent
-    return found
+    return chain
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -308,7 +312,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
-    """Of a positive definite matrix, by elimination: without a library whose bits depend on the processor."""
+    """The inverse of a positive definite matrix, by elimination: a library's bits would depend on the processor."""
     count = len(matrix)
     rows = np.concatenate([matrix, np.eye(count)], axis=1)
     for k in range(count):

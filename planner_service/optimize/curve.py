@@ -1,7 +1,7 @@
-"""The curve that is optimised: few corners, each blended as widely as its pieces allow, so that it bends all the way.
+"""The curve that is optimised: a few corners, each blended as widely as its pieces allow.
 
-It is the ``JointPath`` that is later proven and timed, to the last bit. Between two changes of the corners its points
-are weighted means of three corners each, so that costs and constraints on points of the curve are ones on corners.
+It is, to the last bit, the ``JointPath`` that is later proven and timed. While its corners hardly move, each of its
+points is a weighted mean of three corners: costs and constraints on points are costs and constraints on corners.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ IntArray = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Points of a curve as means of three corners each: number ``first + j`` weighs ``weights[:, j]``; (m,), (m, 3)."""
+    """Points of a curve as means of three corners: corner ``first + j`` weighs ``weights[:, j]``; (m,), (m, 3)."""
 
     first: IntArray
     weights: FloatArray
@@ -46,12 +46,12 @@ class Samples:
 
 
 def summed(terms: FloatArray) -> FloatArray:
-    """The sum over the first axis, one after the other: equal bits on every processor."""
+    """The sum over the first axis, in order, for equal bits on every processor."""
     return np.asarray(np.add.accumulate(terms, axis=0)[-1]) if len(terms) else np.zeros(terms.shape[1:])
 
 
 def evenly(waypoints: FloatArray, count: int) -> FloatArray:
-    """``count`` points of a polyline (N, n) with equal arc length between them, its ends bit for bit."""
+    """``count`` points at equal arc lengths along a polyline (N, n), with its ends bit for bit."""
     lengths = [joint_distance(a, b) for a, b in pairwise(waypoints.tolist())]
     knots = np.array(list(accumulate(lengths, initial=0.0)))
     at = knots[-1] * (np.arange(count) / (count - 1))
@@ -63,7 +63,7 @@ def evenly(waypoints: FloatArray, count: int) -> FloatArray:
 
 
 def _widths(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lengths of the pieces, (c - 1,), and how wide each corner is blended, (c,)."""
+    """The lengths of the pieces, (c - 1,), and the blend width at each corner, (c,)."""
     lengths = np.array([joint_distance(a, b) for a, b in pairwise(corners.tolist())])
     widths = np.zeros(len(corners))
     path = JointPath(corners)
@@ -74,19 +74,19 @@ def _widths(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def course_path(corners: FloatArray) -> JointPath:
-    """The curve with these corners (c, n); one that all but turns back is a stop."""
+    """The curve with these corners (c, n); a corner that almost turns back is a stop."""
     _, widths = _widths(corners)
     return JointPath(corners, widths) if widths.any() else JointPath(corners)
 
 
 def sampled(corners: FloatArray, count: int) -> Samples:
-    """``count`` points of the curve, as many on each piece between corners: c of these, c at least 3."""
+    """``count`` points of the curve, equally many on each piece between its corners (c, n), c >= 3."""
     last = len(corners) - 1
     lengths, widths = _widths(corners)
     u = last * (np.arange(count) / (count - 1))
     piece = np.minimum(u.astype(np.intp), last - 1)
     share = u - piece
-    near = np.clip(piece + (share > 0.5), 1, last - 1)  # the inner corner that may blend here
+    near = np.clip(piece + (share > 0.5), 1, last - 1)  # the inner corner whose blend may reach here
     length = lengths[piece]
     along = np.where(piece < near, share - 1.0, share) * length  # from that corner
     width = widths[near]
@@ -103,7 +103,7 @@ def sampled(corners: FloatArray, count: int) -> Samples:
 
 
 def squares(points: FloatArray) -> tuple[float, float]:
-    """Sums of the squared first and second differences of points (N, n)."""
+    """The sums of the squared first and second differences of points (N, n)."""
     first = points[1:] - points[:-1]
     second = first[1:] - first[:-1]
     return math.fsum((first * first).ravel().tolist()), math.fsum((second * second).ravel().tolist())

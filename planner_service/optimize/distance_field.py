@@ -1,7 +1,7 @@
-"""Signed distance from what stands in a scene, on a grid of voxels: looked up, with its gradient, at many points.
+"""The signed distance from the obstacles of a scene, on a grid of voxels, with its gradient.
 
-The distance at a grid point outside is that of the nearest piece, exact up to rounding; inside it is that of the
-nearest grid point outside, to half a voxel. Between grid points it is interpolated in each direction.
+At a grid point outside, the distance is that to the nearest piece, exact up to rounding; inside, it is that to the
+nearest grid point outside, to half a voxel. Between grid points it is interpolated trilinearly.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from planner_service.optimize.curve import IntArray
 __all__ = ["DistanceField", "field_of"]
 
 BAND = 0.25
-"""Metres from everything beyond which all distances are told as this one."""
+"""Metres; larger distances are replaced by this one."""
 
-MOST_VOXELS = 30_000_000
-"""120 MB; a scene as large as a hall in voxels of a centimetre has more."""
+MAX_VOXELS = 30_000_000
+"""120 MB; a hall in voxels of a centimetre has more."""
 
-AT_ONCE = 50_000
-"""Grid points worked out between two looks at the limits of a call."""
+POINTS_PER_POLL = 50_000
+"""Grid points computed between two polls."""
 
-KEPT = 4
-"""Fields kept in memory, the one used longest ago being forgotten first."""
+CACHED_FIELDS = 4
+"""Fields kept in memory; the least recently used is dropped first."""
 
 
 @dataclass(frozen=True, eq=False)
 class DistanceField:
-    """Metres at the points ``low + voxel * (i, j, k)``; ``values`` has shape (x, y, z), none below 2 along each."""
+    """Distances in metres at the points ``low + voxel * (i, j, k)``; ``values`` has shape (x, y, z), all at least 2."""
 
     low: FloatArray
     voxel: float
     values: FloatArray
 
     def may_be_within(self, points: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
-        """Which points (k, 3) may be nearer than their limits (k,): all others are not, by the nearest grid point."""
+        """Which points (k, 3) may be nearer than their limits (k,), by the nearest grid point; the others are not."""
         place = np.rint((points - self.low) / self.voxel).astype(np.intp)
         sizes = np.array(self.values.shape)
         inside = ((place >= 0) & (place < sizes)).all(axis=1)
@@ -81,7 +81,7 @@ class DistanceField:
 
 @dataclass(frozen=True)
 class _Key:
-    """What a field is made of, told apart by the hash of the scene; its size by the robot's reach."""
+    """What a field is computed from; the scene's hash, the voxel size and the robot's reach identify it."""
 
     scene: str
     voxel: float
@@ -91,32 +91,32 @@ class _Key:
 
 
 def field_of(checker: CollisionChecker, voxel: float) -> DistanceField | None:
-    """The field of a checker's scene as far as its robot reaches, made once for each scene; None if nothing is there.
+    """The field of a checker's scene as far as its robot reaches, computed once; None for an empty scene.
 
     Raises:
-        SearchStopped: the checker's limits ended it, which are looked at between slabs of the grid.
-        InvalidRequest: it would have more than 30,000,000 voxels.
+        SearchStopped: A limit of the checker ended it; limits are checked between slabs of the grid.
+        InvalidRequest: It would have more than 30,000,000 voxels.
     """
     standing = tuple(part for part in checker.parts.parts if part.body < 0)
     reach = math.fsum(checker.robot.reach().tolist())
     return _made(_Key(checker.scene.hash, voxel, reach, standing, checker.ledger.poll)) if standing else None
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED_FIELDS)
 def _made(key: _Key) -> DistanceField:
     boxes = [_box(part) for part in key.standing]
     low = np.maximum(np.min([low for low, _ in boxes], axis=0), -key.reach) - BAND
     high = np.minimum(np.max([high for _, high in boxes], axis=0), key.reach) + BAND
     sizes = np.maximum(np.ceil((high - low) / key.voxel).astype(np.intp) + 1, 2)
-    if math.prod(sizes.tolist()) > MOST_VOXELS:
-        raise InvalidRequest("voxel", key.voxel, f"at most {MOST_VOXELS:,} voxels of that size: {sizes.tolist()}")
+    if math.prod(sizes.tolist()) > MAX_VOXELS:
+        raise InvalidRequest("voxel", key.voxel, f"at most {MAX_VOXELS:,} voxels of that size: {sizes.tolist()}")
     values = np.full(sizes.tolist(), BAND, dtype=np.float32)
     for part, box in zip(key.standing, boxes, strict=True):
         first, end = _range(box, low, key.voxel, sizes)
         if (first < end).all():
             axes = [low[k] + key.voxel * np.arange(first[k], end[k]) for k in range(3)]
             window = values[tuple(slice(a, b) for a, b in zip(first, end, strict=True))]
-            thick = max(1, AT_ONCE // window[0].size)
+            thick = max(1, POINTS_PER_POLL // window[0].size)
             for x in range(0, len(window), thick):
                 key.poll()
                 slab = window[x : x + thick]
@@ -126,7 +126,7 @@ def _made(key: _Key) -> DistanceField:
 
 
 def _box(part: Part) -> tuple[FloatArray, FloatArray]:
-    """The box around a standing piece along the world's axes: low and high corner."""
+    """The axis-aligned box around a piece in the world frame: its low and high corner."""
     R, t = part.T[:3, :3], part.T[:3, 3]
     reach = [[part.shape.support(sign * R[axis])[k] for k in range(3)] for axis in range(3) for sign in (1.0, -1.0)]
     ends = [math.fsum(R[k // 2, j] * reach[k][j] for j in range(3)) + t[k // 2] for k in range(6)]
@@ -136,14 +136,14 @@ def _box(part: Part) -> tuple[FloatArray, FloatArray]:
 def _range(
     box: tuple[FloatArray, FloatArray], low: FloatArray, voxel: float, sizes: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """The grid points within BAND of a box: first and end along each axis."""
+    """The range of grid points within BAND of a box: first and end along each axis."""
     first = np.clip(np.floor((box[0] - BAND - low) / voxel).astype(np.intp), 0, sizes)
     end = np.clip(np.ceil((box[1] + BAND - low) / voxel).astype(np.intp) + 1, 0, sizes)
     return first, end
 
 
 def _distances(part: Part, axes: Sequence[FloatArray]) -> FloatArray:
-    """From each grid point to a piece, 0 inside, (x, y, z)."""
+    """The distance from each grid point to a piece, 0 inside, shape (x, y, z)."""
     x, y, z = np.meshgrid(*(values - part.T[k, 3] for k, values in enumerate(axes)), indexing="ij")
     R = part.T[:3, :3]
     local = np.stack([x * R[0, k] + y * R[1, k] + z * R[2, k] for k in range(3)], axis=-1)
@@ -151,12 +151,14 @@ def _distances(part: Part, axes: Sequence[FloatArray]) -> FloatArray:
 
 
 def _with_depths(values: FloatArray, voxel: float) -> FloatArray:
-    """The field with negative distances inside, by a transform of the grid."""
+    """The field with negative distances inside, by a distance transform of the grid."""
     from scipy.ndimage import distance_transform_edt
 
     inside = values <= 0.0
     if inside.any():
-        box = tuple(slice(max(int(k.min()) - 1, 0), int(k.max()) + 2) for k in inside.nonzero())  # and a way out
+        box = tuple(
+            slice(max(int(k.min()) - 1, 0), int(k.max()) + 2) for k in inside.nonzero()
+        )  # with a rim of points outside
         depths = np.asarray(distance_transform_edt(inside[box])) * voxel - 0.5 * voxel
         values[box] = np.where(inside[box], -depths, values[box])
     return values

@@ -1,4 +1,4 @@
-"""How a curve is improved: what both families of methods are asked, and what they answer."""
+"""The interface of an optimisation method."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Protocol
 from planner_service.geometry.shapes import FloatArray
 
 if TYPE_CHECKING:
-    from planner_service.optimize.problem import Task
+    from planner_service.optimize.problem import CurveProblem
 
-__all__ = ["Found", "Method"]
+__all__ = ["Method", "MethodResult"]
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """Corners (c, n) of a curve at which a method stopped, and the iterations it took. They need not be free."""
+class MethodResult:
+    """The corners (c, n) of the curve at which a method stopped, which need not be free, and its iterations."""
 
     corners: FloatArray
     iterations: int
 
 
 class Method(Protocol):
-    """Improves a curve; a small frozen dataclass of settings. Equal tasks have equal answers."""
+    """Improves a curve; its fields are its settings. Equal problems have equal results."""
 
     @property
     def name(self) -> str:
-        """Lower case, as on the command line."""
+        """The name on the command line, in lower case."""
 
-    def minimise(self, task: Task, corners: FloatArray, held: tuple[int, int]) -> Found:
-        """A curve of less cost, with fewer pairs too near, or the same; the first and last ``held`` corners stay."""
+    def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
+        """A curve of lower cost or with fewer pairs too near, or the same; the first and last ``held`` corners stay."""

@@ -1,8 +1,8 @@
-"""One convex step: a quadratic cost, limits, and linear distances, what these lack being paid for (an l1 penalty).
+"""One convex step: a quadratic cost with bounds, and an l1 penalty on linearised distances.
 
-PIQP solves it (Schwan, Jiang, Kuhn & Jones, CDC 2023), an interior point method: the costs of smooth curves are so ill
-conditioned that first order methods (OSQP, ProxQP) took 25 to 60 times as long. Of its builds the plain one is used, so
-that bits do not depend on the processor.
+It is solved by PIQP (Schwan, Jiang, Kuhn & Jones, CDC 2023), an interior point method: the costs of smooth curves are
+so ill-conditioned that first-order methods (OSQP, ProxQP) took 25 to 60 times as long. PIQP's build without SIMD is
+used, so that bits do not depend on the processor.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Step:
         gradient, low, high: (v,).
         G: (k, v).
         short: (k,).
-        price: For each unit.
+        price: The penalty per unit of shortfall.
     """
 
     H: FloatArray
@@ -48,7 +48,7 @@ def _piqp() -> Any:
 
 
 def solved(step: Step) -> FloatArray:
-    """The x (v,) that minimises it, within the bounds; if rounding gets the better of the solver, what it had then."""
+    """The minimising x (v,), within the bounds; the last iterate if rounding stops the solver."""
     piqp = loaded(_piqp)
     v, k = len(step.gradient), len(step.short)
     solver = piqp.SparseSolver()
@@ -73,13 +73,13 @@ def solved(step: Step) -> FloatArray:
 
 
 def load_solver() -> None:
-    """Load the libraries now rather than with the first step."""
+    """Load the libraries now instead of with the first step."""
     zero = np.zeros((1, 1))
     solved(Step(np.eye(1), zero[0], zero[0], zero[0], zero, zero[0], 1.0))
 
 
 def _padded(H: FloatArray, more: int) -> Any:
-    """A symmetric matrix with empty rows and columns added."""
+    """A symmetric matrix with ``more`` empty rows and columns."""
     from scipy.sparse import csc_matrix
 
     full = csc_matrix(H)

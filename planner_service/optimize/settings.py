@@ -1,4 +1,4 @@
-"""``Optimise``: how a path is to be optimised; what came of it is an ``Optimum``."""
+"""``Optimise``, the settings of path optimisation, and ``Optimum``, its result."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from planner_service.geometry.shapes import FloatArray, number, numbers, read_on
 from planner_service.optimize.chomp import Chomp
 from planner_service.optimize.curve import course_path, evenly
 from planner_service.optimize.method import Method
-from planner_service.optimize.problem import Figures, Task, Terms
+from planner_service.optimize.problem import CurveObjective, CurveProblem, Figures
 from planner_service.optimize.trajopt import TrajOpt
 from planner_service.path.joint_path import JointPath
 
-__all__ = ["FEW_CORNERS", "METHODS", "MOST_CLEARANCE", "Optimise", "Optimum"]
+__all__ = ["FEW_CORNERS", "MAX_CLEARANCE", "METHODS", "Optimise", "Optimum"]
 
-MOST_CLEARANCE = 0.1
-"""Metres; more is a unit mistake."""
+MAX_CLEARANCE = 0.1
+"""Metres; a larger value is probably a mistake of units."""
 
 MANY_CORNERS, FEW_CORNERS = 8, 3
 """Measured: with 8, ToppRa is 1 to 3 % faster than with 6 or 5; with 3, SCurve is up to 30 % faster than with 8."""
 
 METHODS: Mapping[str, type[Any]] = MappingProxyType({TrajOpt().name: TrajOpt, Chomp().name: Chomp})
-"""Every method that can be made from its name and settings, by that name."""
+"""The methods by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Where an optimisation stopped. It need not be free: only ``CollisionChecker`` and the certificate say so.
+    """The curve at which an optimisation stopped. It need not be free: the checker and the certificate decide that.
 
     Attributes:
-        corners: Of the curve, shape (c, n), its ends those of the route; read-only.
-        before: The route in numbers.
-        after: The curve in numbers.
-        iterations: Of the method; 0 where the route was a straight line that keeps its distance, and is left as it is.
-        gradients: Of distances, worked out on the way; distances themselves are counted by the checker.
+        corners: The curve's corners, shape (c, n), with the ends of the route; read-only.
+        before: The figures of the route.
+        after: The figures of the curve.
+        iterations: Iterations of the method; 0 if the route is a straight line that keeps its distance, and stays.
+        gradients: Gradients of distances that were computed; the checker counts the distances themselves.
     """
 
     corners: FloatArray
@@ -52,34 +52,34 @@ class Optimum:
 
     @property
     def path(self) -> JointPath:
-        """The curve, blended all the way."""
+        """The curve with its corners blended."""
         return course_path(self.corners)
 
 
 @dataclass(frozen=True)
 class Optimise:
-    """A short, smooth curve that keeps its distance, made from a path (``PlanRequest.polish``) or from a straight line
+    """Finds a short, smooth curve that keeps its distance, from a path (``PlanRequest.polish``) or from a straight line
     (``PlanRequest.planner``).
 
-    It is the lesson's programme: the sum of squared first differences of waypoints and ``smoothness`` times that of
-    second differences, while every pair keeps ``clearance`` at every waypoint and between them. The waypoints are
-    points of the very curve that is then proven and timed: a polygon with few corners, blended all the way.
+    It minimises the sum of squared first differences of waypoints plus ``smoothness`` times that of second
+    differences, while every pair keeps ``clearance`` at every waypoint and between them. The waypoints are points of
+    the curve that is then proven and timed: a polygon with few corners, each blended as widely as possible.
 
     Attributes:
-        waypoints: Points of the curve at which cost and distances are taken; between them distances are looked at, too.
-        smoothness: Weight of squared second differences. Above some hundreds little changes, at 0 curves are short
-            and have narrow bends.
-        clearance: Metres that the robot keeps from everything, and a quarter of it from itself; near an end that is
-            nearer, as much as that leaves. In a request no less than twice its padding.
-        corners: Of the polygon, between its ends: with more of them there is room for more bends, and by ``ToppRa`` a
-            curve is a little faster; laws that keep their speed on a blend (``SCurve``, ``Trapezoidal``) are slower.
-            None for 8, in a request with such a law for 3.
+        waypoints: Points of the curve at which cost and distances are computed; distances also between them.
+        smoothness: Weight of squared second differences. Above some hundreds little changes; at 0 curves are short
+            with narrow bends.
+        clearance: Metres that the robot keeps from everything else, and a quarter of it from itself; near an end that
+            is nearer, as much as possible there. In a request at least twice its padding.
+        corners: Corners between the ends of the polygon. More corners allow more bends and are slightly faster with
+            ``ToppRa``, but slower with laws of constant speed on blends (``SCurve``, ``Trapezoidal``). None for 8, or
+            for 3 in a request with such a law.
         method: ``TrajOpt()`` or ``Chomp()``.
-        starts: As a planner: lines it begins with, one after the other until the result is free: the straight one
-            first, then lines through a configuration drawn from the request's seed.
+        starts: As a planner, how many initial lines to try until the result is free: first the straight one, then
+            lines through a configuration drawn from the request's seed.
 
     Raises:
-        InvalidRequest: a value is of the wrong kind or out of its range.
+        InvalidRequest: A value is of the wrong kind or out of its range.
     """
 
     waypoints: int = 50
@@ -95,7 +95,7 @@ class Optimise:
             whole("corners", self.corners, 1, 200)
         whole("starts", self.starts, 1, 100)
         number("smoothness", self.smoothness, "a number from 0 to 1e6", 0.0, 1e6)
-        number("clearance", self.clearance, f"metres in [0, {MOST_CLEARANCE:g}]", 0.0, MOST_CLEARANCE)
+        number("clearance", self.clearance, f"metres in [0, {MAX_CLEARANCE:g}]", 0.0, MAX_CLEARANCE)
         if isinstance(self.method, type) or not callable(getattr(self.method, "minimise", None)):
             raise InvalidRequest("method", self.method, "TrajOpt() or Chomp()")
         if self.waypoints <= self._corners + 1:
@@ -103,7 +103,7 @@ class Optimise:
 
     @property
     def name(self) -> str:
-        """Lower case, as on the command line."""
+        """The name on the command line, in lower case."""
         return "optimise"
 
     @property
@@ -113,28 +113,28 @@ class Optimise:
     def improved(
         self, route: ArrayLike, checker: CollisionChecker, *, held: tuple[int, int] = (1, 1), warm: bool = False
     ) -> Optimum:
-        """The curve that comes of a polyline (N, n), which need not be free; its ends stay.
+        """Optimise a polyline (N, n), which need not be free; its ends stay.
 
         Args:
-            checker: Measures and counts distances; with padding 0 these are those of the pieces themselves.
-            held: How many corners stay as they are at the start and at the goal, the ends included: with two the
-                curve leaves the start along their line.
-            warm: The polyline's own points are the corners to begin with, such as those of an earlier optimum;
-                else ``corners`` are laid evenly along it.
+            checker: Measures and counts distances, from the pieces themselves if its padding is 0.
+            held: How many corners stay fixed at the start and at the goal, including the ends; with two, the curve
+                leaves the start along the line between them.
+            warm: Start with the polyline's own points as corners, such as those of an earlier optimum, instead of
+                ``corners`` evenly spaced along it.
 
         Raises:
-            InvalidRequest: not at least two finite rows of n joint values within the limits; nothing to move between
-                what is held; or the compiled kernel was not built.
+            InvalidRequest: Not at least two finite rows of n joint values within the limits; no free corner between
+                those held; or the compiled kernel was not built.
         """
         points = _route(route, checker.robot.n)
         corners = points if warm else evenly(points, self._corners + 2)
         _require_held(held, len(corners))
-        task = Task(checker, Terms(self.waypoints, self.smoothness, self.clearance), points)
-        before = task.route_figures()
-        if len(points) == 2 and before.shortfall == 0.0:  # nothing is shorter than a straight line, or smoother
+        problem = CurveProblem(checker, CurveObjective(self.waypoints, self.smoothness, self.clearance), points)
+        before = problem.route_figures()
+        if len(points) == 2 and before.shortfall == 0.0:  # a straight line cannot be improved
             return Optimum(read_only(corners), before, before, 0, 0)
-        found = self.method.minimise(task, corners, held)
-        return Optimum(read_only(found.corners), before, task.figures(found.corners), found.iterations, task.gradients)
+        end = self.method.minimise(problem, corners, held)
+        return Optimum(read_only(end.corners), before, problem.figures(end.corners), end.iterations, problem.gradients)
 
 
 def _require_held(held: Any, corners: int) -> None:

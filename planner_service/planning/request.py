@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray, Pose, as_sent, instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
-from planner_service.optimize import FEW_CORNERS, MOST_CLEARANCE, Optimise
+from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.timing.laws import Timing, ToppRa, effective_limits
@@ -113,7 +113,7 @@ class PlanRequest:
         if chosen is None:
             return None
         few = chosen.corners is None and not isinstance(self.timing, ToppRa)
-        clearance = max(chosen.clearance, min(2.0 * self.padding, MOST_CLEARANCE))
+        clearance = max(chosen.clearance, min(2.0 * self.padding, MAX_CLEARANCE))
         return replace(chosen, corners=FEW_CORNERS if few else chosen.corners, clearance=clearance)
 
     def goals(self, robot: Robot) -> tuple[FloatArray | Pose | PoseGoal, ...]:

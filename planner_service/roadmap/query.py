@@ -26,8 +26,8 @@ from planner_service.roadmap.graph import Graph, Neighbour
 from planner_service.roadmap.nearest import Place, nearest_places
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
 from planner_service.search.problem import (
-    Configuration,
     CoarseOracle,
+    Configuration,
     SearchProblem,
     distances,
     joint_distance,

@@ -35,7 +35,7 @@ from planner_service.optimize import Chomp, TrajOpt
 from planner_service.optimize.chomp import Balls, _Descent
 from planner_service.optimize.curve import course_path, evenly, sampled, squares
 from planner_service.optimize.distance_field import BAND, field_of
-from planner_service.optimize.problem import OWN_SHARE, RAMP, SPARE, Task, Terms
+from planner_service.optimize.problem import OWN_SHARE, RAMP, SPARE, CurveObjective, CurveProblem
 from planner_service.optimize.qp_step import Step, solved
 
 ROUTE = np.array([[-0.3, 0.0], [0.4, 1.8], [1.0, 0.3]])
@@ -112,18 +112,18 @@ def test_the_cost_is_the_lessons() -> None:
 
 
 def test_the_matrix_of_the_cost_is_that_of_the_cost() -> None:
-    task = Task(planar(), Terms(20, 30.0, 0.02), np.array([START, GOAL]))
+    problem = CurveProblem(planar(), CurveObjective(20, 30.0, 0.02), np.array([START, GOAL]))
     corners = evenly(np.array([START, [1.0, 1.0], GOAL]), 6)
-    samples = task.samples(corners)
-    H = task.curvature(samples, 6)
-    assert float((corners * (H @ corners)).sum()) == pytest.approx(task.cost(samples, corners))
-    assert task.cost(samples, corners) == pytest.approx(task.figures(corners).cost / task.unit)
+    samples = problem.samples(corners)
+    H = problem.curvature(samples, 6)
+    assert float((corners * (H @ corners)).sum()) == pytest.approx(problem.cost(samples, corners))
+    assert problem.cost(samples, corners) == pytest.approx(problem.figures(corners).cost / problem.unit)
 
 
 def test_points_are_so_close_that_nothing_thin_is_stepped_over() -> None:
     checker = planar(disc(1.5, 1.5, 0.002))
-    task = Task(checker, Terms(10, 1.0, 0.05), np.array([[0.0, 0.0], [0.8, -0.3]]))
-    points = sampled(evenly(task.route, 5), task.points).of(evenly(task.route, 5))
+    problem = CurveProblem(checker, CurveObjective(10, 1.0, 0.05), np.array([[0.0, 0.0], [0.8, -0.3]]))
+    points = sampled(evenly(problem.route, 5), problem.points).of(evenly(problem.route, 5))
     moved = np.abs(np.diff(points, axis=0)) @ checker.robot.reach()
     assert moved.max() < 0.05 * 1.01
 
@@ -132,10 +132,10 @@ def test_what_is_near_at_an_end_may_be_as_near_there_and_must_part_from_then_on(
     checker = planar(disc(0.5, 0.115))  # 5 mm beside the arm at its start
     route = np.array([[0.0, 0.0], [-1.0, -0.5]])
     (gap,) = checker.near(route[:1], 0.02).distances.tolist()
-    task = Task(checker, Terms(50, 1.0, 0.02), route)
+    problem = CurveProblem(checker, CurveObjective(50, 1.0, 0.02), route)
     corners = evenly(route, 5)
-    look = task.look(task.samples(corners), corners, 0.02)
-    expected = gap + RAMP * math.dist(*route.tolist()) * look.near.rows / (task.points - 1)
+    look = problem.look(problem.samples(corners), corners, 0.02)
+    expected = gap + RAMP * math.dist(*route.tolist()) * look.near.rows / (problem.points - 1)
     assert 0.0 < gap < 0.02
     assert len(look.targets) > 0
     assert np.abs(look.targets - np.minimum(expected, 0.02 * SPARE)).max() < 1e-12
@@ -148,9 +148,11 @@ def test_links_need_a_quarter_of_the_room_from_each_other() -> None:
     Q = rng.uniform(limits.lower, limits.upper, (200, 6))
     near = checker.near(Q, 0.004)
     assert len(near.rows) > 0
-    task = Task(checker, Terms(10, 1.0, 0.02), np.array([checker.robot.home, checker.robot.home + 0.5]))
+    problem = CurveProblem(
+        checker, CurveObjective(10, 1.0, 0.02), np.array([checker.robot.home, checker.robot.home + 0.5])
+    )
     assert OWN_SHARE == 0.25
-    assert task._targets(near).max() <= 0.005 * SPARE + 1e-12
+    assert problem._targets(near).max() <= 0.005 * SPARE + 1e-12
 
 
 # one convex step
@@ -348,7 +350,7 @@ def test_making_a_field_and_following_it_are_held_to_the_limits_of_the_call(
     after: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checker = planar(disc(1.4, 0.6, 0.1 + after * 1e-3))  # one of which there is no field yet
-    task, looks = Task(checker, Terms(50, 100.0, 0.02), ROUTE), iter(range(1, 1000))
+    problem, looks = CurveProblem(checker, CurveObjective(50, 100.0, 0.02), ROUTE), iter(range(1, 1000))
 
     def poll() -> None:
         if next(looks) == after:
@@ -356,8 +358,8 @@ def test_making_a_field_and_following_it_are_held_to_the_limits_of_the_call(
 
     monkeypatch.setattr(checker.ledger, "poll", poll)
     with pytest.raises(Cancelled, match="by the caller"):
-        Chomp().minimise(task, evenly(ROUTE, 10), (1, 1))
-    assert Chomp().minimise(task, evenly(ROUTE, 10), (1, 1)).iterations > 10
+        Chomp().minimise(problem, evenly(ROUTE, 10), (1, 1))
+    assert Chomp().minimise(problem, evenly(ROUTE, 10), (1, 1)).iterations > 10
 
 
 def test_a_field_that_fills_the_memory_is_refused() -> None:
@@ -389,12 +391,12 @@ def test_the_slope_of_the_covariant_descent_is_that_of_its_merit() -> None:
     checker = CollisionChecker(load_robot("wxai"), load_scene("post"))
     home = checker.robot.home
     goal = home + np.array([1.5, 0.2, 0.1, 0.0, 0.3, 0.1])
-    task = Task(checker, Terms(20, 10.0, 0.05), np.array([home - [0.7, 0, 0, 0, 0, 0], goal]))
-    corners = evenly(task.route, 6)
-    descent = _Descent(task, corners, (1, 1), field_of(checker, 0.02))
+    problem = CurveProblem(checker, CurveObjective(20, 10.0, 0.05), np.array([home - [0.7, 0, 0, 0, 0, 0], goal]))
+    corners = evenly(problem.route, 6)
+    descent = _Descent(problem, corners, (1, 1), field_of(checker, 0.02))
     descent.begin(1000.0)
-    slope = descent._slope(task.samples(corners))
-    push = descent._lacking(task.samples(corners), corners)
+    slope = descent._slope(problem.samples(corners))
+    push = descent._lacking(problem.samples(corners), corners)
     assert len(push.row) > 10
     for k, joint in ((1, 0), (2, 1), (3, 2), (4, 3)):
         sides = []
@@ -402,7 +404,7 @@ def test_the_slope_of_the_covariant_descent_is_that_of_its_merit() -> None:
             moved = corners.copy()
             moved[k, joint] += by
             # the widths of blends as they were: the slope leaves them alone
-            sides.append(descent._worth(task.samples(corners), moved))
+            sides.append(descent._worth(problem.samples(corners), moved))
         assert slope[k - 1, joint] == pytest.approx((sides[0] - sides[1]) / 2e-6, rel=2e-3, abs=1e-4)
 
 

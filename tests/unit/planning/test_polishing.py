@@ -43,8 +43,8 @@ from planner_service.certify import Certifier
 from planner_service.cli.commands import app
 from planner_service.cli.plot import clearance_svg
 from planner_service.geometry.shapes import FloatArray
-from planner_service.optimize import Chomp, Figures, Found, Optimum, TrajOpt
-from planner_service.optimize.problem import Task
+from planner_service.optimize import Chomp, Figures, MethodResult, Optimum, TrajOpt
+from planner_service.optimize.problem import CurveProblem
 from planner_service.planning.accounting import NoPlan
 from planner_service.planning.polishing import judged
 from planner_service.planning.timing_stage import timed
@@ -95,13 +95,13 @@ class Planted:
     straight: bool = False
     name: str = "planted"
 
-    def minimise(self, task: Task, corners: FloatArray, held: tuple[int, int]) -> Found:
+    def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
         moved = corners.copy()
         if self.straight:
             moved = corners[0] + (corners[-1] - corners[0]) * np.linspace(0.0, 1.0, len(corners))[:, None]
             moved[-1] = corners[-1]
         moved[1:-1] += np.array(self.by)
-        return Found(moved, 1)
+        return MethodResult(moved, 1)
 
 
 def planted(**settings: Any) -> Optimise:
@@ -294,9 +294,9 @@ def test_an_optimum_is_driven_as_it_was_judged_even_if_stops_were_faster(
 
 def test_an_optimum_that_takes_too_long_is_left(bin_service: PlannerService) -> None:
     class Endless(Planted):
-        def minimise(self, task: Task, corners: FloatArray, held: tuple[int, int]) -> Found:
+        def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
             while True:
-                task.checker.near(corners, 0.05)
+                problem.checker.near(corners, 0.05)
 
     result = bin_service.plan(query("bin", 3, polish=Optimise(method=Endless((0.0,) * 6)), time_limit=0.5))
     assert result.ok
