@@ -1,4 +1,4 @@
-"""As few waypoints of a straight tool line as keep the tool on it, and how widely their corners may be blended."""
+"""Thins the waypoints of a straight tool line while the tool stays on it, and says how wide their blends may be."""
 
 from __future__ import annotations
 
@@ -15,43 +15,45 @@ from planner_service.robot.model import Robot
 __all__ = ["line_blends", "thinned"]
 
 _SHARE = 0.6
-"""What straight pieces may use of the line's tolerance."""
+"""Share of the line's tolerance for straight pieces."""
 
 _BLEND_SHARE = 0.3
-"""What blends may use of it. The rest is for deviations that are a little larger between samples than at them."""
+"""Share of it for blends. The rest allows for deviations that are slightly larger between samples than at them."""
 
 _POINT = 1e-6
-"""Metres: the tool frame's origin as a shape that its reach can be asked of."""
+"""Metres: the radius of a sphere that stands for the tool frame's origin."""
 
-_DEEPEST = 5 / 24
-"""A blend of width d passes its corner at ``d (v - u)`` times this, u and v the tangents before and after it."""
+_CORNER_DISTANCE = 5 / 24
+"""A blend of width d passes its corner at this times ``d (v - u)``, with the tangents u before and v after it."""
 
 _FRACTIONS = tuple(k / 8 for k in range(1, 8))
 
 
 def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) -> FloatArray:
-    """The rows of ``waypoints`` (N, n) that are needed, in order: with joints going straight from each to the next the
-    tool stays within 1 mm and 5 mrad of the straight line between its poses there.
+    """The rows of ``waypoints`` (N, n) that keep the tool on its line, in order.
+
+    While the joints go straight from each row to the next, the tool stays within 1 mm and 5 mrad of the straight line
+    between its poses at both.
 
     Args:
-        waypoints: A straight tool line, each piece of which keeps that tolerance itself.
-        keep: Rows that must stay, beside the first and the last.
+        waypoints: A straight tool line, each piece of which is within that tolerance.
+        keep: Rows that must stay, in addition to the first and last.
     """
     poses = [Pose.from_matrix(robot.tool_pose(q)) for q in waypoints]
     kept = [0]
     for stop in sorted({*keep, len(waypoints) - 1} - {0}):
         while kept[-1] < stop:
-            here, span = kept[-1], stop - kept[-1]
+            first, span = kept[-1], stop - kept[-1]
             while span > 1 and not _fits(
-                robot, waypoints[[here, here + span]].tolist(), poses[here], poses[here + span]
+                robot, waypoints[[first, first + span]].tolist(), poses[first], poses[first + span]
             ):
                 span = max(1, span * 3 // 4)
-            kept.append(here + span)
+            kept.append(first + span)
     return waypoints[kept]
 
 
 def line_blends(robot: Robot, waypoints: FloatArray) -> FloatArray:
-    """How widely (rad) each corner of a thinned tool line (N, n) may be blended within the line's tolerance, (N,)."""
+    """The widest blend (rad) at each corner of a thinned tool line (N, n) within the line's tolerance, (N,)."""
     path, tool = JointPath(waypoints), Pose.from_matrix(robot.tool_placement)
     reach = robot.reach([(robot.tool_body, Sphere(_POINT), tool)])
     widths = np.zeros(len(waypoints))
@@ -60,7 +62,7 @@ def line_blends(robot: Robot, waypoints: FloatArray) -> FloatArray:
     for k in path.corners:
         turn = np.abs(path(path.knots[k], 1) - path(path.knots[k - 1], 1)).tolist()
         metres = math.fsum(r * t for r, t in zip(reach.tolist(), turn, strict=True))
-        widths[k] = _BLEND_SHARE / _DEEPEST / max(metres / LINE_METRES, math.fsum(turn) / LINE_RADIANS)
+        widths[k] = _BLEND_SHARE / _CORNER_DISTANCE / max(metres / LINE_METRES, math.fsum(turn) / LINE_RADIANS)
     return widths
 
 
@@ -68,15 +70,15 @@ def _fits(robot: Robot, ends: list[list[float]], first: Pose, last: Pose) -> boo
     """Whether the tool stays near its line while the joints go straight from one end to the other."""
     for u in _FRACTIONS:
         tool = Pose.from_matrix(robot.tool_pose([a + (b - a) * u for a, b in zip(*ends, strict=True)]))
-        if _aside(tool, first, last) > _SHARE * LINE_METRES:
+        if _distance_from_line(tool, first, last) > _SHARE * LINE_METRES:
             return False
         if rotation_distance(tool, interpolate(first, last, u)) > _SHARE * LINE_RADIANS:
             return False
     return True
 
 
-def _aside(tool: Pose, first: Pose, last: Pose) -> float:
-    """Distance in metres of the tool from the line through two positions."""
+def _distance_from_line(tool: Pose, first: Pose, last: Pose) -> float:
+    """The distance (m) of the tool from the line through two positions."""
     ax, ay, az = (p - q for p, q in zip(tool.position, first.position, strict=True))
     bx, by, bz = (p - q for p, q in zip(last.position, first.position, strict=True))
     length = math.hypot(bx, by, bz)

@@ -1,6 +1,6 @@
-"""From where the tool should be to joint values: inverse kinematics, and straight lines of the tool.
+"""Inverse kinematics, and straight lines of the tool.
 
-Poses are the tool frame's in the robot's base frame.
+Poses are those of the tool frame in the robot's base frame.
 """
 
 from __future__ import annotations
@@ -34,48 +34,48 @@ __all__ = [
 ]
 
 STARTS = 24
-"""Random starts per round of the numeric search. On the WidowX AI a start arrives in 40 % of reachable poses."""
+"""Random starts per round of the numeric search. On the WidowX AI a start converges for 40 % of reachable poses."""
 
-ROUNDS = 4
-"""Rounds before the numeric search gives up; it stops after the first that found something."""
+MAX_ROUNDS = 4
+"""Rounds of the numeric search; it stops after the first that finds a solution."""
 
 DISTINCT = 1e-2
 """Numeric solutions closer than this (rad, L2) are one."""
 
 LINE_METRES = 1e-3
 LINE_RADIANS = 5e-3
-"""How far the tool may leave its straight line between two waypoints."""
+"""How far the tool may deviate from its straight line between two waypoints."""
 
 SAMPLED_SHARE = 0.9
-"""What the sampled deviation may use of that: between quarters of a piece it can be a little larger than at them."""
+"""Share of that for the sampled deviation, which may be slightly larger between the quarters of a piece."""
 
 BETWEEN = (0.25, 0.5, 0.75)
-"""Where a piece is compared with the line; its ends are on it."""
+"""Fractions of a piece at which it is compared with the line; its ends are on the line."""
 
-LARGEST_STEP = 0.2
-"""No joint turns farther (rad) between two waypoints: a piece that needs more is halved, and in the end refused."""
+MAX_STEP = 0.2
+"""The most that a joint turns (rad) between two waypoints: a piece that needs more is halved, and finally refused."""
 
-HALVINGS = 6
-"""A piece is halved so often before the line counts as interrupted: 0.02 mm of a 0.1 m line of 60 points."""
+MAX_HALVINGS = 6
+"""How often a piece is halved before the line stops: down to 0.03 mm on a 0.1 m line of 60 points."""
 
 LIMIT_SLACK = 1e-9
-"""A joint value that far outside its limits (rad) is a rounding of the limit."""
+"""A joint value at most this far outside its limits (rad) is rounding."""
 
 
 class LineStopReason(Enum):
     """Why a straight tool line ends early."""
 
     LIMIT = "limit"
-    """It could only go on with a joint beyond its limit."""
+    """It could continue only with a joint beyond its limit."""
     SINGULARITY = "singularity"
-    """The arm cannot move the tool on in that direction, or only by turning a joint too fast: stretched, or aligned."""
+    """The arm, stretched or with aligned axes, cannot move the tool on, or only by turning a joint too fast."""
     BRANCH_JUMP = "branch jump"
-    """Joint values for what follows exist, but only far from those reached."""
+    """The next joint values are far from those reached."""
 
 
 @dataclass(frozen=True)
 class LineStop:
-    """Why, at which joint, and after which fraction of the line (0 to 1) it ended."""
+    """Why a line ends, at which joint, and after which fraction of it (0 to 1)."""
 
     reason: LineStopReason
     joint: str
@@ -95,8 +95,8 @@ class ToolLine:
     """Joint waypoints (N, n) that move the tool along a straight line.
 
     Attributes:
-        fraction: How much of the line they cover, 0 to 1.
-        stopped: Why not all of it; None if they reach the end.
+        fraction: The share of the line that they cover, 0 to 1.
+        stopped: Why they do not cover all of it; None if they do.
     """
 
     waypoints: FloatArray
@@ -108,7 +108,7 @@ class ToolLine:
 
 
 def rotation_distance(a: Pose, b: Pose) -> float:
-    """Angle (rad, 0 to pi) of the rotation from one orientation to the other."""
+    """The angle (rad, 0 to pi) between two orientations."""
     w, x, y, z = a.quaternion
     ow, ox, oy, oz = b.quaternion
     apart = math.sqrt((w - ow) ** 2 + (x - ox) ** 2 + (y - oy) ** 2 + (z - oz) ** 2)
@@ -117,12 +117,12 @@ def rotation_distance(a: Pose, b: Pose) -> float:
 
 
 def interpolate(a: Pose, b: Pose, u: float) -> Pose:
-    """The pose at fraction ``u`` of the way from ``a`` to ``b``: straight in position, the shortest turn (slerp)."""
+    """The pose at fraction ``u`` from ``a`` to ``b``: linear in position, by the shortest rotation (slerp)."""
     (ax, ay, az), (bx, by, bz) = a.position, b.position
     position = (ax + u * (bx - ax), ay + u * (by - ay), az + u * (bz - az))
     half = rotation_distance(a, b) / 2
     sine = math.sin(half)
-    if sine < 1e-9:  # the formula would divide rounding by rounding, and the turn is too small to matter
+    if sine < 1e-9:  # the formula would divide rounding by rounding
         return Pose(position, b.quaternion if u > 0.5 else a.quaternion)
     w, x, y, z = a.quaternion
     ow, ox, oy, oz = b.quaternion
@@ -134,20 +134,20 @@ def interpolate(a: Pose, b: Pose, u: float) -> Pose:
 def inverse_kinematics(
     robot: Robot, pose: Pose, *, seed: int = 0, seeds: Sequence[ArrayLike] = (), still: ArrayLike | None = None
 ) -> FloatArray:
-    """Configurations within the joint limits that bring the tool to ``pose``, shape (k, n); k = 0 if none was found.
+    """Configurations within the joint limits that bring the tool to ``pose``, shape (k, n); k = 0 if none is found.
 
-    ``robot.inverse`` "wxai": closed form, every solution, confirmed by forward kinematics to 1e-7. "numeric": damped
-    least squares from ``seeds``, home and random starts, to 1e-8 m and rad; what it does not find may still exist,
-    and of an arm with more than six joints it returns some of infinitely many.
+    With ``robot.inverse`` "wxai" all solutions in closed form, verified by forward kinematics to 1e-7. With "numeric"
+    damped least squares from ``seeds``, home and random starts, to 1e-8 m and rad: there may be further solutions, and
+    an arm with more than six joints has infinitely many.
 
     Args:
-        seed: Of the random starts: equal seeds give equal bits.
-        seeds: Configurations (n,) from which to start first, or near which to stay where a pose leaves an angle free.
-        still: A configuration (n,): joints that do not move the tool, another arm's, stay as in it; home if None.
+        seed: Seed of the random starts; equal seeds give equal bits.
+        seeds: Configurations (n,) to start from first, or to stay near where a pose leaves an angle free.
+        still: A configuration (n,) whose values the joints keep that do not move the tool; None for home.
 
     Raises:
-        InvalidRequest: ``pose`` is no Pose, a seed is not n finite numbers, no joint moves the tool, ``still`` has
-            another joint outside its limits, or the closed form does not fit the robot.
+        InvalidRequest: ``pose`` is not a Pose, a seed is not n finite numbers, no joint moves the tool, another joint
+            of ``still`` is outside its limits, or the closed form does not fit the robot.
     """
     if not isinstance(pose, Pose):
         raise InvalidRequest("pose", pose, "a Pose")
@@ -158,10 +158,10 @@ def inverse_kinematics(
     chain = ToolChain.of(robot, robot.home if still is None else _configuration(robot, "still", still))
     given = [chain.of_whole(q) for q in given]
     if robot.inverse == "wxai":
-        found = WxaiInverse.of(chain.robot).solve(pose, [q.tolist() for q in given])
+        solutions = WxaiInverse.of(chain.robot).solve(pose, [q.tolist() for q in given])
     else:
-        found = _numeric_solutions(chain.robot, pose, np.random.default_rng(seed), given)
-    return chain.whole(np.array(found, dtype=np.float64).reshape(-1, chain.robot.n))
+        solutions = _numeric_solutions(chain.robot, pose, np.random.default_rng(seed), given)
+    return chain.whole(np.array(solutions, dtype=np.float64).reshape(-1, chain.robot.n))
 
 
 def _numeric_solutions(
@@ -170,21 +170,21 @@ def _numeric_solutions(
     """Distinct solutions, in the order of the starts that led to them."""
     low, high = _sampled_range(robot)
     first = [*given, robot.home]
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         starts = np.array([*first, *(low + (high - low) * rng.random((STARTS, robot.n)))])
         end = descend(robot, pose, starts)
-        found: list[tuple[float, ...]] = []
+        solutions: list[tuple[float, ...]] = []
         for q in end.q[end.arrived].tolist():
-            if all(_distance(q, other) > DISTINCT for other in found):
-                found.append(tuple(q))
-        if found:
-            return found
+            if all(_distance(q, other) > DISTINCT for other in solutions):
+                solutions.append(tuple(q))
+        if solutions:
+            return solutions
         first = []
     return []
 
 
 def _sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """At most one turn of each joint, the one nearest to zero: more turns are the same poses again."""
+    """At most one full turn of each joint, around zero if possible: more turns repeat the same poses."""
     lower, upper = robot.limits.lower, robot.limits.upper
     half = np.minimum((upper - lower) / 2, math.pi)
     middle = np.minimum(np.maximum(0.0, lower + half), upper - half)
@@ -206,7 +206,7 @@ def _configuration(robot: Robot, field: str, values: ArrayLike) -> FloatArray:
 
 
 def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
-    """Speed in m/s of the tool frame's origin at configurations Q (m, n) moving at Qd (m, n), shape (m,)."""
+    """The speed (m/s) of the tool frame's origin at configurations Q (m, n) with velocities Qd (m, n), shape (m,)."""
     R, t = robot.body_poses_batch(Q)
     x, y, z = robot.tool_placement[:3, 3].tolist()
     at = t[:, robot.tool_body] + _turned(R[:, robot.tool_body], (x, y, z))
@@ -214,7 +214,7 @@ def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
     if not chain:
         return np.zeros(len(t))
     bodies = [robot.bodies[index] for index in chain]
-    axes = np.array([body.axis for body in bodies])[:, :, None, None]  # here a row per joint, a column per sample
+    axes = np.array([body.axis for body in bodies])[:, :, None, None]  # a row per joint, a column per sample
     columns, origins = R.transpose(1, 3, 2, 0)[chain], t.transpose(1, 2, 0)[chain]
     moves = columns[:, 0] * axes[:, 0] + columns[:, 1] * axes[:, 1] + columns[:, 2] * axes[:, 2]
     turns = [not body.prismatic for body in bodies]
@@ -225,7 +225,7 @@ def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
 
 
 def _chain(robot: Robot) -> list[int]:
-    """Moving bodies from the tool's inwards."""
+    """The moving bodies from the tool's to the base."""
     chain, index = [], robot.tool_body
     while index > 0:
         chain.append(index)
@@ -234,29 +234,29 @@ def _chain(robot: Robot) -> list[int]:
 
 
 def _turned(R: FloatArray, vector: tuple[float, float, float]) -> FloatArray:
-    """One vector turned by many rotations, (m, 3, 3) in, (m, 3) out."""
+    """One vector rotated by many rotations (m, 3, 3); (m, 3)."""
     x, y, z = vector
     return np.asarray(R[:, :, 0] * x + R[:, :, 1] * y + R[:, :, 2] * z)
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Of vectors along the second axis, in plain arithmetic."""
+    """Cross products of vectors along the second axis."""
     x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
     return np.stack([x, y, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], axis=1)
 
 
 def line_deviation(robot: Robot, q1: ArrayLike, q2: ArrayLike, pose_a: Pose, pose_b: Pose) -> tuple[float, float]:
-    """How far (m, rad) the tool strays from a straight line while the joints go straight from ``q1`` to ``q2``.
+    """How far (m, rad) the tool deviates from a straight line while the joints go straight from ``q1`` to ``q2``.
 
-    The line runs from ``pose_a`` to ``pose_b``. Compared at equal fractions: both ends, the quarters and the middle;
-    the distance from the line itself is no larger.
+    The line runs from ``pose_a`` to ``pose_b``. Tool and line are compared at equal fractions, both ends, the quarters
+    and the middle; the distance from the line itself is no larger.
     """
     ends = _configuration(robot, "q1", q1).tolist(), _configuration(robot, "q2", q2).tolist()
-    return _straying(robot, ends, (pose_a, pose_b), (0.0, *BETWEEN, 1.0))
+    return _deviation(robot, ends, (pose_a, pose_b), (0.0, *BETWEEN, 1.0))
 
 
-def _straying(
+def _deviation(
     robot: Robot, ends: tuple[list[float], list[float]], line: tuple[Pose, Pose], fractions: Sequence[float]
 ) -> tuple[float, float]:
     metres = radians = 0.0
@@ -268,7 +268,7 @@ def _straying(
 
 
 def _tool_error(robot: Robot, q: Sequence[float], pose: Pose) -> tuple[float, float]:
-    """Metres and radians by which the tool misses ``pose``."""
+    """The distance (m) and angle (rad) between the tool and ``pose``."""
     turns = shifts = 0.0
     for row, wanted, x in zip(robot.tool_rows(q), pose.rotation_rows, pose.position, strict=True):
         a, b, c = row[0] - wanted[0], row[1] - wanted[1], row[2] - wanted[2]
@@ -278,20 +278,20 @@ def _tool_error(robot: Robot, q: Sequence[float], pose: Pose) -> tuple[float, fl
 
 
 def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *, points: int = 60) -> ToolLine:
-    """Joint waypoints that move the tool straight from where ``q_start`` has it to ``to``, as far as the arm can.
+    """Joint waypoints that move the tool straight from its pose at ``q_start`` to ``to``, as far as the arm can.
 
-    Position goes linearly, orientation by the shortest turn. Between waypoints, joints going straight, the tool stays
-    within 1 mm and 5 mrad of the line; pieces that would not are halved. The first waypoint is ``q_start``, the last
-    has the tool at ``to`` (closed form 1e-7, else 1e-8) unless ``stopped`` says why not. Joints that do not move the
-    tool stay where they are. Collisions are not looked at.
+    The position moves linearly, the orientation by the shortest rotation. While the joints go straight between two
+    waypoints, the tool stays within 1 mm and 5 mrad of the line; pieces that would not are halved. The first waypoint
+    is ``q_start``; the last has the tool at ``to`` (to 1e-7 in closed form, else 1e-8) unless ``stopped`` says why not.
+    Joints that do not move the tool stay. Collisions are not checked.
 
     Args:
         q_start: Shape (n,), within the limits.
         to: A pose, or a shift (3,) in metres along the base's axes that keeps the orientation.
-        points: Waypoints of a line on which nothing had to be halved; at least 2.
+        points: Waypoints of a line without halved pieces; at least 2.
 
     Raises:
-        InvalidRequest: a wrong shape, a number that is not finite, ``q_start`` outside the limits.
+        InvalidRequest: A wrong shape, a number that is not finite, or ``q_start`` outside the limits.
     """
     instance("robot", robot, Robot, "a Robot")
     whole("points", points, 2, 10_000)
@@ -311,7 +311,7 @@ def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> T
     walk = _Walk(robot, begin, to if isinstance(to, Pose) else _shifted(begin, to), q)
     if begin == walk.end:
         return ToolLine(q[np.newaxis], 1.0)
-    shortest = 1.0 / (points - 1) / 2**HALVINGS
+    shortest = 1.0 / (points - 1) / 2**MAX_HALVINGS
     for k in range(1, points):
         stop = walk.to(k / (points - 1), shortest)
         if stop is not None:
@@ -321,33 +321,33 @@ def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> T
 
 def _shifted(pose: Pose, shift: Any) -> Pose:
     expected = "a Pose, or a shift of 3 finite numbers in metres"
-    found = numbers("to", shift, expected)
-    if found.shape != (3,) or not np.isfinite(found).all():
+    values = numbers("to", shift, expected)
+    if values.shape != (3,) or not np.isfinite(values).all():
         raise InvalidRequest("to", shift, expected)
-    dx, dy, dz = found.tolist()
+    dx, dy, dz = values.tolist()
     x, y, z = pose.position
     return Pose((x + dx, y + dy, z + dz), pose.quaternion)
 
 
 class _Walk:
-    """A straight tool line being walked: the waypoints so far."""
+    """Follows a straight tool line, collecting waypoints."""
 
     def __init__(self, robot: Robot, begin: Pose, end: Pose, q: FloatArray) -> None:
         self._robot, self._begin, self.end = robot, begin, end
         self._next = _follower(robot)
         self.waypoints = [q]
         self.fraction = 0.0
-        self._here = begin
+        self._pose = begin
 
     def to(self, fraction: float, shortest: float) -> LineStop | None:
-        """Go on to ``fraction`` in pieces no shorter than ``shortest``; the reason if that fails."""
+        """Continue to ``fraction`` in pieces no shorter than ``shortest``; returns the reason if that fails."""
         pending = [fraction]
         while pending:
             pose = interpolate(self._begin, self.end, pending[-1])
             q = self._next(pose, self.waypoints[-1])
             if q is not None and self._fits(q, pose):
                 self.waypoints.append(q)
-                self.fraction, self._here = pending.pop(), pose
+                self.fraction, self._pose = pending.pop(), pose
             elif pending[-1] - self.fraction <= shortest * (1.0 + 1e-9):
                 return self._stop(pose, q)
             else:
@@ -356,19 +356,19 @@ class _Walk:
 
     def _fits(self, q: FloatArray, pose: Pose) -> bool:
         before = self.waypoints[-1]
-        if float(np.abs(q - before).max()) > LARGEST_STEP:
+        if float(np.abs(q - before).max()) > MAX_STEP:
             return False
-        metres, radians = _straying(self._robot, (before.tolist(), q.tolist()), (self._here, pose), BETWEEN)
+        metres, radians = _deviation(self._robot, (before.tolist(), q.tolist()), (self._pose, pose), BETWEEN)
         return metres <= SAMPLED_SHARE * LINE_METRES and radians <= SAMPLED_SHARE * LINE_RADIANS
 
     def _stop(self, pose: Pose, other: FloatArray | None) -> LineStop:
-        """Why the line does not go on to ``pose``, just ahead, for which ``other`` is the nearest solution."""
+        """Why the line does not continue to ``pose``, just ahead, for which ``other`` is the nearest solution."""
         robot, q = self._robot, self.waypoints[-1]
         free = descend(robot, pose, q[np.newaxis], limited=False)
         move = np.abs(free.q[0] - q)
         beyond = np.maximum(robot.limits.lower - free.q[0], free.q[0] - robot.limits.upper)
         reason = LineStopReason.SINGULARITY
-        if free.arrived[0] and float(move.max()) <= LARGEST_STEP:
+        if free.arrived[0] and float(move.max()) <= MAX_STEP:
             if float(beyond.max()) > 0.0:
                 reason, move = LineStopReason.LIMIT, beyond
         elif other is not None:
@@ -377,7 +377,7 @@ class _Walk:
 
 
 def _follower(robot: Robot) -> Callable[[Pose, FloatArray], FloatArray | None]:
-    """What finds the configuration for a pose that is nearest to the one before, if there is any."""
+    """A function that finds the configuration for a pose nearest to the one before, or None."""
     if robot.inverse != "wxai":
 
         def by_descent(pose: Pose, before: FloatArray) -> FloatArray | None:
@@ -389,9 +389,9 @@ def _follower(robot: Robot) -> Callable[[Pose, FloatArray], FloatArray | None]:
 
     def by_branch(pose: Pose, before: FloatArray) -> FloatArray | None:
         q = before.tolist()
-        found = closed_form.solve(pose, [q])
-        if not found:
+        solutions = closed_form.solve(pose, [q])
+        if not solutions:
             return None
-        return read_only(min(found, key=lambda other: max(abs(a - b) for a, b in zip(other, q, strict=True))))
+        return read_only(min(solutions, key=lambda other: max(abs(a - b) for a, b in zip(other, q, strict=True))))
 
     return by_branch

@@ -1,10 +1,9 @@
 """Numeric inverse kinematics of any arm: damped least squares, many starts at once.
 
-Every start takes its own Levenberg-Marquardt steps dq = Jᵀ (J Jᵀ + λ I)⁻¹ e, where λ follows the squared error
-(Sugihara, IEEE T-RO 27(5), 2011), so that steps are careful far away or near a singularity and quadratic close to the
-solution. A joint at a limit is held there while the gradient pushes it outwards. All starts are stepped together in
-elementwise arithmetic, last axis first to vary: what one start arrives at does not depend on the others, nor on the
-linear algebra library.
+Each start takes Levenberg-Marquardt steps dq = Jᵀ (J Jᵀ + λ I)⁻¹ e, with λ proportional to the squared error
+(Sugihara, IEEE T-RO 27(5), 2011): damped far away or near a singularity, quadratic close to the solution. A joint at a
+limit stays there while the gradient pushes it outwards. All starts are stepped together, in elementwise arithmetic,
+so that the result of one start depends neither on the others nor on the linear algebra library.
 """
 
 from __future__ import annotations
@@ -20,41 +19,42 @@ from planner_service.robot.model import Robot
 __all__ = ["Descent", "descend"]
 
 EXACT = 1e-8
-"""A start has arrived when its tool is this close to the pose, in metres and radians. At 1e-6 one solution 2 mrad from
-a wrist singularity still looked like ten of the WidowX AI; the last steps are quadratic and cost little."""
+"""A start has arrived when its tool is this close to the pose, in metres and radians. At 1e-6 one solution of the
+WidowX AI, 2 mrad from a wrist singularity, looked like ten; the last steps are quadratic and cost little."""
 
 DAMPING_SHARE = 0.02
-"""λ per squared error; anything from 0 to 0.5 lets 39 to 40 % of random starts arrive on the WidowX AI."""
+"""λ per squared error. With any value from 0 to 0.5, 39 to 40 % of random starts arrive on the WidowX AI."""
 
 DAMPING_FLOOR = 1e-11
 """Keeps J Jᵀ invertible at singularities and for arms of fewer than six joints; rounding there is near 1e-13."""
 
-LONGEST_STEP = 2.0
-"""No joint moves farther (rad) in one step, where the linear model says nothing; at 0.5 and 1.0 fewer starts arrive."""
+MAX_STEP = 2.0
+"""The most that a joint moves (rad) in one step; beyond, the linear model is useless. At 0.5 and 1.0 fewer starts
+arrive."""
 
 AT_LIMIT = 1e-12
 """A joint this close to its limit (rad) is on it."""
 
 SPAN_SHARE = 0.2
-"""A metre counts as a radian would at that share of the stretched arm; of 0.1 to 1.0 the shares of 0.1 and 0.2 let most
-starts arrive (40 % on the WidowX AI, random reachable poses, against 37 % at 1.0)."""
+"""A metre counts as a radian at this share of the stretched arm's length. Of 0.1 to 1.0, most starts arrive at 0.1 and
+0.2 (40 % on the WidowX AI for random reachable poses, 37 % at 1.0)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where the starts came to: ``q`` (m, n), and for each whether its tool is at the pose, ``arrived`` (m,)."""
+    """Where the starts ended: ``q`` (m, n), and for each whether its tool is at the pose, ``arrived`` (m,)."""
 
     q: FloatArray
     arrived: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
 def descend(robot: Robot, pose: Pose, starts: FloatArray, *, limited: bool = True, steps: int = 40) -> Descent:
-    """Pull every start towards configurations that bring the tool to ``pose``.
+    """Move all starts towards configurations that bring the tool to ``pose``.
 
     Args:
         starts: Shape (m, n).
         limited: Stay within the joint limits.
-        steps: Most steps per start.
+        steps: The most steps per start.
     """
     chain = _Chain(robot)
     lower, upper = robot.limits.lower[:, np.newaxis], robot.limits.upper[:, np.newaxis]
@@ -65,14 +65,14 @@ def descend(robot: Robot, pose: Pose, starts: FloatArray, *, limited: bool = Tru
     active = np.arange(q.shape[1])
     target = pose.rotation, np.array(pose.position)
     for step in range(steps + 1):
-        here = q[:, active]
-        error, jacobian, off = chain.error(here, target)
+        now = q[:, active]
+        error, jacobian, off = chain.error(now, target)
         close = off <= EXACT
         arrived[active[close]] = True
         if step == steps or bool(close.all()):
             break
-        active, here, error, jacobian = active[~close], here[:, ~close], error[:, ~close], jacobian[:, :, ~close]
-        q[:, active] = np.minimum(np.maximum(here + _step(here, error, jacobian, (lower, upper)), lower), upper)
+        active, now, error, jacobian = active[~close], now[:, ~close], error[:, ~close], jacobian[:, :, ~close]
+        q[:, active] = np.minimum(np.maximum(now + _step(now, error, jacobian, (lower, upper)), lower), upper)
     return Descent(np.ascontiguousarray(q.T), arrived)
 
 
@@ -89,11 +89,11 @@ def _step(q: FloatArray, error: FloatArray, jacobian: FloatArray, limits: tuple[
         normal[i, i] += DAMPING_SHARE * squared + DAMPING_FLOOR
     dq = _sum_products(J, _solved(normal, error)[:, np.newaxis])
     longest = np.abs(dq).max(axis=0)
-    return np.asarray(dq * (LONGEST_STEP / np.maximum(longest, LONGEST_STEP)))
+    return np.asarray(dq * (MAX_STEP / np.maximum(longest, MAX_STEP)))
 
 
 def _sum_products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Sum of a[k] * b[k] over k, in that order."""
+    """The sum of a[k] * b[k] over k, in order."""
     total: FloatArray = a[0] * b[0]
     for x, y in zip(a[1:], b[1:], strict=True):
         total = total + x * y
@@ -101,7 +101,7 @@ def _sum_products(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """x with ``matrix`` x = ``right`` for positive definite matrices (6, 6, m): Cholesky, column by column."""
+    """x with ``matrix`` x = ``right``, for positive definite matrices (6, 6, m), by Cholesky decomposition."""
     A, x = matrix.copy(), right.copy()
     size = len(A)
     for j in range(size):
@@ -117,7 +117,7 @@ def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
 
 
 class _Chain:
-    """The bodies between base and tool, as arrays; joints elsewhere do not move the tool."""
+    """The bodies between base and tool as arrays; other joints do not move the tool."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -136,7 +136,7 @@ class _Chain:
         self._scale = 1.0 / _span(robot, indices)
 
     def error(self, q: FloatArray, target: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Scaled error (6, m), its Jacobian (6, n, m), and metres or radians off, the larger, (m,); q is (n, m)."""
+        """At q (n, m) the scaled error (6, m), its Jacobian (6, n, m), and the larger of metres and radians off (m,)."""
         rotations, positions = self._robot.body_poses_batch(q.T)
         R, t = rotations.transpose(1, 2, 3, 0), positions.transpose(1, 2, 0)
         body = R[self._indices[0]].swapaxes(0, 1)
@@ -164,7 +164,7 @@ def _rotation_vector(current: FloatArray, target: FloatArray) -> tuple[FloatArra
     v = np.stack([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
     sine = np.sqrt(_sum_products(v, v))
     cosine = (E[0, 0] + E[1, 1] + E[2, 2] - 1.0) / 2
-    # math's arc tangent and not numpy's, which picks its own by instruction set
+    # numpy's arc tangent depends on the instruction set, math's does not
     angle = np.array([math.atan2(s, c) for s, c in zip(sine.tolist(), cosine.tolist(), strict=True)])
     return v * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0), angle
 
@@ -182,7 +182,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _span(robot: Robot, indices: list[int]) -> float:
-    """A length (m) by which a metre and a radian compare: the stretched arm's, from its first joint to the tool."""
+    """The length (m) at which a radian counts as a metre: a share of the stretched arm from first joint to tool."""
     offsets = [robot.bodies[i].placement[:3, 3] for i in indices[:-1]] + [robot.tool_placement[:3, 3]]
     total = sum(math.sqrt(sum(v * v for v in offset.tolist())) for offset in offsets)
     return SPAN_SHARE * total if total > 0.0 else 1.0

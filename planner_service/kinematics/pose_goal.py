@@ -1,4 +1,4 @@
-"""A tool pose with room: a round object may be taken from any side, a block be set down a little beside its place."""
+"""Tool poses with tolerances: a round object may be gripped from any side, a block put down slightly off its place."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from planner_service.geometry.shapes import Pose, number, whole
 __all__ = ["PoseGoal"]
 
 MAX_CANDIDATES = 1000
-"""Poses tried at most: each is an inverse kinematics problem."""
+"""Each candidate is an inverse kinematics problem."""
 
 PRIMES = (2, 3, 5, 7, 11, 13)
 """Bases of the Halton sequence, one for each coordinate that is drawn."""
 
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-"""Turns by this share of a full one never repeat, and are spread evenly whatever their number (Weyl)."""
+"""Multiples of this share of a full turn never repeat, and any number of them is evenly spread (Weyl)."""
 
 
 @dataclass(frozen=True)
 class PoseGoal:
-    """Tool poses in the base frame, any of which will do: ``pose`` itself, or one within its tolerances.
+    """A goal that any tool pose within the tolerances of ``pose`` reaches, in the base frame.
 
     Attributes:
-        pose: The one in the middle.
-        position_tolerance: Metres by which the tool frame's origin may be off.
-        orientation_tolerance: Radians of rotation by which the tool may be off.
-        free_axis: Axis (x, y, z) in the tool frame about which the tool may be turned as it likes; None for none. For a
-            tool whose approach is +x and a round object that is (1, 0, 0).
-        candidates: Poses that are tried, ``pose`` first; the others are spread evenly, equally on every machine.
+        pose: The pose in the middle.
+        position_tolerance: Metres by which the tool frame's origin may deviate.
+        orientation_tolerance: Radians by which the tool may be rotated.
+        free_axis: Axis (x, y, z) in the tool frame about which any rotation is allowed; None for none. (1, 0, 0) for a
+            round object and a tool that approaches along +x.
+        candidates: How many poses are tried: ``pose`` first, the others evenly spread, the same on every machine.
 
     Raises:
-        InvalidRequest: a tolerance is negative, a metre or half a turn or more, the axis has no length, or the number
-            of candidates is not in [1, 1000].
+        InvalidRequest: A tolerance is negative or more than a metre or pi, the axis has no length, or ``candidates``
+            is not from 1 to 1000.
     """
 
     pose: Pose
@@ -54,7 +54,7 @@ class PoseGoal:
         object.__setattr__(self, "candidates", whole("candidates", self.candidates, 1, MAX_CANDIDATES))
 
     def poses(self) -> tuple[Pose, ...]:
-        """The candidates; one alone where there is no room."""
+        """The candidates; only ``pose`` if there is no tolerance."""
         room = self.position_tolerance > 0.0 or self.orientation_tolerance > 0.0 or self.free_axis is not None
         return tuple(self._candidate(k) for k in range(self.candidates if room else 1))
 
@@ -91,7 +91,7 @@ def _turn(axis: tuple[float, float, float], angle: float) -> Pose:
 
 
 def _in_ball(k: int, bases: Sequence[int], radius: float) -> tuple[float, float, float]:
-    """The k-th of points spread evenly in a ball, from Halton's sequence (Numerische Mathematik 2, 1960)."""
+    """The k-th of evenly spread points in a ball, from Halton's sequence (Numerische Mathematik 2, 1960)."""
     u, v, w = (_halton(k, base) for base in bases)
     away = radius * math.pow(u, 1.0 / 3.0)
     height, angle = 2.0 * v - 1.0, 2.0 * math.pi * w
@@ -100,7 +100,7 @@ def _in_ball(k: int, bases: Sequence[int], radius: float) -> tuple[float, float,
 
 
 def _halton(k: int, base: int) -> float:
-    """The digits of k in ``base``, mirrored behind the point."""
+    """The radical inverse: the digits of k in ``base``, mirrored behind the point."""
     out, share = 0.0, 1.0
     while k:
         share /= base

@@ -1,4 +1,4 @@
-"""The joints between base and tool: what inverse kinematics may move of a robot that has others, too."""
+"""The joints between base and tool, which inverse kinematics may move; a robot may have others."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planner_service.robot.model import Robot
 __all__ = ["ToolChain"]
 
 LIMIT_SLACK = 1e-9
-"""A joint value that far outside its limits (rad) is a rounding of the limit."""
+"""A joint value at most this far outside its limits (rad) is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +22,9 @@ class ToolChain:
     """A robot reduced to the joints that move its tool.
 
     Attributes:
-        robot: It moves these joints alone and has no shapes; the whole robot where all of its joints move the tool.
-        columns: Which entries of the whole robot's q they are.
-        still: q (n,) of the whole robot, in which the other joints stay.
+        robot: A robot of these joints alone, without shapes; the whole robot if all of its joints move the tool.
+        columns: The entries of the whole robot's q that they are.
+        still: q (n,) of the whole robot; the other joints stay at its values.
     """
 
     robot: Robot
@@ -33,41 +33,41 @@ class ToolChain:
 
     @classmethod
     def of(cls, robot: Robot, still: FloatArray) -> ToolChain:
-        """The chain of ``robot`` while its other joints stand as in ``still``, n finite numbers.
+        """The chain of ``robot`` with its other joints at the values of ``still``, n finite numbers.
 
         Raises:
-            InvalidRequest: no joint moves the tool, or a joint beside the chain stands outside its limits.
+            InvalidRequest: No joint moves the tool, or a joint outside the chain is beyond its limits.
         """
         columns = _moving_the_tool(robot)
         if len(columns) == robot.n:
             return cls(robot, columns, still)
         if not columns:
             raise InvalidRequest("tool_frame", robot.tool_frame, "a tool that a joint moves; ask for joint values")
-        standing = {}
+        locked = {}
         limits = zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True)
         for index, (name, value, (low, high)) in enumerate(zip(robot.joint_names, still.tolist(), limits, strict=True)):
             if index not in columns:
                 if not low - LIMIT_SLACK <= value <= high + LIMIT_SLACK:
                     raise InvalidRequest(f"still: {name}", value, f"within [{low:.4f}, {high:.4f}]")
-                standing[name] = low  # or anywhere: it moves nothing of the chain
+                locked[name] = low  # any value will do: it does not move the chain
         bare = replace(robot, shapes=(), gripper=None, retreats=())
-        return cls(bare.locked(standing), columns, still)
+        return cls(bare.locked(locked), columns, still)
 
     def of_whole(self, q: FloatArray) -> FloatArray:
         """The chain's part of configurations (..., n)."""
         return np.asarray(q[..., self.columns])
 
     def whole(self, Q: FloatArray) -> FloatArray:
-        """Configurations (m, n) of the whole robot for such (m, k) of the chain."""
+        """Configurations (m, n) of the whole robot for configurations (m, k) of the chain."""
         out = np.repeat(self.still[np.newaxis], len(Q), axis=0)
         out[:, self.columns] = Q
         return out
 
 
 def _moving_the_tool(robot: Robot) -> list[int]:
-    found = []
+    columns = []
     body = robot.tool_body
     while body > 0:
-        found.append(robot.bodies[body].q_index)
+        columns.append(robot.bodies[body].q_index)
         body = robot.bodies[body].parent
-    return sorted(found)
+    return sorted(columns)

@@ -5,10 +5,10 @@ At a waypoint W, with unit tangents u before and v after it, the corner from d b
     dq/ds = u + (v - u) f(y),   f(y) = 1/2 + (5 y - y^5) / 8,   y = (s - s_W) / d in [-1, 1].
 
 Its integral, of degree six, runs from ``W - d u`` to ``W + d v``. f has slope 0 at both ends, so the second derivative
-is zero there: the curve is C2 and its third derivative bounded. In between the slope is flat, at most 5/8 where that of
-a cubic f is 3/4, so that joints may pass the corner faster. As f grows from 0 to 1, the blend is no longer than the
-corner (abs(dq/ds) <= 1), turns each joint back at most once, and stays in the triangle of the corner, hence inside
-every joint limit. Functions here take k blends at once, and one s for each.
+is zero there: the curve is C2 and its third derivative bounded. The slope of f is at most 5/8, where that of a cubic is
+3/4, so that joints may pass the corner faster. Because f grows from 0 to 1, the blend is no longer than the corner
+(abs(dq/ds) <= 1), turns each joint back at most once, and stays in the triangle of the corner, hence within the joint
+limits. The functions take k blends at once, and one s for each.
 """
 
 from __future__ import annotations
@@ -26,29 +26,34 @@ __all__ = ["STEEPEST", "STEEPEST_SLOPE", "Blends", "integral"]
 IntArray = NDArray[np.intp]
 
 STEEPEST, STEEPEST_SLOPE = 0.625, 2.5
-"""Largest df/dy, at y = 0, and largest abs of its own slope, at y = -1 and 1."""
+"""The largest df/dy, at y = 0, and the largest abs of d2f/dy2, at y = -1 and 1."""
 
 NEWTON_STEPS = 6
-"""From the start chosen here five reach rounding."""
+"""Five are enough to converge to rounding from the initial value used."""
 
 
 def _share(y: FloatArray) -> FloatArray:
-    """How far the tangent has turned from u to v at y."""
+    """f(y): how far the tangent has turned from u to v."""
     square = y * y
     return np.asarray(0.5 + y * (5.0 - square * square) / 8.0)
 
 
 def integral(y: FloatArray) -> FloatArray:
-    """Of f from -1 to y; 1 at y = 1."""
+    """The integral of f from -1 to y; 1 at y = 1."""
     square = y * y
     return np.asarray((y + 1.0) / 2.0 + (square - 1.0) * 0.3125 - (square * square * square - 1.0) / 48.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Blends:
-    """The blends of a path in order: s of the corners and d, (k,); where they begin and end, u and v, (k, n).
+    """The blends of a path, in order.
 
-    ``low`` and ``high`` are the box of each corner's three points, (k, n).
+    Attributes:
+        s: Arc length at each corner, (k,).
+        width: d of each blend, (k,).
+        start: Where each blend starts, (k, n).
+        low, high: The box around each corner and the ends of its blend, (k, n).
+        before, after: The unit tangents u and v, (k, n).
     """
 
     s: FloatArray
@@ -63,7 +68,7 @@ class Blends:
     def at(
         cls, s: FloatArray, width: FloatArray, corner: FloatArray, tangents: tuple[FloatArray, FloatArray]
     ) -> Blends:
-        """Blends around corners at arc length s, with the tangents before and after them."""
+        """The blends of corners at arc length s, with the tangents before and after them."""
         before, after = tangents
         start, end = corner - before * width[:, None], corner + after * width[:, None]
         low, high = np.minimum(np.minimum(start, corner), end), np.maximum(np.maximum(start, corner), end)
@@ -71,7 +76,7 @@ class Blends:
 
     @cached_property
     def turning(self) -> FloatArray:
-        """y where each joint turns back, shape (k, n); 1 where it does not."""
+        """y where each joint turns back, shape (k, n); 1 if it does not."""
         return _turning(self.before, self.after)
 
     def position(self, row: IntArray, s: FloatArray) -> FloatArray:
@@ -91,17 +96,17 @@ class Blends:
         return np.asarray(turn * (-STEEPEST_SLOPE * y * y * y) / (width * width))
 
     def travel(self, row: IntArray, s: FloatArray) -> FloatArray:
-        """What each joint has moved in total since the start of its blend, there and back, shape (k, n)."""
+        """The total distance that each joint has moved since the start of its blend, back and forth, shape (k, n)."""
         y = self._y(row, s)[:, None]
-        there = self._moved(row, np.minimum(y, self.turning.take(row, axis=0)))
-        return np.asarray(np.abs(there) + np.abs(self._moved(row, y) - there))
+        furthest = self._moved(row, np.minimum(y, self.turning.take(row, axis=0)))
+        return np.asarray(np.abs(furthest) + np.abs(self._moved(row, y) - furthest))
 
     def _y(self, row: IntArray, s: FloatArray) -> FloatArray:
         y = (s - self.s.take(row)) / self.width.take(row)
         return np.asarray(np.minimum(np.maximum(y, -1.0), 1.0))
 
     def _moved(self, row: IntArray, y: FloatArray) -> FloatArray:
-        """q at y, of shape (k, 1) or (k, n), less q at -1."""
+        """q at y minus q at -1, for y of shape (k, 1) or (k, n)."""
         turned = integral(y)
         along = self.before.take(row, axis=0) * (y + 1.0 - turned) + self.after.take(row, axis=0) * turned
         return np.asarray(along * self.width.take(row)[:, None])
@@ -110,8 +115,9 @@ class Blends:
 def _turning(before: FloatArray, after: FloatArray) -> FloatArray:
     """y at which u + (v - u) f(y) is zero where u and v have different signs, else 1.
 
-    f(-y) = 1 - f(y), and with y = z - 1 the root of f(y) is z times the root of a polynomial that is positive where
-    y <= 0: Newton's method on that, which has no double root as f has, starts with the root of its first term.
+    f(-y) = 1 - f(y), and with y = z - 1 the square root of f is z times that of a polynomial which is positive for
+    y <= 0. Newton's method is applied to it because it has no double root, as f has; the polynomial's first term gives
+    the initial value.
     """
     out = np.ones_like(before)
     turns = np.nonzero(before * after < 0.0)

@@ -1,4 +1,4 @@
-"""A path is a curve q(s) through joint space: a polyline whose corners may be blended.
+"""Paths: curves q(s) through joint space, polylines whose corners may be blended.
 
 Angles in radians (metres for prismatic joints). The path parameter ``s`` is arc length, in the L2 norm of joint space,
 along the polyline through the waypoints, also where corners are blended.
@@ -23,26 +23,26 @@ from planner_service.path.corner_blend import Blends
 __all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]
 
 OVERSHOOT = 1e-9
-"""An argument that far outside its interval is a rounding of the interval's end, and taken as such."""
+"""An argument at most this far outside its interval is rounding, and is moved to the interval's end."""
 
 MERGE = 1e-12
-"""Waypoints closer than this (rad) are one point: their direction would be made of rounding."""
+"""Waypoints closer than this (rad) are one point: their direction would be rounding noise."""
 
 COLLINEAR = 1e-12
-"""A tangent of which any component changes by more is a corner."""
+"""A larger change of any component of the tangent is a corner."""
 
-NARROWEST = 1e-9
-"""Radians. A narrower blend is refused: its curvature would be made of rounding."""
+MIN_WIDTH = 1e-9
+"""Radians. A narrower blend is refused: its curvature would be rounding noise."""
 
 ROUNDING = 1e-15
-"""Of a coordinate, relative. Over the length of a short piece it turns the tangent, and makes no corner."""
+"""Relative, of a coordinate. On a short piece it turns the tangent noticeably, which is no corner."""
 
 NOISY = 1e-9
-"""Of a tangent. Where rounding turns one by more, a corner may be spread over many short pieces."""
+"""If rounding may turn a tangent by more, a corner may be spread over many short pieces."""
 
-FORWARD = 0.2
-"""Least abs(u + v) of the tangents at a blended corner: in the middle of a blend that all but turns back, within 12
-degrees, the path parameter would run on while the robot stands still."""
+MIN_FORWARD = 0.2
+"""The least abs(u + v) of the tangents at a blended corner. In a blend that almost turns back, within 12 degrees, s
+would advance while the robot stands still."""
 
 ORDERS = range(4)
 
@@ -51,13 +51,13 @@ FLOAT64 = np.dtype(np.float64)
 
 def _distances(points: FloatArray) -> FloatArray:
     """L2 distance between successive rows, summed joint by joint (equal bits on every processor)."""
-    with np.errstate(over="ignore"):  # an infinite length is found where it is asked for
+    with np.errstate(over="ignore"):  # an infinite length is refused later
         steps = points[1:] - points[:-1]
         return np.asarray(np.sqrt(np.add.accumulate(steps * steps, axis=1)[:, -1]))
 
 
 def within(name: str, value: ArrayLike, end: float) -> FloatArray:
-    """``value`` as an array inside [0, end], forgiving an overshoot of rounding size; not copied if it is one."""
+    """``value`` as an array within [0, end], clipped if it exceeds that by rounding; not copied if it need not be."""
     x = value if _are_floats(value) else numbers(name, value, f"numbers in [0, {end:.9g}]")
     if not x.size:
         return x
@@ -70,7 +70,7 @@ def within(name: str, value: ArrayLike, end: float) -> FloatArray:
 
 
 def _are_floats(value: ArrayLike) -> TypeGuard[FloatArray]:
-    """Whether they are what paths ask each other with, without a closer look."""
+    """Whether the value is a float64 array, as calls inside the package pass."""
     return type(value) is np.ndarray and value.dtype is FLOAT64
 
 
@@ -96,20 +96,20 @@ def _no_blends() -> FloatArray:
 
 
 def _widths(values: Any, count: int) -> list[float]:
-    """Blend widths for ``count`` waypoints; none given are all 0."""
-    expected = f"{count} finite numbers, each 0 or at least {NARROWEST:g}, the first and the last 0, or none"
+    """Blend widths for ``count`` waypoints, all 0 if none are given."""
+    expected = f"{count} finite numbers, each 0 or at least {MIN_WIDTH:g}, the first and the last 0, or none"
     given = numbers("blends", values, expected)
     if given.shape == (0,):
         return [0.0] * count
     widths: list[float] = given.tolist()
-    good = given.shape == (count,) and all(width == 0.0 or NARROWEST <= width < math.inf for width in widths)
+    good = given.shape == (count,) and all(width == 0.0 or MIN_WIDTH <= width < math.inf for width in widths)
     if not good or widths[0] > 0.0 or widths[-1] > 0.0:
         raise InvalidRequest("blends", widths, expected)
     return widths
 
 
 def _merged(points: FloatArray) -> FloatArray:
-    """The points without those that coincide with the one before; the first and the last stay bit for bit."""
+    """The points without those that coincide with the one before; the first and last stay bit for bit."""
     steps = _distances(points)
     total = sum(steps.tolist())
     if not math.isfinite(total):
@@ -132,10 +132,15 @@ def _merged(points: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Polyline:
-    """What a path has whatever its blends: points (N, n), s at each, and of the pieces lengths and unit tangents.
+    """The part of a path that does not depend on its blends.
 
-    ``lines`` are a start, a difference and an end for each piece, (N - 1, n) each; ``turns`` the indices of the inner
-    points where the direction changes by more than rounding.
+    Attributes:
+        points: Shape (N, n).
+        knots: s at each point, (N,).
+        lengths: Of the pieces, (N - 1,).
+        tangents: Unit tangents of the pieces, (N - 1, n).
+        lines: Start, difference and end of each piece, (N - 1, n) each.
+        turns: Indices of inner points where the direction changes by more than rounding.
     """
 
     points: FloatArray
@@ -164,17 +169,17 @@ class _Polyline:
         return cls(read_only(points), knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
 
     def turns_back(self, k: int) -> bool:
-        """Whether the corner at inner point k all but turns back."""
+        """Whether the corner at inner point k almost turns back."""
         forward = self.tangents[k - 1] + self.tangents[k]
-        return math.fsum((forward * forward).tolist()) < FORWARD * FORWARD
+        return math.fsum((forward * forward).tolist()) < MIN_FORWARD * MIN_FORWARD
 
 
 def _turned(
     tangents: FloatArray, lengths: FloatArray, rounding: float, turning: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Which inner points are corners because many pieces, each too short to know its direction, turn together.
+    """Which inner points are corners made of many pieces, each too short for an exact direction.
 
-    Each piece is held against the longest one since the last corner, whose direction is known best.
+    Each piece is compared with the longest one since the last corner, whose direction is the most exact.
     """
     turned = np.zeros_like(turning)
     best = 0
@@ -224,9 +229,8 @@ class JointPath:
 
     Args:
         waypoints: Shape (N, n), N >= 1; copied.
-        blends: At each waypoint the arc length, before and after it, that its blend replaces (``Blends``), shape (N,);
-            0 keeps the corner, a full stop. Empty for no blends. Without a corner there is nothing to blend: it
-            becomes 0.
+        blends: For each waypoint the arc length before and after it that its blend replaces, shape (N,); 0 keeps the
+            corner, a full stop. Empty for no blends. Where the path does not turn, it becomes 0.
 
     Attributes:
         knots: s at each waypoint, shape (N,), from 0 to ``length``.
@@ -235,7 +239,7 @@ class JointPath:
         blended: Which of the m pieces between breaks are blends, shape (m,).
 
     Raises:
-        InvalidRequest: another shape, a number that is not finite, blends that overlap, or one at a corner that turns
+        InvalidRequest: Another shape, a number that is not finite, blends that overlap, or one at a corner that turns
             back.
     """
 
@@ -260,11 +264,11 @@ class JointPath:
         self._lay(_Polyline.through(points), widths)
 
     def _lay(self, polyline: _Polyline, widths: Sequence[float]) -> None:
-        """Become the curve along a polyline with blends as wide as that."""
+        """Set all fields: the curve along a polyline with these blend widths."""
         blends = _allowed_blends(polyline, widths)
         pieces = list(_pieces(polyline.knots.tolist(), blends))
         rows = np.array([piece[2] for piece in pieces], dtype=np.intp)
-        told = {
+        values = {
             "waypoints": polyline.points,
             "blends": read_only(blends),
             "knots": polyline.knots,
@@ -274,7 +278,7 @@ class JointPath:
             "_lines": np.array([piece[1] for piece in pieces], dtype=np.intp),
             "_rows": rows,
         }
-        for name, value in told.items():
+        for name, value in values.items():
             object.__setattr__(self, name, value)
 
     @cached_property
@@ -287,7 +291,7 @@ class JointPath:
 
     @cached_property
     def _travelled(self) -> FloatArray:
-        """What each joint has moved in total up to each break, (m + 1, n)."""
+        """The total distance that each joint has moved up to each break, (m + 1, n)."""
         moves = self._moved(np.arange(len(self._lines)), self.breaks[1:])
         return np.concatenate([np.zeros((1, self.n)), np.cumsum(moves, axis=0)])
 
@@ -307,20 +311,20 @@ class JointPath:
 
     @property
     def corners(self) -> tuple[int, ...]:
-        """Indices of the inner waypoints where the direction jumps: no finite acceleration passes them at speed."""
+        """Indices of inner waypoints where the direction jumps, so that the robot has to stop."""
         blends = self.blends.tolist()
         return tuple(k for k in self._polyline.turns if not blends[k] > 0.0)
 
     def turns_back(self, k: int) -> bool:
-        """Whether the corner at inner waypoint k all but turns back, so that it cannot be blended.
+        """Whether the corner at inner waypoint k almost turns back, so that it cannot be blended.
 
         Raises:
-            InvalidRequest: k is not the index of an inner waypoint.
+            InvalidRequest: ``k`` is not the index of an inner waypoint.
         """
         return self._polyline.turns_back(whole("k", k, 1, len(self.waypoints) - 2))
 
     def with_blends(self, blends: ArrayLike | None) -> JointPath:
-        """The same polyline with other blends, shape (N,); with a stop at every corner if None."""
+        """The same polyline with other blends, shape (N,); None for a stop at every corner."""
         path = object.__new__(JointPath)
         path._lay(self._polyline, _widths(() if blends is None else blends, len(self.waypoints)))
         return path
@@ -332,7 +336,7 @@ class JointPath:
         of the piece after it, at the end those of the last piece.
 
         Raises:
-            InvalidRequest: s outside [0, length] by more than 1e-9, or another order.
+            InvalidRequest: ``s`` is outside [0, length] by more than 1e-9, or ``order`` is not 0, 1, 2 or 3.
         """
         at = within("s", s, self.length)
         require_order(order)
@@ -341,16 +345,16 @@ class JointPath:
             return np.broadcast_to(value, (*at.shape, self.n)).copy()
         flat = at.reshape(-1)
         out = self.on_pieces(self.pieces_at(flat), flat, order)
-        if order == 0 and (self.blended[0] or self.blended[-1]):  # bit for bit, also where a blend reaches to an end
+        if order == 0 and (self.blended[0] or self.blended[-1]):  # bit for bit, even if a blend reaches an end
             out[flat == 0.0], out[flat == self.length] = self.waypoints[0], self.waypoints[-1]
         return out.reshape(*at.shape, self.n)
 
     def pieces_at(self, s: FloatArray) -> NDArray[np.intp]:
-        """The piece between breaks in which each s of [0, length] lies, the later one at a break."""
+        """The index of the piece on which each s of [0, length] lies; at a break that of the later one."""
         return np.minimum(self.breaks.searchsorted(s, side="right") - 1, len(self._lines) - 1)
 
     def on_pieces(self, piece: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
-        """q or a derivative at s = ``at``, each continued from its own piece; (k,) and (k,) in, (k, n) out."""
+        """q or a derivative at s = ``at`` (k,) on the given pieces (k,), continued beyond their ends; (k, n)."""
         rows = self._rows.take(piece)
         (on,) = (rows >= 0).nonzero()
         if 0 < len(on) == len(rows):
@@ -375,10 +379,10 @@ class JointPath:
         return np.where(share < 1.0, start + move * share, end)
 
     def travel(self, s: ArrayLike) -> FloatArray:
-        """What each joint has moved in total from the start to s, there and back, shape (..., n) for s of shape (...).
+        """The total distance that each joint moves from the start to s, back and forth, (..., n) for s of shape (...).
 
         Raises:
-            InvalidRequest: s outside [0, length] by more than 1e-9.
+            InvalidRequest: ``s`` is outside [0, length] by more than 1e-9.
         """
         at = within("s", s, self.length)
         if not len(self._lines):
@@ -389,7 +393,7 @@ class JointPath:
         return total.reshape(*at.shape, self.n)
 
     def _moved(self, piece: NDArray[np.intp], at: FloatArray) -> FloatArray:
-        """What each joint has moved from the start of a piece to s = ``at``; (k,) and (k,) in, (k, n) out."""
+        """The distance that each joint moves from the start of a piece (k,) to s = ``at`` (k,); (k, n)."""
         rows = self._rows.take(piece)
         out = np.abs(self._polyline.tangents.take(self._lines.take(piece), axis=0))
         out *= (at - self.breaks.take(piece))[:, np.newaxis]
@@ -400,11 +404,11 @@ class JointPath:
 
     @property
     def tables(self) -> tuple[NDArray[Any], ...]:
-        """What ``__call__`` and ``travel`` look up, for compiled code that does the same, to the last bit.
+        """The tables of ``__call__`` and ``travel``, for compiled code that computes the same bits.
 
-        Waypoints (N, n), knots (N,), tangents of the lines between (N - 1, n), breaks (m + 1,); of each piece between
-        breaks its line and its blend, or -1, (m,) each; what was travelled at each break, (m + 1, n); of each blend
-        its s, width, corner, tangent before and after, and where joints turn back, (k, 2 + 4 n).
+        Waypoints (N, n), knots (N,), tangents of the lines between them (N - 1, n), breaks (m + 1,); the line of each
+        piece (m,) and its blend or -1 (m,); the distances moved up to each break (m + 1, n); and of each blend s,
+        width, corner, tangents before and after, and where joints turn back, (k, 2 + 4 n).
         """
         c = self._curves
         corners = self.waypoints[self.blends > 0.0]
@@ -417,10 +421,10 @@ class JointPath:
         return JointPath(self.waypoints[::-1], self.blends[::-1])
 
     def __add__(self, other: JointPath) -> JointPath:
-        """This path and then the other, which must start exactly where this one ends; they meet in a stop.
+        """This path followed by the other, which must start exactly where this one ends; they meet in a stop.
 
         Raises:
-            InvalidRequest: it starts elsewhere.
+            InvalidRequest: It starts elsewhere.
         """
         if self.n != other.n or not np.array_equal(self.waypoints[-1], other.waypoints[0]):
             expected = f"a path from {self.waypoints[-1].tolist()}"

@@ -1,6 +1,6 @@
-"""A trajectory is a path with a time law s(t): q(t) = path(s(t)).
+"""Trajectories: a path with a timing law s(t), q(t) = path(s(t)).
 
-Because it only ever evaluates its path, it cannot leave what was certified. Time in seconds.
+A trajectory only evaluates its path, so it cannot leave the certified curve. Time is in seconds.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from planner_service.path.joint_path import OVERSHOOT, JointPath, require_order,
 __all__ = ["Samples", "Trajectory"]
 
 MAX_SAMPLES = 1_000_000
-"""About 17 minutes at 1 kHz; a longer list is a wrong unit of ``dt``."""
+"""About 17 minutes at 1 kHz; a longer list is probably a wrong unit of ``dt``."""
 
 ROUNDING = 1e-14
-"""Of arc length, relative, at each piece of s(t): some tens of the last digit."""
+"""Relative rounding error of arc length at each piece of s(t): some tens of units in the last place."""
 
 MAX_DILATION = 1e9
-"""Up to there the cube of a factor leaves any sensible trajectory its digits; beyond, a unit is wrong."""
+"""The cube of a larger factor would leave no digits of a sensible trajectory; it is probably a wrong unit."""
 
 
 class Samples(NamedTuple):
@@ -39,8 +39,8 @@ class Samples(NamedTuple):
     qdd: FloatArray
 
 
-class _Where(NamedTuple):
-    """Instants, the pieces of s(t) they lie in, the time since these began, and their coefficients (..., 4)."""
+class _Located(NamedTuple):
+    """Times, their pieces of s(t), the time since the start of each piece, and the coefficients (..., 4)."""
 
     times: FloatArray
     piece: NDArray[np.intp]
@@ -50,17 +50,17 @@ class _Where(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A path with a time law, ``trajectory(t)`` for t in [0, ``duration``]; at rest at both ends and at corners.
+    """A path with a timing law, ``trajectory(t)`` for t in [0, ``duration``]; at rest at both ends and at corners.
 
-    It may be a ``part`` of its path that another motion leads to: then it begins at whatever speed, and ends at rest.
+    It may cover only a ``part`` of its path, continuing another motion; then it may start at speed, and ends at rest.
 
     Args:
         path: The curve; every configuration of the trajectory is one of its own.
-        durations: Seconds of each of the m pieces of s(t), shape (m,). They are kept rather than the knots, because a
-            difference of knots has lost the digits that a short piece needs.
-        coefficients: s(t) of each piece as c0 + c1 x + c2 x^2 + c3 x^3, x the time since its start, shape (m, 4).
-        dilation: By how much time was stretched to hold the limits; 1.0 when nothing had to be.
-        part: s where it begins, and where it ends; the whole path, from rest, if None.
+        durations: Seconds of each of the m pieces of s(t), shape (m,): differences of knots would lose digits.
+        coefficients: c0 to c3 of each piece, s(t) = c0 + c1 x + c2 x^2 + c3 x^3 with x the time since its start,
+            shape (m, 4).
+        dilation: The factor by which time was stretched to keep the limits; 1.0 if it was not.
+        part: s where it starts and where it ends; None for the whole path, from rest.
 
     Raises:
         InvalidRequest: s(t) does not run from 0 to ``path.length``, or along its part, jumps, turns back, does not
@@ -101,7 +101,7 @@ class Trajectory:
 
     @property
     def begin(self) -> float:
-        """s where it begins."""
+        """s where it starts."""
         return 0.0 if self.part is None else self.part[0]
 
     @property
@@ -115,10 +115,10 @@ class Trajectory:
         return float(self.knots[-1])
 
     def s(self, t: ArrayLike, order: int = 0) -> FloatArray:
-        """Arc length at time t (order 0) or its derivatives (1, 2, 3), the shape of t; right-sided except at the end.
+        """Arc length at time t (order 0) or its derivatives (1, 2, 3), shaped like t; right-sided except at the end.
 
         Raises:
-            InvalidRequest: t outside [0, duration] by more than 1e-9, or another order.
+            InvalidRequest: ``t`` is outside [0, duration] by more than 1e-9, or ``order`` is not 0, 1, 2 or 3.
         """
         require_order(order)
         return self._law(self._located(t), order)
@@ -126,25 +126,25 @@ class Trajectory:
     def __call__(self, t: ArrayLike, order: int = 0) -> FloatArray:
         """Positions (order 0), velocities (1), accelerations (2), jerks (3) at t, shape (..., n) for t of shape (...).
 
-        By the chain rule: q' s', then q' s'' + q'' s'^2, then q' s''' + 3 q'' s' s'' + q''' s'^3. Where two pieces of
-        time meet it is that of the later one, at the end that of the last.
+        By the chain rule: q' s', then q' s'' + q'' s'^2, then q' s''' + 3 q'' s' s'' + q''' s'^3. Where two pieces
+        of s(t) meet, the later one counts.
 
         Raises:
-            InvalidRequest: t outside [0, duration] by more than 1e-9, or another order.
+            InvalidRequest: ``t`` is outside [0, duration] by more than 1e-9, or ``order`` is not 0, 1, 2 or 3.
         """
         require_order(order)
         return self._derivative(self._located(t), order)
 
     def moving(self, t: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Positions and velocities at t, as calling with order 0 and 1 gives them.
+        """Positions and velocities at t, as calls with order 0 and 1 return them.
 
         Raises:
-            InvalidRequest: t outside [0, duration] by more than 1e-9.
+            InvalidRequest: ``t`` is outside [0, duration] by more than 1e-9.
         """
         where = self._located(t)
         return self._derivative(where, 0), self._derivative(where, 1)
 
-    def _derivative(self, where: _Where, order: int) -> FloatArray:
+    def _derivative(self, where: _Located, order: int) -> FloatArray:
         at = self._law(where, 0)
         if order == 0:
             return self.path(at)
@@ -160,19 +160,19 @@ class Trajectory:
             return (q1 * a + q2 * v * v).reshape(shape)
         return (q1 * j + (3.0 * q2 * v * a + q3 * v * v * v)).reshape(shape)
 
-    def _located(self, t: ArrayLike) -> _Where:
+    def _located(self, t: ArrayLike) -> _Located:
         times = within("t", t, self.duration)
         if not len(self.durations):
-            return _Where(
+            return _Located(
                 times, np.zeros(times.shape, dtype=np.intp), np.zeros(times.shape), np.zeros((*times.shape, 4))
             )
         piece = np.asarray(np.minimum(self.knots.searchsorted(times, side="right"), len(self.durations)) - 1)
         x = np.minimum(np.maximum(times - self.knots[piece], 0.0), self.durations[piece])
         x = np.where(times == self.duration, self.durations[-1], x)
-        return _Where(times, piece, x, self.coefficients[piece])
+        return _Located(times, piece, x, self.coefficients[piece])
 
-    def _law(self, where: _Where, order: int) -> FloatArray:
-        """s or a derivative of it there."""
+    def _law(self, where: _Located, order: int) -> FloatArray:
+        """s or one of its derivatives."""
         times, piece, x, c = where
         if not len(self.durations):
             return np.full(times.shape, 0.0 if order else self.end)
@@ -188,7 +188,7 @@ class Trajectory:
         """Time, position, velocity and acceleration every ``dt`` seconds from 0, and at the exact end.
 
         Raises:
-            InvalidRequest: dt is not positive, or so small that there would be more than a million samples.
+            InvalidRequest: ``dt`` is not positive, or so small that there would be more than a million samples.
         """
         expected = f"a positive number of seconds, at least {self.duration / MAX_SAMPLES:.3g}"
         dt = number("dt", dt, expected, sys.float_info.min, sys.float_info.max)
@@ -200,21 +200,21 @@ class Trajectory:
         return Samples(t, *(self._derivative(where, order) for order in (0, 1, 2)))
 
     def dilated(self, factor: float) -> Trajectory:
-        """The same motion ``factor`` times slower: velocities fall by it, accelerations by its square.
+        """The same motion ``factor`` times slower: velocities are divided by it, accelerations by its square.
 
         Raises:
-            InvalidRequest: factor is not a number from 1e-9 to 1e9.
+            InvalidRequest: ``factor`` is not a number from 1e-9 to 1e9.
         """
         expected = f"a number from {1 / MAX_DILATION:g} to {MAX_DILATION:g}"
         factor = number("factor", factor, expected, 1 / MAX_DILATION, MAX_DILATION)
         powers = np.array([1.0, factor, factor * factor, factor * factor * factor])
-        with np.errstate(over="ignore"):  # a trajectory refuses what is not finite
+        with np.errstate(over="ignore"):  # the trajectory refuses numbers that are not finite
             slower = self.durations * factor, self.coefficients / powers
             return Trajectory(self.path, *slower, self.dilation * factor, self.part)
 
 
 def _derivative(c: FloatArray, x: FloatArray, order: int) -> FloatArray:
-    """Value or derivative of cubics with coefficients (..., 4) at x (...)."""
+    """The value or a derivative of cubics with coefficients (..., 4) at x (...)."""
     c0, c1, c2, c3 = c[..., 0], c[..., 1], c[..., 2], c[..., 3]
     if order == 0:
         return np.asarray(c0 + x * (c1 + x * (c2 + x * c3)))
@@ -226,8 +226,8 @@ def _derivative(c: FloatArray, x: FloatArray, order: int) -> FloatArray:
 
 
 def _geometry(path: JointPath, c: FloatArray, ends: FloatArray) -> NDArray[np.intp]:
-    """The piece of the path on which each piece of time runs."""
-    # its middle, and below its end, so that one too short for its start to differ from its end finds its own line
+    """The piece of the path on which each piece of s(t) runs."""
+    # found by its middle, kept below its end: the start and end of a very short piece may be one number
     middle = np.minimum(c[:, 0] + (ends - c[:, 0]) / 2.0, np.nextafter(ends, 0.0))
     piece = path.pieces_at(middle)
     if np.any(path.blended):
