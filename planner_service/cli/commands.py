@@ -67,7 +67,7 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult
-from planner_service.presentation.models import length_unit, robot_parts, scene_parts
+from planner_service.presentation.models import length_unit, robot_blocks, scene_blocks
 from planner_service.presentation.plans import plan_lines, plan_rows, task_lines, task_rows
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task, save_plan
@@ -277,7 +277,7 @@ def robots(name: Name = None, as_json: AsJson = False) -> None:
         records = [listings.robot_record(robot) for robot in found]
         emit(json_text({"robots": records, "missing": missing} if name is None else records[0]))
     elif name is not None:
-        emit(render(*robot_parts(found[0])))
+        emit(render(*robot_blocks(found[0])))
     else:
         rows = [[robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses)] for robot in found]
         rows += [[absent, "", "", why] for absent, why in missing.items()]
@@ -292,7 +292,7 @@ def scenes(name: Name = None, as_json: AsJson = False) -> None:
         records = [listings.scene_record(scene) for scene in found]
         emit(json_text({"scenes": records} if name is None else records[0]))
     elif name is not None:
-        emit(render(*scene_parts(found[0])))
+        emit(render(*scene_blocks(found[0])))
     else:
         rows = [[scene.name, str(len(scene.obstacles)), scene.description] for scene in found]
         emit(render(Table(("scene", "obstacles", "description"), rows, numeric=("obstacles",))))

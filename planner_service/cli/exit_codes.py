@@ -11,7 +11,7 @@ import typer
 from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.errors import InvalidRequest, MissingDependency, NotProven
 from planner_service.planning.result import Failure
-from planner_service.presentation.tables import Part, printable
+from planner_service.presentation.tables import Block, printable
 
 __all__ = ["BAD_INPUT", "NO_PLAN", "bad_input_exits", "finish", "report_error"]
 
@@ -43,7 +43,7 @@ def report_error(*lines: str) -> None:
 
 
 def finish(
-    document: dict[str, Any], table: Part | None, lines: Sequence[str], failure: Failure | None, *, as_json: bool
+    document: dict[str, Any], table: Block | None, lines: Sequence[str], failure: Failure | None, *, as_json: bool
 ) -> None:
     """Print a JSON document, or a table with lines below it, and exit with 1 if there is no plan."""
     if as_json:

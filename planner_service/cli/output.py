@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from planner_service.presentation import tables
-from planner_service.presentation.tables import WIDTH, CostTable, Part, printable
+from planner_service.presentation.tables import WIDTH, Block, CostTable, printable
 
 __all__ = ["console", "emit", "json_text", "labelled", "render", "wrapped"]
 
@@ -26,13 +26,13 @@ def console() -> Console:
     return Console(file=sys.stdout, width=width, highlight=False, markup=False, emoji=False)
 
 
-def render(*parts: Part) -> str:
+def render(*blocks: Block) -> str:
     """Tables and lines, one below the other; titles and totals are bold on a terminal."""
     screen = console()
     with screen.capture() as capture:
-        for part in parts:
-            text = Text(printable(part) if isinstance(part, str) else part.text(screen.width))
-            if isinstance(part, CostTable):
+        for block in blocks:
+            text = Text(printable(block) if isinstance(block, str) else block.text(screen.width))
+            if isinstance(block, CostTable):
                 text.highlight_regex(r"\A.*|(?m:^ *total .*)", "bold")
             screen.print(text, soft_wrap=True)
     return capture.get()

@@ -1,4 +1,4 @@
-"""Oracle data sets: thousands of proven motions over worlds drawn at random, to learn from."""
+"""Data sets for learning: thousands of planned and proven motions in random worlds."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from types import MappingProxyType
 from planner_service.datasets.bin_task import BinPickPlace
 from planner_service.datasets.dataset import EpisodesSummary, write_episodes
 from planner_service.datasets.episode import EpisodeWork
-from planner_service.datasets.random_draws import Draws
-from planner_service.datasets.task import Drawn, EpisodeTask
+from planner_service.datasets.random_draws import RandomDraws
+from planner_service.datasets.task import EpisodeTask, EpisodeWorld
 from planner_service.errors import UnknownName
 from planner_service.geometry.shapes import text
 
 __all__ = [
     "EPISODE_TASKS",
-    "Drawn",
-    "Draws",
     "EpisodeTask",
     "EpisodeWork",
+    "EpisodeWorld",
     "EpisodesSummary",
+    "RandomDraws",
     "episode_task",
     "write_episodes",
 ]
 
 EPISODE_TASKS: Mapping[str, EpisodeTask] = MappingProxyType({task.name: task for task in (BinPickPlace(),)})
-"""The tasks that the command line knows, by name."""
+"""The tasks of the command line, by name."""
 
 
 def episode_task(name: str) -> EpisodeTask:

@@ -1,4 +1,4 @@
-"""What a data set says of itself: the README.md beside its files."""
+"""The data card: the README.md of a data set."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ description has a licence of its own.
 
 
 def card(about: Mapping[str, Any], info: Mapping[str, Any], carrying: Sequence[str], summary: EpisodesSummary) -> str:
-    """The text; it depends on what is in the data set and on nothing else."""
+    """The text of the card; it depends only on the content of the data set."""
     rows = [f"| {reason} | {number:,} |" for reason, number in summary.failures.items()]
     failures = "\n".join(["| reason | requests |", "|---|---|", *rows]) if rows else "None: every request has one."
     columns = "\n".join(

@@ -1,4 +1,4 @@
-"""Thousands of episodes as a data set: drawn, planned, proven, sampled and written, or the reasons why not."""
+"""Writes a data set: draws worlds, plans and proves the task in each, and writes the motions or the failures."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from planner_service.datasets.card import card
-from planner_service.datasets.episode import Episode, EpisodeWork, lost
-from planner_service.datasets.folder import DATA_PATH, Folder
+from planner_service.datasets.episode import Episode, EpisodeWork, lost_episode
+from planner_service.datasets.folder import DATA_PATH, DatasetFolder
 from planner_service.datasets.parquet import pyarrow_version
-from planner_service.datasets.random_draws import Draws
+from planner_service.datasets.random_draws import RandomDraws
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.geometry.shapes import copied_in, whole
@@ -24,34 +24,34 @@ from planner_service.planning.request import PlanRequest
 __all__ = ["EpisodesSummary", "write_episodes"]
 
 FORMAT, VERSION = "planner-service/episodes", 1
-"""The number counts up whenever a seed gives other worlds, or an episode other columns."""
+"""The version increases whenever a seed gives other worlds, or an episode other columns."""
 
-MOST = 10_000_000
-"""Requests of a data set: its files are numbered, and a file system has an end."""
+MAX_REQUESTS = 10_000_000
+"""Requests in a data set; its file names have room for so many."""
 
 TIME_LIMIT = 600.0
-"""Seconds after which an episode is given up. None takes more than one: a worker that takes this long hangs."""
+"""Seconds after which an episode is given up: one takes about a second, so the worker hangs."""
 
 LIBRARIES = ("planner-service", "numpy", "ompl", "toppra", "pyarrow")
-"""What may change a byte of an episode."""
+"""Libraries whose version may change a byte of an episode."""
 
 
 @dataclass(frozen=True)
 class EpisodesSummary:
-    """What a data set holds.
+    """The size of a data set.
 
     Attributes:
-        requests: Worlds that were drawn.
-        episodes: Those in which everything has a plan; the others are in the table of failures.
-        frames: Of all episodes.
-        failures: How often which reason.
-        motions: In the episodes.
-        certified: How many of these are proven: all of them.
-        motion_seconds: Of motion; what the gripper takes is beside it.
-        states: What all requests asked of the collision checker.
-        edges: The same, in edges.
-        distances: The same, in distance bounds.
-        new: Requests that this run added.
+        requests: Worlds drawn.
+        episodes: Worlds in which every motion has a plan; the others are in the table of failures.
+        frames: Frames of all episodes.
+        failures: Number of failures by reason.
+        motions: Motions of all episodes.
+        certified: Motions that are proven: all of them.
+        motion_seconds: Time in motion, without the gripper's.
+        states: States checked for all requests.
+        edges: Edges checked.
+        distances: Distance bounds computed.
+        new: Requests added by this run.
     """
 
     requests: int
@@ -78,39 +78,41 @@ def write_episodes(
     engine: Engine | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EpisodesSummary:
-    """Write a data set of so many requests, going on with what is there of it (files: ``docs/guides/datasets.md``).
+    """Write a data set of ``count`` requests, or continue one; the guide to data sets describes the files.
 
-    The bytes of every file depend on ``work``, ``count`` and the releases of the libraries alone: not on the engine,
-    nor on whether the run was interrupted, or asked for fewer before. An interrupted run leaves a data set of what is
-    done. Only a request that is lost with its worker is one more failure, though it might have had an episode.
+    The bytes of every file depend only on ``work``, ``count`` and the versions of the libraries: not on the engine, nor
+    on interruptions or earlier runs with a smaller count. An interrupted run leaves a complete, smaller data set. The
+    one exception: a request whose worker dies twice becomes a failure, though it might have an episode elsewhere.
 
     Args:
-        out: A new or empty folder, or one that was begun with the same ``work``.
-        engine: Who works; ``Processes()`` if not given.
-        progress: Told how many requests are done, and of how many.
+        out: A new or empty folder, or one begun with the same ``work``.
+        engine: Runs the work; ``Processes()`` if not given.
+        progress: Called with the number of finished requests and the total.
 
     Raises:
         InvalidRequest: the folder holds something else, was begun with other settings or has more requests already;
-            the task cannot be done by the robot; or ``count`` is no number of requests.
-        MissingDependency: pyarrow is not there; the extra ``episodes`` brings it.
+            the robot cannot do the task; or ``count`` is out of range.
+        MissingDependency: pyarrow is not installed (extra ``episodes``).
     """
-    whole("count", count, 1, MOST)
-    work.task.draw(work.robot, Draws(work.seed, 0))  # a robot that cannot be used is told of here, not by a worker
-    with Folder(as_path("out", out), _generation(work), work.chunk) as folder:
+    whole("count", count, 1, MAX_REQUESTS)
+    work.task.draw(work.robot, RandomDraws(work.seed, 0))  # refuses an unsuitable robot here, not in a worker
+    with DatasetFolder(as_path("out", out), _generation(work), work.chunk) as folder:
         if folder.requests > count:
-            raise InvalidRequest("count", count, f"at least {folder.requests:,}: so many requests are there already")
+            raise InvalidRequest("count", count, f"at least {folder.requests:,}, the number of requests in the folder")
         before = folder.requests
         try:
             _grow(folder, work, count, engine or Processes(), progress or (lambda done, total: None))
         except KeyboardInterrupt:
-            folder.refresh()  # whatever was interrupted
+            folder.refresh()  # a write may have been interrupted
             if folder.requests:
                 _finish(folder, work, before)
             raise
         return _finish(folder, work, before)
 
 
-def _grow(folder: Folder, work: EpisodeWork, count: int, engine: Engine, progress: Callable[[int, int], None]) -> None:
+def _grow(
+    folder: DatasetFolder, work: EpisodeWork, count: int, engine: Engine, progress: Callable[[int, int], None]
+) -> None:
     first = folder.requests
     progress(first, count)
     if first == count:
@@ -118,24 +120,24 @@ def _grow(folder: Folder, work: EpisodeWork, count: int, engine: Engine, progres
     answers = engine.run(work, range(first, count), limit=lambda item: TIME_LIMIT)
     try:
         for _, answer in answers:
-            folder.add(_told(folder.requests, answer))
+            folder.add(_as_episode(folder.requests, answer))
             progress(folder.requests, count)
     except KeyboardInterrupt:
         answers.close()
         folder.refresh()
         while (left := answers.finished.get(folder.requests - first)) is not None:
-            folder.add(_told(folder.requests, left))
+            folder.add(_as_episode(folder.requests, left))
         raise
     finally:
         answers.close()
 
 
-def _told(request: int, answer: Episode | Lost) -> Episode:
-    return lost(request, answer) if isinstance(answer, Lost) else answer
+def _as_episode(request: int, answer: Episode | Lost) -> Episode:
+    return lost_episode(request, answer) if isinstance(answer, Lost) else answer
 
 
 def _generation(work: EpisodeWork) -> dict[str, Any]:
-    """All that decides a byte, the number of requests apart."""
+    """Everything that decides a byte, except the number of requests."""
     from importlib.metadata import PackageNotFoundError, version
 
     def release(library: str) -> str:
@@ -144,7 +146,7 @@ def _generation(work: EpisodeWork) -> dict[str, Any]:
         except PackageNotFoundError:
             return "not installed as a package"
 
-    asked = PlanRequest((), ())
+    defaults = PlanRequest((), ())
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -158,14 +160,14 @@ def _generation(work: EpisodeWork) -> dict[str, Any]:
         "robot": work.robot.name,
         "robot_hash": work.robot.hash,
         "joint_names": list(work.robot.joint_names),
-        "planner": repr(asked.planner),
-        "timing": repr(asked.timing),
+        "planner": repr(defaults.planner),
+        "timing": repr(defaults.timing),
         "libraries": {**{name: release(name) for name in LIBRARIES}, "pyarrow": pyarrow_version()},
     }
 
 
-def _finish(folder: Folder, work: EpisodeWork, before: int) -> EpisodesSummary:
-    """Write what tells of the whole data set, and count it."""
+def _finish(folder: DatasetFolder, work: EpisodeWork, before: int) -> EpisodesSummary:
+    """Write the files that describe the whole data set, and summarise it."""
     folder.write_tables()
     summary = _summary(folder, before)
     info = {
@@ -192,7 +194,7 @@ def _finish(folder: Folder, work: EpisodeWork, before: int) -> EpisodesSummary:
     return summary
 
 
-def _summary(folder: Folder, before: int) -> EpisodesSummary:
+def _summary(folder: DatasetFolder, before: int) -> EpisodesSummary:
     totals: Counter[str] = Counter()
     for row in folder.rows("requests", ("states", "edges", "distances")):
         totals.update(row)
@@ -214,12 +216,12 @@ def _summary(folder: Folder, before: int) -> EpisodesSummary:
     )
 
 
-def _episode_lines(folder: Folder, sentence: str) -> Iterator[bytes]:
+def _episode_lines(folder: DatasetFolder, sentence: str) -> Iterator[bytes]:
     for row in folder.rows("episodes", ("episode_index", "length")):
         yield _line({"episode_index": row["episode_index"], "tasks": [sentence], "length": row["length"]})
 
 
-def _stats_lines(folder: Folder) -> Iterator[bytes]:
+def _stats_lines(folder: DatasetFolder) -> Iterator[bytes]:
     for row in folder.rows("episodes", ("episode_index", "stats")):
         yield _line({"episode_index": row["episode_index"], "stats": json.loads(row["stats"])})
 

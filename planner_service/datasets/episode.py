@@ -1,4 +1,4 @@
-"""One episode, from its number to plain data: what a worker does."""
+"""One episode, from its index to plain data: the work of a worker."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from planner_service.collision import CheckCounts
-from planner_service.datasets.frames import Frames, Part, frames, timeline
+from planner_service.datasets.frames import EpisodeMotion, Frames, frames, timeline
 from planner_service.datasets.parquet import TABLES, Rows
-from planner_service.datasets.random_draws import Draws
-from planner_service.datasets.task import Drawn, EpisodeTask
+from planner_service.datasets.random_draws import RandomDraws
+from planner_service.datasets.task import EpisodeTask, EpisodeWorld
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere, instance, number, whole
 from planner_service.parallel import Lost
@@ -26,16 +26,16 @@ from planner_service.scene.scene import Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
 
-__all__ = ["Episode", "EpisodeWork", "lost", "numbers_stats"]
+__all__ = ["Episode", "EpisodeWork", "counter_stats", "lost_episode"]
 
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """What came of one request.
+    """The result of one request.
 
     Attributes:
-        rows: For the tables; what depends on the episodes before is left for whoever writes them.
-        columns: float32 arrays (m, k) of its m frames, by the names of features; None if there is no episode.
+        rows: Rows of the tables, without the values that depend on earlier episodes.
+        columns: float32 arrays (m, k) of the m frames, by feature; None if there is no episode.
     """
 
     rows: Rows
@@ -44,19 +44,19 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class EpisodeWork:
-    """Makes the episode of a number: a value that is sent to each worker once.
+    """Makes the episode of an index; sent to each worker once.
 
     Attributes:
-        robot: Who moves; its gripper takes.
-        task: What is shown.
-        seed: Of all episodes.
+        robot: The robot, with a gripper.
+        task: The task to show.
+        seed: Seed of the data set.
         fps: Frames per second.
-        gripper_speed: Metres per second by which the gripper's opening changes.
-        max_checks: States that each plan may judge.
-        chunk: Requests in a file of a table, and episodes in a folder.
+        gripper_speed: Speed of the gripper's opening in m/s.
+        max_checks: States that each plan may check.
+        chunk: Requests per file of a table, and episodes per folder.
 
     Raises:
-        InvalidRequest: the robot has no gripper, or a number is out of its range.
+        InvalidRequest: the robot has no gripper, or a number is out of range.
     """
 
     robot: Robot
@@ -76,7 +76,7 @@ class EpisodeWork:
 
     @property
     def features(self) -> dict[str, dict[str, Any]]:
-        """The columns of the frames, as LeRobot describes them."""
+        """The columns of the frames, in LeRobot's form."""
         robot = [*self.robot.joint_names, "gripper_width"]
         names: dict[str, list[str] | None] = {
             "observation.state": robot,
@@ -96,42 +96,46 @@ class EpisodeWork:
         }
 
     def prepare(self) -> None:
-        """Load the libraries that timing needs, which else the first plan would do."""
+        """Load the libraries for timing, so that the first plan does not have to."""
         limits = self.robot.limits
         path = JointPath(np.array([limits.lower, limits.upper]))
         PlanRequest(limits.lower, limits.upper).timing.time_path(path, limits)
 
     def __call__(self, item: int) -> Episode:
-        """The episode of that number, or why there is none; no clock has a say."""
-        index, draws = item, Draws(self.seed, item)
+        """The episode of that index, or the failure; independent of any clock."""
+        index, draws = item, RandomDraws(self.seed, item)
         planner_seed = draws.whole()
         drawn = self.task.draw(self.robot, draws)
         service = PlannerService(self.robot, drawn.scene)
         request = PlanRequest(drawn.start, drawn.start, seed=planner_seed, max_checks=self.max_checks, time_limit=None)
         solved = self.task.solve(service, drawn, request)
         rows = _rows(index, drawn, solved)
-        asked = rows["requests"][0] | {"planner_seed": planner_seed}
+        request_row = rows["requests"][0] | {"planner_seed": planner_seed}
         if solved.failure is not None:
-            told: dict[str, Any] = {"stage": solved.failure.stage.value, "reason": solved.failure.reason.value}
-            told |= {"detail": solved.failure.detail, "motions_planned": len(solved.segments)}
-            rows["failures"] = [{"request_index": index, **told}]
-            return Episode(rows | {"requests": [asked]}, None)
-        parts = timeline(solved.segments, self.task.carrying, self.gripper_speed)
-        found = frames(self.robot, parts, drawn.scene.obstacle(drawn.target), self.fps)
+            failure: dict[str, Any] = {"stage": solved.failure.stage.value, "reason": solved.failure.reason.value}
+            failure |= {"detail": solved.failure.detail, "motions_planned": len(solved.segments)}
+            rows["failures"] = [{"request_index": index, **failure}]
+            return Episode(rows | {"requests": [request_row]}, None)
+        motions = timeline(solved.segments, self.task.carrying, self.gripper_speed)
+        sampled = frames(self.robot, motions, drawn.scene.obstacle(drawn.target), self.fps)
         onto = drawn.scene.obstacle(drawn.onto).pose.position
-        columns = _columns(found, onto, self.fps, self.robot.limits)
+        columns = _columns(sampled, onto, self.fps, self.robot.limits)
         rows["motions"] = [
-            _motion_row(index, k, part) | {"certified": row["certified"]}
-            for k, (part, row) in enumerate(zip(parts, rows["certificates"], strict=True))
+            _motion_row(index, k, motion) | {"certified": row["certified"]}
+            for k, (motion, row) in enumerate(zip(motions, rows["certificates"], strict=True))
         ]
         stats = {name: _stats(values) for name, values in columns.items()}
-        rows["episodes"] = [{"request_index": index, "length": len(found.q), "stats": stats}]
-        asked |= {"ok": True, "frames": len(found.q), "motion_s": math.fsum(p.trajectory.duration for p in parts)}
-        return Episode(rows | {"requests": [asked]}, columns)
+        rows["episodes"] = [{"request_index": index, "length": len(sampled.q), "stats": stats}]
+        request_row |= {
+            "ok": True,
+            "frames": len(sampled.q),
+            "motion_s": math.fsum(motion.trajectory.duration for motion in motions),
+        }
+        return Episode(rows | {"requests": [request_row]}, columns)
 
 
-def lost(index: int, answer: Lost) -> Episode:
-    """A request of which nothing is known but that it cost its workers their life, or their time."""
+def lost_episode(index: int, answer: Lost) -> Episode:
+    """The failure of a request whose workers died or took too long."""
     reason = Reason.TIMED_OUT if answer.over_limit else Reason.WORKER_LOST
     nothing = counts_record(CheckCounts())
     request = {"request_index": index, "ok": False, "frames": 0, "motion_s": 0.0, **nothing}
@@ -139,26 +143,26 @@ def lost(index: int, answer: Lost) -> Episode:
     return Episode({**{name: [] for name in TABLES}, "requests": [request], "failures": [failure]}, None)
 
 
-def numbers_stats(first: int, length: int) -> dict[str, list[float]]:
-    """What LeRobot keeps of a column that counts up."""
+def counter_stats(first: int, length: int) -> dict[str, list[float]]:
+    """LeRobot's statistics of a column that counts up."""
     last = first + length - 1
     spread = math.sqrt((length * length - 1) / 12.0)
     return {"min": [first], "max": [last], "mean": [(first + last) / 2.0], "std": [spread], "count": [length]}
 
 
-def _columns(found: Frames, onto: Sequence[float], fps: int, limits: JointLimits) -> dict[str, Any]:
-    """The features of an episode that are its own: each action is the state of the next frame, the last one its own.
+def _columns(frames: Frames, onto: Sequence[float], fps: int, limits: JointLimits) -> dict[str, Any]:
+    """The features that do not depend on earlier episodes; the action of a frame is the state of the next one.
 
-    A joint at a limit is rounded to the inside.
+    A joint at a limit is rounded inwards.
     """
-    q, low, high = (values.astype(np.float32) for values in (found.q, limits.lower, limits.upper))
+    q, low, high = (values.astype(np.float32) for values in (frames.q, limits.lower, limits.upper))
     low = np.where(low < limits.lower, np.nextafter(low, np.float32(np.inf)), low)
     high = np.where(high > limits.upper, np.nextafter(high, np.float32(-np.inf)), high)
-    state = np.concatenate([np.clip(q, low, high), found.width[:, None].astype(np.float32)], axis=1)
+    state = np.concatenate([np.clip(q, low, high), frames.width[:, None].astype(np.float32)], axis=1)
     return {
         "observation.state": state,
         "observation.environment_state": np.concatenate(
-            [found.target, np.tile(onto, (len(state), 1))], axis=1, dtype=np.float32
+            [frames.target, np.tile(onto, (len(state), 1))], axis=1, dtype=np.float32
         ),
         "action": np.concatenate([state[1:], state[-1:]]),
         "timestamp": (np.arange(len(state)) / fps).astype(np.float32)[:, None],
@@ -166,7 +170,7 @@ def _columns(found: Frames, onto: Sequence[float], fps: int, limits: JointLimits
 
 
 def _stats(values: Any) -> dict[str, list[float]]:
-    """What LeRobot keeps of a feature (m, k): sums are exact before they are rounded."""
+    """LeRobot's statistics of a feature (m, k), from exactly rounded sums."""
     columns: list[list[float]] = values.astype(np.float64).T.tolist()
     means = [math.fsum(column) / len(column) for column in columns]
     spreads = [
@@ -177,7 +181,7 @@ def _stats(values: Any) -> dict[str, list[float]]:
     return {"min": lowest, "max": highest, "mean": means, "std": spreads, "count": [len(values)]}
 
 
-def _rows(index: int, drawn: Drawn, solved: TaskResult) -> Rows:
+def _rows(index: int, drawn: EpisodeWorld, solved: TaskResult) -> Rows:
     counts = counts_record(solved.counts)
     request = {
         "request_index": index,
@@ -237,17 +241,17 @@ def _certificate_rows(index: int, k: int, segment: Segment) -> Iterator[dict[str
     if segment.result.ok and (certificate is None or not certificate.certified):
         raise BrokenInvariant(f"request {index}: {segment.name} has a plan and no proof")
     if certificate is not None:
-        told = certificate_record(certificate)
+        record = certificate_record(certificate)
         exempt = [
             {**{key: item[key] for key in ("s_start", "s_end", "reason")}, "a": a, "b": b}
-            for item in told["exempt"]
+            for item in record["exempt"]
             for a, b in item["pairs"]
         ]
-        kept = {key: told[key] for key in ("certified", "clearance", "distances", "padding")}
+        kept = {key: record[key] for key in ("certified", "clearance", "distances", "padding")}
         yield {"request_index": index, "motion_index": k, "motion": segment.name, **kept, "exempt": exempt}
 
 
-def _motion_row(index: int, k: int, part: Part) -> dict[str, Any]:
+def _motion_row(index: int, k: int, part: EpisodeMotion) -> dict[str, Any]:
     path, trajectory = part.trajectory.path, part.trajectory
     return {
         "request_index": index,

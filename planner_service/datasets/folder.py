@@ -1,7 +1,7 @@
-"""A data set on disk: grown request by request, whole after every interruption, with the same bytes in the end.
+"""A data set on disk: grown request by request, intact after every interruption, and the same bytes in the end.
 
-A request is in the data set once its line is in ``meta/journal.jsonl``; the frames of its episode were put into their
-place before. Whenever a chunk of requests is full, its tables are written and its journal goes.
+A request is in the data set once its line is in ``meta/journal.jsonl``; the frames of its episode are written before.
+When a chunk of requests is complete, its tables are written and its journal is deleted.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from planner_service.datasets.episode import Episode, numbers_stats
+from planner_service.datasets.episode import Episode, counter_stats
 from planner_service.datasets.parquet import TABLES, Rows, episode_bytes, row_count, rows_of, table_bytes
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import read_json
 
-__all__ = ["DATA_PATH", "Folder"]
+__all__ = ["DATA_PATH", "DatasetFolder"]
 
 DATA_PATH = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
-"""LeRobot's own, with which a reader finds the files."""
+"""LeRobot's path pattern, by which readers find the files."""
 
 GROUP = 100
-"""Requests in a row group of a table: about 4 MB of journal are in memory at a time."""
+"""Requests per row group of a table; about 4 MB of journal are in memory at a time."""
 
 
-class Folder:
-    """The folder of a data set, locked against others while it is open.
+class DatasetFolder:
+    """The folder of a data set, locked while it is open.
 
     Args:
-        path: Made if it is not there; its parent has to be.
-        settings: Of plain JSON values: what decides every byte, the number of requests apart.
-        chunk: Requests whose tables are one file each, and episodes in one folder.
+        path: Created if missing; its parent must exist.
+        settings: JSON values that decide every byte, except the number of requests.
+        chunk: Requests per file of a table, and episodes per folder.
 
     Raises:
-        InvalidRequest: there is something else in it, it was made with other settings, or somebody is writing there.
-        InvalidFile: it cannot be made or read.
+        InvalidRequest: the folder holds something else, was begun with other settings, or is in use.
+        InvalidFile: it cannot be created or read.
     """
 
     def __init__(self, path: Path, settings: Mapping[str, Any], chunk: int) -> None:
@@ -55,15 +55,15 @@ class Folder:
             os.close(self._lock)
             raise
 
-    def __enter__(self) -> Folder:
+    def __enter__(self) -> DatasetFolder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         os.close(self._lock)
 
     def refresh(self) -> None:
-        """Count what is there, and clear away what an interruption left half done."""
-        with _told(self.path):
+        """Count the finished requests, and delete what an interruption left incomplete."""
+        with _as_invalid_file(self.path):
             self._refresh()
 
     def _refresh(self) -> None:
@@ -73,44 +73,44 @@ class Folder:
         while self._is_full(self.chunks):
             for row in rows_of(self._table("requests", self.chunks), ("ok", "frames")):
                 self._count(row)
-        kept = sum(len(line) for line in self._sound_lines())
+        kept = sum(len(line) for line in self._valid_lines())
         if self._journal.exists():
             os.truncate(self._journal, kept)
         if kept == 0:
             self._journal.unlink(missing_ok=True)
-        there = 0
+        present = 0
         for file in (self.path / "data").glob("*/episode_*.parquet"):
             number = file.stem.removeprefix("episode_")
             if number.isdecimal() and int(number) >= self.episodes:
                 file.unlink()
             elif number.isdecimal():
-                there += file == self._data(int(number))
-        if there < self.episodes:
-            raise InvalidFile(self.path / "data", [f"{self.episodes - there} of {self.episodes} episodes are gone"])
+                present += file == self._data(int(number))
+        if present < self.episodes:
+            raise InvalidFile(self.path / "data", [f"{self.episodes - present} of {self.episodes} episodes missing"])
         self._close_chunk()
 
     @property
     def chunks(self) -> int:
-        """How many chunks of requests are full."""
+        """The number of complete chunks."""
         return self.requests // self._chunk
 
     def add(self, episode: Episode) -> None:
-        """Put the next request into the data set, and all of its frames."""
+        """Add the next request with its frames."""
         rows = self._numbered(episode.rows)
         (request,) = rows["requests"]
         if episode.columns is not None:
             numbers = {"episode_index": self.episodes, "task_index": 0, "index": self.frames}
             self.write(self._data(self.episodes), [episode_bytes(episode.columns, numbers, request["frames"])])
         line = json.dumps(rows, allow_nan=False, separators=(",", ":")).encode("ascii") + b"\n"
-        with _told(self._journal), open(self._journal, "ab") as journal:
+        with _as_invalid_file(self._journal), open(self._journal, "ab") as journal:
             journal.write(line)
-            journal.flush()  # all of it, or an error
+            journal.flush()  # writes everything or raises
             os.fsync(journal.fileno())
         self._count(request)
         self._close_chunk()
 
     def write_tables(self) -> None:
-        """Write the tables of the requests in the journal; that of requests last, as it says that all are there."""
+        """Write the tables of the requests in the journal; requests last, as it implies the others."""
         if not self._journal.exists():
             return
         chunk = (self.requests - 1) // self._chunk
@@ -118,13 +118,13 @@ class Folder:
             self.write(self._table(name, chunk), [content])
 
     def write(self, file: Path, parts: Iterable[bytes]) -> None:
-        """Write a file of the data set, whole or not at all, from parts of which one is in memory at a time.
+        """Write a file, whole or not at all, from parts of which one is in memory at a time.
 
         Raises:
-            InvalidFile: it cannot be written, as when the disk is full; what is finished stays.
+            InvalidFile: it cannot be written, for example because the disk is full; finished episodes stay.
         """
         temporary = file.with_name(f".{file.name}.tmp")
-        with _told(file):
+        with _as_invalid_file(file):
             file.parent.mkdir(parents=True, exist_ok=True)
             with open(temporary, "wb") as out:
                 out.writelines(parts)
@@ -133,7 +133,7 @@ class Folder:
             os.replace(temporary, file)
 
     def rows(self, table: str, columns: tuple[str, ...]) -> Iterator[dict[str, Any]]:
-        """The rows of a table that was written, from all its files in order."""
+        """The rows of a table, from all its files in order."""
         for chunk in range(-(-self.requests // self._chunk)):
             yield from rows_of(self._table(table, chunk), columns)
 
@@ -143,32 +143,32 @@ class Folder:
             lock = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise InvalidFile(self.path, [f"no folder for a data set: {reason}"]) from None
+            raise InvalidFile(self.path, [f"cannot be a data set's folder: {reason}"]) from None
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             os.close(lock)
-            raise InvalidRequest("out", str(self.path), "a folder into which nobody else is writing") from None
+            raise InvalidRequest("out", str(self.path), "a folder that no other process is writing to") from None
         return lock
 
     def _claim(self, settings: Mapping[str, Any]) -> None:
-        """See to it that the folder is ours, made with these settings."""
+        """Check that the folder is a data set begun with these settings, or begin it."""
         about = self.path / "meta" / "generation.json"
-        begun = {about.parent, about.with_name(f".{about.name}.tmp")}  # what a run that just began may leave
+        begun = {about.parent, about.with_name(f".{about.name}.tmp")}  # what a run interrupted at its beginning leaves
         if begun.issuperset(self.path.rglob("*")):
             self.write(about, [_json_bytes(settings)])
         if not about.is_file():
-            raise InvalidRequest("out", str(self.path), "a new or empty folder, or one of episodes to be continued")
+            raise InvalidRequest("out", str(self.path), "a new or empty folder, or a data set to continue")
         found = read_json(about)
         if not isinstance(found, dict) or found.get("format") != settings["format"]:
-            raise InvalidRequest("out", str(self.path), "a folder of episodes; its meta/generation.json is of another")
+            raise InvalidRequest("out", str(self.path), "a data set; meta/generation.json is something else")
         for key in settings:
             if found.get(key) != settings[key]:
                 message = f"{self.path} was begun with {key} {found.get(key)!r}; it cannot go on with {settings[key]!r}"
                 raise InvalidRequest(key, settings[key], f"{found.get(key)!r}, or another folder", message=message)
 
     def _close_chunk(self) -> None:
-        """Write the tables of a chunk that is full, of which no journal is needed then."""
+        """If the chunk is complete, write its tables and delete its journal."""
         if self.requests % self._chunk == 0:
             self.write_tables()
             self._journal.unlink(missing_ok=True)
@@ -178,11 +178,11 @@ class Folder:
         if self.requests != chunk * self._chunk or not table.exists() or row_count(table) != self._chunk:
             return False
         for name in TABLES:
-            row_count(self._table(name, chunk))  # it is there, and was not cut short
+            row_count(self._table(name, chunk))  # raises if the table is missing or cut short
         return True
 
-    def _sound_lines(self) -> Iterator[bytes]:
-        """The lines of the journal, each counted, up to one that is not the next request or has lost its frames."""
+    def _valid_lines(self) -> Iterator[bytes]:
+        """The valid lines of the journal, each counted, up to one that is out of order or lacks its frames."""
         if not self._journal.exists():
             return
         with open(self._journal, "rb") as journal:
@@ -204,7 +204,7 @@ class Folder:
         self.frames += request["frames"]
 
     def _numbered(self, rows: Rows) -> Rows:
-        """Rows with what the episodes before decide: the numbers of the episode and of its first frame."""
+        """Rows with the values that depend on earlier episodes: the indices of the episode and of its first frame."""
         (request,) = rows["requests"]
         episode = self.episodes if request["ok"] else None
         given: dict[str, Any] = {"episode_index": episode, "first_index": self.frames}
@@ -216,14 +216,14 @@ class Folder:
         }
 
     def _counted_stats(self, length: int) -> dict[str, dict[str, list[float]]]:
-        """The statistics of the columns that the episodes before decide."""
-        same = {"index": numbers_stats(self.frames, length), "frame_index": numbers_stats(0, length)}
+        """The statistics of the columns that depend on earlier episodes."""
+        same = {"index": counter_stats(self.frames, length), "frame_index": counter_stats(0, length)}
         for name, value in (("episode_index", self.episodes), ("task_index", 0)):
-            same[name] = {**numbers_stats(value, 1), "count": [length]}
+            same[name] = {**counter_stats(value, 1), "count": [length]}
         return same
 
     def _groups(self) -> Iterator[Rows]:
-        """The rows of the journal, some requests at a time."""
+        """The rows of the journal, a group of requests at a time."""
         with open(self._journal, "rb") as journal:
             while True:
                 found: list[Rows] = [json.loads(line) for line in islice(journal, GROUP)]
@@ -239,8 +239,8 @@ class Folder:
 
 
 @contextmanager
-def _told(file: Path) -> Iterator[None]:
-    """What the system has against writing a file, or clearing a folder, as an error of ours."""
+def _as_invalid_file(file: Path) -> Iterator[None]:
+    """Turn an OSError into an InvalidFile."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The motions of a task one after another, at a rate: where robot, gripper and object are in every frame."""
+"""The motions of a task sampled at a frame rate: robot, gripper and object in every frame."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle
 from planner_service.tasks.result import Segment
 
-__all__ = ["Frames", "Part", "frames", "timeline"]
+__all__ = ["EpisodeMotion", "Frames", "frames", "timeline"]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """One motion of an episode, and what the robot waits for at its end.
+class EpisodeMotion:
+    """One motion of an episode, and the wait at its end.
 
     Attributes:
-        begins: Seconds since the episode began.
-        settle: Seconds that it then stands still, so that it no longer rings when the gripper moves.
-        width, next_width: Metres between the finger pads on the motion, and when the next one begins.
-        gripping: Seconds that the gripper takes from one to the other.
-        carrying: Whether the object moves with the tool.
+        begins: When it begins, in seconds since the beginning of the episode.
+        settle: Seconds the robot then stands still until it no longer vibrates.
+        width, next_width: Metres between the finger pads during this motion and during the next one.
+        gripping: Seconds the gripper takes to move from one to the other.
+        carrying: Whether the robot carries the object.
     """
 
     name: str
@@ -40,23 +40,23 @@ class Part:
 
     @property
     def stops(self) -> float:
-        """Seconds since the episode began at which the motion is over."""
+        """When the motion ends, in seconds since the beginning of the episode."""
         return self.begins + self.trajectory.duration
 
     @property
     def ends(self) -> float:
-        """Seconds since the episode began at which the next motion begins."""
+        """When the next motion begins, in seconds since the beginning of the episode."""
         return self.stops + self.settle + self.gripping
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """m instants, the first at 0, the last no earlier than the end of the last motion.
+    """m frames, the first at 0, the last not before the end of the last motion.
 
     Attributes:
         q: Shape (m, n).
         width: Metres between the finger pads, shape (m,).
-        target: Position and quaternion (w, x, y, z) of the object, shape (m, 7).
+        target: The object's position and quaternion (w, x, y, z), shape (m, 7).
     """
 
     q: FloatArray
@@ -64,14 +64,14 @@ class Frames:
     target: FloatArray
 
 
-def timeline(segments: Sequence[Segment], carrying: Sequence[str], gripper_speed: float) -> tuple[Part, ...]:
-    """The motions in order; where the gripper's width changes, the robot settles and waits for it.
+def timeline(segments: Sequence[Segment], carrying: Sequence[str], gripper_speed: float) -> tuple[EpisodeMotion, ...]:
+    """The motions in order; where the gripper's width changes, the robot settles and waits for the gripper.
 
     Args:
-        carrying: Names of the motions on which the object moves with the tool.
-        gripper_speed: Metres per second by which the opening changes.
+        carrying: Names of the motions during which the robot carries the object.
+        gripper_speed: Speed of the opening in m/s.
     """
-    parts: list[Part] = []
+    parts: list[EpisodeMotion] = []
     begins = 0.0
     for k, segment in enumerate(segments):
         _, trajectory = segment.result.unwrap()
@@ -79,14 +79,16 @@ def timeline(segments: Sequence[Segment], carrying: Sequence[str], gripper_speed
         motion = segment.result.motion
         settle = motion.settle_time if motion is not None and then != segment.width else 0.0
         gripping = abs(then - segment.width) / gripper_speed
-        part = Part(segment.name, trajectory, begins, settle, segment.width, then, gripping, segment.name in carrying)
+        part = EpisodeMotion(
+            segment.name, trajectory, begins, settle, segment.width, then, gripping, segment.name in carrying
+        )
         parts.append(part)
         begins = part.ends
     return tuple(parts)
 
 
-def frames(robot: Robot, parts: Sequence[Part], target: Obstacle, fps: int) -> Frames:
-    """The episode at so many frames per second, to the first frame at which all has come to rest."""
+def frames(robot: Robot, parts: Sequence[EpisodeMotion], target: Obstacle, fps: int) -> Frames:
+    """The frames of an episode, up to the first one at which everything is at rest."""
     times = np.arange(math.ceil(parts[-1].ends * fps) + 1) / fps
     first = np.searchsorted([part.begins for part in parts], times, side="right") - 1
     q: list[FloatArray] = []
@@ -108,7 +110,7 @@ def frames(robot: Robot, parts: Sequence[Part], target: Obstacle, fps: int) -> F
     return Frames(np.concatenate(q), np.concatenate(width), np.concatenate(poses))
 
 
-def _widths(part: Part, since: FloatArray) -> FloatArray:
+def _widths(part: EpisodeMotion, since: FloatArray) -> FloatArray:
     if part.gripping == 0.0:
         return np.full(len(since), part.width)
     moved = (since - (part.trajectory.duration + part.settle)) / part.gripping

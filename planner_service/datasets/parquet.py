@@ -1,4 +1,4 @@
-"""Rows as Parquet, the same bytes for the same rows; the only place that knows pyarrow."""
+"""Rows as Parquet files, the same bytes for the same rows; the only module that uses pyarrow."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from planner_service.errors import InvalidFile, MissingDependency
 __all__ = ["TABLES", "Rows", "episode_bytes", "pyarrow_version", "row_count", "rows_of", "table_bytes"]
 
 Rows = dict[str, list[dict[str, Any]]]
-"""Rows by the name of their table, of plain JSON values."""
+"""The rows of each table by its name; cells are JSON values."""
 
 WHOLE, REAL, TEXT, FLAG = "whole", "real", "text", "flag"
 
@@ -79,7 +79,7 @@ TABLES: Mapping[str, Mapping[str, Any]] = {
         "notes": [TEXT],
     },
 }
-"""The columns of the tables beside the frames, in the order written: requests last, as it says that the others are."""
+"""The columns of all tables except the frames, in the order written: a row in requests implies all others."""
 
 FIXED: Mapping[str, Any] = {
     "compression": "zstd",
@@ -90,7 +90,7 @@ FIXED: Mapping[str, Any] = {
     "write_statistics": True,
     "store_schema": True,
 }
-"""Of the files: nothing is left to what another release of pyarrow takes for granted."""
+"""Every option of the writer, so that pyarrow's defaults do not matter."""
 
 
 def episode_bytes(columns: Mapping[str, Any], numbers: Mapping[str, int], length: int) -> bytes:
@@ -101,7 +101,7 @@ def episode_bytes(columns: Mapping[str, Any], numbers: Mapping[str, int], length
         numbers: ``episode_index``, ``task_index``, and ``index`` of the first of its m frames.
 
     Raises:
-        MissingDependency: pyarrow is not there; the extra ``episodes`` brings it.
+        MissingDependency: pyarrow is not installed (extra ``episodes``).
     """
     pa = _arrow()
     made = {}
@@ -120,7 +120,7 @@ def episode_bytes(columns: Mapping[str, Any], numbers: Mapping[str, int], length
 
 
 def table_bytes(groups: Iterable[Rows]) -> dict[str, bytes]:
-    """The Parquet file of every table, of rows that come in groups: each is a row group, and only one is in memory.
+    """The Parquet file of every table; each group of rows becomes a row group, and only one is in memory at a time.
 
     Raises:
         MissingDependency: see ``episode_bytes``.
@@ -137,10 +137,10 @@ def table_bytes(groups: Iterable[Rows]) -> dict[str, bytes]:
 
 
 def rows_of(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """The rows of a Parquet file, some columns of them, a row group at a time.
+    """Some columns of the rows of a Parquet file, read by row group.
 
     Raises:
-        InvalidFile: it is not there, or damaged.
+        InvalidFile: the file is missing or damaged.
     """
     with _opened(path) as file:
         for k in range(file.num_row_groups):
@@ -148,10 +148,10 @@ def rows_of(path: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
 
 
 def row_count(path: Path) -> int:
-    """How many rows a Parquet file has, by its footer.
+    """The number of rows of a Parquet file, from its footer.
 
     Raises:
-        InvalidFile: it is not there, or damaged.
+        InvalidFile: the file is missing or damaged.
     """
     with _opened(path) as file:
         return int(file.metadata.num_rows)
@@ -168,7 +168,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def pyarrow_version() -> str:
-    """Which release writes; another may write other bytes."""
+    """The version of pyarrow; another one may write other bytes."""
     return str(_arrow().__version__)
 
 

@@ -1,11 +1,11 @@
-"""What an episode is about: a world drawn at random, and the motions that are to be shown in it."""
+"""What an episode shows: a random world, and a task solved in it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol
 
-from planner_service.datasets.random_draws import Draws
+from planner_service.datasets.random_draws import RandomDraws
 from planner_service.geometry.shapes import FloatArray, copied_in
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot
@@ -13,18 +13,18 @@ from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import TaskResult
 
-__all__ = ["Drawn", "EpisodeTask"]
+__all__ = ["EpisodeTask", "EpisodeWorld"]
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class EpisodeWorld:
     """The world of one episode.
 
     Attributes:
-        scene: Of boxes, spheres, cylinders and capsules, nothing in contact, nothing attached.
-        start: Where the robot starts, shape (n,).
-        target: The obstacle that is handled.
-        onto: The obstacle that it is brought to.
+        scene: Boxes, spheres, cylinders and capsules; nothing touches anything, nothing is attached.
+        start: The robot's start, shape (n,).
+        target: The obstacle to pick up.
+        onto: The obstacle to place it on.
     """
 
     scene: Scene
@@ -37,22 +37,22 @@ class Drawn:
 
 
 class EpisodeTask(Protocol):
-    """A kind of episodes: a small frozen dataclass that others can import, as it is sent to the workers."""
+    """A kind of episode: a small frozen dataclass in an importable module, as it is sent to the workers."""
 
     @property
     def name(self) -> str:
-        """What the command line calls it."""
+        """Its name on the command line."""
 
     @property
     def sentence(self) -> str:
-        """What a policy is told to do."""
+        """The instruction for a policy."""
 
     @property
     def carrying(self) -> tuple[str, ...]:
-        """The names of the motions on which the target moves with the tool."""
+        """The names of the motions during which the robot carries the target."""
 
-    def draw(self, robot: Robot, draws: Draws) -> Drawn:
-        """A world in which nothing speaks against the task at the outset."""
+    def draw(self, robot: Robot, draws: RandomDraws) -> EpisodeWorld:
+        """A random world in which the task looks possible."""
 
-    def solve(self, service: PlannerService, drawn: Drawn, request: PlanRequest) -> TaskResult:
-        """The motions, or the failure that ended them; the request has start, seed and limits."""
+    def solve(self, service: PlannerService, drawn: EpisodeWorld, request: PlanRequest) -> TaskResult:
+        """The motions, or the failure that ended them; start, seed and limits come from the request."""

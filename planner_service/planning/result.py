@@ -19,8 +19,8 @@ from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.world import World
 from planner_service.presentation.models import length_unit
 from planner_service.presentation.page import OpenPage
-from planner_service.presentation.plans import plan_parts
-from planner_service.presentation.tables import Part, render_html, render_text
+from planner_service.presentation.plans import plan_blocks
+from planner_service.presentation.tables import Block, render_html, render_text
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Trace
 from planner_service.timing.limit_check import LimitPeaks
@@ -259,16 +259,16 @@ class PlanResult:
         return f"<PlanResult: {seconds:.2f} s of motion, {self.counts}>"
 
     def __str__(self) -> str:
-        return render_text(self._parts())
+        return render_text(self._blocks())
 
     def _repr_html_(self) -> str:
-        return render_html(self._parts())
+        return render_html(self._blocks())
 
-    def _parts(self) -> list[Part]:
+    def _blocks(self) -> list[Block]:
         if self.origin is None:
-            return plan_parts(self)
+            return plan_blocks(self)
         robot, scene = self.origin.world.robot, self.origin.world.scene
-        return plan_parts(self, f"{robot.name} in {scene.name or 'unnamed scene'}", unit=length_unit(robot))
+        return plan_blocks(self, f"{robot.name} in {scene.name or 'unnamed scene'}", unit=length_unit(robot))
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the robot, the scene and this plan on a page in the browser; see ``PlannerService.view``.

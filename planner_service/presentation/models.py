@@ -8,9 +8,9 @@ from typing import Protocol
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, FloatArray, Pose
-from planner_service.presentation.tables import Part, Table
+from planner_service.presentation.tables import Block, Table
 
-__all__ = ["length_unit", "robot_parts", "scene_parts"]
+__all__ = ["length_unit", "robot_blocks", "scene_blocks"]
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 
@@ -96,7 +96,7 @@ def length_unit(robot: Arm) -> str:
     return "" if any(body.prismatic for body in robot.bodies) else "rad"
 
 
-def robot_parts(robot: Arm) -> list[Part]:
+def robot_blocks(robot: Arm) -> list[Block]:
     """A robot as ``planner-service robots NAME`` prints it."""
     gripper, limits = robot.gripper, robot.limits
     opening = "" if gripper is None else f", gripper {gripper.lower:g} to {gripper.upper:g} m wide"
@@ -120,7 +120,7 @@ def robot_parts(robot: Arm) -> list[Part]:
     ]
 
 
-def scene_parts(scene: World) -> list[Part]:
+def scene_blocks(scene: World) -> list[Block]:
     """A scene as ``planner-service scenes NAME`` prints it."""
     bodies = [(body, body.name) for body in scene.obstacles]
     bodies += [(body, f"{body.name} (attached)") for body in scene.attached]

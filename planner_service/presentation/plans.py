@@ -10,18 +10,18 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
-from planner_service.presentation.tables import CostTable, Part, Row
+from planner_service.presentation.tables import Block, CostTable, Row
 
 __all__ = [
     "clearance_text",
     "counts_text",
+    "plan_blocks",
     "plan_lines",
-    "plan_parts",
     "plan_row",
     "plan_rows",
     "proof_text",
+    "task_blocks",
     "task_lines",
-    "task_parts",
     "task_rows",
 ]
 
@@ -280,7 +280,7 @@ def task_lines(task: Task) -> list[str]:
     return [*proof, *(f"note: {note}" for note in notes)]
 
 
-def plan_parts(plan: Plan, where: str = "", *, unit: str = "") -> list[Part]:
+def plan_blocks(plan: Plan, where: str = "", *, unit: str = "") -> list[Block]:
     """A plan as ``planner-service plan`` prints it.
 
     Args:
@@ -291,7 +291,7 @@ def plan_parts(plan: Plan, where: str = "", *, unit: str = "") -> list[Part]:
     return [CostTable(title, plan_rows(plan), unit), *plan_lines(plan), *_ending(plan.failure)]
 
 
-def task_parts(task: Task, *, unit: str = "") -> list[Part]:
+def task_blocks(task: Task, *, unit: str = "") -> list[Block]:
     """A task as ``planner-service pick-place`` prints it.
 
     Args:

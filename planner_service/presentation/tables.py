@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 __all__ = [
     "WIDTH",
+    "Block",
     "CostTable",
-    "Part",
     "Row",
     "Table",
     "markdown_escaped",
@@ -166,14 +166,14 @@ class Table:
         return _html_table("", self.heads, self.rows, self.numeric)
 
 
-Part = CostTable | Table | str
+Block = CostTable | Table | str
 """A table, or a line of text."""
 
 
-def render_text(parts: Iterable[Part], width: int = WIDTH) -> str:
+def render_text(blocks: Iterable[Block], width: int = WIDTH) -> str:
     """Tables and wrapped lines one below the other; control characters are written as escapes."""
-    blocks = (wrapped([part], width) if isinstance(part, str) else [part.text(width)] for part in parts)
-    return "\n".join(line for block in blocks for line in block)
+    texts = (wrapped([block], width) if isinstance(block, str) else [block.text(width)] for block in blocks)
+    return "\n".join(line for lines in texts for line in lines)
 
 
 def wrapped(lines: Iterable[str], width: int = WIDTH, indent: str = "  ") -> list[str]:
@@ -182,9 +182,9 @@ def wrapped(lines: Iterable[str], width: int = WIDTH, indent: str = "  ") -> lis
     return [piece for line in lines for piece in wrapper.wrap(printable(line)) or [""]]
 
 
-def render_html(parts: Iterable[Part]) -> str:
+def render_html(blocks: Iterable[Block]) -> str:
     """The same as HTML, with every text escaped."""
-    return "\n".join(f"<p>{_html(part)}</p>" if isinstance(part, str) else part.html() for part in parts if part)
+    return "\n".join(f"<p>{_html(block)}</p>" if isinstance(block, str) else block.html() for block in blocks if block)
 
 
 def _wide(title: str, rows: Sequence[Row], width: int, unit: str) -> list[str]:

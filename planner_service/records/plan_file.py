@@ -35,7 +35,7 @@ from planner_service.planning.result import Failure, Origin, PlanResult
 from planner_service.planning.world import World
 from planner_service.presentation.models import length_unit
 from planner_service.presentation.page import OpenPage
-from planner_service.presentation.plans import task_parts
+from planner_service.presentation.plans import task_blocks
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.records.old_versions import command_of
 from planner_service.records.request import TIMINGS, RequestRecord, TimingRecord
@@ -226,10 +226,10 @@ class SavedTask(_Saved):
         return f"<SavedTask: {self.task or self.robot.name}, {what}, {self.counts}>"
 
     def __str__(self) -> str:
-        return render_text(task_parts(self, unit=length_unit(self.robot)))
+        return render_text(task_blocks(self, unit=length_unit(self.robot)))
 
     def _repr_html_(self) -> str:
-        return render_html(task_parts(self, unit=length_unit(self.robot)))
+        return render_html(task_blocks(self, unit=length_unit(self.robot)))
 
     @classmethod
     def of(cls, task: TaskResult) -> SavedTask:
@@ -302,13 +302,13 @@ class StepRecord(Record):
 def _shallow(sections: dict[str, Any]) -> dict[str, Any]:
     layer: list[Any] = [sections]
     for _ in range(MAX_DEPTH):
-        layer = [part for whole in layer if isinstance(whole, dict | list) for part in _parts(whole)]
+        layer = [part for whole in layer if isinstance(whole, dict | list) for part in _blocks(whole)]
     if layer:
         raise ValueError(f"at most {MAX_DEPTH} values within each other")
     return sections
 
 
-def _parts(whole: dict[str, Any] | list[Any]) -> list[Any]:
+def _blocks(whole: dict[str, Any] | list[Any]) -> list[Any]:
     return list(whole.values()) if isinstance(whole, dict) else whole
 
 

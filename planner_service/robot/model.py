@@ -32,7 +32,7 @@ from planner_service.geometry.shapes import (
     text,
     whole,
 )
-from planner_service.presentation.models import robot_parts
+from planner_service.presentation.models import robot_blocks
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkShape
 from planner_service.robot.reach import reach_bounds
@@ -418,10 +418,10 @@ class Robot:
         return f"Robot({self.name!r}, {self.n} joints, {len(self.shapes)} shapes, gripper_width={self.gripper_width:g})"
 
     def __str__(self) -> str:
-        return render_text(robot_parts(self))
+        return render_text(robot_blocks(self))
 
     def _repr_html_(self) -> str:
-        return render_html(robot_parts(self))
+        return render_html(robot_blocks(self))
 
 
 def _gripper_content(gripper: Gripper) -> dict[str, object]:

@@ -47,7 +47,7 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere, instance, items, text
-from planner_service.presentation.models import scene_parts
+from planner_service.presentation.models import scene_blocks
 from planner_service.presentation.tables import render_html, render_text
 
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
@@ -179,10 +179,10 @@ class Scene:
         return f"Scene({self.name!r}, {len(self.obstacles)} obstacles{attached})"
 
     def __str__(self) -> str:
-        return render_text(scene_parts(self))
+        return render_text(scene_blocks(self))
 
     def _repr_html_(self) -> str:
-        return render_html(scene_parts(self))
+        return render_html(scene_blocks(self))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from planner_service.planning.result import Failure, PlanResult
 from planner_service.planning.world import World
 from planner_service.presentation.models import length_unit
 from planner_service.presentation.page import OpenPage
-from planner_service.presentation.plans import task_parts
+from planner_service.presentation.plans import task_blocks
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.scene.scene import Scene
 from planner_service.timing.laws import Timing
@@ -142,10 +142,10 @@ class TaskResult:
         return f"<TaskResult: {len(self.segments)} motions, {what}, {self.counts}>"
 
     def __str__(self) -> str:
-        return render_text(task_parts(self, unit=length_unit(self.world.robot)))
+        return render_text(task_blocks(self, unit=length_unit(self.world.robot)))
 
     def _repr_html_(self) -> str:
-        return render_html(task_parts(self, unit=length_unit(self.world.robot)))
+        return render_html(task_blocks(self, unit=length_unit(self.world.robot)))
 
     @property
     def begin(self) -> World:

@@ -35,7 +35,7 @@ from planner_service.datasets.bin_task import BinPickPlace
 from planner_service.datasets.episode import _columns
 from planner_service.datasets.frames import Frames
 from planner_service.datasets.parquet import TABLES
-from planner_service.datasets.random_draws import Draws
+from planner_service.datasets.random_draws import RandomDraws
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency, UnknownName
 from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.parallel import Lost, Processes
@@ -120,17 +120,17 @@ def frames(folder: Path, episode: int) -> pa.Table:
 
 
 def test_an_episode_draws_the_same_numbers_on_every_machine() -> None:
-    draws = Draws(2**63 - 1, 12_345)
+    draws = RandomDraws(2**63 - 1, 12_345)
     assert (draws.whole(), draws.between(-1.0, 3.0).hex()) == (3005932658490418701, "0x1.b5effa5fade6ap+0")
 
 
 def test_seeds_and_numbers_of_episodes_are_not_mixed_up() -> None:
-    first = {Draws(seed, index).whole() for seed in (0, 1, 2**32, 2**32 + 1) for index in range(50)}
+    first = {RandomDraws(seed, index).whole() for seed in (0, 1, 2**32, 2**32 + 1) for index in range(50)}
     assert len(first) == 200
 
 
 def test_a_turn_is_a_unit_quaternion_of_at_most_45_degrees() -> None:
-    draws = Draws(0, 0)
+    draws = RandomDraws(0, 0)
     turns = [draws.turned(0.0, 0.0, 0.0).quaternion for _ in range(500)]
     yaws = [2.0 * math.atan2(z, w) for w, _, _, z in turns]
     assert max(abs(math.hypot(w, z) - 1.0) for w, _, _, z in turns) < 1e-15
@@ -141,7 +141,7 @@ def test_a_turn_is_a_unit_quaternion_of_at_most_45_degrees() -> None:
 def test_the_world_of_a_seed_and_a_number_stays_what_it_is(robot: Robot) -> None:
     """Whoever changes the ranges on purpose counts up VERSION in dataset.py."""
     assert (
-        BinPickPlace().draw(robot, Draws(0, 0)).scene.hash
+        BinPickPlace().draw(robot, RandomDraws(0, 0)).scene.hash
         == "989b749ede6b0b3a0b825924cea33befcb04317f86316789484fa81f0f2c0caf"
     )
 
@@ -149,7 +149,7 @@ def test_the_world_of_a_seed_and_a_number_stays_what_it_is(robot: Robot) -> None
 def test_nothing_touches_anything_in_a_world(robot: Robot) -> None:
     """A block that is turned is taken as the disc around it, as is everything round."""
     for index in range(60):
-        parts = {o.name: o for o in BinPickPlace().draw(robot, Draws(1, index)).scene.obstacles}
+        parts = {o.name: o for o in BinPickPlace().draw(robot, RandomDraws(1, index)).scene.obstacles}
         (x, y, a, b, low), (u, v, c, d, _) = extent(parts.pop("block")), extent(parts.pop("bin_floor"))
         assert abs(x - u) + math.hypot(a, b) < c
         assert abs(y - v) + math.hypot(a, b) < d
@@ -169,16 +169,18 @@ def extent(obstacle: Obstacle) -> tuple[float, float, float, float, float]:
 
 
 def test_starts_differ(robot: Robot) -> None:
-    drawn = [BinPickPlace().draw(robot, Draws(2, index)) for index in range(20)]
+    drawn = [BinPickPlace().draw(robot, RandomDraws(2, index)) for index in range(20)]
     assert len({tuple(d.start.tolist()) for d in drawn}) == 20
 
 
 def test_a_start_keeps_its_distance_from_a_post_right_beside_home(robot: Robot) -> None:
     scene = Scene((Obstacle("post", Cylinder(0.02, 0.5), Pose((0.22, 0.09, 0.25))),))
-    found = [bins._start(robot, scene, Draws(3, index)) for index in range(20)]
+    found = [bins._start(robot, scene, RandomDraws(3, index)) for index in range(20)]
     rooms = [CollisionChecker(robot, scene).clearance(q) for q in found if q is not None]
     assert 0.01 <= min(rooms) < 0.02
-    assert bins._start(robot, scene.moved("post", Pose((0.22, 0.0, 0.25))).with_obstacle(WALL), Draws(3, 0)) is None
+    assert (
+        bins._start(robot, scene.moved("post", Pose((0.22, 0.0, 0.25))).with_obstacle(WALL), RandomDraws(3, 0)) is None
+    )
 
 
 WALL = Obstacle("wall", Box((1.0, 1.0, 0.05)), Pose((0.0, 0.0, 0.3)))
@@ -504,7 +506,7 @@ def test_an_episode_that_is_gone_from_a_full_chunk_is_told_of(
 ) -> None:
     shutil.copytree(whole[0], tmp_path / "out")
     (tmp_path / "out/data/chunk-000/episode_000001.parquet").rename(tmp_path / "out/data/chunk-000/episode_one.parquet")
-    with pytest.raises(InvalidFile, match="1 of 6 episodes are gone"):
+    with pytest.raises(InvalidFile, match="1 of 6 episodes missing"):
         write_episodes(tmp_path / "out", work, COUNT, engine=HERE)
 
 
@@ -569,7 +571,7 @@ def test_a_data_set_does_not_go_on_with_another_task(whole: tuple[Path, Episodes
 
 
 def test_a_data_set_does_not_shrink(whole: tuple[Path, EpisodesSummary], work: EpisodeWork) -> None:
-    with pytest.raises(InvalidRequest, match="count: got 6; expected at least 7: so many requests are there already"):
+    with pytest.raises(InvalidRequest, match="count: got 6; expected at least 7, the number of requests in the folder"):
         write_episodes(whole[0], work, COUNT - 1, engine=HERE)
 
 
@@ -583,7 +585,7 @@ def test_a_folder_of_something_else_is_left_alone(work: EpisodeWork, tmp_path: P
 @pytest.mark.parametrize("place", ["file", "nowhere/out"])
 def test_a_place_for_no_folder_is_refused(place: str, work: EpisodeWork, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", "utf-8")
-    with pytest.raises(InvalidFile, match="no folder for a data set"):
+    with pytest.raises(InvalidFile, match="cannot be a data set's folder"):
         write_episodes(tmp_path / place, work, 1, engine=HERE)
 
 
@@ -591,7 +593,7 @@ def test_two_runs_do_not_write_into_one_folder(work: EpisodeWork, tmp_path: Path
     def again(done: int, total: int) -> None:
         write_episodes(tmp_path, work, 1, engine=HERE)
 
-    with pytest.raises(InvalidRequest, match="a folder into which nobody else is writing"):
+    with pytest.raises(InvalidRequest, match="a folder that no other process is writing to"):
         write_episodes(tmp_path, work, 1, engine=HERE, progress=again)
 
 
