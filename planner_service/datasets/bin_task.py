@@ -33,8 +33,8 @@ GAP = 0.001
 """Metres between the block and the floor of the bin: objects never touch what they stand on."""
 
 WALL_ROOM = 0.055
-"""Smallest distance in metres from a wall to the middle of the block. Within 75 mm of a corner a rotated block may leave
-no room for the fingers: about one request in a hundred fails for that."""
+"""Smallest distance in metres from a wall to the middle of the block. Within 75 mm of a corner a rotated block may
+leave no room for the fingers: about one request in a hundred fails for that."""
 
 APART = 0.015
 """Smallest distance in metres between objects on the table."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
+from planner_service.presentation.plans import clearance_text
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND
@@ -36,7 +36,6 @@ __all__ = [
     "certified_path",
     "certify",
     "in_turn",
-    "in_words",
     "narrower",
     "not_certified",
 ]
@@ -315,7 +314,7 @@ def certify(
     """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
     with accounting.during(Stage.CERTIFY) as entry:
         found = certifier.certify(path, padding=padding, exempt=exempt, part=part, charge=accounting.charge)
-        entry.note = f"proven: {in_words(found.clearance)}" if found.certified else f"refused: {found.refusal}"
+        entry.note = f"proven: {clearance_text(found.clearance)}" if found.certified else f"refused: {found.refusal}"
         return found
 
 
@@ -347,13 +346,6 @@ def narrower(path: JointPath, refusal: Refusal, first: int = 0) -> JointPath | N
         return None
     widths = np.where(meant, path.blends / 2.0, path.blends)
     return path.with_blends(np.where(widths < MIN_BLEND, 0.0, widths))
-
-
-def in_words(clearance: float) -> str:
-    """A proven clearance in metres, in words; rounded down."""
-    if clearance == math.inf:
-        return "nothing to touch"
-    return f"{math.floor(clearance * 1e5) / 100:.2f} mm clear" if clearance < 0.1 else f"{clearance:.3f} m clear"
 
 
 def _blocked_in_words(blocked: tuple[tuple[str, str, float], ...]) -> str:

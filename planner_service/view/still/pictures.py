@@ -23,9 +23,9 @@ from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
 from planner_service.geometry.shapes import Pose, instance
 from planner_service.kinematics.pose_goal import PoseGoal
-from planner_service.planning.accounting import in_words
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, Reason
+from planner_service.presentation.plans import clearance_text
 from planner_service.records.plan_file import SavedTask
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
@@ -190,4 +190,4 @@ def _proof(results: Iterable[PlanResult]) -> str:
     """What is proven of motions, in words."""
     proofs = [result.certificate for result in results if result.certificate is not None and result.ok]
     least = min((proof.clearance for proof in proofs), default=None)
-    return "" if least is None else f"proven: {in_words(least)}, between samples too"
+    return "" if least is None else f"proven: {clearance_text(least)}, between samples too"
