@@ -672,7 +672,7 @@ def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: P
         time.sleep(0.01)
     os.kill(running.pid, signal.SIGINT)
     _, told = running.communicate(timeout=60)
-    kept = f"interrupted: what is finished is kept in {tmp_path}; the same command goes on with it\n"
+    kept = f"interrupted: finished episodes are kept in {tmp_path}; run the same command again to continue\n"
     assert (running.returncode, told.decode()) == (130, kept)
     info = json.loads((tmp_path / "meta/info.json").read_text("utf-8"))
     assert info["total_episodes"] == len(list(tmp_path.glob("data/*/*.parquet"))) >= 2
