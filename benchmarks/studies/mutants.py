@@ -249,22 +249,23 @@ def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(row[name] for name in ("file", "line", "kind", "before", "after"))
 
 
-def equivalent() -> dict[tuple[str, str, str], str]:
-    """Why a mutant changes nothing that matters, by file, line before and line after."""
-    tables = read_tables(EQUIVALENT, MAX_LIST).get("mutant", [])
-    return {(entry["file"], entry["before"], entry["after"]): entry["reason"] for entry in tables}
+def is_equivalent(row: Mapping[str, Any]) -> bool:
+    """Whether a mutant is listed as equivalent: by its line before and after, or by the line before alone."""
+    listed = read_tables(EQUIVALENT, MAX_LIST)["mutant"]
+    return any(
+        (entry["file"], entry["before"], entry.get("after", row["after"])) == (row["file"], row["before"], row["after"])
+        for entry in listed
+    )
 
 
 def show(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
     """Print a line for each package, and the mutants that tests should have killed."""
-    reasons = equivalent()
-    missed = [row for row in rows if not row["killed"] and (row["file"], row["before"], row["after"]) not in reasons]
+    missed = [row for row in rows if not row["killed"] and not is_equivalent(row)]
     names = list(dict.fromkeys(row["package"] for row in rows))
     cells = []
     for title, members in [*((name, [name]) for name in names), ("all", names)]:
-        drawn, killed, survived = (
-            sum(row["package"] in members for row in part) for part in (rows, [r for r in rows if r["killed"]], missed)
-        )
+        parts = (rows, [row for row in rows if row["killed"]], missed)
+        drawn, killed, survived = (sum(row["package"] in members for row in part) for part in parts)
         share = f"{100.0 * killed / (killed + survived):.0f} %" if killed + survived else "-"
         cells.append((title, str(drawn), str(killed), str(drawn - killed - survived), str(survived), share))
     columns = ("package", "mutants", "killed", "equivalent", "survived", "killed of those not equivalent")
