@@ -294,3 +294,50 @@ def test_a_corner_whose_neighbour_was_left_out_is_looked_at_again() -> None:
     points = [[0.0, 0.0], [1.0, 0.0], [1.12, 0.0], [1.04, 0.04], [2.0, 1.0]]
     assert without_short_pieces(points, world).tolist() == [points[0], points[3], points[4]]
     assert world.edges == [((1.0, 0.0), (1.04, 0.04)), ((0.0, 0.0), (1.04, 0.04))]
+
+
+class Shares(np.random.Generator):
+    """Draws what it was given, again and again."""
+
+    def __init__(self, *shares: float) -> None:
+        super().__init__(np.random.PCG64(0))
+        self._shares = np.array(shares)
+
+    def random(self, *arguments: object, **options: object) -> FloatArray:  # type: ignore[override]
+        return self._shares
+
+
+class BetweenVertices(DiscWorld):
+    """Refuses edges between two vertices of a path, so that none is skipped."""
+
+    def __init__(self, vertices: FloatArray) -> None:
+        super().__init__(NOTHING)
+        self._vertices = {tuple(q) for q in vertices.tolist()}
+
+    def edge_is_free(self, q1: FloatArray, q2: FloatArray, **known: object) -> bool:
+        return not {tuple(q1.tolist()), tuple(q2.tolist())} <= self._vertices
+
+
+STAIRS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])
+
+
+@pytest.mark.parametrize(
+    ("shares", "cut"),
+    [
+        ((0.125, 0.5), [[0.0, 0.0], [0.5, 0.0], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]]),
+        ((0.0, 0.375), [[0.0, 0.0], [1.0, 0.5], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]]),
+        ((0.625, 0.375), [[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [1.5, 1.0], [2.0, 1.0], [2.0, 2.0]]),
+    ],
+)
+def test_a_cut_that_ends_at_a_vertex_repeats_no_waypoint(shares: tuple[float, float], cut: list[list[float]]) -> None:
+    assert shortcut(STAIRS, BetweenVertices(STAIRS), Shares(*shares), tries=1).tolist() == cut
+
+
+def test_a_cut_may_end_where_the_path_does() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(200):  # of some of these the pieces add up to less than the length of the whole, by rounding
+        steps = rng.uniform(0.01, 1.0, (12, 1)) * np.array([[1.0, 0.0], [0.0, 1.0]] * 6)
+        stairs = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+        cut = shortcut(stairs, BetweenVertices(stairs), Shares(0.01, np.nextafter(1.0, 0.0)), tries=1)
+        assert len(cut) < len(stairs)
+        assert cut[-1].tolist() == stairs[-1].tolist()
