@@ -24,6 +24,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -81,6 +82,9 @@ settings.load_profile("mutants")
 """A plugin of pytest: a property that fails has killed the mutant, and no simpler example is looked for."""
 
 OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no_shrinking", "-m", "not ray and not browser")
+ALONE = 2
+"""Test files that run by themselves, the others together: those that are fast, and have killed most mutants so far."""
+
 NO_TESTS = 5
 """pytest's exit code when all tests of a file are deselected."""
 
@@ -144,6 +148,7 @@ class Sandbox:
     def __init__(self, root: Path, folder: Path) -> None:
         self.folder = folder / "checkout"
         self._cache, self._warm = folder / "cache", folder / "warm"
+        self._kills: Counter[str] = Counter()
         tracked = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, text=True, check=True).stdout
         for name in tracked.rstrip("\0").split("\0"):
             if (root / name).is_file():
@@ -167,7 +172,7 @@ class Sandbox:
         seconds = {}
         for test in tests:
             start = time.monotonic()
-            code, output = self._pytest(test, None)
+            code, output = self._pytest([test], None)
             if code not in (0, NO_TESTS):
                 raise BrokenInvariant(f"{test} fails without a mutant:\n{output[-2000:]}")
             if code == 0:
@@ -185,27 +190,29 @@ class Sandbox:
         file.write_text(mutant.source, "utf-8")
         Path(importlib.util.cache_from_source(str(file))).unlink(missing_ok=True)
         start, by = time.monotonic(), ""
+        ordered = sorted(seconds, key=lambda test: seconds[test] / (1 + self._kills[test]))
         try:
-            for test in sorted(seconds, key=lambda test: seconds[test]):
-                by = self._failure(test, PATIENCE * seconds[test] + GRACE)
-                if by:
-                    break
+            for tests in (*([test] for test in ordered[:ALONE]), ordered[ALONE:]):
+                by = by or self._failure(tests, PATIENCE * sum(seconds[test] for test in tests) + GRACE)
         finally:
             file.write_text(original, "utf-8")
+        self._kills[by.split("::")[0]] += 1
         return {"killed": bool(by), "by": by, "seconds": round(time.monotonic() - start, 1)}
 
-    def _failure(self, test: str, limit: float) -> str:
-        """What fails first in a test file, empty if nothing does."""
-        code, output = self._pytest(test, limit, PYTHONDONTWRITEBYTECODE="1")
+    def _failure(self, tests: Sequence[str], limit: float) -> str:
+        """What fails first in test files, empty if nothing does."""
+        code, output = self._pytest(tests, limit, PYTHONDONTWRITEBYTECODE="1") if tests else (0, "")
         if code in (0, NO_TESTS):
             return ""
         failure = FIRST_FAILURE.search(output)
-        return f"{test} ran out of time" if code is None else failure[1] if failure else f"{test}: exit code {code}"
+        return (
+            f"{tests[0]}: out of time" if code is None else failure[1] if failure else f"{tests[0]}: exit code {code}"
+        )
 
-    def _pytest(self, test: str, limit: float | None, **environment: str) -> tuple[int | None, str]:
+    def _pytest(self, tests: Sequence[str], limit: float | None, **environment: str) -> tuple[int | None, str]:
         """The exit code, None if the time was up, and what was printed."""
         process = subprocess.Popen(
-            [sys.executable, "-m", "pytest", *OPTIONS, test],
+            [sys.executable, "-m", "pytest", *OPTIONS, *tests],
             cwd=self.folder,
             env={**self._environment, **environment},
             start_new_session=True,
