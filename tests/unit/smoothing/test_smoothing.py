@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planner_service.collision.edge_sampling import Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.shapes import FloatArray
 from planner_service.path.joint_path import JointPath
@@ -341,3 +342,18 @@ def test_a_cut_may_end_where_the_path_does() -> None:
         cut = shortcut(stairs, BetweenVertices(stairs), Shares(0.01, np.nextafter(1.0, 0.0)), tries=1)
         assert len(cut) < len(stairs)
         assert cut[-1].tolist() == stairs[-1].tolist()
+
+
+def test_the_joint_that_is_farthest_off_is_pulled_first() -> None:
+    pulled: list[list[int]] = []
+    corner = np.array([1.0, 0.5, 0.9, 0.7])
+
+    class Closed(GlancingWorld):
+        def edge_seems_free(self, q1: object, q2: object, *, known: Known = Known.NEITHER) -> bool:
+            pulled.append(np.flatnonzero(np.array(q2) != corner).tolist())
+            return False
+
+    assert (
+        pulled_in(np.array([np.zeros(4), corner, [2.0, 0.0, 0.0, 0.0]]), Closed(NOTHING))[1].tolist() == corner.tolist()
+    )
+    assert pulled == [[1, 2, 3], [2], [3], [1], [2], [3], [1]]
