@@ -69,7 +69,7 @@ PACKAGES: dict[str, tuple[str, ...]] = {
 PATIENCE, GRACE = 4.0, 10.0
 """A mutant is killed if a test file takes this many times as long as without it, and these seconds."""
 
-COMPILED = ("planner_service.collision._kernel", "planner_service.certify._proof")
+COMPILED = ("planner_service.native._core", "planner_service.certify.native._proof")
 HIDE_CHECKOUT = """import sys
 sys.meta_path[:] = [finder for finder in sys.meta_path if "editable" not in type(finder).__module__]
 """

@@ -66,8 +66,9 @@ def rows(scene: str, kind: str) -> Iterator[str]:
     """What is pinned of a roadmap of a scene."""
     service = service_of(scene)
     roadmap = service.build_roadmap(GROWERS[kind], seed=2, progress=False)
-    counts = roadmap.built.counts if roadmap.built is not None else None
-    yield f"grown: {counts}; {known(roadmap)}"
+    assert roadmap.built is not None
+    counts = roadmap.built.counts
+    yield f"grown: {counts.states}/{counts.edges}/{counts.distances}; {known(roadmap)}"
     roadmap = replace(roadmap, remember=True)
     for request in requests(scene):
         result = service.plan(replace(request, planner=roadmap))

@@ -349,7 +349,7 @@ def test_the_joint_that_is_farthest_off_is_pulled_first() -> None:
     corner = np.array([1.0, 0.5, 0.9, 0.7])
 
     class Closed(GlancingWorld):
-        def edge_seems_free(self, q1: object, q2: object, *, known: Known = Known.NEITHER) -> bool:
+        def edge_is_free_coarse(self, q1: object, q2: object, *, known: Known = Known.NEITHER) -> bool:
             pulled.append(np.flatnonzero(np.array(q2) != corner).tolist())
             return False
 
