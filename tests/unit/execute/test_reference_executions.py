@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,15 +21,13 @@ from planner_service.geometry.shapes import FloatArray
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime
+from tests.support.pinned import pinned
 
 STEP = np.array([0.3, -0.2, 0.25, 0.2, 0.1, -0.4])
 SHORT = Streaming(settle=0.05, gripper_time=0.1)
 
 
-FILE = Path(__file__).parents[2] / "golden" / "executions.txt"
-"""What is pinned; ``python -m tests.unit.execute.test_reference_executions`` writes it anew, if a change is meant."""
-
-PINNED = dict(row.split(": ", 1) for row in FILE.read_text("utf-8").splitlines())
+PINNED = pinned("executions")
 
 
 @lru_cache
@@ -148,6 +145,11 @@ def run(name: str) -> str:
     return summary(report, arm)
 
 
+def lines() -> dict[str, str]:
+    """What is to be pinned."""
+    return {name: run(name) for name in CASES}
+
+
 def test_the_pinned_executions_are_these() -> None:
     assert list(PINNED) == list(CASES)
 
@@ -155,7 +157,3 @@ def test_the_pinned_executions_are_these() -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_an_execution_is_told_and_reported_as_pinned(name: str) -> None:
     assert run(name) == PINNED[name]
-
-
-if __name__ == "__main__":
-    FILE.write_text("".join(f"{name}: {run(name)}\n" for name in CASES), "utf-8")

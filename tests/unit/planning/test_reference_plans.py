@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,11 +31,9 @@ from planner_service import (
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.planning import Pace
 from planner_service.planning.follow import AllowedStretch
+from tests.support.pinned import pinned
 
-FILE = Path(__file__).parents[2] / "golden" / "plans.txt"
-"""What is pinned; ``python -m tests.unit.planning.test_reference_plans`` writes it anew, if a change is meant."""
-
-PINNED = dict(row.split(": ", 1) for row in FILE.read_text("utf-8").splitlines())
+PINNED = pinned("plans")
 
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 BLOCKED = (0.7854, -0.7854)
@@ -158,6 +155,11 @@ def line(result: PlanResult) -> str:
     return f"planned; {stages}; {shape}; {' '.join(f'{number:.5g}' for number in numbers)}; {more}"
 
 
+def lines() -> dict[str, str]:
+    """What is to be pinned."""
+    return {name: line(plan()) for name, plan in CASES.items()}
+
+
 def test_the_pinned_plans_are_these() -> None:
     assert list(PINNED) == list(CASES)
 
@@ -165,7 +167,3 @@ def test_the_pinned_plans_are_these() -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_a_plan_costs_and_comes_to_what_is_pinned(name: str) -> None:
     assert line(CASES[name]()) == PINNED[name]
-
-
-if __name__ == "__main__":
-    FILE.write_text("".join(f"{name}: {line(plan())}\n" for name, plan in CASES.items()), "utf-8")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,13 +17,11 @@ from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, Pla
 from planner_service.planning import Pace
 from planner_service.replanning import Replanned
 from planner_service.scene.scene import Scene
+from tests.support.pinned import pinned
 from tests.unit.planning.test_reference_plans import line as plan_line
 from tests.unit.replanning.test_replan import BENT, EMPTY, WIDE, disc
 
-FILE = Path(__file__).parents[2] / "golden" / "replans.txt"
-"""What is pinned; ``python -m tests.unit.replanning.test_reference_replans`` writes it anew, if a change is meant."""
-
-PINNED = dict(row.split(": ", 1) for row in FILE.read_text("utf-8").splitlines())
+PINNED = pinned("replans")
 
 
 @lru_cache
@@ -126,6 +123,11 @@ def line(found: Replanned) -> str:
     return f"{begins}{stop}{why}; {plan_line(found.result)}"
 
 
+def lines() -> dict[str, str]:
+    """What is to be pinned."""
+    return {name: line(replan()) for name, replan in CASES.items()}
+
+
 def test_the_pinned_answers_are_these() -> None:
     assert list(PINNED) == list(CASES)
 
@@ -133,7 +135,3 @@ def test_the_pinned_answers_are_these() -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_replanning_costs_and_comes_to_what_is_pinned(name: str) -> None:
     assert line(CASES[name]()) == PINNED[name]
-
-
-if __name__ == "__main__":
-    FILE.write_text("".join(f"{name}: {line(replan())}\n" for name, replan in CASES.items()), "utf-8")

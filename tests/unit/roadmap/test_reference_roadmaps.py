@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -13,9 +12,9 @@ from planner_service import PRM, JointStep, LazyPRM, PlannerService, PlanRequest
 from planner_service.planners import PRMstar
 from planner_service.planning import RoadmapUpdate
 from planner_service.roadmap import Verdict
+from tests.support.pinned import pinned
 
-FILE = Path(__file__).parents[2] / "golden" / "small_roadmaps.txt"
-"""What is pinned; ``python -m tests.unit.roadmap.test_reference_roadmaps`` writes it anew, if a change is meant."""
+PINNED = pinned("small_roadmaps")
 
 GROWERS: dict[str, PRM | PRMstar | LazyPRM] = {
     "PRM": PRM(milestones=120, neighbours=6),
@@ -62,40 +61,42 @@ def updated(update: RoadmapUpdate) -> str:
     return f"{told}, {counts.states}/{counts.edges}/{counts.distances}; {known(update.roadmap)}"
 
 
-def rows(scene: str, kind: str) -> Iterator[str]:
+def answers(scene: str, kind: str) -> Iterator[tuple[str, str]]:
     """What is pinned of a roadmap of a scene."""
     service = service_of(scene)
     roadmap = service.build_roadmap(GROWERS[kind], seed=2, progress=False)
     assert roadmap.built is not None
     counts = roadmap.built.counts
-    yield f"grown: {counts.states}/{counts.edges}/{counts.distances}; {known(roadmap)}"
+    yield "grown", f"{counts.states}/{counts.edges}/{counts.distances}; {known(roadmap)}"
     roadmap = replace(roadmap, remember=True)
-    for request in requests(scene):
+    for number, request in enumerate(requests(scene)):
         result = service.plan(replace(request, planner=roadmap))
-        yield f"asked: {answered(result)}"
+        yield f"query {number}", answered(result)
         roadmap = result.roadmap or roadmap
     elsewhere = moved(service, scene)
-    yield f"moved: {updated(elsewhere.update_roadmap(roadmap))}"
+    yield "moved", updated(elsewhere.update_roadmap(roadmap))
     result = elsewhere.plan(replace(requests(scene)[0], planner=roadmap))
-    yield f"asked after the move: {answered(result)}"
+    yield "query after the move", answered(result)
     back = service.update_roadmap(result.roadmap or roadmap)
-    yield f"moved back: {updated(back)}"
+    yield "moved back", updated(back)
     wider = service.plan(replace(requests(scene)[1], planner=back.roadmap, padding=0.004))
-    yield f"asked with more padding: {answered(wider)}"
+    yield "query with more padding", answered(wider)
 
 
 CASES = [*((scene, kind) for scene in ("discs", "post") for kind in GROWERS), ("bin", "PRM")]
 
 
-def pinned() -> dict[str, list[str]]:
-    blocks = FILE.read_text("utf-8").strip("\n").split("\n\n")
-    return {head: lines for head, *lines in (block.split("\n") for block in blocks if block)}
+def lines_of(scene: str, kind: str) -> dict[str, str]:
+    return {f"{kind} in {scene}, {name}": line for name, line in answers(scene, kind)}
+
+
+def lines() -> dict[str, str]:
+    """What is to be pinned."""
+    return {name: line for case in CASES for name, line in lines_of(*case).items()}
 
 
 @pytest.mark.parametrize(("scene", "kind"), CASES)
 def test_a_small_roadmap_grows_answers_and_learns_as_pinned(scene: str, kind: str) -> None:
-    assert list(rows(scene, kind)) == pinned()[f"{scene}, {kind}"]
-
-
-if __name__ == "__main__":
-    FILE.write_text("\n".join("\n".join([f"{s}, {k}", *rows(s, k), ""]) for s, k in CASES), "utf-8")
+    assert lines_of(scene, kind) == {
+        name: line for name, line in PINNED.items() if name.startswith(f"{kind} in {scene},")
+    }
