@@ -222,16 +222,16 @@ def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str
     """The whole robot.toml."""
     limits = robot.limits
     lines = [
-        f"# {robot.name}, imported from {source.urdf.name}: made to be edited.",
+        f"# {robot.name}, imported from {source.urdf.name}. Please review and edit.",
         "# Angles in rad, lengths in m, times in s.",
         f"name = {_quoted(robot.name)}",
         f"urdf = {_quoted(source.urdf.name)}",
         f"joints = {_list(map(_quoted, robot.joint_names))}",
         f"tool_frame = {_quoted(robot.tool_frame)}"
         + ("" if source.tool_frame else "   # the last link of the longest chain: is it the tool?"),
-        f"base_links = {_list(map(_quoted, robot.base_links))}   # not judged against obstacles that stand still",
+        f"base_links = {_list(map(_quoted, robot.base_links))}   # not checked against obstacles",
         'inverse_kinematics = "numeric"',
-        "settle_time = 0.0   # seconds the arm rings after a stop; no URDF says",
+        "settle_time = 0.0   # seconds the arm vibrates after a stop; URDF has none",
         "",
         *_poses(robot, table),
         *_locked(source, read.urdf),
@@ -271,7 +271,7 @@ def _locked(source: Source, urdf: Urdf) -> list[str]:
     standing = standing_joints(urdf, source.selection)
     follow = {joint.name for joint in urdf.joints if joint.mimic and joint.name not in source.locked_joints}
     lines = [f"{_quoted(name)} = {float(at)!r}" for name, at in standing.items() if name not in follow]
-    return ["", "[locked_joints]   # they stand still; joints that mimic them follow", *lines] if lines else []
+    return ["", "[locked_joints]   # these do not move, and neither do joints that mimic them", *lines] if lines else []
 
 
 def _urdf_sources(robot: Robot, root: ElementTree.Element) -> tuple[str, str]:
@@ -295,15 +295,15 @@ def _convention(values: Mapping[str, float], power: str, why: str) -> str:
 
 _HEADS = {
     ContactKind.ADJACENT: "adjacent: the next link with shapes above; in contact by design.",
-    ContactKind.GIVEN: "Taken from the SRDF, with its reasons; not worked out here.",
-    ContactKind.ALWAYS: "always: the shapes overlap all over a dense sweep of the joints between. Are they meant to?",
-    ContactKind.NEVER: "never: proven for the shapes of the URDF over the whole joint box, between samples too.",
+    ContactKind.GIVEN: "given: taken from the SRDF, with its reasons, and not verified.",
+    ContactKind.ALWAYS: "always: the shapes overlap everywhere in a dense sweep of the joints between. Intended?",
+    ContactKind.NEVER: "never: proven for the shapes of the URDF over the whole range of the joints.",
 }
 
 
 def _contacts(robot: Robot, table: ContactTable) -> list[str]:
     """The allowed contacts by kind, and as comments the pairs that are judged and collide somewhere."""
-    lines = ["# Who may touch whom. Pairs that are not listed are judged in every check."]
+    lines = ["# Allowed contacts. All pairs that are not listed are checked."]
     for kind, head in _HEADS.items():
         contacts = table.of(kind)
         lines += ["", f"# {head}"] if contacts else []
@@ -312,10 +312,10 @@ def _contacts(robot: Robot, table: ContactTable) -> list[str]:
             lines.append(f"reason = {_quoted(item.reason)}")
     sometimes = sorted(table.of(ContactKind.SOMETIMES), key=lambda item: -item.share)
     if sometimes:
-        lines += ["", f"# Judged, for they collide somewhere; with an example of {', '.join(robot.joint_names)}:"]
+        lines += ["", f"# Checked, because they collide somewhere; with an example of {', '.join(robot.joint_names)}:"]
         lines += [f"#   {_judged(item)}" for item in sometimes]
     unproven = table.of(ContactKind.UNPROVEN)
-    lines += ["", "# Judged, for no proof was found:"] if unproven else []
+    lines += ["", "# Checked, because no proof was found:"] if unproven else []
     return lines + [f"#   {' x '.join(item.links)}: {item.reason}" for item in unproven]
 
 

@@ -297,7 +297,7 @@ class _Proof:
     def _touching(self, q: FloatArray) -> PairFinding:
         if self._pair.checker.state_is_free(q):
             return self._judged("somewhere the shapes all but touch")
-        return self._finding(ContactKind.SOMETIMES, "collides in no sample, but in a place that the proof came upon", q)
+        return self._finding(ContactKind.SOMETIMES, "collides in no sample, but in a configuration the proof found", q)
 
     def _halves(self, boxes: _Boxes) -> tuple[FloatArray | None, list[_Boxes]]:
         """A centre (n,) that seems to collide if there is one, and the halves of the boxes that are not proven."""
