@@ -163,8 +163,9 @@ def clearance_text(metres: float) -> str:
 
 def counts_text(counts: Counts) -> str:
     """Check counts in words."""
-    distances = f", {counts.distances:,} distances" if counts.distances else ""
-    return f"{counts.states:,} states, {counts.edges:,} edges{distances}"
+    parts = [(counts.states, "state"), (counts.edges, "edge")]
+    parts += [(counts.distances, "distance")] if counts.distances else []
+    return ", ".join(f"{number:,} {noun}{'' if number == 1 else 's'}" for number, noun in parts)
 
 
 def proof_text(proofs: Sequence[Proof]) -> str:

@@ -130,7 +130,7 @@ def test_every_shape_is_described_in_text_and_json(tmp_path: Path) -> None:
 
 def test_counts_read_as_words() -> None:
     assert str(CheckCounts(1234, 5)) == "1,234 states, 5 edges"
-    assert str(CheckCounts(1, 2, 3456)) == "1 states, 2 edges, 3,456 distances"
+    assert str(CheckCounts(1, 2, 3456)) == "1 state, 2 edges, 3,456 distances"
 
 
 def test_a_certificate_says_what_is_proven_or_refused(discs: PlannerService, result: PlanResult) -> None:
