@@ -6,13 +6,10 @@ import io
 import sys
 import traceback
 
-__all__ = ["OUR_BUG", "main"]
+__all__ = ["main"]
 
 INTERRUPTED = 130
 """128 + SIGINT, as in shells."""
-
-OUR_BUG = 70
-"""EX_SOFTWARE of sysexits.h: Python's own exit code, 1, would look like "no plan"."""
 
 
 def main() -> None:
@@ -28,4 +25,6 @@ def main() -> None:
         sys.exit(INTERRUPTED)
     except Exception:
         traceback.print_exc()
+        from planner_service.cli.exit_codes import OUR_BUG
+
         sys.exit(OUR_BUG)

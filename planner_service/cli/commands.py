@@ -15,7 +15,7 @@ import typer
 
 from planner_service import __version__
 from planner_service.certify import Certifier
-from planner_service.cli import OUR_BUG, listings
+from planner_service.cli import listings
 from planner_service.cli.arguments import (
     configuration,
     from_file,
@@ -32,7 +32,7 @@ from planner_service.cli.arguments import (
 )
 from planner_service.cli.certify import certify
 from planner_service.cli.episodes import episodes
-from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, finish, report_error
+from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
 from planner_service.cli.options import (
     DEFAULT,

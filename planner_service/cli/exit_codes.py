@@ -13,9 +13,12 @@ from planner_service.errors import InvalidRequest, MissingDependency, NotProven
 from planner_service.planning.result import Failure
 from planner_service.presentation.tables import Block, printable
 
-__all__ = ["BAD_INPUT", "NO_PLAN", "bad_input_exits", "finish", "report_error"]
+__all__ = ["BAD_INPUT", "NO_PLAN", "OUR_BUG", "bad_input_exits", "finish", "report_error"]
 
 NO_PLAN, BAD_INPUT = 1, 2
+
+OUR_BUG = 70
+"""EX_SOFTWARE of sysexits.h: Python's own exit code, 1, would look like "no plan"."""
 
 MAX_ERROR_LINES = 20
 """A file can have thousands of problems."""

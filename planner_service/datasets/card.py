@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from planner_service.datasets.dataset import EpisodesSummary
+from planner_service.datasets.summary import EpisodesSummary
 
 __all__ = ["card"]
 

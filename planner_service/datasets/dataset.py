@@ -6,22 +6,22 @@ import json
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from planner_service.datasets.card import card
 from planner_service.datasets.episode import Episode, EpisodeWork, lost_episode
 from planner_service.datasets.folder import DATA_PATH, DatasetFolder
 from planner_service.datasets.parquet import pyarrow_version
-from planner_service.datasets.random_draws import RandomDraws
+from planner_service.datasets.random_draws import Draws
+from planner_service.datasets.summary import EpisodesSummary
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
-from planner_service.geometry.shapes import copied_in, whole
+from planner_service.geometry.shapes import whole
 from planner_service.parallel import Engine, Lost, Processes
 from planner_service.planning.request import PlanRequest
 
-__all__ = ["EpisodesSummary", "write_episodes"]
+__all__ = ["write_episodes"]
 
 FORMAT, VERSION = "planner-service/episodes", 1
 """The version increases whenever a seed gives other worlds, or an episode other columns."""
@@ -34,40 +34,6 @@ TIME_LIMIT = 600.0
 
 LIBRARIES = ("planner-service", "numpy", "ompl", "toppra", "pyarrow")
 """Libraries whose version may change a byte of an episode."""
-
-
-@dataclass(frozen=True)
-class EpisodesSummary:
-    """The size of a data set.
-
-    Attributes:
-        requests: Worlds drawn.
-        episodes: Worlds in which every motion has a plan; the others are in the table of failures.
-        frames: Frames of all episodes.
-        failures: Number of failures by reason.
-        motions: Motions of all episodes.
-        certified: Motions that are proven: all of them.
-        motion_seconds: Time in motion, without the gripper's.
-        states: States checked for all requests.
-        edges: Edges checked.
-        distances: Distance bounds computed.
-        new: Requests added by this run.
-    """
-
-    requests: int
-    episodes: int
-    frames: int
-    failures: Mapping[str, int]
-    motions: int
-    certified: int
-    motion_seconds: float
-    states: int
-    edges: int
-    distances: int
-    new: int
-
-    def __post_init__(self) -> None:
-        copied_in(self, "failures")
 
 
 def write_episodes(

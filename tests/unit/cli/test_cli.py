@@ -21,8 +21,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from planner_service import __version__
-from planner_service.cli import OUR_BUG, main
+from planner_service.cli import main
 from planner_service.cli.commands import app
+from planner_service.cli.exit_codes import OUR_BUG
 from planner_service.cli.view import opened
 from planner_service.errors import BrokenInvariant, MissingDependency
 from planner_service.files.package_data import data_folder
