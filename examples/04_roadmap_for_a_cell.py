@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from planner_service import PRM, PlannerService, PlanRequest, PlanResult, Pose, Roadmap, RRTConnect, Stage
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.planners import Planner
 
 DOWN = (0.5**0.5, 0.0, 0.5**0.5, 0.0)  # wxyz: the tool points down

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from planner_service import JointPath, PlannerService, PlanRequest, ToppRa
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.planning import Pace
 
 GIVEN = np.array(

@@ -23,7 +23,7 @@ from planner_service.concurrency.fair_lock import Turns
 from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import flag, instance
+from planner_service.geometry.validation import flag, instance
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, in_turn

@@ -18,7 +18,7 @@ from benchmarks.attack.worlds import World, draw_world, random_states
 from planner_service import CollisionChecker, JointPath, SCurve, ToppRa, Trapezoidal
 from planner_service.certify import Certifier, EdgeVerdict
 from planner_service.errors import InvalidRequest, PlannerServiceError
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 
 if TYPE_CHECKING:
     from auditor.checker import IndependentChecker

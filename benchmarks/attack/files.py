@@ -25,7 +25,7 @@ from planner_service.errors import PlannerServiceError
 from planner_service.execute import Streaming, execute
 from planner_service.files.disk_cache import DiskCache
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.records import plan_file
 from planner_service.records.problem_set import read_problems
 from planner_service.roadmap import Roadmap

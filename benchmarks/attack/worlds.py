@@ -13,7 +13,8 @@ import numpy as np
 from benchmarks.attack.domain import JOINTS, LENGTHS, OBSTACLES, ROBOTS
 from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray, Shape
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Shape
 
 if TYPE_CHECKING:
     from auditor.checker import IndependentChecker

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.search.problem import SearchProblem, SearchResult, joint_distance
 
 __all__ = ["STEP", "Lesson", "Toy", "ToyRun", "VertexShortcut", "samples", "stop_and_go_seconds"]

@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.baselines.pairwise import pairs_of
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 

@@ -13,9 +13,10 @@ from collections.abc import Sequence
 import fcl
 import numpy as np
 
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 

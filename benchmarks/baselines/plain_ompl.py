@@ -21,7 +21,7 @@ import ompl.util as ou
 import pinocchio as pin
 
 from benchmarks.baselines.naive_manager import NaiveManager, models_of
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 

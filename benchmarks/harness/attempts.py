@@ -21,7 +21,7 @@ from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, PlanRequest, PlanResult, Stage
 from planner_service.collision import CheckCounts, CollisionChecker, JointStep, Known
 from planner_service.collision.edge_sampling import interior
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping.grasps import top_grasps
 from planner_service.planning.request import Goal
 from planner_service.planning.result import Failure

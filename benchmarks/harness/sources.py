@@ -16,7 +16,8 @@ from benchmarks.worlds import queries
 from benchmarks.worlds.growing import MOST_JOINTS, MOST_OBSTACLES, blocked_ends, crowd, planar_robot
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Record, Text, at_most, of_length
-from planner_service.geometry.shapes import Box, FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Pose
 from planner_service.records.problem_set import read_problems
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["LEVEL", "Comparison", "Estimate", "compared", "exact_sign", "holm", "quantile", "ratio_of_totals", "wilson"]
 

@@ -19,7 +19,7 @@ from benchmarks.harness.report import Promise, Report, Row, table
 from planner_service import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere
 from planner_service.errors import UnknownName
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import load_robot, robot_names
 
 if TYPE_CHECKING:

@@ -15,8 +15,9 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.collision.backends import BackendName
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import PointCloud
-from planner_service.geometry.shapes import Cylinder, FloatArray, Pose
+from planner_service.geometry.shapes import Cylinder, Pose
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 

@@ -20,7 +20,7 @@ from benchmarks.studies.backends import LONGEST, case, edges_of
 from benchmarks.worlds import queries
 from planner_service import CollisionChecker, JointPath, JointStep, PlannerService, PlanRequest
 from planner_service.certify import MARGIN, Certifier, EdgeProof, EdgeVerdict
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Scene
 

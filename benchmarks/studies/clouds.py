@@ -20,9 +20,10 @@ from benchmarks.studies.agreement import around_contacts, random_states
 from benchmarks.studies.problems import JOINT_STEP, instants
 from planner_service import CollisionChecker, Obstacle, PlannerService, PlanRequest, PointCloud, Pose, Robot, Scene
 from planner_service.files.package_data import data_folder
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, FloatArray
+from planner_service.geometry.shapes import Box
 from planner_service.robot.model import load_robot
 
 if TYPE_CHECKING:

@@ -28,7 +28,7 @@ from planner_service.collision.budget import SearchStopped
 from planner_service.collision.native_kernel import build_kernel, instruction_sets
 from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.errors import UnknownName
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.search.problem import SearchProblem
 
 __all__ = ["CASES", "EDGES", "KINDS", "STATES", "Asked", "Tally", "compare", "kernels", "questions", "run"]

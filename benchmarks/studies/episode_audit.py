@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.harness.audit import Auditor, along
 from planner_service import Box, Capsule, Cylinder, Obstacle, Pose, Scene, Sphere
 from planner_service.datasets.folder import DATA_PATH
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.scene.scene import Attached

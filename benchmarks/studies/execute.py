@@ -46,7 +46,7 @@ from planner_service.execute import (
     execute,
     rehearse,
 )
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import places_on

@@ -19,7 +19,8 @@ from benchmarks.studies.states import STEPS
 from benchmarks.worlds import queries
 from planner_service import CollisionChecker, JointStep, PlannerService, PlanRequest, PlanResult, Stage, move_linear
 from planner_service.collision import EdgeStep
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.cartesian_waypoints import thinned
 from planner_service.kinematics.inverse import straight_tool_line
 

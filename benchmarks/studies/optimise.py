@@ -24,7 +24,7 @@ from benchmarks.worlds import queries
 from planner_service import CollisionChecker, Optimise, PlannerService, PlanResult, Reason, Stage, load_robot
 from planner_service.certify import Certifier
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.optimize import Chomp
 from planner_service.path.joint_path import JointPath
 from planner_service.scene.scene import load_scene

@@ -18,7 +18,7 @@ from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, ta
 from benchmarks.studies.problems import ROBOT, SEED, asked, by_kind, instants, kind_of, public_problems
 from planner_service import CollisionChecker, JointStep, PlannerService, PlanResult, Robot, RRTConnect, Stage
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.records.problem_set import Problem
 from planner_service.robot.model import load_robot

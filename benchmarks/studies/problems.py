@@ -19,7 +19,7 @@ from rich.table import Table
 from benchmarks.harness.report import Promise, Report, Row, p50, spread, table
 from planner_service import PlannerService, PlanRequest, PlanResult, Robot, Stage, Trajectory
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.records.problem_set import Problem, ProblemSet, read_problems
 from planner_service.robot.model import load_robot
 

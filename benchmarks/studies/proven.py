@@ -23,7 +23,7 @@ from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, PlanResult, Scene, SCurve, Stage, ToppRa
 from planner_service.certify import Certifier
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits

@@ -20,7 +20,7 @@ from rich.table import Table
 from benchmarks.harness.report import Promise, Report, Row, p95, spread, table
 from benchmarks.worlds import queries
 from planner_service import Obstacle, PlannerService, PlanRequest, PlanResult, Pose, Scene, Sphere
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.path.trajectory import Trajectory
 from planner_service.replanning import Outcome, Replanned

@@ -23,7 +23,7 @@ from benchmarks.studies.agreement import random_states
 from benchmarks.studies.speed import AskedEdge, asked_edges
 from benchmarks.worlds import queries
 from planner_service import Box, CollisionChecker, JointStep, Obstacle, PlannerService, PlanRequest, Pose, Robot, Scene
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
 

@@ -19,7 +19,7 @@ from benchmarks.worlds import queries
 from planner_service import CollisionChecker, MotionStep, RRTConnect
 from planner_service.collision import Known
 from planner_service.collision.edge_sampling import interior
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
 from planner_service.search.edge_cache import SearchOracle

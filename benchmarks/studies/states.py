@@ -15,7 +15,7 @@ from benchmarks.worlds.queries import Query
 from planner_service import JointStep, MotionStep, PlannerService, PlanRequest, PlanResult, Stage
 from planner_service.collision import CollisionChecker, EdgeStep
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
 

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from benchmarks.worlds.queries import ROBOT, SEED, Query
 from planner_service.collision import CollisionChecker
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 

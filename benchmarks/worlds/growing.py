@@ -16,7 +16,8 @@ from benchmarks.worlds.drawn import turned
 from benchmarks.worlds.queries import SEED, Query
 from planner_service.collision import CollisionChecker
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose, Shape, Sphere, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.shapes import Box, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 

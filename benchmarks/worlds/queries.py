@@ -19,7 +19,8 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import FloatArray, Pose, read_only, rpy_matrix
+from planner_service.geometry.arrays import FloatArray, read_only, rpy_matrix
+from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import load_scene

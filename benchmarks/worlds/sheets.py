@@ -11,7 +11,8 @@ import numpy as np
 
 from planner_service.certify import Certifier
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.shapes import Box, FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import LinkShape, Robot
 from planner_service.scene.scene import Obstacle, Scene

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner_service.certify.separation import Solids, centre_of
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Pieces
-from planner_service.geometry.shapes import MAX_LENGTH, Box, FloatArray
+from planner_service.geometry.shapes import Box
+from planner_service.geometry.validation import MAX_LENGTH
 
 __all__ = ["MANY", "Bundle", "bundled"]
 

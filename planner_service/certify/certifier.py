@@ -18,7 +18,8 @@ from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK, Prover, native_prover, numpy_prover
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.shapes import FloatArray, copied_in, finite_numbers, instance, items, number, numbers
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.presentation.plans import proof_text
 from planner_service.robot.model import Robot

@@ -7,15 +7,13 @@ on the order in which pairs are looked at, nor on which are left out because a c
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.separation import refined_gaps, rough_gaps
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 
 __all__ = ["CLEARANCE_ROUNDS", "smallest_gaps"]
 
-IntArray = NDArray[np.intp]
 
 CLEARANCE_ROUNDS = 20
 """Steps of the search for the best direction."""

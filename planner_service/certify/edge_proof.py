@@ -14,13 +14,12 @@ from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify.interval_proof import ROUNDS
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.overlap import Contact, settled
 from planner_service.certify.separation import refined_gaps, rough_gaps
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
 __all__ = ["MAX_EDGE_BOUNDS", "EdgeProof", "EdgeTree", "EdgeVerdict", "Judged"]
@@ -30,9 +29,6 @@ MAX_EDGE_BOUNDS = 4096
 
 CLOSED, OPEN, OVERLAPPING, LOST = range(4)
 """States of a row."""
-
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
 
 class EdgeVerdict(Enum):

@@ -17,7 +17,8 @@ from planner_service.certify.certifier import Certificate, Certifier, ExemptInte
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, number, numbers
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import number, numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.locking import lock_joints
 from planner_service.robot.model import AllowedContact, Body, Gripper, JointLimits, LinkShape, Robot

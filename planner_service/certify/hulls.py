@@ -12,11 +12,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 
 __all__ = ["Corners", "nearest_of", "walked"]
 
-IntArray = NDArray[np.intp]
 
 AT_ONCE = 50_000
 """Numbers in a temporary array, so that it stays in a processor's cache."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.separation import Facing, refined_gaps, rough_gaps
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
 __all__ = ["MAX_BOUNDS", "Obstruction", "ProofTree", "Span", "no_end", "too_close"]
@@ -47,7 +47,6 @@ save one bound in a hundred and take a fifth more time."""
 ROUNDS, LAST_ROUNDS = 4, 200
 """Steps of the search for the best direction: usually, and before a pair is refused."""
 
-IntArray = NDArray[np.intp]
 Span = tuple[float, float]
 
 

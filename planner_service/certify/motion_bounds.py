@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from planner_service.certify.pairs import Frame, Piece, ProofPairs
 from planner_service.certify.separation import Facing, Solids, centre_of
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.robot.model import Body, Robot
 
 __all__ = ["Motion"]
 
-IntArray = NDArray[np.intp]
 
 ROUNDING = 1e-9
 """Relative, and far above what a few dozen operations round."""

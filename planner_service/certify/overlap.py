@@ -14,7 +14,7 @@ import numpy as np
 
 from planner_service.certify.hulls import GAIN, SHARE, THIN, nearest_of
 from planner_service.certify.separation import Facing
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["CERTAIN", "STEPS", "Contact", "settled"]
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from planner_service.certify.box_tree import MANY, Bundle, bundled
 from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Composite, Solid
-from planner_service.geometry.shapes import FloatArray, Shape
+from planner_service.geometry.shapes import Shape
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 

@@ -13,7 +13,6 @@ from types import ModuleType
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify import clearance, hulls, overlap, separation
 from planner_service.certify import edge_proof as edge
@@ -23,12 +22,11 @@ from planner_service.certify.clearance import smallest_gaps
 from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
 from planner_service.certify.interval_proof import Obstruction, ProofTree, Span
 from planner_service.certify.motion_bounds import Motion
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
 __all__ = ["LIMIT_SLACK", "Charge", "Proof", "Prover", "instruction_sets", "native_prover", "numpy_prover"]
 
-IntArray = NDArray[np.intp]
 Charge = Callable[[int], None]
 
 LIMIT_SLACK = 1e-9

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from planner_service.certify.hulls import Corners, walked
 from planner_service.errors import BrokenInvariant
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 __all__ = ["Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps"]
 
-IntArray = NDArray[np.intp]
 
 TINY = 1e-12
 """Metres: a shorter vector has no direction worth trying."""

@@ -14,7 +14,8 @@ import numpy as np
 from planner_service.cli import plot
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.files.writing import require_writable
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.optimize import Optimise, load_solver
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, Planner, planner_by_name

@@ -11,7 +11,7 @@ import numpy as np
 
 from planner_service.certify import Certifier
 from planner_service.files.writing import write_whole
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 
 __all__ = ["OURS", "clearance_svg", "clearances_along", "write_clearance_plot"]

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from planner_service.collision.gjk import Solid, gap_of
 from planner_service.errors import BrokenInvariant
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 __all__ = [
     "Placed",
@@ -49,7 +50,6 @@ SMALL, DOUBT = 1e-3, 5e-4
 """Metres. Where a solid fits in a box of twice SMALL each way, FCL may call it touching what is apart: by 72 um in the
 worst of 560,000 pairs of which one was so small, and in none of 360,000 others. Up to DOUBT it is asked."""
 
-IntArray = NDArray[np.intp]
 
 _TINY = 1e-12
 """Directions shorter than this are no directions (parallel edges have no cross product)."""

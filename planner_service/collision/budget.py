@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
-from planner_service.geometry.shapes import number, whole
+from planner_service.geometry.validation import number, whole
 from planner_service.presentation.plans import counts_text
 from planner_service.presentation.tables import Table
 

@@ -32,7 +32,8 @@ from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
 from planner_service.collision.proximity import NearPairs, measuring_kernel
 from planner_service.concurrency.polling import Prepared, asked
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, instance, number, numbers, read_only, whole
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene

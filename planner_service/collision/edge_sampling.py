@@ -22,7 +22,8 @@ from typing import Protocol
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, number
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import number
 
 __all__ = [
     "KNOWN_ENDS",

@@ -15,8 +15,9 @@ import fcl
 import numpy as np
 
 from planner_service.errors import BrokenInvariant
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 __all__ = ["FclObjects"]
 

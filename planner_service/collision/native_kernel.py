@@ -14,7 +14,7 @@ import numpy as np
 from planner_service.collision.bounds import Solids, centres_of, doubt_of
 from planner_service.collision.edge_sampling import EdgeStep, FinestStep, JointStep, MotionStep, coarse_segments_of
 from planner_service.collision.pairs import Parts
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.native.loading import load_core
 from planner_service.robot.model import Robot
 

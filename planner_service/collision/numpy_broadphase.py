@@ -9,7 +9,6 @@ and far beyond rounding (1e-15), so FCL would say the same. Where the kernel was
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.collision.bounds import (
     Placed,
@@ -24,7 +23,7 @@ from planner_service.collision.bounds import (
 from planner_service.collision.numpy_groups import Crowds
 from planner_service.collision.pairs import Parts
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.robot.model import Robot
 
 __all__ = ["MARGIN", "NOT_FINITE", "Broadphase"]
@@ -46,8 +45,6 @@ _LIKELY_SMALLEST = 8
 
 _REFINED_AT_ONCE = 64
 """Then so many at a time, as long as one could be smaller."""
-
-IntArray = NDArray[np.intp]
 
 
 class Broadphase:

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from planner_service.collision.bounds import Boxes, Placed, Solids, beyond_faces, box_of, rough_gaps
 from planner_service.collision.pairs import Parts
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 
 __all__ = ["Crowds"]
 
-IntArray = NDArray[np.intp]
 
 GROUP = 24
 """Pieces that stand together; 16 and 32 cost about the same on a cloud of 10,000 boxes."""

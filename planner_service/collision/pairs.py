@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest, UnknownName
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.composite import Composite, Solid
-from planner_service.geometry.shapes import FloatArray, Pose, Shape, number, read_only
+from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.validation import number
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Names, Owner
 from planner_service.scene.scene import Scene

@@ -13,7 +13,7 @@ from planner_service.collision.native_kernel import build_kernel, instruction_se
 from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.collision.pairs import Parts
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planner_service.collision.bounds import Solids, centres_of, doubt_of
 from planner_service.collision.checker import CollisionChecker
 from planner_service.collision.pairs import MANY, Part
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 
 __all__ = ["Sweep"]
 
@@ -36,8 +36,6 @@ BLOCK, AT_ONCE = 4_096, 1_000_000
 
 MIN_BALL, MAX_CUTS = 0.02, 6
 """Pieces are cut into cells not much thinner than this (metres) or than the piece, at most so many along an axis."""
-
-IntArray = NDArray[np.intp]
 
 
 class Sweep:

@@ -12,7 +12,7 @@ from planner_service.datasets.random_draws import Draws
 from planner_service.datasets.summary import EpisodesSummary
 from planner_service.datasets.task import Drawn, EpisodeTask
 from planner_service.errors import UnknownName
-from planner_service.geometry.shapes import text
+from planner_service.geometry.validation import text
 
 __all__ = [
     "EPISODE_TASKS",

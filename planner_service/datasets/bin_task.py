@@ -16,7 +16,8 @@ from planner_service.collision import CollisionChecker
 from planner_service.datasets.random_draws import RandomDraws
 from planner_service.datasets.task import EpisodeWorld
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle, Scene

@@ -17,7 +17,7 @@ from planner_service.datasets.random_draws import Draws
 from planner_service.datasets.summary import EpisodesSummary
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
-from planner_service.geometry.shapes import whole
+from planner_service.geometry.validation import whole
 from planner_service.parallel import Engine, Lost, Processes
 from planner_service.planning.request import PlanRequest
 

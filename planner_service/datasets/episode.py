@@ -15,7 +15,8 @@ from planner_service.datasets.parquet import TABLES, Rows
 from planner_service.datasets.random_draws import RandomDraws
 from planner_service.datasets.task import EpisodeTask, EpisodeWorld
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere, instance, number, whole
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere
+from planner_service.geometry.validation import instance, number, whole
 from planner_service.parallel import Lost
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.request import PlanRequest

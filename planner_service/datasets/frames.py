@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Obstacle

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from planner_service.geometry.shapes import copied_in
+from planner_service.geometry.validation import copied_in
 
 __all__ = ["EpisodesSummary"]
 

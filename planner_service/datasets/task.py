@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from planner_service.datasets.random_draws import RandomDraws
-from planner_service.geometry.shapes import FloatArray, copied_in
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import copied_in
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene

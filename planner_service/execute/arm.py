@@ -15,7 +15,8 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.execute.driver import ArmLimits, Driver
 from planner_service.execute.preconditions import refusal
-from planner_service.geometry.shapes import FloatArray, number, numbers
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import number, numbers
 from planner_service.robot.model import Robot
 
 __all__ = ["Arm", "Call"]

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, numbers
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import numbers
 
 __all__ = ["ArmLimits", "Driver"]
 

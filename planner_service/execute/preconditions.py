@@ -11,7 +11,7 @@ import numpy as np
 
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.execute.driver import ArmLimits
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import SavedPlan, SavedTask

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from planner_service.errors import PlannerServiceError
-from planner_service.geometry.shapes import FloatArray, copied_in, numbers, read_only, whole
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import copied_in, numbers, whole
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import Robot
 

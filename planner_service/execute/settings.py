@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from planner_service.geometry.shapes import number
+from planner_service.geometry.validation import number
 
 __all__ = ["HARDWARE_SPEED", "Streaming"]
 

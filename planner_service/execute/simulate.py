@@ -13,7 +13,8 @@ from planner_service.execute.report import ExecutionReport, ExecutionStopped
 from planner_service.execute.settings import Streaming
 from planner_service.execute.simulator import ArmContact, SimulatedArm
 from planner_service.execute.stream import execute
-from planner_service.geometry.shapes import Pose, copied_in
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import copied_in
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import SavedPlan

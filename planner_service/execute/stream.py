@@ -35,7 +35,7 @@ from planner_service.execute.preconditions import (
 )
 from planner_service.execute.report import ExecutedMotion, ExecutionReport, ExecutionStopped, Recording
 from planner_service.execute.settings import HARDWARE_SPEED, Streaming
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.trajectory import MAX_SAMPLES, Trajectory
 from planner_service.records.recertify import squeezed
 from planner_service.robot.model import Robot

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.execute.driver import ArmLimits
-from planner_service.geometry.shapes import FloatArray, numbers, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import numbers
 
 __all__ = ["JOINT_NAMES", "SIMULATED_LAG", "TrossenDriver"]
 

@@ -13,11 +13,10 @@ from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.xml_reader import MAX_DEPTH, Malformed, parse_xml
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray, product
 
 __all__ = ["dae_vertices"]
 
@@ -38,8 +37,6 @@ IDLE = ("asset", "extra", "instance_camera", "instance_light")
 """What a node may hold that moves no vertex."""
 STRIPS = ("triangles", "polylist", "polygons", "tristrips", "trifans", "lines", "linestrips")
 SIZES = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
-
-IntArray = NDArray[np.int64]
 
 
 def dae_vertices(content: bytes) -> FloatArray:
@@ -107,7 +104,8 @@ class _Document:
         pose, held = above, []
         for child in node:
             if _tag(child) in SIZES:
-                pose = _times(pose, _motion(child))
+                with np.errstate(over="ignore", invalid="ignore"):  # whatever is not finite in the end is refused
+                    pose = product(pose, _motion(child))
             elif _tag(child) not in IDLE:
                 held.append(child)
         for child in held:
@@ -219,11 +217,6 @@ def _turn(x: float, y: float, z: float, degrees: float) -> list[list[float]]:
         [y * x * v + z * s, k + y * y * v, y * z * v - x * s],
         [z * x * v - y * s, z * y * v + x * s, k + z * z * v],
     ]
-
-
-def _times(A: FloatArray, B: FloatArray) -> FloatArray:
-    with np.errstate(over="ignore", invalid="ignore"):  # whatever is not finite in the end is refused
-        return np.asarray(A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:3] * B[2:3] + A[:, 3:] * B[3:])
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:

@@ -15,29 +15,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import as_path
+from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.point_files import MAX_POINTS, read_array
-from planner_service.geometry.shapes import (
-    MAX_LENGTH,
-    Box,
-    FloatArray,
-    Pose,
-    Shape,
-    items,
-    number,
-    numbers,
-    points_of,
-    read_only,
-    vectors,
-)
+from planner_service.geometry.shapes import Box, Pose, Shape
+from planner_service.geometry.validation import MAX_LENGTH, items, number, numbers, points_of, vectors
 
 __all__ = ["Composite", "Compound", "HeightField", "Pieces", "PointCloud", "Solid"]
 
-IntArray = NDArray[np.int64]
 
 MAX_PIECES = 50_000
 """Boxes of a cloud or a height field, after those that fill a larger box were joined."""

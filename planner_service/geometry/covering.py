@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import BrokenInvariant
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.mesh_formats import IntArray
-from planner_service.geometry.shapes import FloatArray
 
 __all__ = ["SLACK", "covering", "longest_gap", "slack"]
 

@@ -20,10 +20,11 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
 from planner_service.files.disk_cache import DiskCache, cache_folder
 from planner_service.files.reading import as_path
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.covering import covering, longest_gap, slack
 from planner_service.geometry.mesh import Mesh, checked_scale
-from planner_service.geometry.mesh_formats import MAX_TRIANGLES, IntArray, read_triangles
-from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, number, numbers
+from planner_service.geometry.mesh_formats import MAX_TRIANGLES, read_triangles
+from planner_service.geometry.validation import MAX_LENGTH, number, numbers
 
 __all__ = ["MAX_PIECES", "convex_pieces", "hull_ratio", "pieces_of_file"]
 

@@ -14,12 +14,13 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import as_path
+from planner_service.geometry.arrays import FloatArray, IntArray, cross, read_only
 from planner_service.geometry.mesh_formats import MAX_VERTICES, read_vertices
-from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, margin_of, numbers, points_of, read_only, vectors
+from planner_service.geometry.validation import MAX_LENGTH, margin_of, numbers, points_of, vectors
 
 __all__ = ["Mesh", "checked_scale"]
 
@@ -34,8 +35,6 @@ ROUNDING = 1e-9
 
 AT_ONCE = 200_000
 """Numbers in a temporary array, so that it stays in a processor's cache."""
-
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +138,7 @@ class Mesh:
         least = np.full(len(points), np.inf)
         for start, end in ((a, b), (b, c), (c, a)):
             edge = end - start
-            inward = _cross(self.normals, edge)
+            inward = cross(self.normals, edge)
             outside |= _along(inward, points) < (inward * start).sum(axis=-1)
             least = np.minimum(least, _to_segments(points, start, edge).min(axis=-1))
         onto = np.where(outside | (above < rounding), np.inf, np.maximum(above, 0.0)).min(axis=-1)
@@ -229,7 +228,7 @@ def _hull(points: FloatArray, most: int) -> tuple[FloatArray, IntArray, FloatArr
         points = points[kept]  # which corners count as one by rounding depends on what else is there
     faces, normals = hull.simplices.astype(np.intp), hull.equations[:, :3].copy()
     a, b, c = (points[faces[:, k]] for k in range(3))
-    inward = (_cross(b - a, c - a) * normals).sum(axis=-1) < 0.0
+    inward = (cross(b - a, c - a) * normals).sum(axis=-1) < 0.0
     faces[inward] = faces[inward][:, [0, 2, 1]]
     first = faces.argmin(axis=1)
     faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
@@ -266,11 +265,6 @@ def _along(points: FloatArray, directions: FloatArray) -> FloatArray:
     """Components of points (n, 3) along directions (..., 3), (..., n)."""
     d = directions[..., None, :]
     return np.asarray(d[..., 0] * points[:, 0] + d[..., 1] * points[:, 1] + d[..., 2] * points[:, 2])
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    (x, y, z), (u, v, w) = a.T, b.T
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def _to_segments(points: FloatArray, start: FloatArray, edge: FloatArray) -> FloatArray:

@@ -11,18 +11,17 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import InvalidFile
 from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import Malformed
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.collada import dae_vertices
-from planner_service.geometry.shapes import MAX_LENGTH, FloatArray
+from planner_service.geometry.validation import MAX_LENGTH
 
-__all__ = ["MAX_BYTES", "MAX_TRIANGLES", "MAX_VERTICES", "MESH_SUFFIXES", "IntArray", "read_triangles", "read_vertices"]
+__all__ = ["MAX_BYTES", "MAX_TRIANGLES", "MAX_VERTICES", "MESH_SUFFIXES", "read_triangles", "read_vertices"]
 
-IntArray = NDArray[np.intp]
 
 MAX_BYTES = 50_000_000
 """A binary STL of a million triangles, three times the largest seen in a robot's description."""

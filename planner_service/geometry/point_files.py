@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from planner_service.errors import InvalidFile
 from planner_service.files.reading import read_bytes
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
-from planner_service.geometry.shapes import FloatArray
 
 __all__ = ["MAX_POINTS", "arrays_of", "read_array"]
 

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import Box, FloatArray, Pose, instance, items, number
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Pose
+from planner_service.geometry.validation import instance, items, number
 from planner_service.robot.model import Gripper, Robot
 from planner_service.scene.scene import Obstacle
 

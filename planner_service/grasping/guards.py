@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import offset_from, width_across
 from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS
 from planner_service.path.joint_path import JointPath

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray, Pose, Sphere
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose, Sphere
 from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS, interpolate, rotation_distance
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot

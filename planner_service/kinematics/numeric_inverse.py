@@ -13,7 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray, cross
+from planner_service.geometry.shapes import Pose
+from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
 __all__ = ["Descent", "descend"]
@@ -121,11 +123,7 @@ class _Chain:
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
-        indices = []
-        index = robot.tool_body
-        while index > 0:
-            indices.append(index)
-            index = robot.bodies[index].parent
+        indices = chain_to_base(robot.bodies, robot.tool_body)
         bodies = [robot.bodies[i] for i in indices]
         self._indices = indices
         self._joints = [body.q_index for body in bodies]
@@ -150,7 +148,7 @@ class _Chain:
     def _jacobian(self, R: FloatArray, t: FloatArray, point: FloatArray) -> FloatArray:
         axes = _sum_products(R[self._indices].transpose(2, 0, 1, 3), self._axes.swapaxes(0, 1)[..., np.newaxis, :])
         lever = point - t[self._indices]
-        linear = np.where(self._slides[:, np.newaxis, np.newaxis], axes, _cross(axes, lever))
+        linear = np.where(self._slides[:, np.newaxis, np.newaxis], axes, cross(axes, lever, axis=1))
         angular = np.where(self._slides[:, np.newaxis, np.newaxis], 0.0, axes)
         out = np.zeros((6, self._robot.n, point.shape[1]))
         out[:3, self._joints] = linear.swapaxes(0, 1) * self._scale
@@ -167,18 +165,6 @@ def _rotation_vector(current: FloatArray, target: FloatArray) -> tuple[FloatArra
     # numpy's arc tangent depends on the instruction set, math's does not
     angle = np.array([math.atan2(s, c) for s, c in zip(sine.tolist(), cosine.tolist(), strict=True)])
     return v * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0), angle
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products along the middle axis of (k, 3, m)."""
-    return np.stack(
-        [
-            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
-            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
-            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
-        ],
-        axis=1,
-    )
 
 
 def _span(robot: Robot, indices: list[int]) -> float:

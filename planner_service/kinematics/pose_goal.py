@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import Pose, number, whole
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import number, whole
 
 __all__ = ["PoseGoal"]
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
+from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
 __all__ = ["ToolChain"]
@@ -38,7 +39,7 @@ class ToolChain:
         Raises:
             InvalidRequest: No joint moves the tool, or a joint outside the chain is beyond its limits.
         """
-        columns = _moving_the_tool(robot)
+        columns = sorted(robot.bodies[index].q_index for index in chain_to_base(robot.bodies, robot.tool_body))
         if len(columns) == robot.n:
             return cls(robot, columns, still)
         if not columns:
@@ -62,12 +63,3 @@ class ToolChain:
         out = np.repeat(self.still[np.newaxis], len(Q), axis=0)
         out[:, self.columns] = Q
         return out
-
-
-def _moving_the_tool(robot: Robot) -> list[int]:
-    columns = []
-    body = robot.tool_body
-    while body > 0:
-        columns.append(robot.bodies[body].q_index)
-        body = robot.bodies[body].parent
-    return sorted(columns)

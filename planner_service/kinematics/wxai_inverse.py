@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
+from planner_service.geometry.arrays import dot
 from planner_service.geometry.shapes import Pose
 from planner_service.robot.model import Body, Robot
 
@@ -135,7 +136,7 @@ class WxaiInverse:
                     continue
                 sp, cp = math.sin(pitch), math.cos(pitch)
                 up = (sp * c, sp * s, cp)  # the z axis that the wrist's first joint turns about
-                roll = math.atan2(_dot(y, up), _dot(z, up))
+                roll = math.atan2(dot(y, up), dot(z, up))
                 joint = complex(radius, wrist[2]) - self.hand * complex(cp, -sp) - self.shoulder
                 for first, second in self._elbows(joint):
                     yield (waist, first, second, pitch - first - second, yaw, roll)
@@ -255,11 +256,7 @@ def _rows(matrix: list[list[float]]) -> Rows:
 
 
 def _apply(rows: Sequence[Sequence[float]], v: Sequence[float]) -> Vector:
-    return _dot(rows[0], v), _dot(rows[1], v), _dot(rows[2], v)
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)
 
 
 def _square(value: complex) -> float:

@@ -15,9 +15,11 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray, IntArray, cross
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Shape, Sphere, number, whole
-from planner_service.optimize.curve import IntArray, Samples, summed
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from planner_service.geometry.validation import number, whole
+from planner_service.optimize.curve import Samples, summed
 from planner_service.optimize.distance_field import DistanceField, field_of
 from planner_service.optimize.method import MethodResult
 from planner_service.optimize.problem import RAMP, CurveProblem
@@ -281,34 +283,14 @@ class _Descent:
         out = np.zeros(lacking.points.shape)
         bodies = problem.checker.robot.bodies
         for index, body in enumerate(bodies[1:], 1):
-            carries = np.array([index in _chain(bodies, at) for at in range(len(bodies))])
+            carries = np.array([index in chain_to_base(bodies, at) for at in range(len(bodies))])
             moved = carries[self._balls.body[lacking.ball]]
             rows, f = lacking.row[moved], force[moved]
             axis = summed((R[rows, index] * body.axis).transpose(2, 0, 1))
-            speed = axis if body.prismatic else _cross(axis, lacking.centre[moved] - t[rows, index])
+            speed = axis if body.prismatic else cross(axis, lacking.centre[moved] - t[rows, index], axis=1)
             power = speed[:, 0] * f[:, 0] + speed[:, 1] * f[:, 1] + speed[:, 2] * f[:, 2]
             out[:, body.q_index] += np.bincount(rows, weights=power, minlength=len(out))
         return out
-
-
-def _chain(bodies: Sequence[Body], index: int) -> set[int]:
-    """A body and all that carry it."""
-    chain = set()
-    while index > 0:
-        chain.add(index)
-        index = bodies[index].parent
-    return chain
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.stack(
-        [
-            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
-            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
-            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
-        ],
-        axis=1,
-    )
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:

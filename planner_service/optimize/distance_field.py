@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from planner_service.collision import CollisionChecker
 from planner_service.collision.pairs import Part
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray
-from planner_service.optimize.curve import IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 
 __all__ = ["DistanceField", "field_of"]
 

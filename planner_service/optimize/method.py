@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 
 if TYPE_CHECKING:
     from planner_service.optimize.problem import CurveProblem

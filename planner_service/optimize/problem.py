@@ -16,7 +16,7 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker
 from planner_service.collision.proximity import NearPairs
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize.curve import Samples, evenly, sampled, squares, summed
 
 __all__ = ["CurveObjective", "CurveProblem", "Figures", "PairDistances"]

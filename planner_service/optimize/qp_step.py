@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.concurrency.library_import import loaded
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["Step", "load_solver", "solved"]
 

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, number, numbers, read_only, whole
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import number, numbers, whole
 from planner_service.optimize.chomp import Chomp
 from planner_service.optimize.curve import course_path, evenly
 from planner_service.optimize.method import Method

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray, whole
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import whole
 from planner_service.optimize.curve import Samples
 from planner_service.optimize.method import MethodResult
 from planner_service.optimize.problem import CurveProblem, PairDistances

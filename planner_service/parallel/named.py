@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import text
+from planner_service.geometry.validation import text
 from planner_service.parallel.engine import Engine
 from planner_service.parallel.processes import Processes, require_workers
 from planner_service.parallel.ray_engine import Ray

@@ -15,7 +15,7 @@ from multiprocessing.reduction import ForkingPickler
 from typing import Any, TypeVar
 
 from planner_service.errors import BrokenInvariant, InvalidRequest, shown
-from planner_service.geometry.shapes import whole
+from planner_service.geometry.validation import whole
 from planner_service.parallel.engine import Answers, Limit, Work
 from planner_service.parallel.pool import Died, Event, Raised, WorkerPool
 

@@ -17,13 +17,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 
 __all__ = ["STEEPEST", "STEEPEST_SLOPE", "Blends", "integral"]
 
-IntArray = NDArray[np.intp]
 
 STEEPEST, STEEPEST_SLOPE = 0.625, 2.5
 """The largest df/dy, at y = 0, and the largest abs of d2f/dy2, at y = -1 and 1."""

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, as_sent, numbers, read_only, whole
+from planner_service.geometry.arrays import FloatArray, as_sent, read_only
+from planner_service.geometry.validation import numbers, whole
 from planner_service.path.corner_blend import Blends
 
 __all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, as_sent, finite_numbers, instance, number, numbers, read_only
+from planner_service.geometry.arrays import FloatArray, as_sent, read_only
+from planner_service.geometry.validation import finite_numbers, instance, number, numbers
 from planner_service.path.joint_path import OVERSHOOT, JointPath, require_order, within
 
 __all__ = ["Samples", "Trajectory"]

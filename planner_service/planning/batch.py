@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import items
+from planner_service.geometry.validation import items
 from planner_service.parallel import Answers, Engine, Lost, Processes
 from planner_service.planners import RRTConnect
 from planner_service.planning.request import PlanRequest

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import JointLimits
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
-from planner_service.geometry.shapes import FloatArray, Pose, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.accounting import NoPlan, PlanContext

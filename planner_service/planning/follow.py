@@ -15,7 +15,8 @@ from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.concurrency.fair_lock import Turns
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, instance, items, number, numbers, text, whole
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, certify, not_certified
 from planner_service.planning.request import Pace

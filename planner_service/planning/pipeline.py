@@ -14,7 +14,7 @@ from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.fair_lock import Turns
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner_service.collision import CollisionChecker, Contact, Known
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Figures, Optimise, Optimum
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.result import Failure, PolishReport, Reason, Stage

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, Pose, as_sent, instance, number, numbers, whole
+from planner_service.geometry.arrays import FloatArray, as_sent
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
 from planner_service.planners import Planner, RRTConnect

@@ -11,7 +11,8 @@ from typing import Any
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
-from planner_service.geometry.shapes import FloatArray, as_sent, copied_in
+from planner_service.geometry.arrays import FloatArray, as_sent
+from planner_service.geometry.validation import copied_in
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory

@@ -10,7 +10,7 @@ from planner_service.collision import CheckCounts, CollisionChecker
 from planner_service.collision.edge_sampling import KNOWN_ENDS
 from planner_service.collision.swept_bounds import Sweep
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import copied_in
+from planner_service.geometry.validation import copied_in
 from planner_service.roadmap import Built, Roadmap, Terms, Verdict
 from planner_service.roadmap.planners import PRM, LazyPRM, PRMstar, Progress
 from planner_service.roadmap.roadmap import RoadmapSearchResult

@@ -17,7 +17,7 @@ from planner_service.certify import Certificate
 from planner_service.collision import Cancelled, CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Optimise
 from planner_service.planners import RRTConnect
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry

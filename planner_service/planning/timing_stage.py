@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from planner_service.concurrency.polling import waited
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.inverse import tool_speeds
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory

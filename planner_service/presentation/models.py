@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Pose
 from planner_service.presentation.tables import Block, Table
 
 __all__ = ["length_unit", "robot_blocks", "scene_blocks"]

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from planner_service.geometry.shapes import flag
+from planner_service.geometry.validation import flag
 
 __all__ = ["bar"]
 

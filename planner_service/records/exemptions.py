@@ -16,7 +16,7 @@ import numpy as np
 
 from planner_service.certify import ExemptInterval
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.grasping.guards import LONGEST_APPROACH, MEANT_OVERLAP, tool_line
 from planner_service.path.joint_path import JointPath
 from planner_service.records.task_sequence import TaskMotion, fingers_of

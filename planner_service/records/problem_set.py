@@ -34,7 +34,9 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.json_reader import read_json
 from planner_service.files.reading import as_path
 from planner_service.files.schema import Joints, Reading, Record, Text, Vector3, Vector4, at_most, read_record
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose, Shape, Sphere, copied_in, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.shapes import Box, Cylinder, Pose, Shape, Sphere
+from planner_service.geometry.validation import copied_in
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import MAX_OBJECTS, Obstacle, Scene

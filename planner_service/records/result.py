@@ -35,7 +35,7 @@ from planner_service.files.schema import (
     at_most,
     recorded,
 )
-from planner_service.geometry.shapes import read_only
+from planner_service.geometry.arrays import read_only
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory

@@ -23,7 +23,9 @@ from planner_service.files.schema import (
     as_text,
     at_most,
 )
-from planner_service.geometry.shapes import MAX_LENGTH, FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.records.scene import PoseRecord, ShapeRecord, shape_record
 from planner_service.robot.kinematic_tree import Body, LinkShape
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot

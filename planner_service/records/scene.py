@@ -16,9 +16,10 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
 
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Count, Reading, Record, Text, Vector3, Vector4, at_most
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import MAX_HULL, Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene
 
 __all__ = ["ObstacleRecord", "PlanReading", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord", "shape_record"]

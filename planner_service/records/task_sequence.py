@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner_service.errors import InvalidRequest, NotProven
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.grasping.grasps import offset_from, width_across
 from planner_service.grasping.guards import LOOSE_GRASP, MEANT_OVERLAP, PUSHED_ASIDE
 from planner_service.kinematics.inverse import rotation_distance

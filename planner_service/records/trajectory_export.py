@@ -16,7 +16,7 @@ import numpy as np
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.tasks.result import Segment

@@ -17,7 +17,7 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Optimise
 from planner_service.path.corner_blend import STEEPEST
 from planner_service.path.joint_path import JointPath

@@ -21,7 +21,8 @@ from planner_service.collision.budget import CheckBudgetSpent, SearchStopped, Ti
 from planner_service.concurrency.fair_lock import Turns
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.grasping.guards import reach_objection
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.path.joint_path import JointPath

@@ -10,7 +10,8 @@ import numpy as np
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, copied_in, number
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import copied_in, number
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import Goal, PlanRequest

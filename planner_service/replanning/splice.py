@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits

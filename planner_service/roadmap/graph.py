@@ -13,15 +13,15 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, numbers, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, read_only
+from planner_service.geometry.validation import numbers
 from planner_service.search.problem import joint_distance
 
 __all__ = ["EdgePoints", "Graph", "Neighbour", "Trunk", "checked_edges", "motion"]
 
-IntArray = NDArray[np.int64]
 
 Neighbour = tuple[int, float, int]
 """The milestone at the other end of an edge, the edge's length, and its number."""

@@ -12,12 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.roadmap.graph import EdgePoints, Graph, motion
 
 __all__ = ["Place", "nearest_places"]
 
-IntArray = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 LOOKED_UP = (24, 128, 1024)

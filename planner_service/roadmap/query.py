@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from planner_service.collision.contact import EdgeHit
 from planner_service.collision.edge_sampling import KNOWN_ENDS
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.roadmap.graph import Graph, Neighbour
 from planner_service.roadmap.nearest import Place, nearest_places
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict

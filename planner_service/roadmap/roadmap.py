@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from planner_service.collision import CheckCounts
 from planner_service.collision.budget import SearchStopped
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, copied_in, instance, items, numbers, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import copied_in, instance, items, numbers
 from planner_service.roadmap.graph import Graph, checked_edges
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.query import Carried, Query

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, Pose, Shape, cosines_and_sines, numbers, read_only
+from planner_service.geometry.arrays import FloatArray, cosines_and_sines, read_only
+from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.validation import numbers
 
-__all__ = ["Body", "BodyPose", "BodyTree", "LinkShape"]
+__all__ = ["Body", "BodyPose", "BodyTree", "LinkShape", "chain_to_base"]
 
 BodyPose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """r00, r01, r02, r10, ..., r22, x, y, z."""
@@ -52,6 +54,15 @@ class Body:
     def __post_init__(self) -> None:
         object.__setattr__(self, "placement", read_only(self.placement))
         object.__setattr__(self, "axis", read_only(self.axis))
+
+
+def chain_to_base(bodies: Sequence[Body], index: int) -> list[int]:
+    """The body at ``index`` and those that carry it, in this order, without the fixed base."""
+    chain = []
+    while index > 0:
+        chain.append(index)
+        index = bodies[index].parent
+    return chain
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
-from planner_service.geometry.shapes import FloatArray, number
+from planner_service.geometry.arrays import FloatArray, product
+from planner_service.geometry.validation import number
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
-from planner_service.robot.urdf_assembly import Assembly, assemble, compose, locked_positions, transform
+from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, transform
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
 from planner_service.robot.urdf_reader import read_urdf
 
@@ -177,7 +178,7 @@ def _gripper(entry: GripperTable | None, urdf: Urdf, assembly: Assembly) -> Grip
     directions: dict[str, tuple[float, float, float]] = {}
     for joint in urdf.joints:
         if joint.name in entry.joints:
-            R = compose(assembly.frames[joint.parent][1], transform(joint.xyz, joint.rpy))[:3, :3].tolist()
+            R = product(assembly.frames[joint.parent][1], transform(joint.xyz, joint.rpy))[:3, :3].tolist()
             u, v, w = joint.axis
             x, y, z = (row[0] * u + row[1] * v + row[2] * w for row in R)
             directions |= dict.fromkeys(_downstream(urdf, joint.child), (x, y, z))

@@ -9,10 +9,11 @@ from dataclasses import fields, replace
 import numpy as np
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.shapes import FloatArray, Pose, number
-from planner_service.robot.kinematic_tree import Body, LinkShape
+from planner_service.geometry.arrays import FloatArray, product
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import number
+from planner_service.robot.kinematic_tree import Body, LinkShape, chain_to_base
 from planner_service.robot.model import ExemptRetreat, Gripper, JointLimits, Robot
-from planner_service.robot.urdf_assembly import compose
 
 __all__ = ["lock_joints"]
 
@@ -38,7 +39,7 @@ def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
         named_poses=tuple((name, q[kept]) for name, q in robot.named_poses),
         base_links=tuple(standing),
         tool_body=tool_body,
-        tool_placement=robot.tool_placement if offset is None else compose(offset, robot.tool_placement),
+        tool_placement=robot.tool_placement if offset is None else product(offset, robot.tool_placement),
         bodies=bodies,
         shapes=shapes,
         gripper=robot.gripper and _moved_gripper(robot.gripper, anchors),
@@ -69,9 +70,9 @@ def _merged(robot: Robot, positions: Mapping[int, float], kept: list[int]) -> tu
     anchors: list[Anchor] = [(0, None)]
     for body in robot.bodies[1:]:
         parent, offset = anchors[body.parent]
-        placement = body.placement if offset is None else compose(offset, body.placement)
+        placement = body.placement if offset is None else product(offset, body.placement)
         if body.q_index in positions:
-            anchors.append((parent, compose(placement, _motion(body, positions[body.q_index]))))
+            anchors.append((parent, product(placement, _motion(body, positions[body.q_index]))))
         else:
             anchors.append((len(bodies), None))
             bodies.append(replace(body, parent=parent, placement=placement, q_index=kept.index(body.q_index)))
@@ -97,7 +98,7 @@ def _motion(body: Body, position: float) -> FloatArray:
 
 def _moved(item: LinkShape, anchors: list[Anchor]) -> LinkShape:
     body, offset = anchors[item.body]
-    pose = item.pose if offset is None else Pose.from_matrix(compose(offset, item.pose.matrix))
+    pose = item.pose if offset is None else Pose.from_matrix(product(offset, item.pose.matrix))
     return replace(item, body=body, pose=pose)
 
 
@@ -139,8 +140,4 @@ def _kept_retreats(
 
 def _joints_above(robot: Robot, body: int) -> list[int]:
     """The joints that move a body."""
-    found = []
-    while body > 0:
-        found.append(robot.bodies[body].q_index)
-        body = robot.bodies[body].parent
-    return found
+    return [robot.bodies[index].q_index for index in chain_to_base(robot.bodies, body)]

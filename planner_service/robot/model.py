@@ -18,23 +18,12 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
-from planner_service.geometry.shapes import (
-    FloatArray,
-    Pose,
-    Shape,
-    copied_in,
-    finite_numbers,
-    instance,
-    items,
-    number,
-    numbers,
-    read_only,
-    text,
-    whole,
-)
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.shapes import Pose, Shape
+from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers, text, whole
 from planner_service.presentation.models import robot_blocks
 from planner_service.presentation.tables import render_html, render_text
-from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkShape
+from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkShape, chain_to_base
 from planner_service.robot.reach import reach_bounds
 
 __all__ = [
@@ -291,8 +280,7 @@ class Robot:
         u, v, w = self.tool_placement[:3, 3].tolist()
         x, y, z = x + a * u + b * v + c * w, y + d * u + e * v + f * w, z + g * u + h * v + i * w
         out = np.zeros((6, self.n))
-        index = self.tool_body
-        while index > 0:
+        for index in chain_to_base(self.bodies, self.tool_body):
             body = self.bodies[index]
             a, b, c, d, e, f, g, h, i, px, py, pz = poses[index]
             u, v, w = body.axis.tolist()
@@ -302,7 +290,6 @@ class Robot:
             else:
                 rx, ry, rz = x - px, y - py, z - pz
                 out[:, body.q_index] = (ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx, ax, ay, az)
-            index = body.parent
         return out
 
     def reach(self, extra: Sequence[tuple[int, Shape, Pose]] = ()) -> FloatArray:

@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from planner_service.errors import BrokenInvariant
+from planner_service.geometry.arrays import dot
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.kinematic_tree import Body
@@ -90,7 +91,7 @@ def _nearest(origin: Point, axis: Point, pivot: Point, about: Point | None) -> P
     offset, along = _minus(origin, pivot), axis
     if about is not None and not _is_parallel(axis, about):
         offset, along = _reject(offset, about), _reject(axis, about)
-    t = -_dot(offset, along) / _dot(along, along)
+    t = -dot(offset, along) / dot(along, along)
     return (origin[0] + t * axis[0], origin[1] + t * axis[1], origin[2] + t * axis[2])
 
 
@@ -100,23 +101,23 @@ def _across(vector: Point, about: Point | None) -> float:
     ``about`` may be off the true axis by the angle that still counts as parallel, which tilts the part across by at
     most that angle times the length: counted in, the result stays a bound.
     """
-    length = math.sqrt(_dot(vector, vector))
+    length = math.sqrt(dot(vector, vector))
     if about is None:
         return length
     part = _reject(vector, about)
-    return min(length, math.sqrt(_dot(part, part)) + TILT * length)
+    return min(length, math.sqrt(dot(part, part)) + TILT * length)
 
 
 def _is_parallel(a: Point, b: Point) -> bool:
     cross = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    return _dot(cross, cross) < PARALLEL
+    return dot(cross, cross) < PARALLEL
 
 
 def _hull(shape: Shape, pose: Pose) -> list[Ball]:
     """Balls whose convex hull holds the shape, in body coordinates."""
     R, p = pose.rotation.tolist(), pose.position
     return [
-        ((p[0] + _dot(R[0], v), p[1] + _dot(R[1], v), p[2] + _dot(R[2], v)), radius) for v, radius in _local_hull(shape)
+        ((p[0] + dot(R[0], v), p[1] + dot(R[1], v), p[2] + dot(R[2], v)), radius) for v, radius in _local_hull(shape)
     ]
 
 
@@ -147,19 +148,15 @@ def _minus(a: Point, b: Point) -> Point:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def _reject(vector: Point, unit: Point) -> Point:
-    along = _dot(vector, unit)
+    along = dot(vector, unit)
     return (vector[0] - along * unit[0], vector[1] - along * unit[1], vector[2] - along * unit[2])
 
 
 def _turn(body: Body, vector: Point) -> Point:
     """From the joint frame of ``body`` into its parent's axes."""
     R = body.placement.tolist()
-    return (_dot(R[0], vector), _dot(R[1], vector), _dot(R[2], vector))
+    return (dot(R[0], vector), dot(R[1], vector), dot(R[2], vector))
 
 
 def _turn_back(body: Body, vector: Point) -> Point:

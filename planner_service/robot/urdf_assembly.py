@@ -15,11 +15,12 @@ import numpy as np
 
 from planner_service.concurrency.library_import import loaded
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import FloatArray, Pose, rpy_matrix
+from planner_service.geometry.arrays import FloatArray, product, rpy_matrix
+from planner_service.geometry.shapes import Pose
 from planner_service.robot.kinematic_tree import Body, LinkShape
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
 
-__all__ = ["Assembly", "assemble", "compose", "locked_positions", "transform"]
+__all__ = ["Assembly", "assemble", "locked_positions", "transform"]
 
 LINK, JOINT = "link:", "joint:"
 """How names begin in Pinocchio's model: it has one list of names for both, with "universe" in it from the start."""
@@ -49,12 +50,6 @@ def transform(xyz: Sequence[float], rpy: Sequence[float]) -> FloatArray:
     T[:3, :3] = rpy_matrix(*rpy)
     T[:3, 3] = xyz
     return T
-
-
-def compose(A: FloatArray, B: FloatArray) -> FloatArray:
-    """A B for 4 x 4 matrices, without BLAS: the same bits on every machine."""
-    out: FloatArray = A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:3] * B[2:3] + A[:, 3:] * B[3:]
-    return out
 
 
 def locked_positions(urdf: Urdf, joints: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
@@ -163,6 +158,6 @@ def _shapes(urdf: Urdf, frames: Mapping[str, tuple[int, FloatArray]]) -> tuple[L
     for link in urdf.links:
         body, T_body_link = frames[link.name]
         for item in link.collisions:
-            T_body_shape = compose(T_body_link, transform(item.xyz, item.rpy))
+            T_body_shape = product(T_body_link, transform(item.xyz, item.rpy))
             shapes.append(LinkShape(link.name, body, item.shape, Pose.from_matrix(T_body_shape)))
     return tuple(shapes)

@@ -19,7 +19,7 @@ from planner_service.files.writing import require_writable, write_whole
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.mesh_formats import MAX_BYTES
 from planner_service.geometry.mesh_paths import MeshShelf
-from planner_service.geometry.shapes import copied_in, flag, instance, items
+from planner_service.geometry.validation import copied_in, flag, instance, items
 from planner_service.robot.loading import ACCELERATION, JERK, Selection, robot_of, standing_joints
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.urdf_model import Urdf

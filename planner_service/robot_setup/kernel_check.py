@@ -15,7 +15,8 @@ from planner_service.certify import Certifier
 from planner_service.certify.prover import instruction_sets as proof_instruction_sets
 from planner_service.collision import CollisionChecker
 from planner_service.collision.native_kernel import instruction_sets
-from planner_service.geometry.shapes import FloatArray, whole
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import whole
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 

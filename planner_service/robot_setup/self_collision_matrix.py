@@ -22,14 +22,15 @@ from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.separation import refined_gaps, rough_gaps
 from planner_service.collision import CollisionChecker
+from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import FloatArray, instance, read_only, whole
+from planner_service.geometry.validation import instance, whole
+from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
 __all__ = ["ContactKind", "ContactTable", "PairFinding", "contact_table"]
 
-IntArray = NDArray[np.intp]
 
 MARGIN = 2e-6
 """Metres by which "never" is proven, and more; below 1 um the judge is undefined."""
@@ -162,7 +163,7 @@ class _Pair:
         self.robot = replace(robot, shapes=tuple(item for item in robot.shapes if item.link in links))
         self.links = links
         body_of = {item.link: item.body for item in self.robot.shapes}
-        first, second = (_chain(robot, body_of[link]) for link in links)
+        first, second = (chain_to_base(robot.bodies, body_of[link]) for link in links)
         between = [body for body in first if body not in second]
         between += [body for body in reversed(second) if body not in first]
         self.columns = [robot.bodies[body].q_index for body in between]
@@ -198,14 +199,6 @@ class _Pair:
             for k in np.flatnonzero(gaps.reshape(len(part), count).min(axis=1) <= MARGIN).tolist():
                 out[start + k] = not self.checker.state_is_free(part[k])
         return out
-
-
-def _chain(robot: Robot, body: int) -> list[int]:
-    out = []
-    while body > 0:
-        out.append(body)
-        body = robot.bodies[body].parent
-    return out
 
 
 def _found(pair: _Pair, Q: FloatArray, given: str | None, max_bounds: int) -> PairFinding:

@@ -32,7 +32,6 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +39,7 @@ import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import as_path, read_bytes
+from planner_service.geometry.arrays import dot
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Shape, Sphere
 from planner_service.scene.obstacle_list import ObstacleList
@@ -274,18 +274,14 @@ class _Plane:
         box = Box((PLANE_WIDTH, PLANE_WIDTH, PLANE_DEPTH))
         if there is None:
             return box, None
-        x, y, z = (_dot(row, self.normal) for row in there.rotation.tolist())
-        height = self.height + _dot((x, y, z), there.position)
+        x, y, z = (dot(row, self.normal) for row in there.rotation.tolist())
+        height = self.height + dot((x, y, z), there.position)
         middle = height - PLANE_DEPTH / 2
         w = 1.0 + z if z >= 0.0 else (x * x + y * y) / (1.0 - z)  # the shortest turn of z onto the normal
         turn = (w, -y, x, 0.0) if w > 0.0 else (0.0, 1.0, 0.0, 0.0)
         length = math.hypot(*turn)
         a, b, c, d = (value / length for value in turn)
         return box, Pose((x * middle, y * middle, z * middle), (a, b, c, d))
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _shape(kind: str, sizes: list[float]) -> Shape | _Plane:

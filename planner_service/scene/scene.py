@@ -46,7 +46,8 @@ from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Sphere, instance, items, text
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
+from planner_service.geometry.validation import MAX_LENGTH, instance, items, text
 from planner_service.presentation.models import scene_blocks
 from planner_service.presentation.tables import render_html, render_text
 

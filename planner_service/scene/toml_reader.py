@@ -19,7 +19,8 @@ from planner_service.files.writing import write_whole
 from planner_service.geometry.composite import MAX_COMPOUND, Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshShelf
-from planner_service.geometry.shapes import MAX_LENGTH, Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene, checked_description, checked_name
 
 __all__ = ["MAX_BYTES", "read_scene", "write_scene"]

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.search.problem import SELF, Configuration, joint_distance
 
 __all__ = ["SearchOracle", "TieredOracle"]

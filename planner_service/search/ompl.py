@@ -26,7 +26,7 @@ import ompl.util as ou
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.concurrency.fair_lock import Turns
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.search.problem import (
     CoarseOracle,
     Configuration,

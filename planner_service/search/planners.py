@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from planner_service.geometry.shapes import number, whole
+from planner_service.geometry.validation import number, whole
 from planner_service.search import ompl
 from planner_service.search.problem import (
     SearchProblem,

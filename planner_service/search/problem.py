@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, read_only, whole
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import whole
 
 __all__ = [
     "SELF",

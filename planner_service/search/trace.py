@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import MAX_ITEMS, FloatArray, copied_in, numbers, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.validation import MAX_ITEMS, copied_in, numbers
 
 __all__ = ["SearchGraph", "Trace", "Tracer"]
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.path.joint_path import JointPath
 from planner_service.search.problem import CoarseOracle, Configuration, Oracle, joint_distance
 

@@ -10,7 +10,9 @@ import numpy as np
 
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, Pose, instance
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import instance
 from planner_service.grasping.grasps import middle_of, top_grasps
 from planner_service.planning.request import PlanRequest
 from planner_service.scene.scene import Obstacle, Scene

@@ -21,7 +21,9 @@ from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.shapes import FloatArray, Pose, instance, text
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import instance, text
 from planner_service.grasping.grasps import width_across
 from planner_service.grasping.guards import LONGEST_APPROACH, grasp_objection, unwanted
 from planner_service.kinematics.cartesian_waypoints import line_blends, thinned

@@ -9,7 +9,8 @@ from types import NoneType
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
-from planner_service.geometry.shapes import FloatArray, copied_in, instance, number
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import copied_in, instance, number
 from planner_service.planning.request import PlanRequest, require_timing
 from planner_service.planning.result import Failure, PlanResult
 from planner_service.planning.world import World

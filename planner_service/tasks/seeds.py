@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import instance, items
+from planner_service.geometry.validation import instance, items
 from planner_service.parallel import Engine, Sequential
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult

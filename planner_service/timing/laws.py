@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
-from planner_service.geometry.shapes import FloatArray, cosines_and_sines, number, whole
+from planner_service.geometry.arrays import FloatArray, cosines_and_sines
+from planner_service.geometry.validation import number, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, peaks, require_limits

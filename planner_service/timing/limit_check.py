@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, instance
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.validation import instance
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 

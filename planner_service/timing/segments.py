@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.corner_blend import STEEPEST, STEEPEST_SLOPE
 from planner_service.path.joint_path import JointPath
 from planner_service.timing.limit_check import MIN_SHARE

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.concurrency.library_import import loaded
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.timing.segments import PathSegment
 
 __all__ = ["NoSolution", "path_speeds"]

@@ -11,7 +11,7 @@ import numpy as np
 from planner_service.certify import Certifier
 from planner_service.collision import Contact
 from planner_service.collision.native_kernel import instruction_sets
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.service import PlannerService
 
 __all__ = ["CollisionReport", "CollisionReporter"]

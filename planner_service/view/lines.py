@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.roadmap import Roadmap, Verdict
 from planner_service.robot.model import Robot

@@ -13,7 +13,7 @@ import numpy as np
 
 from planner_service.collision import CancelToken
 from planner_service.errors import PlannerServiceError
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.planners import PLANNERS
 from planner_service.presentation.tables import markdown_escaped
 from planner_service.view import lines

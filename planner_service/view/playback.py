@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.certify import ExemptInterval
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import PlanResult
 from planner_service.service import PlannerService

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.view.playback import Playback, Samples
 
 __all__ = ["Plots"]

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Kind, Owner, owner_of
 from planner_service.scene.scene import Attached, Obstacle, Scene

@@ -10,7 +10,7 @@ import numpy as np
 
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.planners import planner_by_name
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.errors import BrokenInvariant
+from planner_service.geometry.arrays import FloatArray, IntArray, read_only
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere, read_only
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.kinematic_tree import BodyPose
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
@@ -28,7 +29,6 @@ __all__ = ["TOOL", "Colour", "IntArray", "Solid", "is_ground", "placements", "ro
 Colour = tuple[int, int, int]
 """Red, green, blue: 0 to 255."""
 
-IntArray = NDArray[np.int64]
 
 TOOL = ""
 """The frame of attached objects: the robot's tool frame. No link has an empty name."""

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from planner_service.errors import InvalidRequest, MissingDependency
-from planner_service.geometry.shapes import whole
+from planner_service.geometry.validation import whole
 from planner_service.planning.world import World
 from planner_service.presentation.page import Showable
 from planner_service.service import PlannerService

@@ -55,7 +55,7 @@ from planner_service import (
 from planner_service.certify import Certificate, Refusal
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import UnknownName
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem, joint_distance
 from planner_service.timing.limit_check import peaks

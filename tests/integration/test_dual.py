@@ -14,7 +14,8 @@ from planner_service import PlannerService, PlanRequest, PlanResult, load_scene
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import Box, FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Pose
 from planner_service.grasping.grasps import top_grasps
 from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
 from planner_service.planning.result import Reason

@@ -16,8 +16,9 @@ from auditor.checker import IndependentChecker, tables_of
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidFile, MissingDependency
 from planner_service.files.package_data import data_folder
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh_formats import read_vertices
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose
+from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Stage
 from planner_service.robot.model import Robot, load_robot

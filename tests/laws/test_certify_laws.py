@@ -23,7 +23,8 @@ from planner_service.certify.prover import instruction_sets
 from planner_service.certify.separation import Facing, Solids, refined_gaps, rough_gaps
 from planner_service.collision import CollisionChecker, JointStep
 from planner_service.collision.pairs import Parts
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene

@@ -23,9 +23,10 @@ from planner_service.collision import CollisionChecker, JointStep, Known, Motion
 from planner_service.collision import numpy_broadphase as prefilter
 from planner_service.collision.edge_sampling import EdgeStep
 from planner_service.collision.pairs import Parts
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
 

@@ -17,9 +17,10 @@ from planner_service.certify.box_tree import bundled
 from planner_service.collision import CollisionChecker, MotionStep
 from planner_service.collision import pairs as parts
 from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Composite, Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene

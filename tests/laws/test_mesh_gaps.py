@@ -18,8 +18,9 @@ from planner_service.certify.interval_proof import LAST_ROUNDS
 from planner_service.collision import fcl as judge
 from planner_service.collision.bounds import Solids, centres_of
 from planner_service.collision.gjk import gap_of
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from tests.laws.test_certify_laws import COAL
 from tests.support.hull_arm import DRUM, NEEDLE, RAMP, ROCK, SPOON
 

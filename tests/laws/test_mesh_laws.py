@@ -18,8 +18,9 @@ from planner_service.collision import fcl as judge
 from planner_service.collision import numpy_broadphase as prefilter
 from planner_service.collision.bounds import Solids
 from planner_service.collision.edge_sampling import EdgeStep
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import FloatArray, Shape
+from planner_service.geometry.shapes import Shape
 from planner_service.scene.scene import Scene
 from tests.laws.test_certify_laws import COAL, anywhere
 from tests.laws.test_collision_laws import compare, compare_edges, near_contact, planner_like

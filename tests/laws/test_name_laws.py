@@ -15,7 +15,8 @@ from planner_service.certify.prover import instruction_sets as proof_instruction
 from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName
 from planner_service.collision.native_kernel import instruction_sets
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 

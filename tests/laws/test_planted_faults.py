@@ -17,7 +17,8 @@ from planner_service.certify import motion_bounds as motions
 from planner_service.certify.certifier import ProofBackend
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.prover import instruction_sets
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, Robot, load_robot
 from planner_service.scene.scene import Scene, load_scene

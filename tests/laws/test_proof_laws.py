@@ -23,8 +23,9 @@ from planner_service.certify import prover as proof
 from planner_service.certify.prover import Proof, Prover, instruction_sets, native_prover, numpy_prover
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, FloatArray, Pose, Sphere
+from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene

@@ -17,8 +17,9 @@ from planner_service.collision import CollisionChecker
 from planner_service.collision.backends import BackendName
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.model import Body, JointLimits, LinkShape, Robot
 from planner_service.scene.scene import Obstacle, Scene
 

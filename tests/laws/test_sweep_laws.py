@@ -17,9 +17,10 @@ import pytest
 from planner_service.collision import CollisionChecker, MotionStep
 from planner_service.collision import swept_bounds as module
 from planner_service.collision.swept_bounds import Sweep
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.execute import ArmLimits
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["FakeArm", "FakeTime"]
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from planner_service.collision.edge_sampling import JointStep, Known, interior
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.search.problem import SearchProblem
 
 Configuration = tuple[float, ...]

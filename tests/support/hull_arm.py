@@ -13,8 +13,9 @@ import numpy as np
 from auditor.checker import IndependentChecker, tables_of
 from planner_service.collision import CollisionChecker
 from planner_service.collision.edge_sampling import EdgeStep
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Sphere
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 

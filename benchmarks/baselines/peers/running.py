@@ -26,7 +26,7 @@ from benchmarks.harness.environment import environment
 from benchmarks.harness.report import table
 from benchmarks.harness.suite import Motion, load_suite, seeds_of
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot, load_robot
 
 __all__ = ["STEPS", "Run", "main", "row_of", "run_into", "tasks_of"]

@@ -33,7 +33,7 @@ from planner_service import (
     Stage,
 )
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.planning.roadmap_work import RoadmapUpdate
 from planner_service.roadmap import Verdict
 from planner_service.scene.scene import load_scene

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 
 __all__ = ["Camera", "combined"]
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.view.triangles import Colour, IntArray
+from planner_service.geometry.arrays import IntArray
+from planner_service.view.triangles import Colour
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.view.still.camera import Camera, combined
 from planner_service.view.still.raster import EMPTY, KeyArray, cover, nearness_of, numbers_of, projected, ribbon
-from planner_service.view.triangles import Colour, IntArray, Solid
+from planner_service.view.triangles import Colour, Solid
 
 __all__ = ["Drawing", "Line", "paint", "placed"]
 

@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from planner_service.collision import CheckCounts, CollisionChecker, Contact
 from planner_service.files.reading import as_path
 from planner_service.files.writing import write_whole
-from planner_service.geometry.shapes import Pose, instance
+from planner_service.geometry.shapes import Pose
+from planner_service.geometry.validation import instance
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, Reason

@@ -11,12 +11,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.view.still.camera import Camera
 
 __all__ = ["EMPTY", "KeyArray", "cover", "nearness_of", "numbers_of", "projected", "ribbon"]
 
-IntArray = NDArray[np.int64]
 KeyArray = NDArray[np.uint64]
 
 EMPTY = np.uint64(2**64 - 1)

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.view.still.camera import Camera
 from planner_service.view.still.paint import Line
 from planner_service.view.still.raster import EMPTY, KeyArray, cover, nearness_of, projected

@@ -30,7 +30,7 @@ from planner_service import (
 )
 from planner_service.certify import certify_gripper
 from planner_service.collision.budget import Cancelled
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import load_task
 from planner_service.records.recertify import recertify
 

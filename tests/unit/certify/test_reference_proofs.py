@@ -15,7 +15,7 @@ import pytest
 
 from planner_service.certify import Certifier, EdgeVerdict, ExemptInterval
 from planner_service.certify.certifier import ProofBackend
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Scene, load_scene

@@ -15,7 +15,8 @@ from auditor.checker import IndependentChecker
 from planner_service.collision import CheckCounts, CollisionChecker, MotionStep
 from planner_service.collision import fcl as fcl_module
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene

@@ -22,7 +22,8 @@ from planner_service.collision.edge_sampling import (
     interior,
 )
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, FloatArray, Pose, Shape, Sphere
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene

@@ -18,7 +18,7 @@ from planner_service.collision.native_kernel import instruction_sets as kernel_i
 from planner_service.collision.numpy_broadphase import MARGIN, Broadphase
 from planner_service.collision.swept_bounds import Sweep
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
 

@@ -29,8 +29,8 @@ from planner_service import (
 from planner_service.collision import proximity as near_module
 from planner_service.collision.budget import TimeBoxSpent
 from planner_service.collision.proximity import NearPairs
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import FloatArray
 from planner_service.robot.kinematic_tree import Body
 from planner_service.scene.scene import Attached
 from tests.support.hull_arm import HELD, OBSTACLES, HullSetup, write_arm

@@ -17,7 +17,7 @@ from planner_service import PlannerService, PlanRequest, PlanResult
 from planner_service.collision import CheckCounts
 from planner_service.execute import ExecutionReport, ExecutionStopped, Streaming, execute
 from planner_service.execute import stream as execution
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime

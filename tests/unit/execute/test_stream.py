@@ -42,7 +42,7 @@ from planner_service.execute import (
     taken,
 )
 from planner_service.execute import stream as execution
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
 from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime

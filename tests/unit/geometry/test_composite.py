@@ -16,8 +16,9 @@ from hypothesis.extra.numpy import arrays
 
 from planner_service import CollisionChecker, PlannerService, PlanRequest
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Composite, Compound, HeightField, Pieces, PointCloud
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose, Sphere
+from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene
 

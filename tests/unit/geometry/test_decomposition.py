@@ -19,11 +19,10 @@ import pytest
 from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
 from planner_service.files.disk_cache import DiskCache
 from planner_service.geometry import decomposition
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.covering import covering, longest_gap, slack
 from planner_service.geometry.decomposition import convex_pieces, hull_ratio, pieces_of_file
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.mesh_formats import IntArray
-from planner_service.geometry.shapes import FloatArray
 
 ROOT = Path(__file__).parents[3]
 

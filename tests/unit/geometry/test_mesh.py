@@ -18,9 +18,10 @@ from planner_service.collision.bounds import Placed, Solids, centres_of, parted
 from planner_service.collision.gjk import gap_of
 from planner_service.errors import InvalidRequest
 from planner_service.geometry import mesh
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import MAX_HULL, THINNEST, Mesh, checked_scale
 from planner_service.geometry.mesh_formats import MAX_VERTICES
-from planner_service.geometry.shapes import Box, FloatArray, Shape, Sphere
+from planner_service.geometry.shapes import Box, Shape, Sphere
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 2.0) for z in (0.0, 3.0)])
 TETRA = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.geometry import mesh_paths as mesh_path
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
 from planner_service.geometry.mesh_paths import MeshShelf
-from planner_service.geometry.shapes import FloatArray
 
 POINTS = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, -0.75], [0.25, 0.5, 0.125]])
 """Numbers that no format rounds."""

@@ -10,8 +10,8 @@ import pytest
 
 from planner_service.errors import InvalidFile
 from planner_service.geometry import mesh_formats as mesh_file
-from planner_service.geometry.mesh_formats import IntArray, read_triangles, read_vertices
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.mesh_formats import read_triangles, read_vertices
 
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)], dtype=np.float64)
 TRIANGLES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))

@@ -11,20 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName, shown
-from planner_service.geometry.shapes import (
-    Box,
-    Capsule,
-    Cylinder,
-    FloatArray,
-    Pose,
-    Shape,
-    Sphere,
-    cosines_and_sines,
-    number,
-    numbers,
-    read_only,
-    rpy_matrix,
-)
+from planner_service.geometry.arrays import FloatArray, cosines_and_sines, read_only, rpy_matrix
+from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.geometry.validation import number, numbers
 
 laws = settings(max_examples=40, deadline=None, derandomize=True)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose
+from planner_service.geometry.shapes import Box, Cylinder, Pose
 from planner_service.grasping.grasps import middle_of, offset_from, top_grasps
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import load_robot, robot_names

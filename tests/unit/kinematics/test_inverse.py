@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
 from planner_service.kinematics.inverse import (
     LineStop,

@@ -29,8 +29,9 @@ from planner_service import (
     load_scene,
 )
 from planner_service.collision.budget import Cancelled
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import FloatArray, Shape
+from planner_service.geometry.shapes import Shape
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.optimize.chomp import Balls, _Descent
 from planner_service.optimize.curve import course_path, evenly, sampled, squares

@@ -42,7 +42,7 @@ from planner_service import (
 from planner_service.certify import Certifier
 from planner_service.cli.commands import app
 from planner_service.cli.plot import clearance_svg
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Chomp, Figures, MethodResult, Optimum, TrajOpt
 from planner_service.optimize.problem import CurveProblem
 from planner_service.planning.accounting import NoPlan

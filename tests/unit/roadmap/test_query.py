@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.roadmap import Roadmap, Verdict
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.verdicts import Knowledge

@@ -12,7 +12,8 @@ import pytest
 from auditor.checker import IndependentChecker
 from planner_service import CollisionChecker, PlannerService, PlanRequest, load_scene
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.shapes import FloatArray, Pose
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.robot.model import Robot, load_robot
 from tests.unit.robot.test_model import MIXED

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Pose, Sphere
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
 from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
 from planner_service.robot.urdf_reader import read_urdf
 

@@ -16,8 +16,9 @@ import pytest
 import yourdfpy
 
 from planner_service.files.package_data import data_folder
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Cylinder, FloatArray, Shape, Sphere
+from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
 from planner_service.robot.toml_reader import read_robot_file
 from planner_service.robot.urdf_assembly import assemble, transform
 from planner_service.robot.urdf_model import Urdf

@@ -16,7 +16,7 @@ import pytest
 
 from planner_service.collision.budget import SearchStopped
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.planners import (
     AORRTC,
     BFMT,

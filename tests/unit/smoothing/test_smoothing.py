@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from planner_service.collision.edge_sampling import Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces

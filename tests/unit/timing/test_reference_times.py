@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.timing.laws import SCurve, Timing, ToppRa, Trapezoidal
 from planner_service.timing.limit_check import peaks

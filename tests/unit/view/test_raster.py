@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.view.still.camera import Camera
 from planner_service.view.still.raster import EMPTY, KeyArray, cover, nearness_of, numbers_of, projected, ribbon
 

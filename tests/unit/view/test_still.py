@@ -30,7 +30,7 @@ from planner_service import (
 )
 from planner_service.cli.commands import app
 from planner_service.errors import InvalidFile
-from planner_service.geometry.shapes import FloatArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view.still import pictures as still
 from planner_service.view.still.camera import Camera

@@ -24,8 +24,8 @@ from planner_service import (
     Sphere,
     load_robot,
 )
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Solid as Shape
-from planner_service.geometry.shapes import FloatArray
 from planner_service.view.triangles import MAX_BOXES, TOOL, Solid, placements, robot_solids, scene_solids
 
 TURNED = Pose((0.3, -0.2, 0.5), (0.5, 0.5, -0.5, 0.5))

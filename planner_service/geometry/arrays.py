@@ -1,0 +1,94 @@
+"""Arrays: their types, read-only copies of them, and arithmetic that has the same bits on every machine.
+
+BLAS and the vectorised sines of numpy differ from processor to processor in the last bit, on which a verdict may hang.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "BoolArray",
+    "FloatArray",
+    "IntArray",
+    "as_sent",
+    "cosines_and_sines",
+    "cross",
+    "dot",
+    "product",
+    "read_only",
+    "rpy_matrix",
+]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+_QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)
+"""Of a turn, in two parts: small multiples of the first are exact."""
+
+
+def read_only(values: ArrayLike) -> FloatArray:
+    """A private, immutable float64 copy of ``values``, which are known to be numbers; see ``numbers`` for others."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+def as_sent(value: object, state: dict[str, Any]) -> None:
+    """``__setstate__`` of values with arrays: from another process they come as numbers, and are read-only again."""
+    for held in state.values():
+        for array in held if isinstance(held, tuple) else (held,):
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
+    value.__dict__.update(state)
+
+
+def dot(a: Sequence[float], b: Sequence[float]) -> float:
+    """The scalar product of the first three numbers of each."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: FloatArray, b: FloatArray, axis: int = -1) -> FloatArray:
+    """Vector products of vectors whose components lie along ``axis``."""
+    (x, y, z), (u, v, w) = np.moveaxis(a, axis, 0), np.moveaxis(b, axis, 0)
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=axis)
+
+
+def product(A: FloatArray, B: FloatArray) -> FloatArray:
+    """The matrix product A B of two 4 x 4 matrices."""
+    return np.asarray(A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:3] * B[2:3] + A[:, 3:] * B[3:])
+
+
+def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """Rotation matrix of URDF's fixed-axis angles, Rz(yaw) Ry(pitch) Rx(roll), shape (3, 3)."""
+    cr, sr = math.cos(roll), math.sin(roll)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def cosines_and_sines(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of angles, to a few 1e-16, by Taylor's series: the same bits on every processor, as no library promises."""
+    quarters = np.floor(x * (2.0 / math.pi) + 0.5)
+    r = (x - quarters * _QUARTER[0]) - quarters * _QUARTER[1]
+    u = r * r
+    s, c = np.zeros_like(u), np.zeros_like(u)
+    for k in range(8, 0, -1):
+        sign = -1.0 if k % 2 else 1.0
+        s, c = s * u + sign / math.factorial(2 * k + 1), c * u + sign / math.factorial(2 * k)
+    s, c = r + r * u * s, 1.0 + u * c
+    turns = quarters.astype(np.int64)
+    sine, cosine = np.where(turns & 1, c, s), np.where(turns & 1, s, c)
+    return np.where((turns + 1) & 2, -cosine, cosine), np.where(turns & 2, -sine, sine)

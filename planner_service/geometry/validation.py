@@ -1,0 +1,236 @@
+"""Reading what callers give: a function returns the value in one form, or raises ``InvalidRequest`` with its field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Set
+from itertools import islice
+from typing import Any, TypeVar
+
+import numpy as np
+
+from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray, read_only
+
+__all__ = [
+    "MAX_LENGTH",
+    "copied_in",
+    "finite_numbers",
+    "finite_tuple",
+    "flag",
+    "instance",
+    "items",
+    "margin_of",
+    "number",
+    "numbers",
+    "points_of",
+    "text",
+    "vectors",
+    "whole",
+]
+
+T = TypeVar("T")
+
+MAX_LENGTH = 1e3
+"""No robot on a table is a kilometre long: a longer length is a unit mistake."""
+
+MAX_ITEMS = 1_000_000
+"""Elements of a list a caller gives; an iterator without an end would fill the memory."""
+
+MAX_COORDINATE, MAX_DIRECTION = 1e100, 1e308
+"""Of points, whose squares then stay in the range of floats, and of directions, whose products with lengths do."""
+
+MAX_NUMBERS = 20_000_000
+"""Numbers of an array a caller gives, 160 MB."""
+
+
+def number(field: str, value: object, expected: str, lowest: float, highest: float) -> float:
+    """The real number in [``lowest``, ``highest``] that a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``: another number, NaN, or no real number.
+    """
+    plain = value.item() if isinstance(value, np.generic) else value  # numpy's would round the bounds to their type
+    if not isinstance(plain, (int, float)) or isinstance(plain, bool) or not lowest <= plain <= highest:
+        raise InvalidRequest(field, value, expected)
+    try:
+        return float(plain)
+    except OverflowError:  # an integer that no float holds, where any number would do
+        raise InvalidRequest(field, value, expected) from None
+
+
+def whole(field: str, value: object, lowest: int, highest: int) -> int:
+    """The whole number in [``lowest``, ``highest``] that a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field``: another number, a boolean, or no integer.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not lowest <= value <= highest:
+        raise InvalidRequest(field, value, f"a whole number from {lowest:,} to {highest:,}")
+    return int(value)
+
+
+def numbers(field: str, values: object, expected: str) -> FloatArray:
+    """A private, immutable float64 copy of the real numbers a caller gave, in the shape they have.
+
+    Their shape, and whether they are finite, is for the caller to check.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``: texts, booleans, complex numbers, other objects,
+            hidden (masked) entries, rows of unequal length, integers that no float holds, or 20 million numbers.
+    """
+    try:
+        _count(values)
+        array = np.asarray(values)
+    except Exception:  # another library's object may raise anything when numpy looks at it
+        raise InvalidRequest(field, values, expected) from None
+    if array.dtype.kind not in "iuf":
+        raise InvalidRequest(field, values, expected)
+    if array.dtype.itemsize == 8 and array.dtype.kind == "f":
+        return read_only(array)
+    with np.errstate(over="ignore"):  # a longer float that becomes infinite is found where finite ones are asked for
+        return read_only(array)
+
+
+def finite_numbers(field: str, values: object, n: int) -> FloatArray:
+    """``n`` finite numbers as ``numbers`` reads them, shape (n,).
+
+    Raises:
+        InvalidRequest: as ``numbers``, or another count of them, or one that is not finite.
+    """
+    expected = f"{n} finite numbers, shape ({n},)"
+    array = numbers(field, values, expected)
+    if array.shape != (n,) or not np.isfinite(array).all():
+        raise InvalidRequest(field, values, expected)
+    return array
+
+
+def vectors(field: str, values: object, largest: float = MAX_DIRECTION) -> FloatArray:
+    """Finite vectors that a caller gave, shape (..., 3); float64 arrays are not copied.
+
+    Raises:
+        InvalidRequest: as ``numbers``, or another shape, or a number that is not finite or beyond ``largest``.
+    """
+    expected = "finite vectors, shape (..., 3)"
+    array = values if type(values) is np.ndarray and values.dtype == np.float64 else numbers(field, values, expected)
+    if array.shape[-1:] != (3,) or not (np.isfinite(array) & (np.abs(array) <= largest)).all():
+        raise InvalidRequest(field, values, expected)
+    return array
+
+
+def text(field: str, value: object, expected: str = "a text") -> str:
+    """The text a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field``: it is none.
+    """
+    return instance(field, value, str, expected)
+
+
+def flag(field: str, value: object) -> bool:
+    """The yes or no that a caller gave.
+
+    Raises:
+        InvalidRequest: naming ``field``: neither True nor False.
+    """
+    return bool(instance(field, value, (bool, np.bool_), "True or False"))
+
+
+def instance(field: str, value: object, kind: type[T] | tuple[type[T], ...], expected: str) -> T:
+    """What a caller gave, if it is of that kind.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``.
+    """
+    if not isinstance(value, kind):
+        raise InvalidRequest(field, value, expected)
+    return value
+
+
+def items(
+    field: str, values: object, kind: type[T] | tuple[type[T], ...], expected: str, most: int = MAX_ITEMS
+) -> tuple[T, ...]:
+    """The elements of a list or another iterable, each of that kind.
+
+    Raises:
+        InvalidRequest: naming ``field`` and what was ``expected``: a text, a mapping, a set (which has no order),
+            something that has no elements, an element of another kind, or more than ``most``.
+    """
+    if isinstance(values, (str, bytes, Mapping, Set)):
+        raise InvalidRequest(field, values, expected)
+    try:
+        given = iter(values)  # type: ignore[call-overload]
+    except TypeError:
+        raise InvalidRequest(field, values, expected) from None
+    found: list[T] = []
+    for value in islice(given, most):
+        if not isinstance(value, kind):
+            raise InvalidRequest(f"{field}[{len(found)}]", value, expected)
+        found.append(value)
+    for _ in given:
+        raise InvalidRequest(field, values, f"{expected}, at most {most:,}")
+    return tuple(found)
+
+
+def _count(values: object) -> int:
+    """How many numbers numpy would find in ``values``.
+
+    Raises:
+        ValueError: too many, or it would take something for a number that is none: a boolean or a hidden entry.
+    """
+    if isinstance(values, np.ndarray):
+        mask = getattr(values, "mask", False)
+        if values.dtype.kind == "b" or (mask is not False and bool(np.any(mask))):
+            raise ValueError
+        count = values.size
+    elif isinstance(values, (list, tuple)):
+        count = 0
+        for value in values:
+            count += 1 if type(value) is float else _count(value)
+            if count > MAX_NUMBERS:
+                break
+    elif isinstance(values, (bool, np.bool_)):
+        raise ValueError
+    else:
+        count = len(values) if hasattr(values, "__len__") else 1
+    if count > MAX_NUMBERS:
+        raise ValueError
+    return count
+
+
+def finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
+    """``size`` finite numbers that a caller gave.
+
+    Raises:
+        InvalidRequest: as ``numbers``, or another count of them, or one that is not finite.
+    """
+    if type(values) is tuple and len(values) == size and all(type(v) is float and math.isfinite(v) for v in values):
+        return values
+    found = numbers(field, values, f"{size} finite numbers")
+    if found.shape != (size,) or not np.isfinite(found).all():
+        raise InvalidRequest(field, values, f"{size} finite numbers")
+    return tuple(found.tolist())
+
+
+def margin_of(margin: object) -> float:
+    """Metres by which a caller wants a shape grown."""
+    return number("margin", margin, f"metres in [0, {MAX_LENGTH:g}]", 0.0, MAX_LENGTH)
+
+
+def points_of(points: object) -> FloatArray:
+    """Points that a caller gave."""
+    return vectors("points", points, MAX_COORDINATE)
+
+
+def copied_in(value: object, *names: str) -> None:
+    """For ``__post_init__``: hold read-only copies of the arrays, lists and mappings that ``names`` were given as."""
+    for name in names:
+        held = getattr(value, name)
+        if isinstance(held, np.ndarray):
+            held = held.copy()
+            held.flags.writeable = False
+        elif isinstance(held, Mapping):
+            held = dict(held)
+        elif held is not None:
+            held = items(name, held, object, "a sequence")
+        object.__setattr__(value, name, held)
