@@ -1,7 +1,7 @@
-"""Bytes that took long to work out, kept on disk from one process to the next; losing them costs only time.
+"""A cache on disk for results that take long to compute; losing an entry costs only time.
 
-Nothing here fails: what cannot be read is not there, what cannot be written is not kept. Nothing read is to be trusted
-either: anyone who may write to the folder may have written it, so whoever asks has to check what comes back.
+Nothing here fails: an entry that cannot be read counts as missing, one that cannot be written is dropped. Entries are
+not to be trusted: anyone with write access to the folder may have written them, so the caller checks what it gets.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from planner_service.files.writing import remove_leftovers, swap_in
 __all__ = ["CACHE_VARIABLE", "DiskCache", "cache_folder"]
 
 CACHE_VARIABLE = "PLANNER_SERVICE_CACHE"
-"""The environment variable that names the folder to keep things in; empty: nothing is kept."""
+"""The environment variable that names the cache folder; if it is empty, nothing is kept."""
 
 MAX_ENTRY = 50_000_000
-"""Bytes of one entry, as many as of a mesh file."""
+"""Bytes of one entry, as for a mesh file."""
 
 MAX_FOLDER = 500_000_000
 """Bytes of all entries of a folder; the decompositions of a robot's meshes take about a megabyte."""
@@ -37,9 +37,9 @@ DIGEST = hashlib.sha256().digest_size
 
 
 def cache_folder(environment: Mapping[str, str] = os.environ) -> Path | None:
-    """The folder to keep things in: ``$PLANNER_SERVICE_CACHE``, else ``planner-service`` among the user's caches.
+    """The cache folder: ``$PLANNER_SERVICE_CACHE``, else ``planner-service`` in the user's cache folder.
 
-    None if that variable is empty, or there is neither ``$XDG_CACHE_HOME`` (an absolute path) nor a home.
+    None if that variable is empty, or if there is neither ``$XDG_CACHE_HOME`` (an absolute path) nor a home folder.
     """
     if CACHE_VARIABLE in environment:
         return Path(environment[CACHE_VARIABLE]) if environment[CACHE_VARIABLE] else None
@@ -54,10 +54,10 @@ def cache_folder(environment: Mapping[str, str] = os.environ) -> Path | None:
 
 @dataclass(frozen=True)
 class DiskCache:
-    """Entries by key in a folder that several processes may use at once; the oldest go when there are too many.
+    """Entries by key in a folder that several processes may share; the oldest are deleted when there are too many.
 
     Attributes:
-        folder: Made when first written to; None keeps nothing.
+        folder: Created with the first entry; None keeps nothing.
         most_bytes: Of all entries together, 0.5 GB unless said otherwise.
     """
 
@@ -65,7 +65,7 @@ class DiskCache:
     most_bytes: int = MAX_FOLDER
 
     def get(self, key: str) -> bytes | None:
-        """What was put under ``key`` (64 hexadecimal digits), or None; never a part of it, nor what another key has."""
+        """The whole entry of ``key`` (64 hexadecimal digits), or None."""
         path = self._path(key)
         if path is None:
             return None
@@ -81,7 +81,7 @@ class DiskCache:
         return data
 
     def put(self, key: str, data: bytes) -> None:
-        """Keep ``data`` under ``key``, if that is possible; whoever reads meanwhile gets the old entry or the new."""
+        """Keep ``data`` under ``key`` if possible; a reader gets the old entry or the new one, never a mixture."""
         path = self._path(key)
         if path is None or len(data) > MAX_ENTRY:
             return
@@ -97,7 +97,7 @@ class DiskCache:
         return None if self.folder is None else self.folder / f"{key}.bin"
 
     def _prune(self, folder: Path) -> None:
-        """Delete the oldest files of ours until the rest is small enough."""
+        """Delete our oldest files until the rest is small enough."""
         found = []
         with os.scandir(folder) as entries:
             for entry in entries:

@@ -1,4 +1,4 @@
-"""Where the robots and scenes that come with the package are."""
+"""The folders of the robots and scenes that come with the package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files as bytes: only regular ones, only up to a size, and every reason why not as an ``InvalidFile``."""
+"""Reading files: regular ones only, up to a size; anything else raises ``InvalidFile`` with the reason."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def as_path(field: str, value: object) -> Path:
     """The path a caller gave.
 
     Raises:
-        InvalidRequest: it is neither a text nor a path of text.
+        InvalidRequest: neither a string nor a path of strings.
     """
     text = os.fspath(value) if isinstance(value, (str, os.PathLike)) else None
     if not isinstance(text, str):
@@ -27,10 +27,10 @@ def read_bytes(path: Path, most: int) -> bytes:
     """The content of the file at ``path``, at most ``most`` bytes of it.
 
     Raises:
-        InvalidFile: not a regular file (a pipe would block, a device never end), unreadable, or larger.
+        InvalidFile: not a regular file (a pipe would block, a device would never end), unreadable, or larger.
     """
     try:
-        regular = stat.S_ISREG(os.stat(path).st_mode)  # asked before opening: to open a pipe is to wait for its writer
+        regular = stat.S_ISREG(os.stat(path).st_mode)  # checked before opening: opening a pipe waits for its writer
         data = b""
         if regular:
             with open(path, "rb") as file:

@@ -1,4 +1,4 @@
-"""XML read with care: UTF-8, no document type, no entities, nothing deep, and only so many elements."""
+"""Reading XML safely: UTF-8 only, no document type, no entities, and caps on depth, elements and names."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MAX_DEPTH = 64
 MAX_ELEMENTS = 500_000
 """An element takes a few hundred bytes of memory, and four bytes of a file."""
 MAX_NAME = 500
-"""Characters of a name: problems repeat it."""
+"""Characters of a name, which messages repeat."""
 
 
 class Malformed(Exception):
-    """Why a content is not what it should be."""
+    """The content of a file is not what it should be; the message says why."""
 
 
 def read_xml(path: Path, root_tag: str) -> ElementTree.Element:

@@ -30,18 +30,18 @@ IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
 _QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)
-"""Of a turn, in two parts: small multiples of the first are exact."""
+"""A quarter turn in two parts: small multiples of the first are exact."""
 
 
 def read_only(values: ArrayLike) -> FloatArray:
-    """A private, immutable float64 copy of ``values``, which are known to be numbers; see ``numbers`` for others."""
+    """An immutable float64 copy of ``values`` that are known to be numbers; for others see ``validation.numbers``."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
 
 
 def as_sent(value: object, state: dict[str, Any]) -> None:
-    """``__setstate__`` of values with arrays: from another process they come as numbers, and are read-only again."""
+    """``__setstate__`` of values with arrays: arrays from another process are made read-only again."""
     for held in state.values():
         for array in held if isinstance(held, tuple) else (held,):
             if isinstance(array, np.ndarray):
@@ -80,7 +80,7 @@ def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
 
 
 def cosines_and_sines(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of angles, to a few 1e-16, by Taylor's series: the same bits on every processor, as no library promises."""
+    """Cosines and sines of angles, to a few 1e-16, by Taylor series: the same bits on every processor."""
     quarters = np.floor(x * (2.0 / math.pi) + 0.5)
     r = (x - quarters * _QUARTER[0]) - quarters * _QUARTER[1]
     u = r * r

@@ -1,6 +1,6 @@
-"""Runs coacd in a process of its own, which may crash, hang or eat memory without anyone else noticing.
+"""A script that runs coacd in a process of its own, where it may crash, hang or use up memory without harm.
 
-A script that nothing imports. Its argument is JSON with ``path`` (the parent's sys.path), ``seconds``, ``bytes``,
+Nothing imports it. Its argument is JSON with ``path`` (the parent's sys.path), ``seconds``, ``bytes``,
 ``vertices`` and ``triangles`` (how many) and ``settings`` (arguments of ``coacd.run_coacd``); on standard input are the
 vertices as little-endian float64 and the triangles as int32; on standard output go, little-endian too, the number of
 pieces and of points of each as uint32, and the points as float64.
@@ -18,7 +18,7 @@ import sys
 def main() -> None:
     job = json.loads(sys.argv[1])
     sys.path[:] = job["path"]
-    signal.alarm(job["seconds"])  # ends it even in the middle of native code, and if nobody waits for it any more
+    signal.alarm(job["seconds"])  # ends the process even inside native code, and even if the parent is gone
     for limit, value in ((resource.RLIMIT_AS, job["bytes"]), (resource.RLIMIT_CORE, 0)):
         hard = resource.getrlimit(limit)[1]
         resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))

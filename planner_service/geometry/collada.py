@@ -1,8 +1,8 @@
-"""The vertices of a COLLADA (.dae) file: the triangles of its scene, each where its nodes put it, and nothing else.
+"""Reading COLLADA (.dae) files: the vertices that the faces of the scene use, placed by its nodes.
 
-Readers of robot descriptions do not turn the scene upright (``<up_axis>``), whatever the format says, so neither does
-this one. They differ in whether ``<unit>`` scales it: Coal and MoveIt leave it out, RViz and Gazebo do not; so only
-metres are read. Whatever else would move a vertex is refused: skins, morphs, animations, and words that are not known.
+Like other readers of robot descriptions, this one ignores ``<up_axis>``. They differ in whether ``<unit>`` scales the
+mesh (RViz and Gazebo apply it, Coal and MoveIt do not), so only metres are accepted. Anything else that would move a
+vertex is refused: skins, morphs, animations, and elements that are not known.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from planner_service.geometry.arrays import FloatArray, IntArray, product
 __all__ = ["dae_vertices"]
 
 MAX_NODES = 10_000
-"""Nodes of the scene, each instance counted: a node may be used many times, by nodes that are used many times."""
+"""Nodes of the scene, counting each instance: a node may be used many times by nodes that are used many times."""
 MAX_PARTS = 50_000
-"""What all of these hold, counted in the same way."""
+"""Children of these nodes, counted in the same way."""
 MAX_PLACED = 2_000_000
 """Vertices of all instances of all geometries."""
 MAX_READ = 20_000_000
 """Positions of all geometries, used or not: many may share one source."""
 
 UNIT = 1e-5
-"""How far from 1 the length of an axis may be that is written with six digits."""
+"""Error in the length of a unit axis that is written with six digits."""
 
 REFERABLE = ("geometry", "node", "visual_scene", "source", "float_array", "vertices")
 IDLE = ("asset", "extra", "instance_camera", "instance_light")
-"""What a node may hold that moves no vertex."""
+"""Children of a node that move no vertex."""
 STRIPS = ("triangles", "polylist", "polygons", "tristrips", "trifans", "lines", "linestrips")
 SIZES = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 
@@ -43,7 +43,7 @@ def dae_vertices(content: bytes) -> FloatArray:
     """The vertices (n, 3) that the faces of a COLLADA document use, in metres, as its scene places them.
 
     Raises:
-        Malformed: no such document, too much of it, not in metres, or something in it that is not understood.
+        Malformed: not COLLADA, too large, not in metres, or with an element that is not understood.
     """
     root = parse_xml(content)
     if _tag(root) != "COLLADA":
@@ -60,14 +60,14 @@ def _all(element: Element, tag: str) -> list[Element]:
 
 
 def _only(element: Element, tag: str) -> Element:
-    found = _all(element, tag)
-    if len(found) != 1:
-        raise Malformed(f"<{_tag(element)}> with {len(found)} <{tag}>; expected one")
-    return found[0]
+    children = _all(element, tag)
+    if len(children) != 1:
+        raise Malformed(f"<{_tag(element)}> with {len(children)} <{tag}>; expected one")
+    return children[0]
 
 
 class _Document:
-    """A document, its elements by id, and how much of it was placed."""
+    """A document with its elements by id, and how much of it was placed."""
 
     def __init__(self, root: Element) -> None:
         self._root = root
@@ -80,7 +80,7 @@ class _Document:
             if tag == "unit":
                 _require_metres(element)
             if tag == "channel":
-                raise Malformed(f"an animation moves {element.get('target', '')[:80]!r}; expected a mesh that is rigid")
+                raise Malformed(f"an animation moves {element.get('target', '')[:80]!r}; expected a rigid mesh")
             if tag in REFERABLE and name is not None:
                 if (tag, name) in self._by_id:
                     raise Malformed(f"<{tag}> with the id {name[:80]!r} twice")
@@ -94,11 +94,11 @@ class _Document:
         return np.concatenate([np.zeros((0, 3)), *placed])
 
     def _place(self, node: Element, above: FloatArray, depth: int, placed: list[FloatArray]) -> None:
-        """Add the vertices of a node and all below it, ``above`` being the pose of what holds it."""
+        """Add the vertices of a node and its descendants; ``above`` is the pose of its parent."""
         self._nodes += 1
         self._parts += len(node)
         if self._parts > MAX_PARTS:
-            raise Malformed(f"nodes that hold more than {MAX_PARTS:,} things, each instance counted")
+            raise Malformed(f"nodes with more than {MAX_PARTS:,} children, counting each instance")
         if depth > MAX_DEPTH or self._nodes > MAX_NODES:
             raise Malformed(f"nodes nested deeper than {MAX_DEPTH}, perhaps in a circle, or more than {MAX_NODES:,}")
         pose, held = above, []
@@ -116,13 +116,13 @@ class _Document:
             elif _tag(child) == "instance_geometry":
                 placed.append(_moved(pose, self._instance(child.get("url"))))
             else:
-                raise Malformed(f"<{_tag(child)}> in a node; expected geometries that are rigid, and where they are")
+                raise Malformed(f"<{_tag(child)}> in a node; expected rigid geometries and their placement")
 
     def _named(self, tag: str, url: str | None) -> Element:
-        found = self._by_id.get((tag, url[1:])) if url and url.startswith("#") else None
-        if found is None:
+        element = self._by_id.get((tag, url[1:])) if url and url.startswith("#") else None
+        if element is None:
             raise Malformed(f"{'' if url is None else url[:80]!r} is no <{tag}> of this file")
-        return found
+        return element
 
     def _instance(self, url: str | None) -> FloatArray:
         geometry = self._named("geometry", url)
@@ -149,7 +149,7 @@ class _Document:
             if _tag(child) in STRIPS:
                 for indices in _indices(child, f"#{vertices.get('id')}"):
                     if len(indices) and not 0 <= indices.min() <= indices.max() < len(points):
-                        raise Malformed(f"<{_tag(child)}> of vertices that are not there")
+                        raise Malformed(f"<{_tag(child)}> of vertices that do not exist")
                     used[indices] = True
             elif _tag(child) not in ("source", "vertices", "extra"):
                 raise Malformed(f"<{_tag(child)}> in a mesh; expected one of {', '.join(STRIPS)}")
@@ -234,11 +234,11 @@ def _indices(faces: Element, vertices: str) -> Iterator[IntArray]:
     stride = 1 + max(offset for _, offset, _ in inputs)
     corners = 0
     for item in _all(faces, "p"):
-        found = _integers(item.text)
-        if len(found) % stride:
-            raise Malformed(f"<{_tag(faces)}> with {len(found)} indices; expected {stride} for each corner")
-        corners += len(found) // stride
-        yield found[mine[0] :: stride]
+        indices = _integers(item.text)
+        if len(indices) % stride:
+            raise Malformed(f"<{_tag(faces)}> with {len(indices)} indices; expected {stride} for each corner")
+        corners += len(indices) // stride
+        yield indices[mine[0] :: stride]
     if _tag(faces) in ("triangles", "polylist"):
         wanted = 3 * _count(faces, "count")
         if _tag(faces) == "polylist":

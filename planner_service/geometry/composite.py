@@ -1,8 +1,8 @@
 """Solids made of convex pieces: compounds, point clouds and height fields.
 
-Everything that judges sees only the pieces, so a composite is hit where one of its pieces is; pieces of one composite
-may touch and overlap each other. Those of a cloud or a height field are boxes, in an order in which neighbours in the
-list are neighbours in space: whoever has to look at thousands of them can look at runs of them first.
+Collision checks see only the pieces: a composite is hit where one of its pieces is hit. Pieces of one composite may
+touch and overlap each other. Those of a cloud or a height field are boxes, ordered so that neighbours in the list are
+neighbours in space: a check of thousands of them can look at runs of them first.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ __all__ = ["Composite", "Compound", "HeightField", "Pieces", "PointCloud", "Soli
 
 
 MAX_PIECES = 50_000
-"""Boxes of a cloud or a height field, after those that fill a larger box were joined."""
+"""Boxes of a cloud or a height field, after boxes that fill a larger one were joined."""
 
 MAX_CELLS = 500_000
-"""Cells before that."""
+"""Cells before they are joined."""
 
 LEAST_CELL = 1e-4
 """Metres; a finer resolution than a tenth of a millimetre is a unit mistake."""
 
 MAX_COMPOUND = 1_000
-"""Pieces of a compound, which are made by hand or by a decomposition."""
+"""Pieces of a compound, made by hand or by a decomposition."""
 
 AT_ONCE = 200_000
-"""Numbers in a temporary array, so that it stays in a processor's cache."""
+"""Numbers in a temporary array: few enough for a processor's cache."""
 
 TRIPLE = 3
 
@@ -64,7 +64,7 @@ class Compound:
     """Convex shapes, each at a pose in the compound's own frame: a table with its legs, a mesh cut into convex pieces.
 
     Raises:
-        InvalidRequest: no piece, more than 1,000, or something else than a convex shape and a ``Pose``.
+        InvalidRequest: no piece, more than 1,000, or a piece that is not a convex shape and a ``Pose``.
     """
 
     parts: tuple[tuple[Shape, Pose], ...]
@@ -88,12 +88,13 @@ class Compound:
     def of_mesh(
         cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16
     ) -> Compound:
-        """The mesh in an STL, OBJ or PLY file cut into convex pieces, for one whose hull (``Mesh``) fills too much.
+        """The mesh in an STL, OBJ or PLY file cut into convex pieces, for when its hull (``Mesh``) fills too much.
 
-        It needs the extra ``decompose`` unless the hull will do; see ``decomposition.pieces_of_file`` for what is held.
+        Needs the extra ``decompose`` unless the hull is good enough; ``decomposition.pieces_of_file`` says what the
+        pieces are sure to contain.
 
         Args:
-            scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.
+            scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
             most: Pieces at most, 1 to 64.
 
         Raises:
@@ -105,7 +106,7 @@ class Compound:
 
     @classmethod
     def of_pieces(cls, pieces: Iterable[Shape]) -> Compound:
-        """Convex shapes that all have the compound's own frame."""
+        """A compound of convex shapes that are all given in its own frame."""
         given: tuple[Any, ...] = items("pieces", pieces, object, "convex shapes", MAX_COMPOUND)
         return cls(tuple((piece, Pose()) for piece in given))
 
@@ -115,12 +116,12 @@ class Compound:
 
     def support(self, direction: FloatArray) -> FloatArray:
         d = vectors("direction", direction)
-        found = []
+        farthest = []
         for shape, pose in self.parts:
             R = pose.rotation
             local = shape.support(_row_sums(d, R.T))
-            found.append(_row_sums(local, R) + np.array(pose.position))
-        return _farthest(d, found)
+            farthest.append(_row_sums(local, R) + np.array(pose.position))
+        return _farthest(d, farthest)
 
     def distance(self, points: FloatArray) -> FloatArray:
         p = points_of(points)
@@ -169,12 +170,12 @@ class _Boxes:
 class PointCloud:
     """Measured points (n, 3) in metres as solid cells: every cube of a grid that holds a point is an obstacle.
 
-    The cubes have edges of ``resolution`` metres and corners at its multiples in the cloud's own frame, as an octree of
-    that resolution has; a point on a face belongs to the higher cell. Between the points nothing is known: the
-    resolution should be no finer than the distance of neighbouring points on a surface, or the surface has holes.
+    The cubes have edges of ``resolution`` metres, with corners at multiples of it in the cloud's own frame, as in an
+    octree of that resolution; a point on a face belongs to the higher cell. Nothing is known between the points: if the
+    resolution is finer than the distance between neighbouring points on a surface, the surface has holes.
 
     Attributes:
-        points: The centres of the cells (k, 3): giving these again gives an equal cloud.
+        points: The centres of the cells (k, 3); a cloud made of these is equal to this one.
         cells: The cells as whole numbers of edges (k, 3), each once, sorted.
 
     Raises:
@@ -204,7 +205,7 @@ class PointCloud:
     @classmethod
     def from_file(cls, path: str | os.PathLike[str], resolution: float) -> PointCloud:
         """The points in a PLY file (its vertices), or in an NPY or NPZ file: an array (n, 3), called ``points`` if
-        there are others.
+        the file has several.
 
         Raises:
             InvalidFile: not such a file, larger than 50 MB, malformed, or with numbers that make no cloud.
@@ -261,15 +262,15 @@ class PointCloud:
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """A solid ground of columns: ``heights[i, j]`` is the top of the one from i to i + 1 cells in x, j to j + 1 in y.
+    """Solid ground made of columns: ``heights[i, j]`` is the top of column i to i + 1 in x, j to j + 1 in y (cells).
 
-    Its frame has the corner of column (0, 0) at x = y = 0. Columns reach down to ``floor``; one that is no higher
-    stands for nothing.
+    Its frame has the corner of column (0, 0) at x = y = 0. Columns reach down to ``floor``; a column that is no
+    higher is empty.
 
     Args:
         heights: Metres, (rows, columns).
         cell: Metres along x and y.
-        floor: Metres, below every column that counts.
+        floor: Metres; the bottom of all columns.
 
     Raises:
         InvalidRequest: not finite numbers of two dimensions, beyond 1 km; a cell outside [0.0001, 1000] m; more than
@@ -304,7 +305,7 @@ class HeightField:
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str], cell: float, floor: float = 0.0) -> HeightField:
-        """The heights in an NPY or NPZ file: an array (rows, columns), called ``heights`` if there are others.
+        """The heights in an NPY or NPZ file: an array (rows, columns), called ``heights`` if the file has several.
 
         Raises:
             InvalidFile: not such a file, larger than 50 MB, malformed, or with numbers that make no height field.
@@ -359,7 +360,7 @@ Composite = Compound | PointCloud | HeightField
 """A solid made of convex pieces."""
 
 Solid = Shape | Composite
-"""What an obstacle or an attached object may be."""
+"""Any shape of an obstacle or an attached object."""
 
 
 def _checked_cell(field_name: str, value: object) -> float:
@@ -383,13 +384,13 @@ def _checked_rows(field_name: str, values: object) -> FloatArray:
 
 def _check_count(field_name: str, cell: float, count: int) -> None:
     if count > MAX_PIECES:
-        expected = f"a coarser one, of at most {MAX_PIECES:,} boxes"
+        expected = f"a coarser one, with at most {MAX_PIECES:,} boxes"
         message = f"{field_name}: {cell:g} m makes {count:,} boxes; expected {expected}"
         raise InvalidRequest(field_name, cell, expected, message=message)
 
 
 def _joined(low: FloatArray, high: FloatArray, axes: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Boxes (k, 3) with neighbours joined that together fill a larger box: along one axis after the other."""
+    """Boxes (k, 3) after joining neighbours that together fill a larger box, one axis after the other."""
     for axis in axes:
         others = [k for k in range(TRIPLE) if k != axis]
         keys = [low[:, axis], *(table[:, k] for k in others for table in (high, low))]
@@ -408,7 +409,7 @@ def _joined(low: FloatArray, high: FloatArray, axes: Sequence[int]) -> tuple[Flo
 
 
 BITS = 16
-"""Of each coordinate along the curve."""
+"""Bits of each coordinate along the curve."""
 
 
 def _along_a_curve(points: FloatArray) -> IntArray:
@@ -428,9 +429,9 @@ def _row_sums(v: FloatArray, R: FloatArray) -> FloatArray:
     return np.asarray(v[..., 0, None] * R[:, 0] + v[..., 1, None] * R[:, 1] + v[..., 2, None] * R[:, 2])
 
 
-def _farthest(d: FloatArray, found: Sequence[FloatArray]) -> FloatArray:
-    """Of points (..., 3) of several solids the one farthest along d."""
-    points = np.stack(found)
+def _farthest(d: FloatArray, candidates: Sequence[FloatArray]) -> FloatArray:
+    """Of one point (..., 3) from each solid, the one farthest along ``d``."""
+    points = np.stack(candidates)
     best = (points[..., 0] * d[..., 0] + points[..., 1] * d[..., 1] + points[..., 2] * d[..., 2]).argmax(axis=0)
     return np.asarray(np.take_along_axis(points, best[None, ..., None], axis=0)[0])
 

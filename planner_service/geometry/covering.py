@@ -1,4 +1,4 @@
-"""Convex pieces made to hold a mesh: its whole surface, proven triangle by triangle, and its inside, along lines."""
+"""Growing convex pieces until they contain a mesh: its surface by triangles, proven; its inside along lines."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from planner_service.geometry.mesh import Mesh
 __all__ = ["SLACK", "covering", "longest_gap", "slack"]
 
 SLACK = 1e-4
-"""Of the size of a mesh; coacd moves points by up to half of it."""
+"""Relative to the size of a mesh; coacd moves points by up to half of this."""
 
 ROUNDING = 1e-12
-"""Of the size of a mesh: what a piece is to hold beyond a point, so that rounding does not leave the point out."""
+"""Relative to the size of a mesh: how far a piece reaches beyond a point, so that rounding does not exclude it."""
 
 LANKY = 10.0
-"""How many times longer than thick a piece may be to be made larger by the same factor in every direction."""
+"""Length over thickness up to which a piece is scaled by one factor in every direction."""
 
 MAX_WORK = 500_000
-"""Parts of triangles that are divided; pieces cut by planes need some ten for each triangle that a plane crosses."""
+"""Parts of triangles that are divided; pieces cut by planes need about ten for each triangle that a plane crosses."""
 
 MOST_LINES, LEAST_LINES = 100, 5
 CROSSINGS = 20_000_000
-"""Lines along each axis, and how many pairs of a line and a triangle are looked at to find out where they cross."""
+"""Lines along each axis, and pairs of a line and a triangle that are tested for a crossing."""
 
 AT_ONCE = 200_000
-"""Numbers in a temporary array, so that it stays in a processor's cache."""
+"""Numbers in a temporary array: few enough for a processor's cache."""
 
 
 def slack(vertices: FloatArray) -> float:
-    """Metres that count as little on a mesh: a ten-thousandth of the longest edge of the box around it."""
+    """Metres that are negligible on a mesh: a ten-thousandth of the longest edge of its bounding box."""
     return SLACK * float((vertices.max(axis=0) - vertices.min(axis=0)).max())
 
 
 def covering(pieces: Sequence[Mesh], vertices: FloatArray, faces: IntArray) -> tuple[Mesh, ...]:
-    """The pieces, each grown by as much as it takes for them together to hold every triangle.
+    """The pieces, grown just enough that together they contain every triangle.
 
-    A convex piece that holds the corners of a triangle holds the triangle. One whose corners are in different pieces
-    is divided where it leaves one of them, and so on. In a piece is here what is at most ``slack`` above its faces: at
-    the end, each piece is made larger by the most that it was short of. A corner that is in no piece is added to the
-    nearest; so are the corners of what is smaller than ``slack`` and not in one piece.
+    A convex piece that contains the corners of a triangle contains the triangle. A triangle whose corners are in
+    different pieces is divided where it leaves one of them, and so on. Points at most ``slack`` above the faces of a
+    piece count as inside; at the end each piece grows by the largest such height. A corner that is in no piece is added
+    to the nearest one, and so are the corners of a part that is smaller than ``slack`` and not inside one piece.
 
-    So a piece grows by less than 11 times ``slack``, a thousandth of the size of the mesh, or by that more than the
-    distance of a corner that was in no piece.
+    A piece grows by less than 11 times ``slack``, a thousandth of the size of the mesh, plus the distance of the
+    farthest corner that was added to it.
 
     Args:
         pieces: At least one.
@@ -62,7 +62,7 @@ def covering(pieces: Sequence[Mesh], vertices: FloatArray, faces: IntArray) -> t
 
 
 class _Cover:
-    """Triangles that are not yet known to be held, as rows of ``points``; column k of ``heights`` is piece k's."""
+    """Triangles not yet known to be inside, as rows of ``points``; column k of ``heights`` belongs to piece k."""
 
     def __init__(self, pieces: Sequence[Mesh], vertices: FloatArray, faces: IntArray) -> None:
         self._given, self._pieces = tuple(pieces), list(pieces)
@@ -75,7 +75,7 @@ class _Cover:
 
     def pieces(self) -> tuple[Mesh, ...]:
         work = 0
-        for halving in cycle((False, True)):  # where a piece is left may be next to where it was left before
+        for halving in cycle((False, True)):  # else cuts might creep along a triangle in ever smaller steps
             self._add_lost_corners()
             above = self._heights[self._rest].max(axis=1)
             nearest, least = above.argmin(axis=1), above.min(axis=1)
@@ -101,19 +101,19 @@ class _Cover:
 
     def _add_lost_corners(self) -> None:
         lost = np.flatnonzero((self._heights > self._slack).all(axis=1))
-        if len(lost):  # to the piece that was nearest before any grew, so that none grows farther than that
+        if len(lost):  # to the piece that was nearest at the start, so that none grows farther than that
             away = np.stack([piece.distance(self._points[lost]) for piece in self._given], axis=-1)
             self._add(lost, away.argmin(axis=1))
 
     def _add(self, rows: IntArray, where: IntArray) -> None:
-        """Let piece ``where[i]`` hold the points ``rows[i]`` as well."""
+        """Add the points ``rows[i]`` to piece ``where[i]``."""
         for k in np.unique(where).tolist():
             more = self._points[np.unique(rows[where == k])]
             self._pieces[k] = Mesh(np.concatenate([self._pieces[k].vertices, more]))
             self._heights[:, k] = _heights(self._pieces[k], self._points, self._slack)
 
     def _divide(self, triangles: IntArray, halving: bool) -> None:
-        """Cut each triangle in two: where an edge leaves the piece with most of its corners, or the longest in half."""
+        """Cut each triangle in two: where an edge leaves the piece with most corners, or at half the longest edge."""
         inside = self._heights[triangles] <= self._slack
         piece = inside.sum(axis=1).argmax(axis=1)
         within = np.take_along_axis(inside, piece[:, None, None], axis=2)[..., 0]
@@ -136,19 +136,19 @@ class _Cover:
         self._points, self._heights, self._rest = points[used], heights[used], rows.reshape(-1, 3)
 
     def _exits(self, triangles: IntArray, edge: IntArray, piece: IntArray, within: NDArray[np.bool_]) -> FloatArray:
-        """Where along each edge, as a share of it from its start, the piece that holds just one end is left."""
+        """Where each edge leaves the piece that contains only one of its ends, as a share of its length."""
         ends = np.stack([np.take_along_axis(triangles, (edge[:, None] + k) % 3, axis=1)[:, 0] for k in (0, 1)], axis=1)
         forwards = np.take_along_axis(within, edge[:, None], axis=1)[:, 0]
         share = np.zeros(len(edge))
         for k in np.unique(piece).tolist():
             mine = piece == k
-            there = np.where(forwards[mine][:, None], ends[mine], ends[mine][:, ::-1])
-            share[mine] = _exit(self._pieces[k], *self._points[there.T])
+            outwards = np.where(forwards[mine][:, None], ends[mine], ends[mine][:, ::-1])
+            share[mine] = _exit(self._pieces[k], *self._points[outwards.T])
         return np.where(forwards, share, 1.0 - share)
 
 
 def _larger(piece: Mesh, margin: float) -> Mesh:
-    """A piece that holds all points at most ``margin`` above the faces of this, and none farther than 10 times that.
+    """A piece that contains all points up to ``margin`` above the faces of this one, and none beyond 10 times that.
 
     With c inside and r above none of the faces, scaling about c by 1 + margin / r moves each face out by the margin or
     more, and no corner R from c by more than margin R / r. Unless R / r is large this keeps the number of corners.
@@ -164,14 +164,14 @@ def _larger(piece: Mesh, margin: float) -> Mesh:
 
 
 def _heights(piece: Mesh, points: FloatArray, most: float) -> FloatArray:
-    """How far each point is above the faces, but only more than ``most`` if it is: never above the distance."""
+    """How far each point is above the faces; beyond ``most`` a lower bound of its distance."""
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
     heights = np.maximum(low - points, points - high).max(axis=1)
     near = np.flatnonzero(heights <= most)
     step = max(1, AT_ONCE // len(piece.normals))
     for k in range(0, len(near), step):
-        some = near[k : k + step]
-        heights[some] = _above(piece, points[some]).max(axis=1)
+        block = near[k : k + step]
+        heights[block] = _above(piece, points[block]).max(axis=1)
     return np.asarray(heights)
 
 
@@ -195,10 +195,10 @@ def _exit(piece: Mesh, inner: FloatArray, outer: FloatArray) -> FloatArray:
 
 
 def longest_gap(pieces: Sequence[Mesh], vertices: FloatArray, faces: IntArray) -> float:
-    """Metres of the longest stretch inside a closed mesh that no piece holds, on up to 100 lines along each axis.
+    """Metres of the longest stretch inside a closed mesh but in no piece, on up to 100 lines along each axis.
 
     Inside is where the triangles wind around a point, in either sense. The lines are spread evenly and are the same
-    for equal meshes; one that meets an edge is not looked at.
+    for equal meshes; a line that meets an edge is skipped.
     """
     many = max(LEAST_LINES, min(MOST_LINES, CROSSINGS // (3 * len(faces))))
     low, size = vertices.min(axis=0), vertices.max(axis=0) - vertices.min(axis=0)
@@ -248,7 +248,7 @@ def _held_stretch(normals: FloatArray, offsets: FloatArray, x: float, y: float) 
 
 
 def _gap(start: float, end: float, held: Sequence[tuple[float, float]]) -> float:
-    """The longest part of a stretch outside others, which are sorted."""
+    """The longest part of a stretch that is outside the sorted stretches ``held``."""
     gap, at = 0.0, start
     for low, high in held:
         gap = max(gap, min(low, end) - at)

@@ -1,4 +1,4 @@
-"""Meshes as several convex pieces, for those whose hull fills a hollow that matters."""
+"""Cutting a mesh into convex pieces, for when its hull would fill a hollow that matters."""
 
 from __future__ import annotations
 
@@ -29,37 +29,37 @@ from planner_service.geometry.validation import MAX_LENGTH, number, numbers
 __all__ = ["MAX_PIECES", "convex_pieces", "hull_ratio", "pieces_of_file"]
 
 MAX_PIECES = 64
-"""Each is checked against everything near it: more of them cost more than a finer shape is worth."""
+"""Each piece is checked against everything near it: more pieces cost more than a finer shape is worth."""
 
 FINEST = 1e-4
-"""Metres: no arm is so exact that a finer shape would let it pass."""
+"""Metres: no arm is so exact that a finer shape would matter."""
 
 TIGHT = 1.02
-"""A hull of at most this times the volume of its mesh is as good as any pieces."""
+"""Volume of a hull relative to its mesh up to which the hull is as good as any pieces."""
 
 SECONDS = 600
-"""Fifty times what most links of robots take, and some have been seen to take forever."""
+"""Fifty times what most links of robots take; some never end."""
 
 BYTES = 4_000_000_000
-"""Of address space; a mesh of a thousand triangles takes a twentieth."""
+"""Bytes of address space; a mesh of a thousand triangles takes a twentieth of it."""
 
 MAX_POINTS = 2_000_000
-"""Of all pieces together, as they come from coacd."""
+"""Points of all pieces together, as coacd returns them."""
 
 FORMAT = 1
-"""Of what is kept on disk; to be raised with any change to what coacd is asked for or how its answer is written."""
+"""Version of the entries kept on disk: raise it when the settings of coacd or the format of its answer change."""
 
 
 def pieces_of_file(
     path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16, tolerance: float = 0.01
 ) -> tuple[Mesh, ...]:
-    """Convex pieces that hold the mesh in an STL, OBJ or PLY file: ``convex_pieces`` of its triangles.
+    """Convex pieces that together contain the mesh in an STL, OBJ or PLY file; see ``convex_pieces``.
 
     Args:
-        scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.
+        scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
 
     Raises:
-        InvalidFile: no such file, or one from which pieces cannot be made.
+        InvalidFile: no such file, or one that cannot be cut into pieces.
         InvalidRequest: ``scale``, ``most`` or ``tolerance`` out of range.
         MissingDependency: more than the hull is needed, and coacd is not installed.
     """
@@ -75,23 +75,21 @@ def pieces_of_file(
 def convex_pieces(
     vertices: ArrayLike, faces: ArrayLike, *, most: int = 16, tolerance: float = 0.01
 ) -> tuple[Mesh, ...]:
-    """Convex solids that together hold a mesh, by coacd (Wei et al., ACM TOG 41(4), 2022) unless its hull will do.
+    """Convex solids that together contain a mesh, by coacd (Wei et al., ACM TOG 41(4), 2022) unless its hull is enough.
 
-    The surface is held wholly, whatever coacd answers: every triangle is followed through the pieces, which are made
-    larger until they hold it (``covering.py``): each by less than 1.1 thousandths of the size of the mesh
-    where coacd left nothing out, else by that more than the depth of what it left out. The inside of a closed mesh is
-    held as far as coacd cuts solids into solids, which is looked at along 300 lines (fewer from 70,000 triangles on):
-    if one of them has a gap, the answer is the hull. A mesh that is not closed has no inside; its surface is held.
+    The pieces contain the whole surface, whatever coacd answers: they are grown until they contain every triangle
+    (``covering.py``), each by less than 1.1 thousandths of the size of the mesh, plus the depth of whatever coacd left
+    out. Whether they also contain the inside of a closed mesh is checked along 300 lines (fewer from 70,000 triangles
+    on): if one of them has a gap, the answer is the hull. A mesh that is not closed has no inside.
 
-    Equal for equal arguments and versions of coacd, with the bits that coacd gives on this kind of machine. It runs in
-    a process of its own, for up to ten minutes and 4 GB; its answer is kept on disk (``files/disk_cache.py``)
-    and held against the surface again whenever it is read.
+    Equal for equal arguments, version of coacd and kind of machine. coacd runs in a process of its own, for up to ten
+    minutes and 4 GB; its answer is kept on disk (``files/disk_cache.py``) and checked against the surface each time.
 
     Args:
         vertices: (n, 3) in metres.
         faces: Triangles (t, 3) as rows of ``vertices``, counter-clockwise seen from outside.
-        most: Pieces at most, 1 to 64; 1 gives the hull. Rather than more, coacd makes thicker ones.
-        tolerance: Metres by which a piece may fill what is not solid, which coacd aims at without a promise.
+        most: Maximum number of pieces, 1 to 64; 1 gives the hull. With fewer pieces, coacd makes thicker ones.
+        tolerance: Metres by which a piece may fill what is not solid; coacd aims at it but does not guarantee it.
 
     Raises:
         InvalidRequest: arguments of another shape or out of range, a flat mesh, or one that coacd cannot cut in time.
@@ -102,7 +100,7 @@ def convex_pieces(
 
 
 def hull_ratio(vertices: ArrayLike, faces: ArrayLike) -> float:
-    """Volume of a mesh's hull over what its triangles enclose: 1 when convex, 3 when two thirds of the hull are air.
+    """Volume of a mesh's hull divided by the volume of the mesh: 1 if convex, 3 if two thirds of the hull are air.
 
     Infinite if the triangles are not closed (some edge of one is not an edge, in the other direction, of just one
     other) or enclose nothing. Where bodies in the mesh overlap, the overlap counts twice, and the ratio is too low.
@@ -155,7 +153,7 @@ def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settin
 
 
 def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Mesh, FloatArray, IntArray]:
-    """The hull, the points, each once, and the triangles that have three different corners."""
+    """The hull, the distinct points, and the triangles that have three distinct corners."""
     points = numbers("vertices", vertices, "points (n, 3) in metres")
     hull = Mesh(points)  # refuses what is no solid
     expected = f"1 to {MAX_TRIANGLES:,} triangles (t, 3) with three different corners, as rows of vertices"
@@ -187,13 +185,13 @@ def _is_closed(faces: IntArray) -> bool:
 
 
 def _volume(vertices: FloatArray, faces: IntArray) -> float:
-    """What the triangles enclose, negative if they face inwards: tetrahedra from one corner, added up exactly."""
+    """The enclosed volume, negative if triangles face inwards: tetrahedra from one corner, added up exactly."""
     (a, b, c), (d, e, f), (g, h, i) = (vertices[faces[:, k]].T - vertices[0][:, None] for k in range(3))
     return math.fsum((a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)).tolist()) / 6.0
 
 
 def _cut(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settings) -> list[FloatArray]:
-    """Points of each piece, from disk or else from coacd: neither is trusted any further than that they are points."""
+    """Points of each piece, from disk or else from coacd; neither is trusted to be right."""
     from importlib.metadata import PackageNotFoundError, version  # slower than all of this module
 
     try:
@@ -217,13 +215,13 @@ def _cut(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settings)
 
 
 def _within(hull: Mesh, points: FloatArray, by: float) -> bool:
-    """Whether no point is farther than that outside a hull, as no piece of a mesh is."""
-    some = range(0, len(points), 1_000)
-    return all(float((points[k : k + 1_000] @ hull.normals.T - hull.offsets).max(initial=-1.0)) <= by for k in some)
+    """Whether no point is farther than ``by`` outside a hull, as for every true piece of its mesh."""
+    starts = range(0, len(points), 1_000)
+    return all(float((points[k : k + 1_000] @ hull.normals.T - hull.offsets).max(initial=-1.0)) <= by for k in starts)
 
 
 def _points(data: bytes | None, most: int) -> list[FloatArray] | None:
-    """The pieces that ``coacd_child`` wrote, or None if this is not what it writes."""
+    """The pieces that ``coacd_child`` wrote, or None if ``data`` is not in its format."""
     if data is None or len(data) < 4:
         return None
     many = int(np.frombuffer(data, "<u4", 1)[0])
@@ -240,7 +238,7 @@ def _points(data: bytes | None, most: int) -> list[FloatArray] | None:
 
 
 def _run_coacd(vertices: FloatArray, faces: IntArray, settings: _Settings) -> bytes:
-    """What ``coacd_child`` writes about a mesh.
+    """The output of ``coacd_child`` for a mesh.
 
     Raises:
         InvalidRequest: it crashed, took too long or too much memory, or coacd refused the mesh.
@@ -260,7 +258,7 @@ def _run_coacd(vertices: FloatArray, faces: IntArray, settings: _Settings) -> by
         raise _failed(f"it died: {signal.strsignal(-done.returncode)}")
     if done.returncode > 0:
         last = done.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
-        raise _failed(f"it said {' '.join(last)[:200]!r}")
+        raise _failed(f"its last message was {' '.join(last)[:200]!r}")
     return done.stdout
 
 

@@ -1,7 +1,8 @@
-"""Triangle meshes as convex solids: a mesh is judged as the hull of its vertices.
+"""Convex meshes: a mesh counts as the solid convex hull of its vertices.
 
-A mesh as such is a surface, and a body wholly inside it would touch nothing; its hull is a solid that holds it, so
-whatever stays clear of the hull stays clear of the mesh. What is hollow or bent is filled: split it into convex pieces.
+A mesh by itself is a surface, and a body that is wholly inside it touches nothing. Its hull is a solid that contains
+it, so whatever stays clear of the hull stays clear of the mesh. The hull fills hollows: where that matters, cut the
+mesh into convex pieces (``decomposition``).
 """
 
 from __future__ import annotations
@@ -25,16 +26,16 @@ from planner_service.geometry.validation import MAX_LENGTH, margin_of, numbers, 
 __all__ = ["Mesh", "checked_scale"]
 
 MAX_HULL = 5_000
-"""Corners of a hull: a scanned ball of 50,000 vertices has fewer; every bound of a gap looks at each of them."""
+"""Corners of a hull, each of which every distance bound looks at; a scanned ball of 50,000 vertices has fewer."""
 
 THINNEST = 1e-6
-"""Metres: what is thinner is flat up to rounding, and below the gap at which collision libraries are undefined."""
+"""Metres: anything thinner is flat up to rounding, and collision libraries are undefined below this gap."""
 
 ROUNDING = 1e-9
-"""Of the size of a mesh: far above what its hull may leave out by rounding (1e-15), far below what matters."""
+"""Relative to the size of a mesh: far above what rounding may cut off its hull (1e-15), far below what matters."""
 
 AT_ONCE = 200_000
-"""Numbers in a temporary array, so that it stays in a processor's cache."""
+"""Numbers in a temporary array: few enough for a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +67,8 @@ class Mesh:
         """Be the hull of points (n, 3), each once, sorted."""
         corners, faces, normals = _hull(points, most)
         highest, lowest = [], []
-        for some in _blocks(normals, len(corners)):
-            heights = _along(corners, some)
+        for block in _blocks(normals, len(corners)):
+            heights = _along(corners, block)
             highest.append(heights.max(axis=-1))
             lowest.append(heights.min(axis=-1))
         offsets = np.concatenate(highest)
@@ -85,7 +86,7 @@ class Mesh:
         """The solid hull of the vertices in an STL, OBJ, PLY or COLLADA (.dae) file.
 
         Args:
-            scale: What the file's x, y and z are multiplied by to be metres; a negative one mirrors.
+            scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
 
         Raises:
             InvalidFile: not such a file, larger than 50 MB, malformed, flat, or with numbers that make no mesh.
@@ -123,8 +124,8 @@ class Mesh:
     def distance(self, points: FloatArray) -> FloatArray:
         """Distance from each point to the solid, 0 inside; (..., 3) in, (...) out; exact up to rounding."""
         p = points_of(points)
-        found = [self._distances(rows) for rows in _blocks(p.reshape(-1, 3), 6 * len(self.faces))]
-        return np.concatenate(found).reshape(p.shape[:-1])
+        distances = [self._distances(rows) for rows in _blocks(p.reshape(-1, 3), 6 * len(self.faces))]
+        return np.concatenate(distances).reshape(p.shape[:-1])
 
     def _distances(self, points: FloatArray) -> FloatArray:
         """Of points (k, 3): the nearest point lies on a face that the point is above, or on, or on an edge.
@@ -145,9 +146,9 @@ class Mesh:
         return np.where((above <= 0.0).all(axis=-1), 0.0, np.minimum(onto, least))
 
     def grown(self, margin: float) -> Mesh:
-        """A mesh that holds every point within ``margin`` of this one, and none farther than 1.74 times that.
+        """A mesh that contains every point within ``margin`` of this one, and none farther than 1.74 times that.
 
-        The links of a robot are grown again for every scene: the last 1,024 that were made are remembered.
+        The links of a robot are grown again for every scene, so the last 1,024 results are kept.
         """
         margin = margin_of(margin)
         return self if margin == 0.0 else _grown(self, margin)
@@ -185,10 +186,10 @@ def checked_scale(field_name: str, scale: Any) -> tuple[float, float, float]:
         InvalidRequest: not three finite numbers, none of them zero.
     """
     expected = "three finite numbers, none of them 0"
-    found = numbers(field_name, scale, expected)
-    if found.shape != (3,) or not np.all(np.isfinite(found)) or not np.all(found != 0.0):
+    factors = numbers(field_name, scale, expected)
+    if factors.shape != (3,) or not np.all(np.isfinite(factors)) or not np.all(factors != 0.0):
         raise InvalidRequest(field_name, scale, expected)
-    x, y, z = found.tolist()
+    x, y, z = factors.tolist()
     return (x, y, z)
 
 

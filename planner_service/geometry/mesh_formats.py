@@ -1,6 +1,7 @@
-"""Vertices and triangles of STL, OBJ and PLY files, vertices of COLLADA ones: read with care, nothing else followed.
+"""Reading mesh files: vertices and triangles of STL, OBJ and PLY, vertices of COLLADA.
 
-Materials, textures and whatever else such a file names are never opened.
+A file gives all of its vertices or is refused: a lost vertex would be a hole in an obstacle. Materials, textures and
+other files that it names are never opened. ``docs/design/libraries.md`` says why no library does this.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ MAX_BYTES = 50_000_000
 """A binary STL of a million triangles, three times the largest seen in a robot's description."""
 
 MAX_VERTICES = 500_000
-"""Different points of a mesh."""
+"""Distinct points of a mesh."""
 
 MAX_TRIANGLES = 1_000_000
-"""Triangles of a mesh, as many as a file of that size has in binary."""
+"""Triangles of a mesh: as many as a binary file of ``MAX_BYTES`` holds."""
 
 STL_HEAD, STL_FACET = 84, 50
 """Bytes before the first triangle of a binary STL, and of each triangle."""
@@ -45,7 +46,7 @@ MAX_HEADER = 10_000
 """Bytes of a PLY header."""
 
 _Parsed = tuple[FloatArray, Callable[[], IntArray]]
-"""The vertices of a file, as often as they are there, and what reads its triangles: a hull asks for none."""
+"""The vertices of a file, repeated as in the file, and a function that reads its triangles: a hull needs none."""
 
 
 def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> FloatArray:
@@ -65,8 +66,8 @@ def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
 def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[FloatArray, IntArray]:
     """The vertices (n, 3) that ``read_vertices`` finds, and the triangles (t, 3) between them, as rows of vertices.
 
-    Equal vertices are one, a polygon is a fan of triangles around its first corner, a triangle without three
-    different corners is left out, and one that a negative scale mirrors keeps its outside outside.
+    Equal vertices count as one. A polygon becomes a fan of triangles around its first corner, a triangle without three
+    distinct corners is left out, and triangles that a negative scale mirrors still face outwards.
 
     Raises:
         InvalidFile: what ``read_vertices`` refuses, a COLLADA file, no triangles or more than a million, or a corner
@@ -102,16 +103,16 @@ def _parsed(path: Path) -> _Parsed:
 
 
 def _unique(rows: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Each of the rows once, sorted, and where each of all rows is among them."""
+    """The distinct rows, sorted, and for each row its index among them."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is found later, like any other
         points, place = np.unique(rows, axis=0, return_inverse=True)
     return np.asarray(points), place.reshape(-1).astype(np.intp)
 
 
 def _scaled(points: FloatArray, scale: tuple[float, float, float]) -> FloatArray:
-    """Different points (n, 3) of a file, in metres."""
+    """Distinct points (n, 3) of a file, in metres."""
     if len(points) > MAX_VERTICES:
-        raise Malformed(f"{len(points):,} different vertices; expected at most {MAX_VERTICES:,}")
+        raise Malformed(f"{len(points):,} distinct vertices; expected at most {MAX_VERTICES:,}")
     if len(points) == 0:
         raise Malformed("no vertices")
     with np.errstate(over="ignore"):
@@ -136,14 +137,14 @@ def _stl(data: bytes) -> _Parsed:
     else:
         if not data[:512].lstrip().lower().startswith(b"solid"):
             size = f"{len(data):,} bytes are not those of {max(count, 0):,} triangles"
-            raise Malformed(f"no STL: {size}, nor is it a text")
+            raise Malformed(f"no STL: {size}, nor is it text")
         text = _text(data)
         if not re.search(r"\bendsolid\b", text[-1000:], re.IGNORECASE):
-            raise Malformed("an STL text without its end")
+            raise Malformed("STL text without its end")
         words = text.split()
         at = [k for k, word in enumerate(words) if word.lower() == "vertex"]
         if not at or len(at) % 3:
-            raise Malformed(f"{len(at)} vertices of an STL text; expected three for each triangle")
+            raise Malformed(f"{len(at)} vertices in STL text; expected three for each triangle")
         rows = _rows((words[k + 1 : k + 4] for k in at), len(at))
     return rows, lambda: np.arange(len(rows), dtype=np.intp).reshape(-1, 3)
 
@@ -170,7 +171,7 @@ def _obj_corners(lines: Sequence[str]) -> IntArray:
 
 
 def _ply(data: bytes) -> _Parsed:
-    end = re.search(rb"\nend_header[ \t\r]*\n", data[:MAX_HEADER])  # a comment may have the word, too
+    end = re.search(rb"\nend_header[ \t\r]*\n", data[:MAX_HEADER])  # a comment may contain the word
     if not data.startswith(b"ply") or end is None:
         raise Malformed("no PLY: it does not begin with 'ply' and a header that ends")
     lines = [line.split() for line in _text(data[: end.start()]).splitlines()[1:] if line.strip()]
@@ -242,7 +243,7 @@ def _ply_text_corners(header: list[list[str]], lines: Sequence[str]) -> IntArray
     for words in map(str.split, lines[:faces]):
         many = _corner(words[len(before)]) if len(before) < len(words) else -1
         if many < 0 or len(words) != len(before) + 1 + many + len(after):
-            raise Malformed("a PLY face without as many corners as it says")
+            raise Malformed("a PLY face whose number of corners is wrong")
         _fan([_corner(word) for word in words[len(before) + 1 :][:many]], fans)
     return np.array(fans, dtype=np.intp).reshape(-1, 3)
 
@@ -285,7 +286,7 @@ def _text(data: bytes) -> str:
     try:
         return data.decode("ascii", "replace" if b"\0" not in data else "strict")  # names may be in any encoding
     except UnicodeDecodeError:
-        raise Malformed("neither binary in the way its suffix says, nor a text") from None
+        raise Malformed("neither the binary format of its suffix nor text") from None
 
 
 def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
@@ -302,4 +303,4 @@ def _rows(rows: Iterable[list[str]], count: int) -> FloatArray:
 _PARSERS: dict[str, Callable[[bytes], _Parsed]] = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".dae": _collada}
 
 MESH_SUFFIXES = tuple(_PARSERS)
-"""Formats simple enough to be read with care."""
+"""Suffixes of the formats that are read."""

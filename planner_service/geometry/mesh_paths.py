@@ -1,4 +1,4 @@
-"""Meshes and the like named in a file: only from the file's own folder or folders the caller named."""
+"""Loading the meshes, clouds and height fields that a file names, from its own folder or folders the caller named."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.mesh import Mesh, checked_scale
 from planner_service.geometry.mesh_formats import MESH_SUFFIXES
 
-__all__ = ["MeshShelf"]
+__all__ = ["MeshLoader"]
 
 T = TypeVar("T")
 
 MAX_TOTAL = 500_000_000
-"""Bytes of all meshes and clouds that one robot or scene may name."""
+"""Bytes of all meshes and clouds of one robot or scene."""
 
 MAX_SCALED = 100_000
-"""Corners of all hulls that one robot or scene makes of files that it has read before, in another scale."""
+"""Corners of all hulls of one robot or scene that repeat a file in another scale."""
 
 
-class MeshShelf:
-    """Meshes and the like by the names that a robot or scene file gives them.
+class MeshLoader:
+    """Loads meshes, clouds and height fields by the names that a robot or scene file gives them.
 
     ``package://name/rest`` is looked for as ``name/rest`` and as ``rest`` in each folder, anything relative in each
-    folder; a path that leaves all of them, also through a symbolic link, is refused.
+    folder; a path that leaves all of them, even through a symbolic link, is refused.
 
     Args:
         folders: Resolved folders that may be read; the file's own first.
@@ -42,44 +42,46 @@ class MeshShelf:
         self._scaled = 0
 
     def mesh(self, filename: str, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
-        """The mesh of that name.
+        """The mesh that the file calls ``filename``.
 
         Raises:
-            InvalidRequest: it may not be read, does not exist or is no mesh, in words.
+            InvalidRequest: it may not be read, does not exist or is no mesh.
         """
         key = (self.path(filename), checked_scale("scale", scale))
         if key not in self._read:
             self._scaled += self._corners.get(key[0], 0)
             if self._scaled > MAX_SCALED:
-                raise _refused(filename, f"in too many scales: hulls of more than {MAX_SCALED:,} corners in all")
+                raise _refused(
+                    filename, f"is used in too many scales: hulls with more than {MAX_SCALED:,} corners in all"
+                )
             self._read[key] = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
             self._corners[key[0]] = len(self._read[key].vertices)
         return self._read[key]
 
     def pieces(self, filename: str, scale: Sequence[float], most: int) -> tuple[Mesh, ...]:
-        """The mesh of that name as at most so many convex pieces, see ``decomposition.convex_pieces``.
+        """The mesh that the file calls ``filename``, in at most ``most`` pieces (``decomposition.convex_pieces``).
 
         Raises:
-            InvalidRequest: as for ``mesh``, or no pieces can be made of it, in words.
+            InvalidRequest: as for ``mesh``, or it cannot be cut into pieces.
             MissingDependency: coacd is needed and not installed.
         """
         path, factors = self.path(filename), checked_scale("scale", scale)
         return self._opened(filename, path, lambda: pieces_of_file(path, factors, most=most))
 
     def cloud(self, filename: str, resolution: float) -> PointCloud:
-        """The point cloud of that name.
+        """The point cloud that the file calls ``filename``.
 
         Raises:
-            InvalidRequest: it may not be read, does not exist or is no cloud, in words.
+            InvalidRequest: it may not be read, does not exist or is no cloud.
         """
         path = self._path(filename)
         return self._opened(filename, path, lambda: PointCloud.from_file(path, resolution))
 
     def heights(self, filename: str, cell: float, floor: float) -> HeightField:
-        """The height field of that name.
+        """The height field that the file calls ``filename``.
 
         Raises:
-            InvalidRequest: it may not be read, does not exist or is no height field, in words.
+            InvalidRequest: it may not be read, does not exist or is no height field.
         """
         path = self._path(filename)
         return self._opened(filename, path, lambda: HeightField.from_file(path, cell, floor))
@@ -87,20 +89,20 @@ class MeshShelf:
     def _opened(self, filename: str, path: Path, read: Callable[[], T]) -> T:
         self._left -= path.stat().st_size
         if self._left < 0:
-            raise _refused(filename, f"is one too many: more than {MAX_TOTAL:,} bytes of files")
+            raise _refused(filename, f"is too much: more than {MAX_TOTAL:,} bytes of mesh files in all")
         try:
             return read()
         except InvalidFile as error:
             raise _refused(filename, f"cannot be used: {'; '.join(error.problems)}") from None
 
     def path(self, filename: str) -> Path:
-        """The resolved mesh file of that name.
+        """The resolved path of the mesh file ``filename``.
 
         Raises:
-            InvalidRequest: it may not be read, does not exist or has another suffix, in words.
+            InvalidRequest: it may not be read, does not exist or has another suffix.
         """
         if filename and not filename.lower().endswith(MESH_SUFFIXES):
-            raise _refused(filename, f"is no {' or '.join(MESH_SUFFIXES)} file")
+            raise _refused(filename, f"is not a {', '.join(MESH_SUFFIXES[:-1])} or {MESH_SUFFIXES[-1]} file")
         return self._path(filename)
 
     def _path(self, filename: str) -> Path:
@@ -109,16 +111,16 @@ class MeshShelf:
             raise InvalidRequest("mesh", filename, "a path", message=message)
         try:
             inside = [path for path in self._candidates(filename) if any(path.is_relative_to(f) for f in self._folders)]
-            found = next((path for path in inside if path.is_file()), None)
+            file = next((path for path in inside if path.is_file()), None)
         except (OSError, ValueError, RuntimeError) as error:  # too long, half a surrogate pair, a circle of links
-            raise _refused(filename, f"is no path: {error}") from None
+            raise _refused(filename, f"is not a path: {error}") from None
         allowed = ", ".join(str(folder) for folder in self._folders)
         if not inside:
             raise _refused(filename, f"lies outside the folders that may be read ({allowed})")
-        if found is None:
+        if file is None:
             hint = "; name more with package_dirs (--package-dir)" if filename.startswith("package://") else ""
             raise _refused(filename, f"does not exist in the folders that may be read ({allowed}){hint}")
-        return found
+        return file
 
     def _candidates(self, filename: str) -> list[Path]:
         scheme, mark, rest = filename.partition("://")

@@ -1,4 +1,4 @@
-"""Arrays in NPY and NPZ files, and points in PLY files, read with care: no pickle, no lying header, no zip bomb."""
+"""Reading arrays from NPY and NPZ files, and points from PLY files, safely: no pickles, false headers or zip bombs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_NUMBERS = 4 * MAX_POINTS
 """Numbers of a cloud or height field: a byte of the file becomes eight, and a packed one thousands."""
 
 MAX_HEADER = 10_000
-"""Bytes of an NPY header: it is a Python literal, and long ones are dear to parse."""
+"""Bytes of an NPY header, a Python literal: long ones are slow to parse."""
 
 VERSIONS = {1: 2, 2: 4, 3: 4}
 """Bytes of the header's length, by major version of the format."""
@@ -36,18 +36,18 @@ MAGIC = b"\x93NUMPY"
 
 
 class _Unreadable(Exception):
-    """Why a file holds no such array."""
+    """The file holds no such array; the message says why."""
 
 
 def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
-    """The numbers in a file, told apart by the suffix: of a PLY file its vertices (n, 3), else the array it holds.
+    """The numbers in a file: the vertices (n, 3) of a PLY file, else the array that it holds.
 
     Args:
-        name: Which array of an NPZ file that holds several.
+        name: The array to read from an NPZ file that holds several.
 
     Raises:
-        InvalidFile: another suffix, larger than 50 MB, packed or not, more than 2,000,000 numbers, not what the suffix
-            says, malformed, no array of that name, or something else than real numbers in it.
+        InvalidFile: another suffix, larger than 50 MB compressed or not, more than 2,000,000 numbers, not the format of
+            its suffix, malformed, no array of that name, or anything but real numbers in it.
     """
     suffix = path.suffix.lower()
     if suffix not in suffixes:
@@ -56,33 +56,33 @@ def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
         return read_vertices(path)
     data = read_bytes(path, MAX_BYTES)
     try:
-        found = _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data, MAX_NUMBERS)
+        array = _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data, MAX_NUMBERS)
     except _Unreadable as error:
         raise InvalidFile(path, [str(error)]) from None
     with np.errstate(all="ignore"):  # beyond the range of floats there is infinity
-        return np.asarray(found, dtype=np.float64)
+        return np.asarray(array, dtype=np.float64)
 
 
 def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
-    """Reads arrays of an NPZ file by name and kind ("iu" for integers, "f" for floats), as of one moment.
+    """A function that reads arrays of an NPZ file by name and kind ("iu" integers, "f" floats); the file is read once.
 
     Args:
-        most: Bytes of the file, and of each array, at most.
+        most: Maximum bytes of the file and of each array.
 
     Raises:
-        InvalidFile: it is larger, no file or not to be read. What is returned, too: no such array,
-            packed, or malformed.
+        InvalidFile: larger, not a file, or unreadable. The returned function raises it, too: no such array, a
+            compressed one, or a malformed one.
     """
     data = read_bytes(path, most)
 
     def array(name: str, kinds: str) -> NDArray[Any]:
         try:
-            found = _npy(_member(data, name, most, packed=False), most)
+            numbers = _npy(_member(data, name, most, packed=False), most)
         except _Unreadable as error:
             raise InvalidFile(path, [str(error)]) from None
-        if found.dtype.kind not in kinds:
-            raise InvalidFile(path, [f"{name}: got numbers of type {found.dtype}; expected another kind of number"])
-        return found
+        if numbers.dtype.kind not in kinds:
+            raise InvalidFile(path, [f"{name}: got numbers of type {numbers.dtype}; expected another kind of number"])
+        return numbers
 
     return array
 
@@ -96,21 +96,21 @@ def _member(data: bytes, name: str, most: int, *, packed: bool = True) -> bytes:
             if info is None:
                 raise _Unreadable(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
             if not packed and (info.compress_type != zipfile.ZIP_STORED or info.file_size > len(data)):
-                raise _Unreadable(f"{name}: packed; expected it as numpy.savez writes it")
+                raise _Unreadable(f"{name}: compressed; expected it as numpy.savez writes it")
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise _Unreadable(f"packed by method {info.compress_type}; expected what numpy writes")
+                raise _Unreadable(f"compressed by method {info.compress_type}; expected what numpy writes")
             with archive.open(info) as file:
-                found = file.read(most + 1)
+                content = file.read(most + 1)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
-        raise _Unreadable(f"no NPZ: {error}") from None
-    if len(found) > most:
+        raise _Unreadable(f"not an NPZ file: {error}") from None
+    if len(content) > most:
         raise _Unreadable(f"unpacks to more than {most:,} bytes")
-    return found
+    return content
 
 
 def _npy(data: bytes, most: int) -> NDArray[Any]:
     if not data.startswith(MAGIC) or len(data) < len(MAGIC) + 2 or data[len(MAGIC)] not in VERSIONS:
-        raise _Unreadable("no NPY: it does not begin as one")
+        raise _Unreadable("not an NPY file: the first bytes are wrong")
     start = len(MAGIC) + 2
     width = VERSIONS[data[len(MAGIC)]]
     length = int.from_bytes(data[start : start + width], "little")
@@ -130,8 +130,8 @@ def _npy(data: bytes, most: int) -> NDArray[Any]:
 def _header(text: bytes) -> tuple[tuple[int, ...], np.dtype[np.generic], bool]:
     """Shape, type and order of an NPY file, from the literal in its header."""
     try:
-        found = ast.literal_eval(text.decode("latin-1").strip())
-        shape, kind, by_columns = found["shape"], found["descr"], found["fortran_order"]
+        header = ast.literal_eval(text.decode("latin-1").strip())
+        shape, kind, by_columns = header["shape"], header["descr"], header["fortran_order"]
         good = isinstance(shape, tuple) and all(type(size) is int and size >= 0 for size in shape)
         dtype = np.dtype(kind) if isinstance(kind, str) else np.dtype(object)
     except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError, IndexError):

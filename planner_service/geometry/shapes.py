@@ -1,8 +1,8 @@
-"""Poses and convex shapes: the words in which robots and scenes say where things are.
+"""Poses and convex shapes, of which robots and scenes are made.
 
 Lengths in metres, quaternions as (w, x, y, z). Every shape is convex and centred on its own origin; cylinders and
-capsules lie along local z. All shapes answer the same few questions (``support``, ``distance``, ``grown``), on which
-the collision checker and its bounds are built.
+capsules lie along local z. All shapes have the same few methods (``support``, ``distance``, ``grown``), on which the
+collision checker and its bounds are built.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ def _length(field: str, value: Any) -> float:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a frame is in another: position in metres, orientation as a unit quaternion (w, x, y, z).
+    """The pose of one frame in another: position in metres, orientation as a unit quaternion (w, x, y, z).
 
     Raises:
-        InvalidRequest: a number is not finite, or the quaternion's norm is off 1 by more than 1e-3
-            (closer ones are normalised).
+        InvalidRequest: a number is not finite, or the quaternion's norm differs from 1 by more than 1e-3 (closer ones
+            are normalised).
     """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -258,7 +258,7 @@ class Capsule:
 
 
 def _unit(direction: FloatArray) -> FloatArray:
-    """Directions scaled to length 1; a zero direction stays zero, which is a point of every shape here."""
+    """Directions scaled to length 1; a zero direction stays zero, which is a point of every shape."""
     d = np.asarray(direction, dtype=np.float64)
     largest = np.abs(d).max(axis=-1, keepdims=True)
     d = d / np.where(largest > 0, largest, 1.0)  # first, or the squares of 1e-200 and 1e200 leave the range of floats

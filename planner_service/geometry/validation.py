@@ -32,23 +32,23 @@ __all__ = [
 T = TypeVar("T")
 
 MAX_LENGTH = 1e3
-"""No robot on a table is a kilometre long: a longer length is a unit mistake."""
+"""Metres: no robot on a table is a kilometre long, so a longer length is a unit mistake."""
 
 MAX_ITEMS = 1_000_000
-"""Elements of a list a caller gives; an iterator without an end would fill the memory."""
+"""Elements of a list that a caller gives; an endless iterator would fill the memory."""
 
 MAX_COORDINATE, MAX_DIRECTION = 1e100, 1e308
-"""Of points, whose squares then stay in the range of floats, and of directions, whose products with lengths do."""
+"""Largest coordinate of a point, whose square is still a float, and of a direction, whose product with a length is."""
 
 MAX_NUMBERS = 20_000_000
-"""Numbers of an array a caller gives, 160 MB."""
+"""Numbers of an array that a caller gives: 160 MB."""
 
 
 def number(field: str, value: object, expected: str, lowest: float, highest: float) -> float:
     """The real number in [``lowest``, ``highest``] that a caller gave.
 
     Raises:
-        InvalidRequest: naming ``field`` and what was ``expected``: another number, NaN, or no real number.
+        InvalidRequest: naming ``field`` and what was ``expected``: outside the range, NaN, or not a real number.
     """
     plain = value.item() if isinstance(value, np.generic) else value  # numpy's would round the bounds to their type
     if not isinstance(plain, (int, float)) or isinstance(plain, bool) or not lowest <= plain <= highest:
@@ -63,7 +63,7 @@ def whole(field: str, value: object, lowest: int, highest: int) -> int:
     """The whole number in [``lowest``, ``highest``] that a caller gave.
 
     Raises:
-        InvalidRequest: naming ``field``: another number, a boolean, or no integer.
+        InvalidRequest: naming ``field``: outside the range, a boolean, or not an integer.
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not lowest <= value <= highest:
         raise InvalidRequest(field, value, f"a whole number from {lowest:,} to {highest:,}")
@@ -71,9 +71,9 @@ def whole(field: str, value: object, lowest: int, highest: int) -> int:
 
 
 def numbers(field: str, values: object, expected: str) -> FloatArray:
-    """A private, immutable float64 copy of the real numbers a caller gave, in the shape they have.
+    """An immutable float64 copy of the real numbers that a caller gave, in their own shape.
 
-    Their shape, and whether they are finite, is for the caller to check.
+    The caller checks the shape, and whether they are finite.
 
     Raises:
         InvalidRequest: naming ``field`` and what was ``expected``: texts, booleans, complex numbers, other objects,
@@ -82,13 +82,13 @@ def numbers(field: str, values: object, expected: str) -> FloatArray:
     try:
         _count(values)
         array = np.asarray(values)
-    except Exception:  # another library's object may raise anything when numpy looks at it
+    except Exception:  # an object of another library may raise anything here
         raise InvalidRequest(field, values, expected) from None
     if array.dtype.kind not in "iuf":
         raise InvalidRequest(field, values, expected)
     if array.dtype.itemsize == 8 and array.dtype.kind == "f":
         return read_only(array)
-    with np.errstate(over="ignore"):  # a longer float that becomes infinite is found where finite ones are asked for
+    with np.errstate(over="ignore"):  # a long double may become infinite; the caller checks for finite numbers
         return read_only(array)
 
 
@@ -119,10 +119,10 @@ def vectors(field: str, values: object, largest: float = MAX_DIRECTION) -> Float
 
 
 def text(field: str, value: object, expected: str = "a text") -> str:
-    """The text a caller gave.
+    """The text that a caller gave.
 
     Raises:
-        InvalidRequest: naming ``field``: it is none.
+        InvalidRequest: naming ``field``: not a text.
     """
     return instance(field, value, str, expected)
 
@@ -137,7 +137,7 @@ def flag(field: str, value: object) -> bool:
 
 
 def instance(field: str, value: object, kind: type[T] | tuple[type[T], ...], expected: str) -> T:
-    """What a caller gave, if it is of that kind.
+    """The value that a caller gave, if it is of that kind.
 
     Raises:
         InvalidRequest: naming ``field`` and what was ``expected``.
@@ -162,14 +162,14 @@ def items(
         given = iter(values)  # type: ignore[call-overload]
     except TypeError:
         raise InvalidRequest(field, values, expected) from None
-    found: list[T] = []
+    checked: list[T] = []
     for value in islice(given, most):
         if not isinstance(value, kind):
-            raise InvalidRequest(f"{field}[{len(found)}]", value, expected)
-        found.append(value)
+            raise InvalidRequest(f"{field}[{len(checked)}]", value, expected)
+        checked.append(value)
     for _ in given:
         raise InvalidRequest(field, values, f"{expected}, at most {most:,}")
-    return tuple(found)
+    return tuple(checked)
 
 
 def _count(values: object) -> int:
@@ -206,24 +206,24 @@ def finite_tuple(field: str, values: Any, size: int) -> tuple[float, ...]:
     """
     if type(values) is tuple and len(values) == size and all(type(v) is float and math.isfinite(v) for v in values):
         return values
-    found = numbers(field, values, f"{size} finite numbers")
-    if found.shape != (size,) or not np.isfinite(found).all():
+    array = numbers(field, values, f"{size} finite numbers")
+    if array.shape != (size,) or not np.isfinite(array).all():
         raise InvalidRequest(field, values, f"{size} finite numbers")
-    return tuple(found.tolist())
+    return tuple(array.tolist())
 
 
 def margin_of(margin: object) -> float:
-    """Metres by which a caller wants a shape grown."""
+    """The margin in metres by which a caller wants a shape grown."""
     return number("margin", margin, f"metres in [0, {MAX_LENGTH:g}]", 0.0, MAX_LENGTH)
 
 
 def points_of(points: object) -> FloatArray:
-    """Points that a caller gave."""
+    """Points that a caller gave, shape (..., 3)."""
     return vectors("points", points, MAX_COORDINATE)
 
 
 def copied_in(value: object, *names: str) -> None:
-    """For ``__post_init__``: hold read-only copies of the arrays, lists and mappings that ``names`` were given as."""
+    """For ``__post_init__``: replace the fields ``names`` (arrays, lists, mappings) by private, read-only copies."""
     for name in names:
         held = getattr(value, name)
         if isinstance(held, np.ndarray):

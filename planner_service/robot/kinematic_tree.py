@@ -1,8 +1,8 @@
-"""Moving bodies and where they are: forward kinematics, one configuration at a time or many.
+"""Moving bodies and their forward kinematics, for one configuration or many.
 
-A body is everything that moves as one: the links between two joints. ``BodyTree`` computes poses in plain floating
-point, in one fixed order of operations, so that a pose has the same bits whether it was asked for alone or in a
-batch, and whatever BLAS is installed; a collision verdict may then depend on it.
+A body is everything that moves as one: the links between two joints. ``BodyTree`` computes poses in one fixed order of
+operations, so that a pose has the same bits alone and in a batch, and whatever BLAS is installed: collision verdicts
+depend on these bits.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ BodyPose = tuple[float, float, float, float, float, float, float, float, float, 
 IDENTITY: BodyPose = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 PRISMATIC = 3
-"""Kind of a step that slides; 0, 1, 2 turn about x, y, z."""
+"""Kind of a step that slides; steps of kind 0, 1, 2 turn about x, y, z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +36,12 @@ class Body:
 
     Attributes:
         name: The joint that moves it; "base" for the fixed one.
-        parent: Index of the body it hangs on; -1 for the base.
+        parent: Index of the body that carries it; -1 for the base.
         placement: 4 x 4 T_parent_joint at q = 0. The body's frame is that joint frame, moved by q along or about
             ``axis``.
         axis: Unit vector in the joint frame.
         prismatic: It slides by q metres instead of turning by q radians.
-        q_index: Which entry of q moves it; -1 for the base.
+        q_index: The entry of q that moves it; -1 for the base.
     """
 
     name: str
@@ -80,7 +80,7 @@ Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 @dataclass(frozen=True)
 class _Step:
-    """One body's move, prepared: optional constant turn, motion along a coordinate axis, optional constant turn."""
+    """The motion of one body: an optional fixed rotation, a motion along or about an axis, another rotation."""
 
     parent: int
     q_index: int
@@ -151,10 +151,10 @@ class BodyTree:
         return out
 
     def poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for configurations (m, n): the bits of ``poses``.
+        """Rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for configurations (m, n), bit for bit as ``poses``.
 
         Args:
-            portable: Bits that are the same on every processor instead, for what a path is made of.
+            portable: Give the same bits on every processor instead; used to construct paths.
         """
         q = numbers("Q", Q, f"configurations of shape (m, {self._n})")
         if q.ndim != 2 or q.shape[1] != self._n:

@@ -1,4 +1,4 @@
-"""Robots made from files: robot.toml with its URDF, or a URDF alone."""
+"""Loading robots from files: a robot.toml with its URDF, or a URDF alone."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ __all__ = ["Selection", "robot_from_file", "robot_from_urdf", "robot_of", "stand
 HOME = "home"
 
 ACCELERATION = {"revolute": 3.141596, "prismatic": 0.5}
-"""rad/s^2 and m/s^2. URDF has no accelerations; these are the usual ones in MoveIt configurations, a convention."""
+"""rad/s^2 and m/s^2. URDF has no accelerations; these are common in MoveIt configurations."""
 JERK = {"revolute": 50.0, "prismatic": 10.0}
-"""rad/s^3 and m/s^3: our convention, full acceleration within about 60 ms."""
+"""rad/s^3 and m/s^3, our convention: full acceleration within about 60 ms."""
 
 ALONG = 1e-6
-"""By how much the cosine between an axis and a direction along it may fall short of 1: about 1.4 mrad."""
+"""Tolerance of the cosine between two parallel directions: about 1.4 mrad."""
 
 
 def robot_from_file(path: Path) -> Robot:
@@ -37,7 +37,7 @@ def robot_from_file(path: Path) -> Robot:
 
     Raises:
         InvalidFile: with every problem of the file, or of its URDF.
-        MissingDependency: its files come with a package that is not installed.
+        MissingDependency: its files are in a package that is not installed.
     """
     file = read_robot_file(path)
     table, limits = file.table, file.table.limits
@@ -91,14 +91,14 @@ def _pair(links: Sequence[str]) -> tuple[str, str]:
 
 
 def _disagreements(table: RobotTable, urdf: Urdf) -> list[str]:
-    """What robot.toml says that its URDF does not know or bear."""
+    """Where robot.toml and its URDF disagree."""
     links = {link.name for link in urdf.links}
     movable = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
     problems = []
     fingers = table.gripper.joints if table.gripper else []
     locked = list(table.locked_joints)
     for where, names in (("joints", table.joints), ("gripper.joints", fingers), ("locked_joints", locked)):
-        problems += [f"{where}: {name!r} is no movable joint of the URDF" for name in names if name not in movable]
+        problems += [f"{where}: {name!r} is not a movable joint of the URDF" for name in names if name not in movable]
     used = [*table.joints, *fingers, *locked]
     problems += [
         f"joint {name!r} is listed more than once" for name, times in sorted(Counter(used).items()) if times > 1
@@ -116,7 +116,7 @@ def _disagreements(table: RobotTable, urdf: Urdf) -> list[str]:
 
 
 def _unjudged(urdf: Urdf) -> list[str]:
-    return [] if urdf.shape_count else ["no link of the URDF has a collision shape: nothing could ever collide"]
+    return [] if urdf.shape_count else ["no link of the URDF has a collision shape, so nothing could ever collide"]
 
 
 def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: Mapping[str, float]) -> list[str]:
@@ -125,11 +125,11 @@ def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: 
         if joint.name in joints:
             if joint.mimic is not None:
                 problems.append(
-                    f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: following is not supported"
+                    f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: a moving joint cannot be mimicked"
                 )
         elif joint.name not in standing and joint.mimic is not None:
             problems.append(
-                f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: following a joint is not supported"
+                f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: a moving joint cannot be mimicked"
             )
         elif joint.name not in standing:
             problems.append(f"movable joint {joint.name!r} is neither in joints, nor in the gripper, nor locked")
@@ -172,7 +172,7 @@ def _gripper_problems(entry: GripperTable, movable: Mapping[str, UrdfJoint]) -> 
 
 
 def _gripper(entry: GripperTable | None, urdf: Urdf, assembly: Assembly) -> Gripper | None:
-    """The gripper, with the directions in which its fingers open; the assembly has it closed."""
+    """The gripper with the directions in which its fingers open; it is closed in ``assembly``."""
     if entry is None:
         return None
     directions: dict[str, tuple[float, float, float]] = {}
@@ -196,9 +196,11 @@ def _require_closing(path: Path, gripper: Gripper, tool_body: int, tool: FloatAr
     for item, (u, v, w) in zip(gripper.closed, gripper.directions, strict=True):
         if item.body == tool_body and abs(abs(u * axis[0] + v * axis[1] + w * axis[2]) - 1.0) > ALONG:
             columns = tool[:3, :3].T.tolist()
-            there = ", ".join(f"{a * u + b * v + c * w:.3g}" for a, b, c in columns)
-            found = f"gripper.closing = {list(gripper.closing)}; {item.link} moves along [{there}] of the tool frame"
-            raise InvalidFile(path, [found])
+            in_tool = ", ".join(f"{a * u + b * v + c * w:.3g}" for a, b, c in columns)
+            problem = (
+                f"gripper.closing = {list(gripper.closing)}; {item.link} moves along [{in_tool}] of the tool frame"
+            )
+            raise InvalidFile(path, [problem])
 
 
 def _downstream(urdf: Urdf, link: str) -> list[str]:
@@ -210,7 +212,7 @@ def _downstream(urdf: Urdf, link: str) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What of a URDF becomes the robot; see ``Robot.from_urdf``."""
+    """Which part of a URDF becomes the robot; see ``Robot.from_urdf``."""
 
     tool_frame: str | None = None
     srdf: Path | None = None
@@ -262,7 +264,7 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
 
 
 def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
-    """Positions of the joints that do not move, the ones that mimic these among them.
+    """Positions of the joints that do not move, including those that mimic one of them.
 
     Raises:
         UnknownName: no such joint.
@@ -282,9 +284,9 @@ def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:
         if not isinstance(name, str) or name not in movable:
             raise UnknownName("joint", name, movable)
         if name in given:
-            raise InvalidRequest(f"locked_joints[{name!r}]", given[name], "no joint that is in joints, too")
+            raise InvalidRequest(f"locked_joints[{name!r}]", given[name], "a joint that is not in joints")
     if not selection.joints or len(set(selection.joints)) != len(selection.joints):
-        raise InvalidRequest("joints", selection.joints, "at least one joint, and none twice")
+        raise InvalidRequest("joints", selection.joints, "at least one joint, and no joint twice")
     others = [joint for name, joint in movable.items() if name not in selection.joints and joint.mimic is None]
     return locked_positions(urdf, selection.joints, {joint.name: _rest(joint) for joint in others} | given)
 
@@ -296,11 +298,11 @@ def _movable(urdf: Urdf) -> dict[str, UrdfJoint]:
 def _poses(
     joints: Sequence[UrdfJoint], states: Mapping[str, Mapping[str, float]]
 ) -> tuple[tuple[str, FloatArray], ...]:
-    """Home, and the states that say something of the moving joints; what a state leaves out stands as at home."""
+    """Home, and the states that mention a moving joint; a joint that a state leaves out is as at home."""
     home = {joint.name: _rest(joint) for joint in joints}
-    told = {name: {k: v for k, v in values.items() if k in home} for name, values in states.items()}
-    home |= told.pop(HOME, {})
-    poses = [(HOME, home), *((name, home | values) for name, values in told.items() if values)]
+    moving = {name: {k: v for k, v in values.items() if k in home} for name, values in states.items()}
+    home |= moving.pop(HOME, {})
+    poses = [(HOME, home), *((name, home | values) for name, values in moving.items() if values)]
     return tuple((name, np.array([values[joint.name] for joint in joints])) for name, values in poses)
 
 
@@ -322,7 +324,7 @@ def _rest(joint: UrdfJoint) -> float:
 
 
 def _last_link(urdf: Urdf) -> str:
-    """The last link of the longest chain; of several, the first in the file."""
+    """The last link of the longest chain; if there are several, the first in the file."""
     above = {joint.child: joint.parent for joint in urdf.joints}
 
     def depth(link: str) -> int:
@@ -335,7 +337,7 @@ def _last_link(urdf: Urdf) -> str:
 
 
 def _adjacent(urdf: Urdf, assembly: Assembly) -> tuple[AllowedContact, ...]:
-    """Each link with shapes and the nearest link above it that has some, if they move against each other."""
+    """Each link with shapes and the nearest link above it with shapes, if one moves against the other."""
     body_of = {item.link: item.body for item in assembly.shapes}
     above = {joint.child: joint.parent for joint in urdf.joints}
     contacts = []

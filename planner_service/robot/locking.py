@@ -1,4 +1,4 @@
-"""A robot some of whose joints stand still: what they carry becomes part of what carries them."""
+"""Locking joints of a robot: the bodies that they moved become part of the bodies that carry them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from planner_service.robot.model import ExemptRetreat, Gripper, JointLimits, Rob
 __all__ = ["lock_joints"]
 
 Anchor = tuple[int, FloatArray | None]
-"""Which body of the new robot an old one belongs to, and T_new_old; None where the two are one and the same."""
+"""The body of the new robot that an old one belongs to, and T_new_old; None if they are the same body."""
 
 
 def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
@@ -49,9 +49,9 @@ def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
 
 
 def _checked(robot: Robot, joints: Mapping[str, float]) -> dict[int, float]:
-    """Positions by the number of the joint."""
+    """Positions by index of the joint."""
     if not isinstance(joints, Mapping):
-        raise InvalidRequest("joints", joints, "positions by the names of joints")
+        raise InvalidRequest("joints", joints, "positions by joint name")
     positions = {}
     for name, position in joints.items():
         if name not in robot.joint_names:
@@ -60,12 +60,12 @@ def _checked(robot: Robot, joints: Mapping[str, float]) -> dict[int, float]:
         low, high = float(robot.limits.lower[index]), float(robot.limits.upper[index])
         positions[index] = number(f"joints[{name!r}]", position, f"a position in [{low:g}, {high:g}]", low, high)
     if len(positions) == robot.n:
-        raise InvalidRequest("joints", sorted(joints), f"at least one of the {robot.n} joints left to move")
+        raise InvalidRequest("joints", sorted(joints), f"at least one of the {robot.n} joints to remain unlocked")
     return positions
 
 
 def _merged(robot: Robot, positions: Mapping[int, float], kept: list[int]) -> tuple[tuple[Body, ...], list[Anchor]]:
-    """The bodies that still move, after the base, and where each old one went."""
+    """The base and the bodies that still move, and the anchor of each old body."""
     bodies = [robot.bodies[0]]
     anchors: list[Anchor] = [(0, None)]
     for body in robot.bodies[1:]:
@@ -117,25 +117,25 @@ def _moved_gripper(gripper: Gripper, anchors: list[Anchor]) -> Gripper:
 def _kept_retreats(
     robot: Robot, positions: Mapping[int, float], kept: list[int], shapes: tuple[LinkShape, ...]
 ) -> tuple[ExemptRetreat, ...]:
-    """The ways out whose pairs still move against each other exactly as they were meant to.
+    """The retreats whose pairs still move against each other exactly as before.
 
-    What a retreat exempts was looked at on one line of the joints between the two links: with one of these standing
-    anywhere else, nothing is known of it.
+    A retreat was checked on one line of the joints between the two links; with one of these joints locked at another
+    position, nothing is known about it.
     """
-    old, new = ({item.link: item.body for item in found} for found in (robot.shapes, shapes))
-    found = []
+    old, new = ({item.link: item.body for item in items} for items in (robot.shapes, shapes))
+    retreats = []
     for retreat in robot.retreats:
         rest = robot.pose(retreat.pose)
-        judged = tuple((a, b) for a, b in retreat.pairs if new[a] != new[b])
+        pairs = tuple((a, b) for a, b in retreat.pairs if new[a] != new[b])
         between = {
             index
-            for a, b in judged
+            for a, b in pairs
             for index in set(_joints_above(robot, old[a])) ^ set(_joints_above(robot, old[b]))
             if index in positions
         }
-        if judged and all(float(rest[i]) == positions[i] == float(retreat.to[i]) for i in between):
-            found.append(replace(retreat, to=retreat.to[kept], pairs=judged))
-    return tuple(found)
+        if pairs and all(float(rest[i]) == positions[i] == float(retreat.to[i]) for i in between):
+            retreats.append(replace(retreat, to=retreat.to[kept], pairs=pairs))
+    return tuple(retreats)
 
 
 def _joints_above(robot: Robot, body: int) -> list[int]:

@@ -1,4 +1,4 @@
-"""A robot as an immutable value: where its bodies are, how fast it may move, what of it may touch what."""
+"""Robots as immutable values: bodies, joint limits, collision shapes, and links that may touch."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class AllowedContact:
-    """Two links that are not judged against each other, and why."""
+    """Two links that are never checked against each other, and why."""
 
     links: tuple[str, str]
     reason: str
@@ -74,17 +74,17 @@ class AllowedContact:
 
 @dataclass(frozen=True, eq=False)
 class Gripper:
-    """A parallel gripper: its width is the gap between the pads, each finger standing at half of it.
+    """A parallel gripper: its width is the gap between the pads, and each finger is at half of it.
 
     Attributes:
         joints: The finger joints.
-        links: The links these move, with collision shapes or without.
+        links: The links that they move, with or without collision shapes.
         lower: Smallest width in metres.
         upper: Largest width in metres.
         closed: The shapes of ``links`` at width 0.
-        directions: For each of ``closed``, the unit direction in its body in which it opens.
-        approach: Unit vector in the tool frame that points from the palm to the fingertips: a grasp comes along it.
-        closing: Unit vector in the tool frame along which the fingers move, square to ``approach``.
+        directions: For each of ``closed``, the unit vector in its body along which it opens.
+        approach: Unit vector in the tool frame from the palm to the fingertips, along which a grasp approaches.
+        closing: Unit vector in the tool frame along which the fingers move, perpendicular to ``approach``.
     """
 
     joints: tuple[str, ...]
@@ -107,7 +107,7 @@ class Gripper:
 
 @dataclass(frozen=True, eq=False)
 class ExemptRetreat:
-    """The one fixed way out of a named pose, straight to ``to`` (n,), on which ``pairs`` of links are not judged."""
+    """A straight motion out of a named pose to ``to`` (n,), during which ``pairs`` of links are not checked."""
 
     pose: str
     to: FloatArray
@@ -120,19 +120,19 @@ class ExemptRetreat:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot, its gripper standing at ``gripper_width``; made by ``load_robot`` or ``Robot.from_urdf``.
+    """A robot with its gripper open by ``gripper_width``; made by ``load_robot`` or ``Robot.from_urdf``.
 
     Attributes:
         joint_names: The n joints of q, in order.
         named_poses: Name and q (n,) of each named pose, "home" among them.
-        base_links: Links that stand still; they are not judged against static obstacles.
+        base_links: Links that never move; they are not checked against static obstacles.
         tool_frame: The link whose frame is the tool's; it is fixed to body ``tool_body`` at ``tool_placement``,
             4 x 4 T_body_tool.
         bodies: Moving bodies, parents before children; the first is the fixed base.
         shapes: Collision shapes of all links; links fixed to each other share a body.
         gripper_width: Gap between the finger pads in metres; 0 without a gripper.
-        inverse: Which inverse kinematics fits: "wxai" or "numeric".
-        settle_time: Seconds the arm rings after a stop.
+        inverse: The inverse kinematics to use: "wxai" or "numeric".
+        settle_time: Seconds for which the arm vibrates after a stop.
     """
 
     name: str
@@ -168,29 +168,29 @@ class Robot:
         joints: Sequence[str] | None = None,
         decompose: Mapping[str, int] | None = None,
     ) -> Robot:
-        """Any arm whose URDF describes its collision geometry by boxes, cylinders, spheres and meshes.
+        """The robot of any URDF whose collision geometry is made of boxes, cylinders, spheres and meshes.
 
-        A mesh (STL, OBJ, PLY, COLLADA) is judged as its solid convex hull, or as the pieces it is cut into.
+        A mesh (STL, OBJ, PLY, COLLADA) counts as its solid convex hull, or as the pieces it is cut into.
 
-        A link and the next one above it that has shapes may touch; accelerations and jerks, which URDF does not know,
-        are stated conventions (``robot_source``), and so is the range of a continuous joint, a full turn either way;
-        home is zero where the limits allow it, else their middle.
+        A link and the next link above it that has shapes may touch. URDF has no accelerations and jerks: they are
+        conventions (``planner_service.robot.loading``), and so is the range of a continuous joint, a full turn either
+        way. Home is zero where the limits allow it, else their middle.
 
         Args:
             tool_frame: The last link of the longest chain if None.
             srdf: A file whose ``<disable_collisions>`` are allowed contacts, reasons included, and whose
-                ``<group_state>`` are named poses; what one leaves out stands as at home, which a state may be, too.
+                ``<group_state>`` are named poses; a joint that a state leaves out is as at home. A state may be home.
             package_dirs: Folders besides the URDF's own in which meshes may lie; ``package://name/rest`` is
                 ``name/rest`` or ``rest`` in one of them.
-            locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic these follow.
-            joints: The joints of q, in this order: a part of a larger robot. Every other joint is locked, at zero if
-                its limits allow, else at their middle. If None, all that are not locked move, in the file's order.
-            decompose: Links whose meshes fill too much as hulls, and into how many convex pieces each mesh is cut at
-                most (extra ``decompose``).
+            locked_joints: Joints that do not move, with their positions in rad or m; joints that mimic them follow.
+            joints: The joints of q, in this order, for a part of a larger robot; every other joint is locked, at zero
+                if its limits allow, else at their middle. If None, all joints that are not locked move, in file order.
+            decompose: For links whose hulls would fill too much: the maximum number of convex pieces into which each
+                mesh is cut (extra ``decompose``).
 
         Raises:
-            InvalidFile: the URDF or SRDF has problems; all of them are named. A joint that would have to follow one
-                that moves (``<mimic>``) is a problem: lock both.
+            InvalidFile: the URDF or SRDF has problems; all of them are named. A joint that mimics a moving joint is a
+                problem: lock both.
             UnknownName: no such tool frame or joint.
             InvalidRequest: a position outside the limits of its joint, or a joint that is named twice.
         """
@@ -223,14 +223,14 @@ class Robot:
 
     @property
     def home(self) -> FloatArray:
-        """The pose to start from, (n,)."""
+        """The pose called "home", (n,)."""
         return self.pose("home")
 
     def pose(self, name: str) -> FloatArray:
         """A named pose, (n,).
 
         Raises:
-            UnknownName: there is none of that name.
+            UnknownName: no pose of that name.
         """
         poses = self.poses
         if text("name", name) not in poses:
@@ -245,14 +245,19 @@ class Robot:
         """World pose of every body as (r00, r01, r02, r10, ..., r22, x, y, z); q (n,) must be finite."""
         try:
             return self._tree.poses(q)
-        except (TypeError, ValueError, LookupError, ArithmeticError):  # no check before: planners ask this all the time
+        except (
+            TypeError,
+            ValueError,
+            LookupError,
+            ArithmeticError,
+        ):  # not checked before: planners call this all the time
             raise InvalidRequest("q", q, f"{self.n} finite numbers") from None
 
     def body_poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
-        """World rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for Q (m, n): the bits of ``body_poses``.
+        """World rotations (m, bodies, 3, 3) and positions (m, bodies, 3) for Q (m, n), bit for bit as ``body_poses``.
 
         Args:
-            portable: Bits that are the same on every processor instead, for what a path is made of.
+            portable: Give the same bits on every processor instead; used to construct paths.
         """
         return self._tree.poses_batch(Q, portable=portable)
 
@@ -293,13 +298,13 @@ class Robot:
         return out
 
     def reach(self, extra: Sequence[tuple[int, Shape, Pose]] = ()) -> FloatArray:
-        """(n,): metres that any point of the robot moves per radian of each joint, at most (1.0 for a prismatic joint).
+        """(n,): an upper bound of the metres that any point moves per radian of each joint (1.0 for a prismatic joint).
 
         Args:
-            extra: More shapes that ride along: body index, shape, T_body_shape.
+            extra: Further shapes that are carried: body index, shape, T_body_shape.
 
         Raises:
-            InvalidRequest: what is no such shape, or a body that is not there.
+            InvalidRequest: not such a shape, or no such body.
         """
         riding = items("extra", extra, tuple, "a list of (body index, shape, T_body_shape)")
         for k, item in enumerate(riding):
@@ -333,7 +338,7 @@ class Robot:
             InvalidRequest: no gripper, or ``width`` outside its range.
         """
         if self.gripper is None:
-            raise InvalidRequest("width", width, f"nothing: robot {self.name!r} has no gripper")
+            raise InvalidRequest("width", width, f"no width: robot {self.name!r} has no gripper")
         lower, upper = self.gripper.lower, self.gripper.upper
         width = number("width", width, f"a gap between the finger pads in [{lower:g}, {upper:g}] m", lower, upper)
         moved = iter(self.gripper.shapes(float(width)))
@@ -343,19 +348,19 @@ class Robot:
         return moved_robot
 
     def locked(self, joints: Mapping[str, float]) -> Robot:
-        """This robot with some of its joints standing still: one arm of two, a rail, a wrist.
+        """This robot with some joints locked: one arm of two, a rail, a wrist.
 
-        Links that only locked joints moved are fixed to what carried these: those that still move are judged against
-        them, and against obstacles. Joint values, limits and named poses lose the entries of the locked joints; a
-        retreat remains if its pairs move against each other as before. Two links that stand still are not judged
-        against each other, nor against obstacles: whether they are free is for this robot to say, before.
+        Links that only locked joints moved become part of the link that carries them; they are still checked against
+        links that move. Joint values, limits and named poses lose the entries of the locked joints. A retreat remains
+        if its pairs move against each other as before. Two links that no longer move are not checked against each
+        other or against obstacles; check them with the unlocked robot.
 
         Args:
             joints: Positions in rad or m, by joint name.
 
         Raises:
             UnknownName: no such joint.
-            InvalidRequest: a position outside its limits, or no joint left to move.
+            InvalidRequest: a position outside its limits, or no joint left that moves.
         """
         from planner_service.robot.locking import lock_joints
 
@@ -363,7 +368,7 @@ class Robot:
 
     @cached_property
     def links(self) -> frozenset[str]:
-        """The links that play a part: with shapes, at the base, in the gripper, the tool frame, or named in pairs."""
+        """Links with shapes, at the base, in the gripper or named in pairs, and the tool frame."""
         pairs = [*(contact.links for contact in self.allowed_contacts), *(p for r in self.retreats for p in r.pairs)]
         fingers = () if self.gripper is None else self.gripper.links
         shaped = (item.link for item in self.shapes)
@@ -371,7 +376,7 @@ class Robot:
 
     @cached_property
     def link_pairs(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of links to judge against each other: with shapes, on different bodies, not allowed to touch."""
+        """Pairs of links to check against each other: with shapes, on different bodies, not allowed to touch."""
         body_of = {item.link: item.body for item in self.shapes}
         allowed = {frozenset(contact.links) for contact in self.allowed_contacts}
         return tuple(
@@ -380,7 +385,7 @@ class Robot:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of everything that can change an answer (reasons in words cannot); equal in every process."""
+        """SHA-256 of everything that can change a plan, equal in every process."""
         content = {
             "name": self.name,
             "joints": self.joint_names,
@@ -412,7 +417,7 @@ class Robot:
 
 
 def _gripper_content(gripper: Gripper) -> dict[str, object]:
-    """What of a gripper can change an answer: how wide it opens and where to, and how it takes hold."""
+    """Everything about a gripper that can change a plan."""
     return {
         "joints": gripper.joints,
         "range": (gripper.lower, gripper.upper),
@@ -422,12 +427,12 @@ def _gripper_content(gripper: Gripper) -> dict[str, object]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """The robot of a robot.toml: one that comes with the package, by name, or any, by path.
+    """The robot of a robot.toml: by name if it comes with the package, else by path.
 
     Raises:
         UnknownName: no robot of that name comes with the package.
         InvalidFile: robot.toml or its URDF has problems; all of them are named.
-        MissingDependency: its files come with a package that is not installed; the message says what to install.
+        MissingDependency: its files are in a package that is not installed; the message says what to install.
     """
     from planner_service.robot.loading import robot_from_file
 

@@ -1,4 +1,4 @@
-"""Robots' files that other installed packages bring along: where they are, and that nothing beside them is read."""
+"""Locating the robot files that other installed packages contain."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["package_folder"]
 
 @dataclass(frozen=True)
 class _Package:
-    """An installed distribution's folder of robot files, and the extra of ours that installs it; None: we need it."""
+    """The folder of robot files in a distribution, and our extra that installs it; None if it is always installed."""
 
     folder: str
     extra: str | None
@@ -28,9 +28,9 @@ def package_folder(name: str) -> Path:
     """The resolved folder of robot files in an installed package; the package itself is not imported.
 
     Raises:
-        UnknownName: not a package that is known to have robot files.
-        MissingDependency: it is not installed, and one of our extras would bring it.
-        LookupError: it is not installed here though we depend on it, or has no such folder; in words.
+        UnknownName: not a package that contains robot files.
+        MissingDependency: it is not installed, and one of our extras would install it.
+        LookupError: it is not installed although we depend on it, or it has no such folder.
     """
     from importlib.metadata import PackageNotFoundError, distribution
 
@@ -44,5 +44,5 @@ def package_folder(name: str) -> Path:
             raise MissingDependency(name, package.extra) from None
         raise LookupError(f"package {name!r} is not installed; pip install {name}") from None
     if not folder.is_dir():
-        raise LookupError(f"package {name!r} is installed, but {folder} is no folder; pip install --force {name}")
+        raise LookupError(f"package {name!r} is installed, but {folder} is not a folder; pip install --force {name}")
     return folder

@@ -1,10 +1,10 @@
-"""How far any point of the robot can be from each joint's axis: what turns joint steps into metres.
+"""Upper bounds of the distance of any point of the robot from each joint axis, which turn joint steps into metres.
 
 If joint i moves by dq_i, no point moves farther than sum_i reach_i |dq_i|. The bound holds over all configurations,
-inside the limits or not (a sliding joint: within its travel): from the axis it goes from pivot to pivot, a pivot being
-a point on a later joint's axis. Such a point is fixed in the bodies on both sides of that joint, so every leg has one
-length whatever q is, and the legs add up to no less than the distance (triangle inequality). While the axes met are
-parallel to the first, only lengths across it count.
+even outside the limits (for a prismatic joint: within its travel). The distance is measured in legs from pivot to
+pivot, where a pivot is a point on the axis of a later joint. A pivot is fixed in the bodies on both sides of its joint,
+so the length of a leg does not depend on q, and the legs add up to at least the distance (triangle inequality). As long
+as the axes are parallel to the first one, only lengths perpendicular to it count.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ Point = tuple[float, float, float]
 Ball = tuple[Point, float]
 
 ROUNDING = 1e-9
-"""Relative: far above the rounding of a few dozen operations, far below any length that matters."""
+"""Relative: far above the rounding error of a few dozen operations, far below any length that matters."""
 RIM_SIDES = 32
 """A cylinder's rim is replaced by a polygon around it; 32 sides overshoot its radius by 0.5 %."""
 PARALLEL = 1e-18
 """Squared sine of the angle below which two axes count as parallel."""
 TILT = 1e-7
-"""A hundred such angles: more joints than any chain has."""
+"""A hundred times the angle of ``PARALLEL``: no chain has more joints."""
 
 
 def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterable[Placed]) -> list[float]:
-    """For each joint (in order of q) an upper bound of the distance of anything it moves from its axis.
+    """For each joint, in order of q, an upper bound of the distance from its axis of anything that it moves.
 
-    A prismatic joint has 1.0: metres of motion per metre.
+    For a prismatic joint 1.0: metres of motion per metre.
 
     Args:
         travel: Largest absolute position of each joint, in order of q; used for prismatic ones.
@@ -58,7 +58,7 @@ def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterab
 
 
 def _chain(bodies: Sequence[Body], first: int, last: int) -> list[int]:
-    """Bodies from ``first`` out to ``last``; empty when ``last`` does not hang on ``first``."""
+    """Bodies from ``first`` out to ``last``; empty if ``first`` does not carry ``last``."""
     chain = [last]
     while chain[-1] > first:
         chain.append(bodies[chain[-1]].parent)
@@ -87,7 +87,7 @@ def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[flo
 
 
 def _nearest(origin: Point, axis: Point, pivot: Point, about: Point | None) -> Point:
-    """The point of a line nearest to ``pivot``, measured across ``about`` unless the two are parallel."""
+    """The point of a line nearest to ``pivot``, measured perpendicular to ``about`` unless the two are parallel."""
     offset, along = _minus(origin, pivot), axis
     if about is not None and not _is_parallel(axis, about):
         offset, along = _reject(offset, about), _reject(axis, about)
@@ -96,10 +96,10 @@ def _nearest(origin: Point, axis: Point, pivot: Point, about: Point | None) -> P
 
 
 def _across(vector: Point, about: Point | None) -> float:
-    """Length of a vector, or of its part across ``about``.
+    """Length of a vector, or of its part perpendicular to ``about``.
 
-    ``about`` may be off the true axis by the angle that still counts as parallel, which tilts the part across by at
-    most that angle times the length: counted in, the result stays a bound.
+    ``about`` may differ from the true axis by the angle that counts as parallel, which changes that part by at most the
+    angle times the length; adding this keeps the result an upper bound.
     """
     length = math.sqrt(dot(vector, vector))
     if about is None:
@@ -114,7 +114,7 @@ def _is_parallel(a: Point, b: Point) -> bool:
 
 
 def _hull(shape: Shape, pose: Pose) -> list[Ball]:
-    """Balls whose convex hull holds the shape, in body coordinates."""
+    """Balls whose convex hull contains the shape, in body coordinates."""
     R, p = pose.rotation.tolist(), pose.position
     return [
         ((p[0] + dot(R[0], v), p[1] + dot(R[1], v), p[2] + dot(R[2], v)), radius) for v, radius in _local_hull(shape)

@@ -1,14 +1,14 @@
-"""What an SRDF adds to a robot: pairs of links that may touch, and named poses."""
+"""Reading SRDF: pairs of links that may touch, and named poses."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from planner_service.errors import InvalidFile
+from planner_service.files.numerals import plain_float
 from planner_service.files.xml_reader import read_xml
 from planner_service.robot.model import AllowedContact
 from planner_service.robot.urdf_model import Urdf, UrdfJoint
@@ -18,19 +18,19 @@ __all__ = ["Srdf", "read_srdf"]
 MAX_STATES = 500
 """Named states."""
 ROUNDED = 1e-4
-"""rad or m by which a state may lie beyond a limit: that of a quarter turn written as 1.5708."""
+"""rad or m by which a state may exceed a limit, as a quarter turn written as 1.5708 does."""
 
 Values = Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Srdf:
-    """What was read.
+    """The allowed contacts and named states of an SRDF.
 
     Attributes:
         contacts: The ``<disable_collisions>``, reasons included.
-        states: Positions of joints by the name of their state; never of a fixed joint. A state that several groups
-            have under one name is one, unless they differ in a joint: then each has the name "group/state".
+        states: Joint positions by the name of the state, without fixed joints. States of several groups with the same
+            name are merged, unless they differ in a joint: then each is called "group/state".
     """
 
     contacts: tuple[AllowedContact, ...] = ()
@@ -69,7 +69,7 @@ def _contacts(root: Element, urdf: Urdf, problems: list[str]) -> tuple[AllowedCo
     for index, element in enumerate(root.iter("disable_collisions")):
         a, b = element.get("link1", ""), element.get("link2", "")
         problems += [
-            f"disable_collisions[{index}]: {link!r} is no link of the URDF" for link in (a, b) if link not in links
+            f"disable_collisions[{index}]: {link!r} is not a link of the URDF" for link in (a, b) if link not in links
         ]
         if a == b:
             problems.append(f"disable_collisions[{index}]: {a!r} twice; expected two links")
@@ -84,7 +84,7 @@ def _values(state: Element, where: str, urdf: Urdf, problems: list[str]) -> Valu
     for element in state.findall("joint"):
         name, text = element.get("name", ""), element.get("value", "")
         if name not in joints:
-            problems.append(f"{where}: {name!r} is no joint of the URDF")
+            problems.append(f"{where}: {name!r} is not a joint of the URDF")
         elif name in values:
             problems.append(f"{where}: {name!r} is given twice")
         elif joints[name].kind != "fixed":
@@ -97,9 +97,9 @@ def _values(state: Element, where: str, urdf: Urdf, problems: list[str]) -> Valu
 
 
 def _position(joint: UrdfJoint, text: str) -> float | None:
-    """The position, moved onto a limit that it exceeds by rounding only."""
+    """The position, moved to the limit if it exceeds it only by rounding."""
     try:
-        value = float(text) if "_" not in text else math.nan
+        value = plain_float(text.strip())
     except ValueError:
         return None
     if not joint.lower - ROUNDED <= value <= joint.upper + ROUNDED:
@@ -108,7 +108,7 @@ def _position(joint: UrdfJoint, text: str) -> float | None:
 
 
 def _named(states: Mapping[str, Mapping[str, Values]]) -> dict[str, Values]:
-    """One entry a state, or one for each of its groups where these differ in a joint."""
+    """One entry for each state, or for each of its groups if they differ in a joint."""
     out: dict[str, Values] = {}
     for name, groups in states.items():
         together: dict[str, float] = {}

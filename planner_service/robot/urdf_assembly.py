@@ -1,7 +1,6 @@
-"""The moving bodies of a robot that ``read_urdf`` read: Pinocchio's model, built joint by joint.
+"""From a URDF to moving bodies: Pinocchio's model, built joint by joint from what ``read_urdf`` returns.
 
-A second reader would be a second opinion about the same text, so there is none: what is built here is compared with
-what Pinocchio and yourdfpy read in a file by themselves in the tests.
+The file is read only once. A test compares the result with the models that Pinocchio and yourdfpy read from the file.
 """
 
 from __future__ import annotations
@@ -23,15 +22,15 @@ from planner_service.robot.urdf_model import Urdf, UrdfJoint
 __all__ = ["Assembly", "assemble", "locked_positions", "transform"]
 
 LINK, JOINT = "link:", "joint:"
-"""How names begin in Pinocchio's model: it has one list of names for both, with "universe" in it from the start."""
+"""Prefixes of names in Pinocchio's model, where links and joints share one list that begins with "universe"."""
 
 ALIGNED = 1e-12
-"""How near an axis is to x, y or z for Pinocchio's URDF reader to take it for that."""
+"""Distance from x, y or z at which Pinocchio's own URDF reader takes an axis to be that axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """The bodies of a robot and what is fixed to them.
+    """The bodies of a robot, with their shapes and link frames.
 
     Attributes:
         bodies: Parents before children; the first is the fixed base.
@@ -53,9 +52,9 @@ def transform(xyz: Sequence[float], rpy: Sequence[float]) -> FloatArray:
 
 
 def locked_positions(urdf: Urdf, joints: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
-    """Positions of every movable joint that is not in ``joints``: as given, or as the joint it mimics says.
+    """Positions of the movable joints that are not in ``joints``: as given, or mimicking a joint with a position.
 
-    A joint that neither is given nor follows a locked one is left out.
+    A joint that is not given and mimics no locked joint is left out.
     """
     positions = dict(given)
     waiting = [
@@ -75,7 +74,7 @@ def _pinocchio() -> Any:
 
 
 def assemble(urdf: Urdf, joints: Sequence[str], locked: Mapping[str, float]) -> Assembly:
-    """The bodies that ``joints`` move, with every other movable joint standing at its position in ``locked``."""
+    """The bodies that ``joints`` move, with every other movable joint at its position in ``locked``."""
     pin = loaded(_pinocchio)
     full = _model(pin, urdf)
     q = np.zeros(full.nq)
@@ -121,7 +120,7 @@ def _model(pin: Any, urdf: Urdf) -> Any:
 
 
 def _placement(pin: Any, joint: UrdfJoint) -> Any:
-    """T_parent_joint by way of a unit quaternion, as urdfdom turns roll, pitch and yaw into one."""
+    """T_parent_joint by way of a unit quaternion, as in urdfdom: the same bits."""
     (cr, cp, cy), (sr, sp, sy) = ([turn(angle / 2.0) for angle in joint.rpy] for turn in (math.cos, math.sin))
     x = sr * cp * cy - cr * sp * sy
     y = cr * sp * cy + sr * cp * sy
@@ -145,7 +144,7 @@ def _joint_model(pin: Any, joint: UrdfJoint) -> Any:
 
 
 def _exact(T: FloatArray) -> FloatArray:
-    """The matrix with entries that are 0 or +-1 up to rounding made so: URDF spells quarter turns in decimals of pi."""
+    """The matrix with entries within rounding of 0 or +-1 made exact: URDF writes quarter turns as decimals of pi."""
     out = np.array(T, dtype=np.float64)
     R = out[:3, :3]
     near = np.round(R)

@@ -1,4 +1,4 @@
-"""What a URDF file says of a robot, as checked values; visual elements, transmissions and plug-in tags are left out."""
+"""The content of a URDF as checked values, without visual elements, transmissions and plug-in tags."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A checked robot description: one tree of links, rooted at ``root``."""
+    """A robot description: one tree of links with the root ``root``."""
 
     name: str
     root: str

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.numerals import plain_float
 from planner_service.files.xml_reader import read_xml
-from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Cylinder, Shape, Sphere
 from planner_service.robot.urdf_model import Inertial, Mimic, Urdf, UrdfCollision, UrdfJoint, UrdfLink, Vector
 
@@ -24,11 +24,11 @@ __all__ = ["read_urdf"]
 MAX_ELEMENTS = 500
 """Links, and joints: several times those of a humanoid with hands; pairs of links grow with the square."""
 MAX_OFFSET = 1e3
-"""No joint of an arm sits a kilometre from its parent: a longer offset is a unit mistake."""
+"""Metres: no joint of an arm is a kilometre from its parent, so a longer offset is a unit mistake."""
 CONTINUOUS_RANGE = 2.0 * math.pi
-"""A continuous joint is planned within one full turn to either side: bounded, and no seam at half a turn."""
+"""A continuous joint may turn once in either direction: bounded, with no seam at half a turn."""
 DEFAULT_VELOCITY = 1.0
-"""rad/s for a continuous joint whose file states no limit: slow enough for any arm."""
+"""rad/s of a continuous joint without a limit in the file: slow enough for any arm."""
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 
@@ -37,11 +37,11 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[
     """The robot of a URDF file.
 
     Args:
-        package_dirs: Folders besides the file's own in which a mesh may lie, or of which ``package://`` speaks.
-        decompose: Links whose meshes are cut into convex pieces instead of taking their hulls: how many, at most.
+        package_dirs: Folders besides the file's own in which meshes and ``package://`` folders may lie.
+        decompose: For links whose meshes are cut into convex pieces: the maximum number of pieces.
 
     Raises:
-        InvalidFile: with every problem found.
+        InvalidFile: with every problem of the file.
         MissingDependency: a mesh has to be cut, and coacd is not installed.
     """
     root = read_xml(path, "robot")
@@ -55,15 +55,15 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[
 def _resolved(folder: Path) -> Path:
     try:
         return folder.resolve()
-    except (OSError, ValueError, RuntimeError) as error:  # a NUL, half a surrogate pair, a circle of links
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL, a lone surrogate, a cycle of links
         raise InvalidRequest("package_dirs", str(folder), f"a folder: {error}") from None
 
 
 class _Reader:
-    """Reads elements and remembers every problem; after a problem it goes on with a stand-in value."""
+    """Reads elements and collects every problem; after a problem it goes on with a stand-in value."""
 
     def __init__(self, folders: tuple[Path, ...], decompose: dict[str, int]) -> None:
-        self.shelf = MeshShelf(folders)
+        self.meshes = MeshLoader(folders)
         self.decompose = decompose
         self.problems: list[str] = []
 
@@ -78,7 +78,7 @@ class _Reader:
         for link in sorted(
             map(str, self.decompose.keys() - {each.get("name") for each in root.findall("link[collision]")})
         ):
-            self.problems.append(f"decompose: {link!r} is no link with a collision shape")
+            self.problems.append(f"decompose: {link!r} is not a link with a collision shape")
         joints = tuple(self.joint(element) for element in joint_elements)
         return Urdf(name, self.tree(links, joints), links, joints)
 
@@ -93,7 +93,7 @@ class _Reader:
         return UrdfLink(name, tuple(collisions), self.inertial(element, name))
 
     def shapes(self, collision: ElementTree.Element, where: str, most: int) -> tuple[Shape, ...]:
-        """The shape of a collision element, a mesh in up to so many pieces; nothing if there is a problem."""
+        """The shape of a collision element, or up to ``most`` pieces of a mesh; nothing if there is a problem."""
         geometry = self.one(collision, "geometry", where)
         kinds = [] if geometry is None else list(geometry)
         if len(kinds) != 1:
@@ -105,7 +105,7 @@ class _Reader:
                 one = (1.0, 1.0, 1.0)
                 scale = self.numbers(kind, "scale", 3, where, one) if "scale" in kind.attrib else one
                 name = kind.get("filename", "")
-                return (self.shelf.mesh(name, scale),) if most == 1 else self.shelf.pieces(name, scale, most)
+                return (self.meshes.mesh(name, scale),) if most == 1 else self.meshes.pieces(name, scale, most)
             if kind.tag == "box":
                 return (Box(self.numbers(kind, "size", 3, where, (1.0, 1.0, 1.0))),)  # type: ignore[arg-type]
             if kind.tag == "cylinder":
@@ -216,7 +216,7 @@ class _Reader:
         return Mimic(element.get("joint", ""), multiplier, offset)
 
     def tree(self, links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...]) -> str:
-        """The root link; problems for doubled or missing names, several roots and cycles."""
+        """The root link; duplicate or missing names, several roots and cycles are problems."""
         for kind, names in (("link", [link.name for link in links]), ("joint", [joint.name for joint in joints])):
             self.problems += [f"{kind} {name!r} is defined {n} times" for name, n in Counter(names).items() if n > 1]
         known = {link.name for link in links}
@@ -226,13 +226,13 @@ class _Reader:
                 if link and link not in known:
                     self.problems.append(f"joint {joint.name!r}: {end} link {link!r} does not exist")
             if joint.mimic is not None and joint.mimic.joint not in joint_names - {joint.name}:
-                self.problems.append(f"joint {joint.name!r}: mimics {joint.mimic.joint!r}, which is no other joint")
+                self.problems.append(f"joint {joint.name!r}: mimics {joint.mimic.joint!r}, which is not another joint")
         parents = Counter(joint.child for joint in joints)
         self.problems += [f"link {name!r} has {n} parent joints; expected one" for name, n in parents.items() if n > 1]
         roots = sorted(known - set(parents))
         if len(roots) != 1:
-            found = ", ".join(roots) or "none: the joints form a cycle"
-            self.problems.append(f"expected exactly one root link; found {found}")
+            listed = ", ".join(roots) or "none: the joints form a cycle"
+            self.problems.append(f"expected exactly one root link; found {listed}")
         return self.reachable(roots[0], known, joints) if len(roots) == 1 else ""
 
     def reachable(self, root: str, known: set[str], joints: tuple[UrdfJoint, ...]) -> str:
@@ -262,11 +262,11 @@ class _Reader:
         return read["xyz"], read["rpy"]  # type: ignore[return-value]
 
     def one(self, element: ElementTree.Element, tag: str, where: str) -> ElementTree.Element | None:
-        """The child of that tag, if there is one; several are a problem, as readers differ in which they take."""
-        found = element.findall(tag)
-        if len(found) > 1:
-            self.problems.append(f"{where}: <{tag}> is given {len(found)} times")
-        return found[0] if found else None
+        """The child with that tag, if any; several are a problem, because readers differ in which one they use."""
+        children = element.findall(tag)
+        if len(children) > 1:
+            self.problems.append(f"{where}: <{tag}> is given {len(children)} times")
+        return children[0] if children else None
 
     def text(self, element: ElementTree.Element, key: str, where: str) -> str:
         value = element.get(key, "")

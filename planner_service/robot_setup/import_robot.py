@@ -18,7 +18,7 @@ from planner_service.files.reading import as_path, read_bytes
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.mesh_formats import MAX_BYTES
-from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.validation import copied_in, flag, instance, items
 from planner_service.robot.loading import ACCELERATION, JERK, Selection, robot_of, standing_joints
 from planner_service.robot.model import Robot, load_robot
@@ -64,9 +64,9 @@ class Source:
         return Selection(self.tool_frame, self.srdf, self.joints, self.locked_joints)
 
     @property
-    def shelf(self) -> MeshShelf:
+    def meshes(self) -> MeshLoader:
         """Where its meshes are."""
-        return MeshShelf((self.urdf.resolve().parent, *(folder.resolve() for folder in self.package_dirs)))
+        return MeshLoader((self.urdf.resolve().parent, *(folder.resolve() for folder in self.package_dirs)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def _meshes_in_place(source: Source, root: ElementTree.Element, folder: Path) ->
     """The collision meshes of a URDF that stays where it is, by their paths in its folder."""
     paths = {}
     for element in _mesh_elements(root):
-        path = source.shelf.path(element.get("filename", ""))
+        path = source.meshes.path(element.get("filename", ""))
         if not path.is_relative_to(folder.resolve()):
             raise InvalidRequest("out", str(folder), f"another folder than the URDF's own: {path} has to be copied")
         paths[path.relative_to(folder.resolve()).as_posix()] = path
@@ -148,7 +148,7 @@ def _meshes_to_copy(source: Source, root: ElementTree.Element) -> dict[str, Path
     """The collision meshes by the paths of their copies, which the elements are given as names."""
     names: dict[Path, str] = {}
     for element in _mesh_elements(root):
-        path = source.shelf.path(element.get("filename", ""))
+        path = source.meshes.path(element.get("filename", ""))
         if path not in names:
             plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in path.name)
             taken = {name.lower() for name in names.values()}

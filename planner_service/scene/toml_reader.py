@@ -18,7 +18,7 @@ from planner_service.files.toml_reader import read_tables, toml_value
 from planner_service.files.writing import write_whole
 from planner_service.geometry.composite import MAX_COMPOUND, Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene, checked_description, checked_name
@@ -45,7 +45,7 @@ def read_scene(path: Path) -> Scene:
         InvalidFile: the file cannot be used; it lists all problems found, not the first.
     """
     document = read_tables(path, MAX_BYTES)
-    reading = _SceneReading(shelf=MeshShelf((path.resolve().parent,)))
+    reading = _SceneReading(meshes=MeshLoader((path.resolve().parent,)))
     scene: Scene = read_record(SceneFile, document, path, reading).value
     return scene
 
@@ -81,7 +81,7 @@ def _lines(table: dict[str, Any]) -> str:
 class _SceneReading(Reading):
     """What is known while a scene file is read: where meshes and clouds are read from."""
 
-    shelf: MeshShelf | None = None
+    meshes: MeshLoader | None = None
 
 
 # How values are written, for messages.
@@ -141,11 +141,11 @@ class RoundTable(Record):
 class FileTable(Record):
     """What is read from a file in the scene's folder."""
 
-    _shelf: MeshShelf = PrivateAttr(MeshShelf(()))
+    _meshes: MeshLoader = PrivateAttr(MeshLoader(()))
 
     def model_post_init(self, context: Any) -> None:
-        if isinstance(context, _SceneReading) and context.shelf is not None:
-            self._shelf = context.shelf
+        if isinstance(context, _SceneReading) and context.meshes is not None:
+            self._meshes = context.meshes
 
 
 class HullTable(FileTable):
@@ -158,7 +158,7 @@ class HullTable(FileTable):
     @cached_property
     def value(self) -> Any:
         self._require_one_source()
-        return Mesh(self.vertices) if self.file is None else self._shelf.mesh(self.file, self.scale)
+        return Mesh(self.vertices) if self.file is None else self._meshes.mesh(self.file, self.scale)
 
     def _require_one_source(self) -> None:
         keys = self.model_fields_set
@@ -176,7 +176,7 @@ class MeshTable(HullTable):
         self._require_one_source()
         if self.file is None or self.pieces is None:
             return super().value
-        return Compound.of_pieces(self._shelf.pieces(self.file, self.scale, self.pieces))
+        return Compound.of_pieces(self._meshes.pieces(self.file, self.scale, self.pieces))
 
 
 class CloudTable(FileTable):
@@ -191,7 +191,7 @@ class CloudTable(FileTable):
         if (self.file is None) == (self.cells is None):
             raise ValueError(CLOUD)
         if self.file is not None:
-            return self._shelf.cloud(self.file, self.resolution)
+            return self._meshes.cloud(self.file, self.resolution)
         return PointCloud.from_cells(self.cells, self.resolution)
 
 
@@ -208,7 +208,7 @@ class HeightsTable(FileTable):
         if (self.file is None) == (self.values is None):
             raise ValueError(HEIGHTS)
         if self.file is not None:
-            return self._shelf.heights(self.file, self.cell, self.floor)
+            return self._meshes.heights(self.file, self.cell, self.floor)
         return HeightField(self.values, self.cell, self.floor)
 
 

@@ -232,8 +232,8 @@ def test_pieces_that_are_hollow_give_way_to_the_hull(fake: Fake) -> None:
     ("body", "why"),
     [
         ("os.abort()", "it died: Aborted"),
-        ("raise RuntimeError('not a mesh I like')", "it said 'RuntimeError: not a mesh I like'"),
-        ("bytearray(10**11)", "it said 'MemoryError'"),
+        ("raise RuntimeError('not a mesh I like')", "its last message was 'RuntimeError: not a mesh I like'"),
+        ("bytearray(10**11)", "its last message was 'MemoryError'"),
         ("return []", "its answer is not 1 to 16 pieces"),
         ("return [(np.full((4, 3), np.nan), None)]", "its answer is not 1 to 16 pieces"),
         ("return [(np.eye(3), None)] * 17", "its answer is not 1 to 16 pieces"),

@@ -20,7 +20,7 @@ from planner_service.geometry import mesh_paths as mesh_path
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
-from planner_service.geometry.mesh_paths import MeshShelf
+from planner_service.geometry.mesh_paths import MeshLoader
 
 POINTS = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, -0.75], [0.25, 0.5, 0.125]])
 """Numbers that no format rounds."""
@@ -128,18 +128,18 @@ NAN = struct.pack("<I", 0x7FA00000)
 REFUSED: dict[str, tuple[str, bytes, str]] = {
     "other suffix": ("a.dxf", b"", r"suffix '.dxf'; expected one of .stl, .obj, .ply"),
     "no suffix": ("stl", binary_stl(), "suffix ''"),
-    "empty stl": ("a.stl", b"", "no STL: 0 bytes are not those of 0 triangles, nor is it a text"),
+    "empty stl": ("a.stl", b"", "no STL: 0 bytes are not those of 0 triangles, nor is it text"),
     "stl of no triangle": ("a.stl", bytes(84), "no vertices"),
     "stl cut": ("a.stl", binary_stl()[:-1], r"no STL: 383 bytes are not those of 6 triangles"),
     "stl with more behind": ("a.stl", binary_stl() + b"\0", "no STL: 385 bytes"),
     "stl that claims four billion": ("a.stl", bytes(80) + b"\xff" * 54, "those of 4,294,967,295 triangles"),
     "stl of nan": ("a.stl", binary_stl()[:96] + NAN + binary_stl()[100:], "a vertex is not finite"),
     "stl of infinity": ("a.stl", binary_stl()[:96] + b"\0\0\x80\x7f" + binary_stl()[100:], "a vertex is not finite"),
-    "stl text without end": ("a.stl", text_stl().replace(b"endsolid", b"end"), "an STL text without its end"),
-    "stl text of nothing": ("a.stl", b"solid\nendsolid\n", "0 vertices of an STL text; expected three for each"),
-    "stl text of two corners": ("a.stl", text_stl().replace(b"vertex", b"vortex", 1), "17 vertices of an STL text"),
+    "stl text without end": ("a.stl", text_stl().replace(b"endsolid", b"end"), "STL text without its end"),
+    "stl text of nothing": ("a.stl", b"solid\nendsolid\n", "0 vertices in STL text; expected three for each"),
+    "stl text of two corners": ("a.stl", text_stl().replace(b"vertex", b"vortex", 1), "17 vertices in STL text"),
     "stl text of two numbers": ("a.stl", text_stl().replace(b"0.25 0.0 0.0", b"0.25 0.0"), "'vertex' in a vertex"),
-    "stl text and zeros": ("a.stl", text_stl().replace(b"part", b"p\0\xff"), "neither binary in the way its suffix"),
+    "stl text and zeros": ("a.stl", text_stl().replace(b"part", b"p\0\xff"), "neither the binary format of its suffix"),
     "obj of points": ("a.obj", re.sub(rb"(?m)^f .*\n", b"", obj()), "an OBJ without a face: cut short, or no more"),
     "obj of faces": ("a.obj", b"f 1 2 3\n", "no vertices"),
     "obj of two numbers": ("a.obj", obj().replace(b"v 0.25 0.0 0.0", b"v 0.25 0.0"), "a vertex without three"),
@@ -195,7 +195,7 @@ def test_a_file_of_too_many_different_vertices_is_refused(tmp_path: Path) -> Non
     facets["v"][..., 0] = x.reshape(-1, 3) / 1000.0
     path = write(tmp_path, "a.stl", bytes(80) + struct.pack("<I", len(facets)) + facets.tobytes())
     (found,) = problems_of(lambda: read_vertices(path))
-    assert found == f"{len(np.unique(x)):,} different vertices; expected at most 500,000"
+    assert found == f"{len(np.unique(x)):,} distinct vertices; expected at most 500,000"
 
 
 def test_a_flat_mesh_is_refused_with_its_file(tmp_path: Path) -> None:
@@ -279,8 +279,8 @@ def place(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def shelf_of(place: Path) -> MeshShelf:
-    return MeshShelf((place / "robot", place / "shared"))
+def loader_of(place: Path) -> MeshLoader:
+    return MeshLoader((place / "robot", place / "shared"))
 
 
 @pytest.mark.parametrize(
@@ -301,7 +301,7 @@ def shelf_of(place: Path) -> MeshShelf:
     ],
 )
 def test_a_mesh_inside_the_folders_is_found(place: Path, name: str, size: int) -> None:
-    assert shelf_of(place).mesh(name.format(place=place)) == Mesh(POINTS * size)
+    assert loader_of(place).mesh(name.format(place=place)) == Mesh(POINTS * size)
 
 
 @pytest.mark.parametrize(
@@ -322,30 +322,30 @@ def test_a_mesh_inside_the_folders_is_found(place: Path, name: str, size: int) -
         ("package://arm/tunnel/s.stl", "does not exist"),
         ("d.stl", "does not exist"),
         ("meshes.stl", "does not exist"),
-        ("notes.txt", "is no .stl or .obj or .ply or .dae file"),
-        ("/etc/passwd", "is no .stl or .obj or .ply or .dae file"),
+        ("notes.txt", "is not a .stl, .obj, .ply or .dae file"),
+        ("/etc/passwd", "is not a .stl, .obj, .ply or .dae file"),
         ("text.stl", "suffix '.txt'; expected one of"),
         ("", "mesh filename ''; expected a path"),
         ("a\0.stl", "expected a path"),
-        ("file://{place}/robot/a%00.stl", "is no path: embedded null"),
-        ("x" * 5000 + ".stl", "is no path|does not exist"),
-        ("circle.stl", "is no path|does not exist"),
-        ("\udc80.stl", "is no path|does not exist"),
+        ("file://{place}/robot/a%00.stl", "is not a path: embedded null"),
+        ("x" * 5000 + ".stl", "is not a path|does not exist"),
+        ("circle.stl", "is not a path|does not exist"),
+        ("\udc80.stl", "is not a path|does not exist"),
     ],
 )
 def test_a_mesh_elsewhere_is_refused(place: Path, name: str, problem: str) -> None:
     with pytest.raises(InvalidRequest, match=problem):
-        MeshShelf((place / "robot",)).mesh(name.format(place=place))
+        MeshLoader((place / "robot",)).mesh(name.format(place=place))
 
 
 def test_a_mesh_that_cannot_be_used_says_why(place: Path) -> None:
     write(place / "robot", "cut.stl", binary_stl()[:200])
     with pytest.raises(InvalidRequest, match=r"mesh 'cut.stl' cannot be used: no STL: 200 bytes"):
-        shelf_of(place).mesh("cut.stl")
+        loader_of(place).mesh("cut.stl")
 
 
 def test_a_mesh_that_is_named_again_is_read_once_for_each_scale(place: Path) -> None:
-    shelf = shelf_of(place)
+    shelf = loader_of(place)
     first, mirrored = shelf.mesh("a.stl"), shelf.mesh("a.stl", (-1.0, 1.0, 1.0))
     (place / "robot" / "a.stl").write_bytes(b"")
     assert shelf.mesh("./a.stl") is first
@@ -355,8 +355,8 @@ def test_a_mesh_that_is_named_again_is_read_once_for_each_scale(place: Path) -> 
 
 def test_all_meshes_of_a_file_share_one_budget_of_bytes(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_path, "MAX_TOTAL", 2 * len(binary_stl()) + 1)
-    shelf = shelf_of(place)
+    shelf = loader_of(place)
     for name in ("a.stl", "meshes/b.stl", "a.stl", "in.stl"):
         shelf.mesh(name)
-    with pytest.raises(InvalidRequest, match=r"mesh 'c.stl' is one too many: more than 769 bytes of files"):
+    with pytest.raises(InvalidRequest, match=r"mesh 'c.stl' is too much: more than 769 bytes of mesh files in all"):
         shelf.mesh("c.stl")

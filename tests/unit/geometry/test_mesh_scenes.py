@@ -74,7 +74,7 @@ def test_what_is_wrong_with_the_meshes_of_a_scene_is_told_all_at_once(tmp_path: 
         load_scene(tmp_path / "scene.toml")
     found = caught.value.problems
     expected = (
-        "mesh '../rock.stl' lies outside", "mesh 'rock.stl' does not exist", "mesh 'rock.txt' is no .stl",
+        "mesh '../rock.stl' lies outside", "mesh 'rock.stl' does not exist", "mesh 'rock.txt' is not a .stl",
         "mesh: got 7; expected", "mesh: got {}; expected", "mesh: got {'file': 'a.stl'", "unknown key 'size'",
         "file: got 3; expected a text", "scale: got [0, 1, 1]; expected three",
         "vertices: flat, 4 points", "vertices: got 'cube'", "vertices[0]: got [0.0, 0.0, nan]",

@@ -181,9 +181,11 @@ def test_a_position_outside_the_limits_is_refused(wxai: Robot, value: Any) -> No
 def test_what_cannot_be_locked_is_refused(wxai: Robot) -> None:
     with pytest.raises(UnknownName, match="unknown joint 'joint_6'; did you mean 'joint_"):
         wxai.locked({"joint_6": 0.0})
-    with pytest.raises(InvalidRequest, match=r"joints: got .* expected positions by the names of joints"):
+    with pytest.raises(InvalidRequest, match=r"joints: got .* expected positions by joint name"):
         wxai.locked(["joint_1"])  # type: ignore[arg-type]
-    with pytest.raises(InvalidRequest, match=r"joints: got .* expected at least one of the 6 joints left to move"):
+    with pytest.raises(
+        InvalidRequest, match=r"joints: got .* expected at least one of the 6 joints to remain unlocked"
+    ):
         wxai.locked(dict.fromkeys(wxai.joint_names, 0.0))
 
 

@@ -436,7 +436,7 @@ def test_an_srdf_allows_contacts_with_its_reasons(tmp_path: Path) -> None:
 def test_an_srdf_about_another_robot_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mixed.urdf").write_text(MIXED)
     (tmp_path / "other.srdf").write_text('<robot name="x"><disable_collisions link1="stand" link2="gone"/></robot>')
-    with pytest.raises(InvalidFile, match=r"disable_collisions\[0\]: 'gone' is no link of the URDF"):
+    with pytest.raises(InvalidFile, match=r"disable_collisions\[0\]: 'gone' is not a link of the URDF"):
         Robot.from_urdf(tmp_path / "mixed.urdf", srdf=tmp_path / "other.srdf", locked_joints={"branch": 0.0})
 
 
@@ -502,7 +502,7 @@ def test_a_robot_without_collision_shapes_is_refused(tmp_path: Path) -> None:
     text = SINGLE.format(kind="revolute", effort=1)
     start, end = text.index("<collision>"), text.index("</collision>") + len("</collision>")
     (tmp_path / "single.urdf").write_text(text[:start] + text[end:])
-    with pytest.raises(InvalidFile, match="no link of the URDF has a collision shape: nothing could ever collide"):
+    with pytest.raises(InvalidFile, match="no link of the URDF has a collision shape, so nothing could ever collide"):
         Robot.from_urdf(tmp_path / "single.urdf")
 
 

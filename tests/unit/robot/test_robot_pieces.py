@@ -104,8 +104,8 @@ def test_a_convex_mesh_is_one_piece(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("link", "count", "message"),
     [
-        ("frok", 2, "decompose: 'frok' is no link with a collision shape"),
-        ("base", 2, "decompose: 'base' is no link with a collision shape"),
+        ("frok", 2, "decompose: 'frok' is not a link with a collision shape"),
+        ("base", 2, "decompose: 'base' is not a link with a collision shape"),
         ("fork", 0, r"link 'fork' collision\[0\]: most: got 0; expected a whole number from 1 to 64"),
         ("fork", 65, r"link 'fork' collision\[0\]: most: got 65"),
         ("fork", "many", r"link 'fork' collision\[0\]: most: got 'many'"),

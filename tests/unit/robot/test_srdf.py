@@ -83,7 +83,7 @@ def test_a_state_beyond_a_limit_by_rounding_stands_at_the_limit(tmp_path: Path) 
 
 
 BAD = {
-    "an unknown joint": (state("up", "left", left_trun=0), "group_state 'up': 'left_trun' is no joint of the URDF"),
+    "an unknown joint": (state("up", "left", left_trun=0), "group_state 'up': 'left_trun' is not a joint of the URDF"),
     "beyond a limit": (state("up", "left", left_lift=1.6), r"group_state 'up': left_lift = '1.6'; .* \[0.5, 1.5708\]"),
     "no number": (state("up", "left", left_lift="high"), "group_state 'up': left_lift = 'high'; expected a number"),
     "two numbers": (state("up", "left", left_lift="1 1"), "group_state 'up': left_lift = '1 1'; expected a number"),
@@ -129,7 +129,7 @@ def test_joints_that_are_not_chosen_stand_at_zero_or_in_the_middle_or_where_they
 
 
 def test_a_joint_that_would_follow_a_moving_one_is_refused(tmp_path: Path) -> None:
-    reason = "joint 'other_joint' mimics 'finger_joint'; lock both: following a joint is not supported"
+    reason = "joint 'other_joint' mimics 'finger_joint'; lock both: a moving joint cannot be mimicked"
     with pytest.raises(InvalidFile, match=reason):
         Robot.from_urdf(two(tmp_path), joints=(*LEFT, "finger_joint"))
     with pytest.raises(InvalidFile, match="joint 'other_joint' mimics 'finger_joint'; lock both"):
@@ -142,11 +142,13 @@ def test_a_choice_of_joints_that_makes_no_sense_is_refused(tmp_path: Path) -> No
         Robot.from_urdf(path, joints=("left_trun",))
     with pytest.raises(UnknownName, match="unknown joint 'camera_joint'"):
         Robot.from_urdf(path, joints=("camera_joint",))
-    with pytest.raises(InvalidRequest, match=r"joints: got .*; expected at least one joint, and none twice"):
+    with pytest.raises(InvalidRequest, match=r"joints: got .*; expected at least one joint, and no joint twice"):
         Robot.from_urdf(path, joints=())
-    with pytest.raises(InvalidRequest, match=r"joints: got .*; expected at least one joint, and none twice"):
+    with pytest.raises(InvalidRequest, match=r"joints: got .*; expected at least one joint, and no joint twice"):
         Robot.from_urdf(path, joints=("left_turn", "left_turn"))
-    with pytest.raises(InvalidRequest, match=r"locked_joints\['left_turn'\]: got 0.0; expected no joint that is in"):
+    with pytest.raises(
+        InvalidRequest, match=r"locked_joints\['left_turn'\]: got 0.0; expected a joint that is not in joints"
+    ):
         Robot.from_urdf(path, joints=LEFT, locked_joints={"left_turn": 0.0})
     with pytest.raises(InvalidRequest, match="joints: got 'left_turn'; expected a sequence of names"):
         Robot.from_urdf(path, joints="left_turn")

@@ -69,7 +69,7 @@ BAD = {
     "unknown joint": (
         '"joint_1", "joint_2"',
         '"joint_1", "joint_9"',
-        "joints: 'joint_9' is no movable joint of the URDF",
+        "joints: 'joint_9' is not a movable joint of the URDF",
     ),
     "joint left out": (
         '"joint_5"]',

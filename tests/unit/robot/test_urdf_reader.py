@@ -149,8 +149,16 @@ BAD = {
     "link twice": ('<link name="pad"/>', '<link name="pad"/><link name="pad"/>', "link 'pad' is defined 2 times"),
     "joint twice": ('joint name="wrist"', 'joint name="slide"', "joint 'slide' is defined 2 times"),
     "unnamed link": ('<link name="pad"/>', '<link name="pad"/><link/>', "<link> name = ''; expected a name"),
-    "unknown mimic": ('mimic joint="wrist"', 'mimic joint="writs"', "'slide': mimics 'writs', which is no other joint"),
-    "mimics itself": ('mimic joint="wrist"', 'mimic joint="slide"', "'slide': mimics 'slide', which is no other joint"),
+    "unknown mimic": (
+        'mimic joint="wrist"',
+        'mimic joint="writs"',
+        "'slide': mimics 'writs', which is not another joint",
+    ),
+    "mimics itself": (
+        'mimic joint="wrist"',
+        'mimic joint="slide"',
+        "'slide': mimics 'slide', which is not another joint",
+    ),
 }
 
 
@@ -168,7 +176,7 @@ MESHES = {
     "relative path out": ("../outside/o.stl", "lies outside the folders that may be read"),
     "through a link": ("sly/o.stl", "lies outside the folders that may be read"),
     "other scheme": ("http://example.org/o.stl", "lies outside the folders that may be read"),
-    "wrong suffix": ("inside.step", r"is no .stl or .obj or .ply or .dae file"),
+    "wrong suffix": ("inside.step", r"is not a .stl, .obj, .ply or .dae file"),
     "empty": ("", "mesh filename ''; expected a path"),
     "missing": ("missing.stl", "mesh 'missing.stl' does not exist"),
     "no content": ("package://arm/inside.stl", "cannot be used: no STL: 0 bytes are not those of 0 triangles"),
