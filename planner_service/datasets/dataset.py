@@ -13,7 +13,7 @@ from planner_service.datasets.card import card
 from planner_service.datasets.episode import Episode, EpisodeWork, lost_episode
 from planner_service.datasets.folder import DATA_PATH, DatasetFolder
 from planner_service.datasets.parquet import pyarrow_version
-from planner_service.datasets.random_draws import Draws
+from planner_service.datasets.random_draws import RandomDraws
 from planner_service.datasets.summary import EpisodesSummary
 from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path

@@ -134,7 +134,7 @@ class _Chain:
         self._scale = 1.0 / _span(robot, indices)
 
     def error(self, q: FloatArray, target: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """At q (n, m) the scaled error (6, m), its Jacobian (6, n, m), and the larger of metres and radians off (m,)."""
+        """At q (n, m) the scaled error (6, m), its Jacobian (6, n, m), and the larger error in m and rad (m,)."""
         rotations, positions = self._robot.body_poses_batch(q.T)
         R, t = rotations.transpose(1, 2, 3, 0), positions.transpose(1, 2, 0)
         body = R[self._indices[0]].swapaxes(0, 1)

@@ -8,7 +8,6 @@ from typing import Protocol
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
 from planner_service.presentation.tables import Block, Table
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.roadmap.graph import EdgePoints, Graph, motion
 
 __all__ = ["Place", "nearest_places"]

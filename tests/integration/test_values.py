@@ -39,7 +39,7 @@ from planner_service import (
     load_robot,
 )
 from planner_service.certify import ExemptInterval
-from planner_service.datasets import Drawn
+from planner_service.datasets import EpisodeWorld
 from planner_service.execute import ArmLimits, Recording
 from planner_service.parallel import Sequential
 from planner_service.planning import AllowedStretch, Pace
@@ -130,7 +130,7 @@ VALUES: list[tuple[Callable[[Any], Any], str, Any]] = [
     (lambda v: Failure(Stage.SEARCH, Reason.TIMED_OUT, "", blocked_by=v), "blocked_by", [("a", "b", 0.5)]),
     (lambda v: PlanResult(None, None, None, (), notes=v), "notes", ["clamped"]),
     (lambda v: Recording(ROW, v, COLUMN, ROW), "commanded", np.array([[0.5]])),
-    (lambda v: Drawn(Scene(), v, "a", "b"), "start", np.array([0.5])),
+    (lambda v: EpisodeWorld(Scene(), v, "a", "b"), "start", np.array([0.5])),
     (lambda v: Problem("p", ("j",), Scene(), np.array([0.0]), v), "goals", [np.array([0.5])]),
     (lambda v: Problem("p", ("j",), Scene(), v, ()), "start", np.array([0.5])),
     (lambda v: ProblemSet(v, ()), "joint_names", ["j"]),

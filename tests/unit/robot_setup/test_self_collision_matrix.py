@@ -222,7 +222,10 @@ def test_the_file_says_where_limits_come_from_and_what_is_judged(tmp_path: Path)
     assert (
         '"convention: 3.141596 rad/s^2 (0.5 m/s^2 sliding), usual in MoveIt configurations; URDF states none"' in text
     )
-    assert "# Checked, because they collide somewhere; with an example of turn, slide, swing:\n#   post x ball: coll" in text
+    assert (
+        "# Checked, because they collide somewhere; with an example of turn, slide, swing:\n#   post x ball: coll"
+        in text
+    )
     assert all(c.isprintable() or c == "\n" for c in text)
 
 
