@@ -19,7 +19,7 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval, Grip
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.collision.budget import Cancelled
-from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
@@ -79,7 +79,7 @@ class PlannerService:
         self._planning = self._new_checker()
         self.world = World(self.robot, self.scene, self._planning.allowed, self._planning.edge_step)
         self._certifier = Prepared(self._new_certifier)
-        self._turns = Turns()
+        self._turns = FairLock()
         self._process = os.getpid()
 
     @classmethod

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeVar
 
-__all__ = ["Turns"]
+__all__ = ["FairLock"]
 
 T = TypeVar("T")
 
@@ -16,7 +16,7 @@ _POLL_SECONDS = 0.02
 """Seconds between polls while waiting."""
 
 
-class Turns:
+class FairLock:
     """A lock that threads get in the order in which they asked for it.
 
     Ctrl-C may come between any two steps, so a caller leaves the queue twice, in case the first time was interrupted;
@@ -31,7 +31,7 @@ class Turns:
         """How many callers wait for the holder."""
         return max(0, len(self._queue) - 1)
 
-    def taken(self, act: Callable[[], T], poll: Callable[[], None] = lambda: None) -> T:
+    def hold(self, act: Callable[[], T], poll: Callable[[], None] = lambda: None) -> T:
         """Call ``act`` while holding the lock; returns its result.
 
         Args:

@@ -14,7 +14,7 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
 from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
-from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared, ask_from_now_on
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -69,7 +69,7 @@ class Limits:
     cancel: CancelToken | None = None
 
 
-def in_turn(turns: Turns, ledger: Ledger, limits: Limits, act: Callable[[], T]) -> T:
+def in_turn(turns: FairLock, ledger: Ledger, limits: Limits, act: Callable[[], T]) -> T:
     """What ``act`` returns: called when the turn has come, and held to the limits from then on.
 
     However it ends, this thread is left as it was, even by Ctrl-C between any two steps: this is why the steps that
@@ -98,7 +98,7 @@ def in_turn(turns: Turns, ledger: Ledger, limits: Limits, act: Callable[[], T]) 
             ask_from_now_on(None)
             ledger.let_go()
 
-    return turns.taken(limited, wanted)
+    return turns.hold(limited, wanted)
 
 
 class StageEntry:
@@ -177,7 +177,7 @@ class PlanAccounting:
         self.notes.append(note)
         logger.info("%s", note)
 
-    def within_limits(self, turns: Turns, act: Callable[[], T]) -> T:
+    def within_limits(self, turns: FairLock, act: Callable[[], T]) -> T:
         """What ``act`` returns: called when the turn has come, and held to the limits from then on.
 
         Raises:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
-from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
@@ -83,7 +83,7 @@ def follow(
     request: FollowRequest,
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
-    turns: Turns,
+    turns: FairLock,
     *,
     cancel: CancelToken | None = None,
 ) -> PlanResult:

@@ -11,7 +11,7 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.proximity import require_kernel
-from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
@@ -75,7 +75,7 @@ def plan(
     request: PlanRequest,
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
-    turns: Turns,
+    turns: FairLock,
     *,
     cancel: CancelToken | None = None,
     tracer: Tracer | None = None,

@@ -18,7 +18,7 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import CheckBudgetSpent, SearchStopped, TimeBoxSpent
-from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
@@ -78,7 +78,7 @@ def replan(
     previous: PlanResult | Replanned,
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
-    turns: Turns,
+    turns: FairLock,
     *,
     at_time: float,
     latency: float,
@@ -150,7 +150,7 @@ class _Replanning:
         self._limits = self._pace.limits(self._checker.robot)
         self._detours = Detours(context, self._motion.path, old.ahead)
 
-    def result(self, turns: Turns) -> Replanned:
+    def result(self, turns: FairLock) -> Replanned:
         """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""
         try:
             going_on = self._accounting.within_limits(turns, self._under_way)
@@ -221,7 +221,7 @@ class _Replanning:
             if not certificate.certified:
                 raise NoPlan(not_certified(certificate), certificate)
 
-    def _from_rest(self, turns: Turns) -> Replanned:
+    def _from_rest(self, turns: FairLock) -> Replanned:
         """A plan from where the old motion has ended when the new one begins.
 
         Raises:

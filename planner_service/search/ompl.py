@@ -25,7 +25,7 @@ import ompl.util as ou
 
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
-from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.fair_lock import FairLock
 from planner_service.geometry.arrays import FloatArray
 from planner_service.search.problem import (
     CoarseOracle,
@@ -61,7 +61,7 @@ UNTOLD = ("BITstar", "AORRTC")
 """What these grew OMPL 2.0.1 does not tell: telling leaks the whole query, or gives nothing."""
 
 # OMPL's seed source is global to the process, and so are the turns that make queries repeatable.
-_turns = Turns()
+_turns = FairLock()
 
 _SEEDS = 2**32 - 1
 
@@ -69,7 +69,7 @@ _SEEDS = 2**32 - 1
 def _renew_turns() -> None:
     """In the child of a fork nobody will give back the turn that another thread of the parent held."""
     global _turns
-    _turns = Turns()
+    _turns = FairLock()
 
 
 os.register_at_fork(after_in_child=_renew_turns)
@@ -447,7 +447,7 @@ def _seeded(seed: int, poll: Callable[[], None], act: Callable[[], T]) -> T:
         finally:
             ou.setLogLevel(level)  # Ctrl-C may have come before it was done
 
-    return _turns.taken(silent, poll)
+    return _turns.hold(silent, poll)
 
 
 def _path(

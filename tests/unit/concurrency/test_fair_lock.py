@@ -1,4 +1,4 @@
-"""Turns: first come, first served."""
+"""The fair lock: first come, first served."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import threading
 import pytest
 
 from planner_service.collision.budget import Cancelled
-from planner_service.concurrency.fair_lock import Turns
+from planner_service.concurrency.fair_lock import FairLock
 
 
 def test_threads_get_their_turns_in_the_order_in_which_they_asked() -> None:
-    turns, served, threads = Turns(), list[int](), list[threading.Thread]()
+    turns, served, threads = FairLock(), list[int](), list[threading.Thread]()
 
     def take(k: int, queued: threading.Event) -> None:
         queued.set()
-        turns.taken(lambda: served.append(k))
+        turns.hold(lambda: served.append(k))
 
     def queue() -> None:
         for k in range(8):
@@ -26,21 +26,21 @@ def test_threads_get_their_turns_in_the_order_in_which_they_asked() -> None:
             while turns.waiting <= k:  # the thread has said it will ask; wait until it has asked
                 pass
 
-    turns.taken(queue)
+    turns.hold(queue)
     for thread in threads:
         thread.join()
     assert served == list(range(8))
 
 
 def test_a_turn_is_given_back_when_its_holder_fails() -> None:
-    turns = Turns()
+    turns = FairLock()
     with pytest.raises(ZeroDivisionError):
-        turns.taken(lambda: 1 / 0)
-    assert turns.taken(lambda: turns.waiting) == 0
+        turns.hold(lambda: 1 / 0)
+    assert turns.hold(lambda: turns.waiting) == 0
 
 
 def test_a_caller_who_waits_no_more_leaves_the_queue() -> None:
-    turns = Turns()
+    turns = FairLock()
 
     def impatient() -> None:
         raise Cancelled
@@ -50,7 +50,7 @@ def test_a_caller_who_waits_no_more_leaves_the_queue() -> None:
 
     def first() -> None:
         with pytest.raises(Cancelled):
-            turns.taken(served, impatient)
+            turns.hold(served, impatient)
 
-    turns.taken(first)
-    assert turns.taken(lambda: turns.waiting) == 0
+    turns.hold(first)
+    assert turns.hold(lambda: turns.waiting) == 0

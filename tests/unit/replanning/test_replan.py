@@ -558,7 +558,7 @@ def test_a_call_that_is_cancelled_while_another_plans_stops_without_waiting_for_
         asking.join(10.0)
         assert [found.outcome for found in answers] == [Outcome.STOP]
 
-    service._turns.taken(meanwhile)  # a long plan
+    service._turns.hold(meanwhile)  # a long plan
     assert answers[0].counts.distances > 0
     assert answers[0].counts == sum((report.counts for report in answers[0].result.stages), CheckCounts())
 

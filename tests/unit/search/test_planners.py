@@ -387,7 +387,7 @@ def test_a_child_forked_during_a_search_can_search() -> None:
         "from planner_service.search import ompl\n"
         "from planner_service.planners import RRTConnect\n"
         "from tests.support.discs import DiscWorld, across\n"
-        "child = ompl._turns.taken(os.fork)\n"
+        "child = ompl._turns.hold(os.fork)\n"
         "if child == 0:\n"
         "    found = RRTConnect().search(across(DiscWorld())).waypoints is not None\n"
         "    os._exit(0 if found else 1)\n"
