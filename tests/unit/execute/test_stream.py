@@ -681,7 +681,7 @@ def test_for_a_failure_no_arm_is_connected_to(
     save_plan(SavedPlan(service.world, None, failed), tmp_path / "plan.json")
     done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
     assert done.exit_code == 2
-    assert "expected a plan" in done.stderr
+    assert "expected a file that holds a plan" in done.stderr
 
 
 @pytest.mark.parametrize("robot_name", ["planar2", "ur5"])
@@ -770,7 +770,7 @@ def test_what_a_file_has_cannot_be_chosen(option: str, saved: str) -> None:
         done = CliRunner().invoke(app, ["run", saved, where, option])
         assert done.exit_code == 2
         name, _, value = option.partition("=")
-        assert re.search(f"{name}: got '?{value}'?; expected no such option with a FILE", done.stderr)
+        assert re.search(f"{name}: got '?{value}'?; expected no such option with FILE", done.stderr)
 
 
 @pytest.mark.parametrize(
