@@ -8,6 +8,7 @@ padding the path was found. The notes are counted.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -74,6 +75,12 @@ def followed(**options: Any) -> PlanResult:
     return service("planar2", "discs").follow(points, **options)
 
 
+def over_a_roadmap(max_checks: int, *, fallback: bool) -> PlanResult:
+    """A plan over a lazy roadmap around the posts, and with an RRT-Connect behind it if there is a fallback."""
+    roadmap = service("wxai", "post").build_roadmap(LazyPRM(milestones=150, neighbours=8), progress=False)
+    return query("post", 2, planner=replace(roadmap, fallback=fallback), max_checks=max_checks)
+
+
 def twice(scene: str, number: int) -> PlanResult:
     """The second plan of two along a roadmap that remembers."""
     memory = service("wxai", scene).path_memory()
@@ -120,6 +127,9 @@ CASES: dict[str, Callable[[], PlanResult]] = {
     "asleep": lambda: named("table", "sleep", "sleep"),
     "roadmap": lambda: query("bin", 2, planner=PRM(milestones=150, neighbours=8)),
     "lazy roadmap": lambda: query("post", 2, planner=LazyPRM(milestones=150, neighbours=8)),
+    "roadmap with few states, then a search": lambda: over_a_roadmap(1000, fallback=True),
+    "roadmap alone with few states": lambda: over_a_roadmap(700, fallback=False),
+    "roadmap alone": lambda: over_a_roadmap(1000, fallback=False),
     "remembered": lambda: twice("bin", 3),
     "followed": followed,
     "followed with blends": lambda: followed(blends=[0.0, 0.2, 0.02, 0.0], pace=Pace(SCurve(), velocity_scale=0.5)),
