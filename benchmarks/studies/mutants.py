@@ -202,6 +202,8 @@ class Sandbox:
     def _failure(self, tests: Sequence[str], limit: float) -> str:
         """What fails first in test files, empty if nothing does."""
         code, output = self._pytest(tests, limit, PYTHONDONTWRITEBYTECODE="1") if tests else (0, "")
+        while code == -signal.SIGTERM:  # somebody else ended it, which says nothing of the mutant
+            code, output = self._pytest(tests, limit, PYTHONDONTWRITEBYTECODE="1")
         if code in (0, NO_TESTS):
             return ""
         failure = FIRST_FAILURE.search(output)

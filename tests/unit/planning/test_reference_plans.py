@@ -104,6 +104,7 @@ CASES: dict[str, Callable[[], PlanResult]] = {
     "goal in collision": lambda: among_discs(goal=BLOCKED),
     "one goal of two": lambda: among_discs(goal=[BLOCKED, GOAL]),
     "two goals": lambda: among_discs(goal=[GOAL, (-2.0, -2.0)]),
+    "two goals in an array": lambda: among_discs(goal=np.array([GOAL, (-2.0, -2.0)])),
     "start over a limit": lambda: among_discs(start=(-3.145, 2.0), goal=(-2.5, 2.2)),
     "start far over a limit": lambda: among_discs(start=(-3.3, 2.0)),
     "nowhere to go": lambda: among_discs(goal=START),
