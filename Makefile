@@ -52,7 +52,7 @@ mutants: $(BIN)/.dev  ## do the tests notice small faults: 40 in each package, w
 	$(BIN)/python -m benchmarks mutants --out mutants.json
 
 measures: $(BIN)/.dev  ## the tables of docs/figures, printed
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks all
 
 micro: $(BIN)/.dev  ## what the parts of a plan take, by pytest-benchmark
 	$(BIN)/python -m pytest benchmarks/micro --benchmark-columns=min,median,iqr,rounds

@@ -1,4 +1,4 @@
-"""``python -m benchmarks``: measure what the documentation promises, print it, and say which promise is broken."""
+"""``python -m benchmarks``: the one door to all benchmarks; without an argument it lists what there is."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ peers     other planners in environments of their own: install PEER..., list, ru
 lines     lines of code by folder, now and at COMMIT...
 cold      from the start of a process to its first plan, then plan after plan
 
-all       all of the measures below (the default)
+all       all of the measures below
 toy       the lesson's two-joint program: seed 7 and the 50 seeds of its exercise
 states    states by stage on the stored queries, next to the lesson's program
 solved    random queries in random scenes, and the public Panda problems with several seeds, by the default request,
@@ -101,7 +101,7 @@ def _arguments() -> argparse.Namespace:
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     choices = ["all", *MEASURES, "differential", *STORED, *COMMANDS]
-    parser.add_argument("what", nargs="?", default="all", choices=choices)
+    parser.add_argument("what", nargs="?", choices=choices)
     parser.add_argument("--write", action="store_true", help=f"store instead of compare ({', '.join(STORED)})")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
     parser.add_argument("--robot", metavar="NAME", help="the only robot to look at; all if not given")
@@ -130,7 +130,11 @@ def main() -> int:
     try:
         if name in COMMANDS:
             return int(importlib.import_module(f"benchmarks.{COMMANDS[name]}").main(sys.argv[2:], console))
-        return _measured(_arguments(), console)
+        arguments = _arguments()
+        if arguments.what is None:
+            console.print(USAGE, end="", markup=False, highlight=False, soft_wrap=True)
+            return 0
+        return _measured(arguments, console)
     except (InvalidRequest, MissingDependency) as error:
         console.print(f"{name or 'all'}: {error}", markup=False, highlight=False, soft_wrap=True)
         return 2

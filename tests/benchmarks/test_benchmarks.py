@@ -650,6 +650,14 @@ def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
         assert result.stage(Stage.SEARCH).counts.states == 0
 
 
+def test_without_an_argument_everything_there_is_is_listed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(monkeypatch, []) == 0
+    listed = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line[:1].strip()}
+    assert listed == {"all", "differential", *command.MEASURES, *command.COMMANDS, *command.STORED}
+
+
 @pytest.mark.parametrize(("asked", "code"), [("all", 1), ("view", 2)])
 def test_what_cannot_be_measured_is_told_and_ends_nothing_else(
     asked: str, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
