@@ -20,7 +20,10 @@ import numpy as np
 
 from planner_service.geometry.arrays import FloatArray, IntArray
 
-__all__ = ["STEEPEST", "STEEPEST_SLOPE", "Blends", "integral"]
+__all__ = ["BLEND_SHARE", "STEEPEST", "STEEPEST_SLOPE", "Blends", "integral"]
+
+BLEND_SHARE = 0.499
+"""Share of a piece that the blends at its ends may each take, which leaves a run-up for the closed-form timing laws."""
 
 
 STEEPEST, STEEPEST_SLOPE = 0.625, 2.5

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
 from planner_service.search.problem import CoarseOracle, Configuration, Oracle, joint_distance
 
@@ -48,9 +49,6 @@ PULLS = (1.0, 0.5)
 
 PULL_ROUNDS = 2
 """Rounds over all corners: a corner that moved makes room for its neighbours."""
-
-BLEND_SHARE = 0.499
-"""Share of a piece that the blends at its ends may each take, which leaves a run-up for the closed-form timing laws."""
 
 MIN_BLEND = 0.01
 """Radians. A narrower blend saves no time: a jerk-limited law is as fast with a stop."""

@@ -161,11 +161,19 @@ def toml(folder: Path, packages: str, urdf: str) -> Path:
 
 NAMED = 'packages = ["example-robot-data"]'
 REFUSED = {
-    "out of the package": (NAMED, "package://example-robot-data/../README.md", "lies outside the folder of package"),
+    "out of the package": (
+        NAMED,
+        "package://example-robot-data/../README.md",
+        "expected a path in the folder of package",
+    ),
     "no file": (NAMED, "package://example-robot-data/robots/none.urdf", "no such file"),
-    "a package that is not listed": ("", "package://example-robot-data/robots/x.urdf", "is none of the packages"),
+    "a package that is not listed": (
+        "",
+        "package://example-robot-data/robots/x.urdf",
+        "expected a package that is listed in packages",
+    ),
     "any package": ('packages = ["numpy"]', "package://numpy/x.urdf", "packages: unknown package 'numpy'"),
-    "no names": ("packages = []", "x.urdf", "packages = .*; expected at least 1 different names"),
+    "no names": ("packages = []", "x.urdf", "packages: got .*; expected one or more different names"),
 }
 
 
@@ -182,7 +190,7 @@ def test_a_link_out_of_a_package_is_not_followed(tmp_path: Path, monkeypatch: py
     share.mkdir(parents=True)
     (tmp_path / "secret.urdf").write_text("<robot/>")
     (share / "sly.urdf").symlink_to(tmp_path / "secret.urdf")
-    with pytest.raises(InvalidFile, match="lies outside the folder of package 'example-robot-data'"):
+    with pytest.raises(InvalidFile, match="expected a path in the folder of package 'example-robot-data'"):
         load_robot(toml(tmp_path, NAMED, "package://example-robot-data/sly.urdf"))
 
 
@@ -210,7 +218,7 @@ def test_a_package_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatc
 
 def test_a_package_without_its_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     installed(tmp_path, "example-robot-data", monkeypatch)
-    with pytest.raises(InvalidFile, match=r"is installed, but .* is no folder"):
+    with pytest.raises(InvalidFile, match=r"is installed, but .* is not a folder"):
         load_robot("panda")
 
 

@@ -341,10 +341,10 @@ def text(path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (cut, "no NPZ"),
+        (cut, "not an NPZ file"),
         (foreign, "expected an array 'head'"),
         (older, "version 0; this package reads version 1"),
-        (text, "no NPZ"),
+        (text, "not an NPZ file"),
         (Path.unlink, "no such file"),
     ],
     ids=["cut", "foreign", "older", "text", "gone"],
@@ -355,8 +355,9 @@ def test_a_file_that_is_no_roadmap_is_bad_input(
 ) -> None:
     spoil(there)
     name, *more = command
-    told = refused(name, there, *more)
-    assert message in told or (name == "update" and "a file of another kind is there" in told)  # it writes there
+    if name == "update" and spoil in (foreign, text):  # it would write there
+        message = "a file of another kind is there"
+    assert message in refused(name, there, *more)
 
 
 @pytest.mark.parametrize(

@@ -577,7 +577,7 @@ def test_a_data_set_does_not_shrink(whole: tuple[Path, EpisodesSummary], work: E
 
 def test_a_folder_of_something_else_is_left_alone(work: EpisodeWork, tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine", "utf-8")
-    with pytest.raises(InvalidRequest, match="expected a new or empty folder, or one of episodes"):
+    with pytest.raises(InvalidRequest, match="expected a new or empty folder, or a data set to continue"):
         write_episodes(tmp_path, work, 1, engine=HERE)
     assert set(content(tmp_path)) == {"thesis.tex"}
 

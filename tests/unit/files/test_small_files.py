@@ -62,7 +62,7 @@ def test_long_texts_are_read_in_a_time_that_grows_with_their_length(tmp_path: Pa
 
 def test_dots_in_texts_and_numbers_are_no_key(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text('description = "a.b.c.d.e.f. 1.2.3.4.5"  # it\'s a.b c.d.\n')
-    assert said(str(tmp_path / "scene.toml")).startswith("Scene(")
+    assert said(str(tmp_path / "scene.toml")).startswith("unnamed scene: a.b.c.d.e.f. 1.2.3.4.5")
 
 
 @pytest.mark.parametrize("count", [30_000, 480_000])

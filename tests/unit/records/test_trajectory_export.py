@@ -189,7 +189,7 @@ def test_export_of_a_failure_is_refused(tmp_path: Path) -> None:
     save_plan(SavedPlan(SERVICE.world, request, SERVICE.plan(request)), tmp_path / "plan.json")
     done = run("export", tmp_path / "plan.json")
     assert (done.exit_code, done.stdout) == (2, "")
-    assert "expected a plan, not a failure" in done.stderr
+    assert "expected a file that holds a plan, not a failure" in done.stderr
 
 
 def test_commands_take_worlds_of_others(tmp_path: Path) -> None:

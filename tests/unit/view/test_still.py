@@ -438,7 +438,7 @@ def test_a_picture_does_not_take_the_place_of_another_file(tmp_path: Path, other
     file = tmp_path / "a.png"
     code, out, error = run(*PLANAR, "--goal", "lesson_goal", other, str(file), "--png", str(tmp_path / "." / "a.png"))
     assert (code, out) == (2, "")
-    assert f"--png: got '{file}'; expected another file than {other}" in error
+    assert f"--png: got '{file}'; expected a different file from {other}" in error
     assert not file.exists()
 
 
