@@ -11,11 +11,11 @@ from itertools import chain, islice
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.validation import items
 from planner_service.parallel import Answers, Engine, Lost, Processes
-from planner_service.planners import RRTConnect
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult, Reason, Stage
 from planner_service.presentation.progress import bar
 from planner_service.roadmap import Roadmap
+from planner_service.search.planners import RRTConnect
 
 __all__ = ["GRACE", "Batch", "Interrupted"]
 

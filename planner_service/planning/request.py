@@ -15,8 +15,9 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
-from planner_service.planners import Planner, RRTConnect
 from planner_service.robot.model import JointLimits, Robot
+from planner_service.search.planners import RRTConnect
+from planner_service.search.problem import Planner
 from planner_service.timing.laws import Timing, ToppRa, effective_limits
 
 __all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "require_timing"]

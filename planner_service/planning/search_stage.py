@@ -19,7 +19,6 @@ from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Optimise
-from planner_service.planners import RRTConnect
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
 from planner_service.planning.collision_recovery import near
 from planner_service.planning.endpoints import Ends, padded_ends
@@ -28,6 +27,7 @@ from planner_service.planning.result import Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.planners import RRTConnect
 from planner_service.search.problem import Planner, SearchProblem, joint_distance
 from planner_service.smoothing.smoothing import pulled_in, shortcut, without_short_pieces
 

@@ -21,7 +21,6 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Optimise
 from planner_service.path.corner_blend import STEEPEST
 from planner_service.path.joint_path import JointPath
-from planner_service.planners import RRTConnect
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.endpoints import GoalState
 from planner_service.planning.result import Failure, Reason, Stage
@@ -29,6 +28,7 @@ from planner_service.planning.search_stage import FIRST_TRIES, fresh_seed, polyl
 from planner_service.replanning.splice import SwitchPoint
 from planner_service.roadmap import Roadmap
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
+from planner_service.search.planners import RRTConnect
 from planner_service.search.problem import Configuration, SearchProblem, joint_distance
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 
