@@ -30,6 +30,9 @@ $(BIN)/.docs: $(BIN)/.ready  # what the pages are built with, beside that
 demo: $(BIN)/.ready  ## plan a whole pick-and-place over a bin and print what it cost
 	@$(BIN)/planner-service pick-place
 
+quick: $(BIN)/.dev lint  ## the inner loop: the tests of all packages but the slow ones, in a minute
+	$(BIN)/python -m pytest tests/unit -m "not (slow or sim or browser or ray)" --numprocesses auto --dist worksteal
+
 test: $(BIN)/.dev lint types  ## lint, types and the test suite
 	$(BIN)/python -m pytest -m "not sim" --numprocesses auto --dist loadfile
 	$(BIN)/python -m pytest -m sim

@@ -59,6 +59,7 @@ def test_a_thin_plate_between_the_widths_is_found_although_both_ends_are_free() 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_is_certified_is_free_at_every_width_and_the_clearance_is_a_lower_bound(name: str) -> None:
     robot, draw = load_robot(name), np.random.default_rng(7)
@@ -129,6 +130,7 @@ def test_a_task_tells_what_its_gripper_does_and_counts_the_proof() -> None:
     assert task.counts.distances == motions + proofs + task.choosing.distances
 
 
+@pytest.mark.slow
 def test_a_pick_whose_gripper_cannot_open_says_which_pair_and_at_what_width() -> None:
     robot = load_robot("wxai").with_gripper(0.0)
     service = PlannerService(robot, load_scene("bin").with_obstacle(plate(0.027)))
@@ -139,6 +141,7 @@ def test_a_pick_whose_gripper_cannot_open_says_which_pair_and_at_what_width() ->
     assert task.counts.distances > 0
 
 
+@pytest.mark.slow
 def test_a_place_goes_where_the_gripper_can_open() -> None:
     """A post stands just beside the first place: the closed fingers come by, the opening ones would hit it."""
     scene = load_scene("table").with_obstacle(CUBE)

@@ -110,6 +110,7 @@ EXPECTED: dict[str, tuple[tuple[int, int, float, float], tuple[int, int, float, 
 places at which others are refused; then edges that are free and that collide, where, and their ends' clearances."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["numpy", "auto"])
 @pytest.mark.parametrize("name", WORLDS)
 def test_proofs_are_those_of_the_first_release(name: str, backend: ProofBackend, tmp_path: Path) -> None:

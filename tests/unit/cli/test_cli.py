@@ -191,6 +191,7 @@ def test_no_plan_is_one_json_document_too() -> None:
 HOME = ("plan", "--scene", "table", "--start", "home", "--goal", "ready")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -236,6 +237,7 @@ def test_bad_input_ends_with_2_and_says_what_would_be_right(arguments: tuple[str
     assert message in refused(*arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -320,6 +322,7 @@ def test_check_names_what_touches_and_ends_with_1() -> None:
     assert found["clearance_at_least"] < 0.0
 
 
+@pytest.mark.slow
 def test_robots_are_listed_and_shown() -> None:
     assert {"planar2", "wxai"} <= {line.split()[0] for line in run("robots").stdout.splitlines()}
     shown = run("robots", "wxai").stdout
@@ -431,6 +434,7 @@ def started(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     process = started(*BLOCKED, "--json", "--out", str(path))
@@ -496,6 +500,7 @@ def test_a_saved_plan_is_proven_again(tmp_path: Path) -> None:
     assert "is not proven apart" in " ".join(refused.stdout.split())
 
 
+@pytest.mark.slow
 def test_every_motion_of_a_saved_task_is_proven_again_with_what_it_carries(tmp_path: Path) -> None:
     there = str(tmp_path / "task.json")
     assert run("pick-place", "--out", there).exit_code == 0
@@ -652,6 +657,7 @@ def test_the_version_is_that_of_the_package() -> None:
     assert run("--version").stdout == f"planner-service {__version__}\n"
 
 
+@pytest.mark.slow
 def test_the_package_is_the_command(tmp_path: Path) -> None:
     ask = [sys.executable, "-m", "planner_service", "--version"]
     done = subprocess.run(ask, cwd=tmp_path, capture_output=True, text=True, check=False)

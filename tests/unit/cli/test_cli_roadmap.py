@@ -149,6 +149,7 @@ def test_a_query_leaves_the_file_alone_unless_it_is_asked_to_learn(there: Path) 
     assert there.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_what_was_learned_is_written_back_and_need_not_be_judged_again(tmp_path: Path) -> None:
     path = tmp_path / "lazy.npz"
     done("build", *PLANAR, *SMALL, "--planner", "lazyprm", "--out", path)

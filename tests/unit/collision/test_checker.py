@@ -84,6 +84,7 @@ def test_verdicts_among_discs_are_those_of_plane_geometry() -> None:
     assert 100 < free < 1400
 
 
+@pytest.mark.slow
 def test_clearance_among_discs_is_the_distance_in_the_plane() -> None:
     checker, rng = planar(), np.random.default_rng(2)
     for q in rng.uniform(-math.pi, math.pi, (200, 2)):
@@ -242,6 +243,7 @@ def test_an_object_held_may_touch_only_its_touch_links() -> None:
     assert all("rod" not in (c.a, c.b) for c in touching)
 
 
+@pytest.mark.slow
 def test_allowed_pairs_without_an_end_are_refused() -> None:
     with pytest.raises(InvalidRequest, match=r"allowed: got repeat.*at most 1,000,000 pairs"):
         CollisionChecker(WXAI, Scene(), allowed=repeat(("link_1", "link_2")))
@@ -362,6 +364,7 @@ def test_a_free_state_after_a_colliding_one_is_free() -> None:
         assert checker.contacts([0.0, 0.0]) == ()
 
 
+@pytest.mark.slow
 def test_an_answer_does_not_depend_on_what_was_asked_before() -> None:
     rng = np.random.default_rng(4)
     Q = rng.uniform(WXAI.limits.lower, WXAI.limits.upper, (80, WXAI.n))

@@ -126,6 +126,7 @@ def positions(robot: Robot, q: FloatArray, held: tuple[Attached, ...]) -> FloatA
     return np.concatenate(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [0.010, 0.003])
 @pytest.mark.parametrize("held", [(), (Attached("rod", Capsule(0.01, 0.5), Pose((0.2, 0.1, 0.0))),)], ids=["", "rod"])
 def test_no_point_moves_farther_between_samples_than_a_motion_step(distance: float, held: tuple[Attached, ...]) -> None:
@@ -165,6 +166,7 @@ def test_bisection_visits_every_interior_sample_once() -> None:
         assert sorted((bisection_order(parts)[:, 0] * parts).round().tolist()) == list(range(1, parts))
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(joints, joints, st.integers(1, 200))
 def test_an_edge_and_its_reverse_have_the_same_samples_to_the_last_bit(

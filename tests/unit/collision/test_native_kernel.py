@@ -53,6 +53,7 @@ def carrying() -> tuple[CollisionChecker, CollisionChecker]:
     return checkers(robot, scene, padding=0.005, allowed=[("held", "knob")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reference", ["fcl", "numpy"])
 @pytest.mark.parametrize("name", CASES)
 def test_both_backends_agree_on_states_and_edges_at_random_as_planned_and_next_to_contact(
@@ -81,10 +82,12 @@ def test_the_reference_puts_every_pair_to_fcl_in_its_order_up_to_the_first_that_
     assert 0 < sum(free) < len(free)
 
 
+@pytest.mark.slow
 def test_both_backends_agree_with_carried_objects_and_padding() -> None:
     assert compare(carrying(), STATES, EDGES, seed=12).differences == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [-0.003, -0.0003])
 def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> None:
     first, second = checkers(*case("wxai bin"))
@@ -96,6 +99,7 @@ def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> No
     assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_every_instruction_set_leaves_every_pair_that_touches_and_hardly_another(name: str) -> None:
     checker = checkers(*case(name), reference="numpy")[1]
@@ -138,6 +142,7 @@ def test_the_kernel_samples_an_edge_to_the_last_bit_as_numpy_does(segments: int)
                 assert kernel.samples(first, last, segments) == interior(first, last, segments).tolist()
 
 
+@pytest.mark.slow
 def test_a_check_says_which_sample_is_not_free_and_where() -> None:
     checker, reference = checkers(*case("wxai bin"))
     for a, b in edges_of(checker, 60, seed=8):
@@ -263,6 +268,7 @@ def test_what_fcl_finds_free_although_in_doubt_is_free_and_the_rest_is_still_jud
     assert pair[0].counts.states == pair[1].counts.states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_what_the_kernel_is_sure_of_overlaps_for_fcl_too(name: str) -> None:
     checker = checkers(*case(name), reference="numpy")[1]
@@ -390,6 +396,7 @@ def test_variants_keep_the_backend() -> None:
         assert checker.variant(padding=0.01).instruction_set == checker.instruction_set
 
 
+@pytest.mark.slow
 def test_contacts_are_the_same_with_the_same_depths() -> None:
     pair = checkers(*case("wxai clutter"))
     for q in states_of(pair[0], 60, seed=1):

@@ -102,6 +102,7 @@ def test_no_pair_that_is_near_is_left_out() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_smallest_distance_is_the_clearance() -> None:
     checker = CollisionChecker(load_robot("wxai"), load_scene("bin"))
     least = [(checker.near(q[None], 0.5).distances.min(), checker.clearance(q)) for q in drawn(checker, 60)]

@@ -67,6 +67,7 @@ def answers(checker: CollisionChecker, patch: pytest.MonkeyPatch) -> tuple[tuple
     return (free, states, clearances, depths), questions.count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("setup", [setup for setup in SETUPS if setup.name in ROWS], ids=lambda setup: setup.name)
 def test_answers_and_questions_are_those_of_the_first_release(setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
     free, states, clearances, depths, *questions = ROWS[setup.name]
@@ -81,6 +82,7 @@ def test_answers_and_questions_are_those_of_the_first_release(setup: Setup, monk
         assert asked == count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attached", "expected"),
     [

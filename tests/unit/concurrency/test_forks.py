@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 PROGRAM = """
 import os, threading, time
 from planner_service import PlannerService, PlanRequest
@@ -35,6 +37,7 @@ print(bad)
 """
 
 
+@pytest.mark.slow
 def test_children_of_a_process_that_plans_in_other_threads_plan() -> None:
     done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=300)
     assert done.stdout == "0\n", done.stderr[-2000:]

@@ -146,6 +146,7 @@ def test_the_world_of_a_seed_and_a_number_stays_what_it_is(robot: Robot) -> None
     )
 
 
+@pytest.mark.slow
 def test_nothing_touches_anything_in_a_world(robot: Robot) -> None:
     """A block that is turned is taken as the disc around it, as is everything round."""
     for index in range(60):
@@ -173,6 +174,7 @@ def test_starts_differ(robot: Robot) -> None:
     assert len({tuple(d.start.tolist()) for d in drawn}) == 20
 
 
+@pytest.mark.slow
 def test_a_start_keeps_its_distance_from_a_post_right_beside_home(robot: Robot) -> None:
     scene = Scene((Obstacle("post", Cylinder(0.02, 0.5), Pose((0.22, 0.09, 0.25))),))
     found = [bins._start(robot, scene, RandomDraws(3, index)) for index in range(20)]
@@ -190,6 +192,7 @@ WALL = Obstacle("wall", Box((1.0, 1.0, 0.05)), Pose((0.0, 0.0, 0.3)))
 # --- the files
 
 
+@pytest.mark.slow
 def test_every_request_is_an_episode_or_a_failure_with_its_reason(whole: tuple[Path, EpisodesSummary]) -> None:
     folder, summary = whole
     requests, (failure,) = table(folder, "requests"), table(folder, "failures")
@@ -335,6 +338,7 @@ def test_no_file_tells_a_time_or_a_place(whole: tuple[Path, EpisodesSummary]) ->
 # --- proof by somebody else
 
 
+@pytest.mark.slow
 def test_frames_and_curves_are_free_for_the_independent_checker(whole: tuple[Path, EpisodesSummary]) -> None:
     audit = EpisodeAudit(str(whole[0]), "wxai")
     found = [audit(k) for k in range(3)]
@@ -346,6 +350,7 @@ def test_frames_and_curves_are_free_for_the_independent_checker(whole: tuple[Pat
 LARGER = [("tray", "lower"), ("bin_floor", "lift"), ("bin_floor", "frames of lift")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "motion"), LARGER)
 def test_the_independent_checker_would_object_to_larger_things(
     name: str, motion: str, whole: tuple[Path, EpisodesSummary], monkeypatch: pytest.MonkeyPatch
@@ -372,6 +377,7 @@ def spoiled(folder: Path, name: str, more: float, monkeypatch: pytest.MonkeyPatc
 # --- the same bytes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_processes_write_the_same_bytes(
     workers: int, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
@@ -418,6 +424,7 @@ write_episodes(sys.argv[1], work, 50, engine=Processes(1))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("writes", [9, 15], ids=["among the tables of a full chunk", "before the line of an episode"])
 def test_after_kill_9_the_bytes_are_the_same(
     writes: int, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
@@ -480,6 +487,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_what_was_half_done_is_done_again(
     fault: Any, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
@@ -639,6 +647,7 @@ def run(*arguments: str) -> Any:
     return CliRunner(env={"COLUMNS": "100", "TERM": "dumb"}).invoke(app, ["episodes", *arguments])
 
 
+@pytest.mark.slow
 def test_the_command_tells_what_it_wrote(tmp_path: Path) -> None:
     arguments = ("--out", str(tmp_path / "out"), "--count", "2", "--seed", "5", "--workers", "1")
     done = run(*arguments)
@@ -663,6 +672,7 @@ def test_the_command_refuses_what_it_cannot_do(arguments: tuple[str, ...], words
     assert words in done.stderr
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: Path) -> None:
     command = "from planner_service.cli import main; main()"
     arguments = ("episodes", "--out", str(tmp_path), "--count", "5000", "--workers", "1")
@@ -679,6 +689,7 @@ def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: P
     assert (tmp_path / "README.md").exists()
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_page_read_the_data_set(
     whole: tuple[Path, EpisodesSummary], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

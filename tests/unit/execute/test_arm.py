@@ -318,6 +318,7 @@ def hanging(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hanging]:
     arm.released.set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["positions", "command", "gripper_width"])
 def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(
     method: str, service: PlannerService, plan: PlanResult, hanging: Hanging, robot: Robot
@@ -335,6 +336,7 @@ def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(
     assert (len(hanging.told) - told <= (method == "command"), len(hanging.held)) == (True, 1)
 
 
+@pytest.mark.slow
 def test_of_a_hold_that_does_not_return_the_caller_is_told(plan: PlanResult, hanging: Hanging, robot: Robot) -> None:
     def fail(step: int) -> None:
         if step == 20:
@@ -388,6 +390,7 @@ def interrupted(call: Callable[[], Any], *at: int) -> str:
     return outcome
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("twice", [False, True])
 @pytest.mark.parametrize("fails", [False, True])
 def test_ctrl_c_on_any_line_has_a_commanded_arm_hold(fails: bool, twice: bool, plan: PlanResult, robot: Robot) -> None:

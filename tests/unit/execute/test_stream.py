@@ -728,6 +728,7 @@ def test_what_a_file_says_is_proven_is_proven_anew(
         assert "is not proven apart" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
 def test_whatever_ends_the_command_has_the_arm_hold(
     name: str, saved: str, robot: Robot, monkeypatch: pytest.MonkeyPatch

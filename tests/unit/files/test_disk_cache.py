@@ -35,6 +35,7 @@ def test_what_was_put_comes_back(cache: DiskCache) -> None:
     assert cache.get(KEY) == b"others"
 
 
+@pytest.mark.slow
 def test_another_process_finds_it(cache: DiskCache) -> None:
     cache.put(KEY, b"some bytes")
     assert cache.folder is not None

@@ -198,6 +198,7 @@ def test_a_reader_says_that_there_is_no_file(
     refuses(read, place, suffix, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_writer_puts_nothing_in_the_place_of_what_is_no_file(
@@ -208,6 +209,7 @@ def test_a_writer_puts_nothing_in_the_place_of_what_is_no_file(
     refuses(lambda path: write(world, path), place, suffix, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_writer_writes_where_it_can(writer: str, world: World, tmp_path: Path) -> None:
     suffix, write = WRITERS[writer]

@@ -39,6 +39,7 @@ def said(given: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
@@ -54,17 +55,20 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(tmp_path: Path, text: 
     assert "a key of more than 4 parts" in said(str(tmp_path / "scene.toml"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ['x = "' + "a" * 4_900_000 + '"', "x = " + '"a\\' * 1_600_000, "'a" * 2_400_000])
 def test_long_texts_are_read_in_a_time_that_grows_with_their_length(tmp_path: Path, text: str) -> None:
     (tmp_path / "scene.toml").write_text(text + "\n")
     assert "problem" in said(str(tmp_path / "scene.toml"))
 
 
+@pytest.mark.slow
 def test_dots_in_texts_and_numbers_are_no_key(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text('description = "a.b.c.d.e.f. 1.2.3.4.5"  # it\'s a.b c.d.\n')
     assert said(str(tmp_path / "scene.toml")).startswith("unnamed scene: a.b.c.d.e.f. 1.2.3.4.5")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [30_000, 480_000])
 def test_a_hull_of_too_many_corners_is_refused_before_anything_is_worked_out_for_it(count: int) -> None:
     assert f"a hull of {count:,} corners" in said(str(count))
@@ -98,6 +102,7 @@ CASES: dict[str, str | Callable[[], bytes]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_what_a_small_file_holds_is_refused_in_little_time_and_memory(tmp_path: Path, name: str) -> None:
     path, content = tmp_path / name, CASES[name]

@@ -77,6 +77,7 @@ def test_a_file_of_another_kind_is_not_replaced(tmp_path: Path, kind: str) -> No
     save()  # over one of its own kind
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_left_is_removed_by_the_next_and_what_a_living_one_writes_is_not(tmp_path: Path) -> None:
     writers = [
         subprocess.Popen([sys.executable, "-c", HALF, str(tmp_path / name)], stdout=subprocess.PIPE)

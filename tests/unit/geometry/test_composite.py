@@ -55,6 +55,7 @@ def test_cells_that_fill_a_box_are_one_box() -> None:
     assert boxes(PointCloud(block, 1.0).pieces) == [((2.0, 2.0, 2.0), (4.0, 4.0, 4.0))]
 
 
+@pytest.mark.slow
 @given(arrays(np.int64, st.tuples(st.integers(1, 60), st.just(3)), elements=st.integers(-4, 4)))
 def test_the_boxes_of_a_cloud_are_its_cells(cells: Any) -> None:
     cloud = PointCloud.from_cells(cells, 0.25)
@@ -68,6 +69,7 @@ def test_the_boxes_of_a_cloud_are_its_cells(cells: Any) -> None:
     assert {tuple(cell) for cell in cloud.cells.tolist()} == solid
 
 
+@pytest.mark.slow
 def test_every_point_is_in_the_cloud_and_none_is_farther_than_a_cell() -> None:
     points = RNG.normal(0.0, 0.3, (3000, 3))
     cloud = PointCloud(points, 0.05)
@@ -373,6 +375,7 @@ def test_a_plan_around_a_cloud_is_certified_and_repeats_to_the_bit() -> None:
     assert first.path.waypoints.tobytes() == second.path.waypoints.tobytes()
 
 
+@pytest.mark.slow
 def test_a_cloud_hides_nothing_of_what_one_box_shows() -> None:
     """A wall of cells without holes is the same solid as one box."""
     block = np.stack(np.meshgrid(*(np.arange(n) for n in (20, 3, 20)), indexing="ij"), axis=-1).reshape(-1, 3)

@@ -143,6 +143,7 @@ def lossy(how: str) -> list[list[list[float]]]:
     return [np.asarray(b).tolist() for b in answers[how]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "how",
     ["jittered", "without an arm", "one corner", "shrunk", "with a flat piece", "cut askew", "all flat", "far away"],
@@ -159,6 +160,7 @@ def test_pieces_that_move_a_little_grow_a_little() -> None:
     assert [len(piece.vertices) for piece in pieces] == [8, 8, 8]
 
 
+@pytest.mark.slow
 def test_pieces_grow_by_no_more_than_they_left_out() -> None:
     cut = [Mesh(np.array(b)) for b in lossy("shrunk")]
     left_out = max(depth(cut, LETTER[0]), depth(cut, on_surface(*LETTER)))
@@ -179,6 +181,7 @@ def test_a_long_thin_piece_grows_by_as_little() -> None:
     assert float(cut[0].distance(piece.vertices).max()) < 1.75 * 6e-5
 
 
+@pytest.mark.slow
 def test_a_surface_is_followed_through_pieces_that_meet_anywhere() -> None:
     """A ball cut by 3 planes askew: no corner of a piece, nor of a triangle, is where three pieces meet."""
     rng = np.random.default_rng(4)
@@ -210,6 +213,7 @@ def test_a_tight_hull_is_the_only_piece_and_nobody_is_asked(fake: Fake) -> None:
     assert fake.calls == 0
 
 
+@pytest.mark.slow
 def test_pieces_that_are_hollow_give_way_to_the_hull(fake: Fake) -> None:
     skin = []
     for (x, y, z), (u, v, w) in ARMS:
@@ -246,6 +250,7 @@ def test_a_library_that_fails_is_reported_and_harms_nobody(fake: Fake, body: str
         convex_pieces(*LETTER)
 
 
+@pytest.mark.slow
 def test_a_library_that_hangs_is_ended(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
     fake.does("time.sleep(1000)")
     monkeypatch.setattr(decomposition, "SECONDS", 1)
@@ -253,6 +258,7 @@ def test_a_library_that_hangs_is_ended(fake: Fake, monkeypatch: pytest.MonkeyPat
         convex_pieces(*LETTER)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_caller_and_the_library(fake: Fake) -> None:
     fake.does(f"open({str(fake.folder / 'pid')!r}, 'w').write(str(os.getpid())); time.sleep(1000)")
     script = (
@@ -272,6 +278,7 @@ def test_ctrl_c_ends_the_caller_and_the_library(fake: Fake) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_what_the_library_prints_is_no_part_of_its_answer(fake: Fake) -> None:
     expected = convex_pieces(*LETTER)
     text = json.dumps(BOXES)
@@ -298,6 +305,7 @@ def folder(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
+@pytest.mark.slow
 def test_the_answer_has_the_same_bits_with_the_cache_and_without(
     fake: Fake, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -309,6 +317,7 @@ def test_the_answer_has_the_same_bits_with_the_cache_and_without(
     assert fake.calls == 2
 
 
+@pytest.mark.slow
 def test_another_mesh_setting_or_release_is_cut_anew(fake: Fake, folder: Path) -> None:
     vertices, faces = LETTER
     convex_pieces(vertices, faces)
@@ -322,6 +331,7 @@ def test_another_mesh_setting_or_release_is_cut_anew(fake: Fake, folder: Path) -
     assert fake.calls == len(list(folder.iterdir())) == 7
 
 
+@pytest.mark.slow
 def test_a_damaged_entry_is_cut_anew(fake: Fake, folder: Path) -> None:
     expected = bits(convex_pieces(*LETTER))
     (entry,) = folder.iterdir()
@@ -332,6 +342,7 @@ def test_a_damaged_entry_is_cut_anew(fake: Fake, folder: Path) -> None:
     assert fake.calls == 2
 
 
+@pytest.mark.slow
 def test_an_entry_that_somebody_wrote_makes_nothing_smaller(fake: Fake, folder: Path) -> None:
     """Its digest is right, so that nothing but the check against the mesh stands between it and a collision."""
     convex_pieces(*LETTER)
@@ -343,6 +354,7 @@ def test_an_entry_that_somebody_wrote_makes_nothing_smaller(fake: Fake, folder: 
     assert fake.calls == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "forged",
     [

@@ -321,6 +321,7 @@ def test_distance_takes_any_number_of_points() -> None:
 # growth
 
 
+@pytest.mark.slow
 @some
 @given(seeds, st.floats(-6.0, -1.0))
 def test_a_grown_mesh_holds_every_point_within_the_margin_and_none_much_farther(seed: int, power: float) -> None:

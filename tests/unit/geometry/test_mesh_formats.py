@@ -189,6 +189,7 @@ def test_a_file_is_refused_for_its_size_before_it_is_read(tmp_path: Path) -> Non
     assert problems_of(lambda: Mesh.from_file(path)) == (f"too large: more than {MAX_BYTES:,} bytes",)
 
 
+@pytest.mark.slow
 def test_a_file_of_too_many_different_vertices_is_refused(tmp_path: Path) -> None:
     x = np.arange(MAX_VERTICES + 3, dtype="<f4")[: (MAX_VERTICES + 3) // 3 * 3]
     facets = np.zeros(len(x) // 3, np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("rest", "<u2")]))
@@ -225,6 +226,7 @@ def test_what_is_no_file_is_refused(tmp_path: Path, name: str) -> None:
         Mesh.from_file(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_a_cut_file_gives_all_vertices_or_none(tmp_path: Path) -> None:
     """What was cut off may be faces; a vertex that is not there would be a hole in the obstacle."""
     whole = sorted(POINTS.tolist())
@@ -251,6 +253,7 @@ def changed(content: bytes) -> st.SearchStrategy[bytes]:
     return st.lists(change, min_size=1, max_size=3).map(apply)
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(st.sampled_from(sorted(FORMATS)).flatmap(lambda k: st.tuples(st.just(FORMATS[k][0]), changed(FORMATS[k][1]))))
 def test_a_changed_file_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, file: tuple[str, bytes]) -> None:

@@ -83,6 +83,7 @@ def test_what_is_wrong_with_the_meshes_of_a_scene_is_told_all_at_once(tmp_path: 
     assert all(part in problem for part, problem in zip(expected, found, strict=True)), found
 
 
+@pytest.mark.slow
 def test_a_plan_among_meshes_is_proven_again_from_its_file(folder: Path, tmp_path: Path) -> None:
     setup = HullSetup("planned", folder, attached=(HELD,))
     robot, second = setup.robot(), setup.independent()

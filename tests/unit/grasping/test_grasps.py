@@ -54,6 +54,7 @@ def test_the_arms_with_a_gripper_are_these() -> None:
     assert GRIPPING == ("panda", "wxai", "wxai_dual", "wxai_mesh")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GRIPPING)
 def test_every_arm_with_a_gripper_takes_a_cube_from_above_between_its_fingers(name: str) -> None:
     """The fingers as shapes in the world tell, not the tool frame: they hang from the palm, one on either side."""
@@ -92,6 +93,7 @@ def _matrix(pose: tuple[float, ...]) -> FloatArray:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GRIPPING)
 @pytest.mark.parametrize("shape", [Box((0.04, 0.05, 0.06)), Cylinder(0.02, 0.06)], ids=["box", "cylinder"])
 def test_a_grasp_points_down_within_its_tilt_and_the_fingers_close_level(name: str, shape: Box | Cylinder) -> None:
@@ -105,6 +107,7 @@ def test_a_grasp_points_down_within_its_tilt_and_the_fingers_close_level(name: s
         assert np.linalg.det(grasp.rotation) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["bin", "table"])
 def test_the_panda_picks_and_places_a_cube_pointing_down_in_the_time_it_has(scene: str) -> None:
     world, target, onto = load_scene(scene), "blue_block", "tray"

@@ -130,6 +130,7 @@ def test_interpolation_starts_and_ends_at_its_poses_and_turns_evenly_the_short_w
 # --- closed form
 
 
+@pytest.mark.slow
 def test_closed_form_finds_every_configuration_back_and_never_more_than_two(wxai: Robot) -> None:
     counts = []
     for q in random_configurations(wxai, 2000, seed=1):
@@ -242,6 +243,7 @@ def test_closed_form_refuses_a_robot_of_another_structure(wxai: Robot) -> None:
 # --- numeric
 
 
+@pytest.mark.slow
 def test_numeric_search_solves_at_least_99_of_100_reachable_poses_of_the_arm(wxai: Robot, numeric_wxai: Robot) -> None:
     solved = 0
     for q in random_configurations(wxai, 100, seed=5):
@@ -274,6 +276,7 @@ def test_a_joint_at_its_limit_leaves_the_way_to_the_others(rail: Robot, side: fl
     assert descend(rail, ahead, q[np.newaxis], steps=8).arrived.all()
 
 
+@pytest.mark.slow
 def test_numeric_search_solves_an_arm_of_two_joints() -> None:
     planar = load_robot("planar2")
     for q in random_configurations(planar, 20, seed=7):
@@ -466,6 +469,7 @@ def test_a_shift_that_is_no_three_real_numbers_is_refused(wxai: Robot, shift: An
         straight_tool_line(wxai, wxai.home, shift)
 
 
+@pytest.mark.slow
 def test_a_thinned_line_keeps_its_tolerance_with_few_waypoints_and_blended_corners() -> None:
     robot = load_robot("wxai")
     rng = np.random.default_rng(4)

@@ -270,6 +270,7 @@ def bits(**environment: str) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("core", ["Prescott", "SkylakeX"])
 def test_bits_and_counts_are_equal_in_other_processes_whatever_libraries_take_the_processor_for(core: str) -> None:
     """The C library's sine, too: without AVX2 it has no fused multiply-adds."""
@@ -296,6 +297,7 @@ SHAPES: list[Shape] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
 def test_outside_the_field_is_the_distance_to_the_nearest_piece(shape: Shape) -> None:
     pose = Pose.from_rpy((0.4, 0.1, 0.05), (0.3, 0.5, 0.7))

@@ -54,6 +54,7 @@ def workers(request: pytest.FixtureRequest) -> Engine:
     return Processes(2)
 
 
+@pytest.mark.slow
 def test_answers_come_in_the_order_of_the_items(engine: Engine) -> None:
     answers = list(engine.run(Echo(), range(200)))
     assert [(index, answer[0]) for index, answer in answers if not isinstance(answer, Lost)] == [
@@ -61,6 +62,7 @@ def test_answers_come_in_the_order_of_the_items(engine: Engine) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_items_without_end_are_taken_as_they_are_needed(engine: Engine) -> None:
     taken: list[int] = []
 
@@ -74,6 +76,7 @@ def test_items_without_end_are_taken_as_they_are_needed(engine: Engine) -> None:
     assert len(taken) <= 300 + 2 * LOOK_AHEAD
 
 
+@pytest.mark.slow
 def test_a_slow_item_lets_others_go_on_as_far_as_the_look_ahead(tmp_path: Path) -> None:
     taken: list[int] = []
 
@@ -93,6 +96,7 @@ def test_no_items_start_no_worker() -> None:
     assert list(Processes(2).run(Stillborn(), [])) == []
 
 
+@pytest.mark.slow
 def test_what_is_large_crosses_both_ways() -> None:
     items = [bytes([k]) * 1_000_000 for k in range(6)]
     answers = [answer for _, answer in Processes(1).run(Echo(), items)]
@@ -102,6 +106,7 @@ def test_what_is_large_crosses_both_ways() -> None:
 # --- faults
 
 
+@pytest.mark.slow
 def test_an_item_that_ends_its_worker_is_tried_twice_and_lost_alone(workers: Engine, tmp_path: Path) -> None:
     work = Faulty(tmp_path / "log", {3: "segfault"})
     answers = dict(workers.run(work, range(12)))
@@ -113,6 +118,7 @@ def test_an_item_that_ends_its_worker_is_tried_twice_and_lost_alone(workers: Eng
     assert work.tries() == {k: 2 if k == 3 else 1 for k in range(12)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "told"),
     [
@@ -126,6 +132,7 @@ def test_what_became_of_a_worker_is_told(fault: str, told: str, tmp_path: Path) 
     assert told in lost.detail
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_costs_nobody_an_answer(workers: Engine) -> None:
     killed: set[int] = set()
     items = []
@@ -138,6 +145,7 @@ def test_a_worker_that_is_killed_costs_nobody_an_answer(workers: Engine) -> None
     assert items == [(k, k) for k in range(400)]
 
 
+@pytest.mark.slow
 def test_an_item_over_its_limit_is_ended_and_not_tried_again(workers: Engine, tmp_path: Path) -> None:
     work = Faulty(tmp_path / "log", {1: "spin"})
     answers = dict(workers.run(work, range(6), limit=lambda item: 0.5 if item == 1 else None))
@@ -148,6 +156,7 @@ def test_an_item_over_its_limit_is_ended_and_not_tried_again(workers: Engine, tm
     assert work.tries() == dict.fromkeys(range(6), 1)
 
 
+@pytest.mark.slow
 def test_an_error_comes_back_as_itself_in_its_turn_with_its_index(engine: Engine, tmp_path: Path) -> None:
     answers = engine.run(Faulty(tmp_path / "log", {2: "bug"}), range(6))
     assert [next(answers), next(answers)] == [(0, 0), (1, 1)]
@@ -159,6 +168,7 @@ def test_an_error_comes_back_as_itself_in_its_turn_with_its_index(engine: Engine
     assert list(answers) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["picky", "unreadable"])
 def test_an_error_that_cannot_be_made_again_comes_in_its_turn_too(fault: str, tmp_path: Path) -> None:
     answers = Processes(1).run(Faulty(tmp_path / "log", {1: fault}), range(3), limit=lambda _: 30.0)
@@ -170,6 +180,7 @@ def test_an_error_that_cannot_be_made_again_comes_in_its_turn_too(fault: str, tm
     assert "raise " in cause.traceback
 
 
+@pytest.mark.slow
 def test_items_that_fail_do_so_when_all_before_are_answered(engine: Engine) -> None:
     def items() -> Iterator[int]:
         yield from range(5)
@@ -188,18 +199,21 @@ def test_what_are_no_items_are_refused_without_a_trace() -> None:
         Processes(1).run(Echo(), none)
 
 
+@pytest.mark.slow
 def test_workers_that_never_become_ready_are_not_started_for_ever() -> None:
     answers = Processes(2).run(Stillborn(), range(5))
     with pytest.raises(BrokenInvariant, match=r"3 workers ended before they were ready; .* exit code 7"):
         next(answers)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_sent_is_named() -> None:
     answers = Processes(1).run(Echo(), [lambda: 0])
     with pytest.raises(InvalidRequest, match=r"^item: .*lambda.* cannot be sent to a worker"):
         next(answers)
 
 
+@pytest.mark.slow
 @pytest.mark.ray
 def test_a_lost_machine_is_nobodys_fault(cluster: Any, tmp_path: Path) -> None:
     work = Faulty(tmp_path / "log", {}, seconds=0.02)
@@ -254,6 +268,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_workers_and_keeps_what_is_finished(tmp_path: Path) -> None:
     with script(INTERRUPTED, tmp_path) as running:
         assert running.stdout is not None
@@ -281,6 +296,7 @@ for index, answer in Processes(1).run(Faulty(Path("{log}"), {{1: "spin"}}), [0, 
 """
 
 
+@pytest.mark.slow
 def test_workers_end_with_the_process_that_started_them_even_in_native_code(tmp_path: Path) -> None:
     log = tmp_path / "log"
     with script(ORPHANED.format(log=log), tmp_path) as running:
@@ -308,6 +324,7 @@ except InvalidRequest as error:
 """
 
 
+@pytest.mark.slow
 def test_a_script_needs_no_guard_and_what_only_it_knows_is_refused(tmp_path: Path) -> None:
     with script(OWN_CLASS, tmp_path) as running:
         told, errors = running.communicate()
@@ -324,6 +341,7 @@ print([answer[0] for _, answer in Processes(1).run(Echo(), [7])])
 """
 
 
+@pytest.mark.slow
 def test_files_of_the_working_directory_are_not_taken_for_modules(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -336,6 +354,7 @@ def test_files_of_the_working_directory_are_not_taken_for_modules(
     assert (told, errors) == ("[7]\n", "")
 
 
+@pytest.mark.slow
 def test_a_worker_has_one_thread_for_linear_algebra(tmp_path: Path) -> None:
     [(_, answer)] = Processes(1).run(Environment(), ["OMP_NUM_THREADS"])
     assert answer == "1"
@@ -370,6 +389,7 @@ def test_where_nothing_listens_ray_does_not_look_for_a_cluster(scheme: str, monk
         Ray(address).run(Echo(), range(3))
 
 
+@pytest.mark.slow
 @pytest.mark.ray
 @pytest.mark.parametrize("address", ["", 5])
 def test_what_is_no_address_of_a_cluster_is_refused(address: Any) -> None:

@@ -302,6 +302,7 @@ def test_paths_that_do_not_meet_are_not_joined() -> None:
         a + b
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=200, derandomize=True)
 @given(polylines, st.floats(0.0, 1.0))
 def test_every_configuration_lies_between_the_waypoints_around_it(points: list[list[float]], share: float) -> None:
@@ -314,6 +315,7 @@ def test_every_configuration_lies_between_the_waypoints_around_it(points: list[l
     assert np.all(q <= around.max(axis=0))
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=200, derandomize=True)
 @given(polylines)
 def test_arc_length_grows_with_every_waypoint_and_tangents_are_unit(points: list[list[float]]) -> None:

@@ -117,11 +117,13 @@ def equal(service: PlannerService, roadmap: Roadmap, engine: Engine | None) -> b
     return [told(result) for result in many] == [told(result) for result in alone]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", [Sequential(), Processes(2)])
 def test_plans_are_those_of_one_by_one(service: PlannerService, roadmap: Roadmap, engine: Engine) -> None:
     assert equal(service, roadmap, engine)
 
 
+@pytest.mark.slow
 @pytest.mark.ray
 def test_plans_on_ray_are_those_of_one_by_one(service: PlannerService, roadmap: Roadmap) -> None:
     assert equal(service, roadmap, Ray(workers=2))
@@ -215,6 +217,7 @@ def test_what_is_finished_is_kept_when_interrupted(service: PlannerService) -> N
     assert {index: result.path for index, result in raised.value.results.items()} == {0: done.path, 3: done.path}
 
 
+@pytest.mark.slow
 def test_each_result_knows_its_own_request(service: PlannerService) -> None:
     requests = [asked(k) for k in range(3)]
     for results in (
@@ -226,6 +229,7 @@ def test_each_result_knows_its_own_request(service: PlannerService) -> None:
         assert all(origin.world is service.world for origin in origins)
 
 
+@pytest.mark.slow
 def test_growth_is_looked_at_on_the_workers_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many, "WARM", 8)
     monkeypatch.setattr(many, "MARKS", (4, 8))

@@ -96,6 +96,7 @@ def test_a_plan_comes_with_its_proof_and_what_that_cost(discs: PlannerService) -
     assert is_free(discs, result.unwrap()[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", np.linspace(0.3, 1.2, 7).tolist())
 def test_what_samples_miss_the_proof_does_not(angle: float) -> None:
     service = PlannerService("planar2", Scene((thin_post(angle),)), edge_step=COARSE)
@@ -266,6 +267,7 @@ def test_the_corner_where_a_way_out_ends_is_no_blend() -> None:
 # -- timed ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("timing", [ToppRa(), SCurve(), Trapezoidal()], ids=lambda law: law.name)
 def test_the_tool_is_no_faster_than_it_may_be(discs: PlannerService, timing: Any) -> None:
     free = discs.plan(asked(timing=timing))
@@ -294,6 +296,7 @@ def test_a_joint_that_leaves_the_tool_where_it_is_is_planned_at_no_tool_speed(na
     assert result.motion.duration > 0.1
 
 
+@pytest.mark.slow
 def test_peak_tool_speed_is_that_of_the_densest_samples() -> None:
     robot = load_robot("wxai")
     points = np.random.default_rng(3).uniform(robot.limits.lower, robot.limits.upper, (4, 6))

@@ -250,6 +250,7 @@ def test_an_optimum_that_no_law_can_drive_is_not_kept(discs: PlannerService, mon
     assert polished.polish.note == "no motion along the optimum: TIMING_FAILED (timing): planted"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
 def test_optima_and_what_replaces_them_have_the_same_bits_in_other_processes(cpu: dict[str, str]) -> None:
     environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "12345", **cpu}
@@ -292,6 +293,7 @@ def test_an_optimum_is_driven_as_it_was_judged_even_if_stops_were_faster(
     assert polished.unwrap()[0].corners == ()
 
 
+@pytest.mark.slow
 def test_an_optimum_that_takes_too_long_is_left(bin_service: PlannerService) -> None:
     class Endless(Planted):
         def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
@@ -305,6 +307,7 @@ def test_an_optimum_that_takes_too_long_is_left(bin_service: PlannerService) -> 
     assert result.notes == ("not optimised: the time limit passed",)
 
 
+@pytest.mark.slow
 def test_a_descent_keeps_to_the_time_limit(discs: PlannerService, monkeypatch: pytest.MonkeyPatch) -> None:
     def slowly(_: object) -> bool:
         time.sleep(0.01)
@@ -387,6 +390,7 @@ def test_corners_suit_the_timing_law(bin_service: PlannerService, timing: Any) -
     assert len(given.unwrap()[0].waypoints) == 8
 
 
+@pytest.mark.slow
 def test_the_field_of_voxels_gives_plans_too() -> None:
     service = PlannerService("wxai", "post")
     result = service.plan(query("post", 0, polish=Optimise(method=Chomp())))
@@ -418,6 +422,7 @@ def test_and_the_hybrid_solves_it(discs: PlannerService) -> None:
     assert clearance(discs, result) >= 0.02
 
 
+@pytest.mark.slow
 def test_so_do_other_lines_to_begin_with(discs: PlannerService) -> None:
     result = discs.plan(asked(planner=Optimise(starts=6)))
     assert result.ok
@@ -552,6 +557,7 @@ def test_what_the_command_line_cannot_use_is_named(more: tuple[str, ...], told: 
 # the measure
 
 
+@pytest.mark.slow
 def test_the_measure_keeps_its_promises_on_a_part() -> None:
     rows = list(hybrid_rows(("post",), 4))
     warned = list(warning_rows(("post",), 6))
@@ -561,6 +567,7 @@ def test_the_measure_keeps_its_promises_on_a_part() -> None:
         assert [value for text, value in kept.items() if text.startswith(words)] == [True], words
 
 
+@pytest.mark.slow
 def test_the_measure_sees_a_plan_without_its_distance() -> None:
     rows = list(hybrid_rows(("post",), 2, polish=Optimise(clearance=0.0)))
     held = [row | {"wanted": 0.02} for row in rows]

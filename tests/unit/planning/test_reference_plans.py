@@ -175,6 +175,7 @@ def test_the_pinned_plans_are_these() -> None:
     assert list(PINNED) == list(CASES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_plan_costs_and_comes_to_what_is_pinned(name: str) -> None:
     assert line(CASES[name]()) == PINNED[name]

@@ -108,6 +108,7 @@ def test_equal_seeds_grow_equal_roadmaps(planner: PRM | PRMstar | LazyPRM) -> No
     assert cell().build_roadmap(planner, seed=4).hash != one.hash
 
 
+@pytest.mark.slow
 def test_a_judged_roadmap_answers_for_a_fraction_of_a_search() -> None:
     service, roadmap = cell(), cell().build_roadmap(PRM(milestones=400), seed=0)
     shares = []

@@ -117,6 +117,7 @@ def test_a_lazy_roadmap_with_many_neighbours_is_left_within_a_block(monkeypatch:
     assert queries[0] <= 1_000
 
 
+@pytest.mark.slow
 def test_the_proof_is_prepared_once_and_within_the_time_limit(
     gate: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,6 +131,7 @@ def test_the_proof_is_prepared_once_and_within_the_time_limit(
     assert len(made) == 1
 
 
+@pytest.mark.slow
 def test_the_clock_of_a_replan_runs_while_the_proof_is_prepared(monkeypatch: pytest.MonkeyPatch) -> None:
     here = PlannerService("planar2", "discs")
     before = here.plan(request())
@@ -146,6 +148,7 @@ def test_the_clock_of_a_replan_runs_while_the_proof_is_prepared(monkeypatch: pyt
     assert "time limit" in str(found.failure)
 
 
+@pytest.mark.slow
 def test_a_checker_that_a_call_did_not_wait_for_serves_the_next(
     gate: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -34,6 +34,7 @@ def test_retries_that_were_asked_for_have_equal_parts() -> None:
     assert list(fresh_tries(40_000, 0, patience=0)) == [40_000]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("problem", "seed"), [("bookshelf_small/0067", 102), ("cage/0087", 100)])
 def test_what_50_000_checks_do_not_solve_the_default_does(problem: str, seed: int) -> None:
     (found,) = (p for p in public_problems().problems if p.id == problem)

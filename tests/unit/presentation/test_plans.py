@@ -60,6 +60,7 @@ def test_a_result_prints_what_the_command_prints(result: PlanResult) -> None:
     assert rows == command_rows
 
 
+@pytest.mark.slow
 def test_a_task_prints_what_the_command_prints() -> None:
     service = PlannerService("wxai", "bin")
     task = plan_pick_place(service, "blue_block", "tray", PlanRequest(service.robot.home, service.robot.home))

@@ -143,6 +143,7 @@ def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(
         assert execute(plan, arm, bin_.robot, QUICK).ok
 
 
+@pytest.mark.slow
 def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: TaskResult, read: SavedTask) -> None:
     fingers = "finger_left x blue_block, finger_right x blue_block"
     for plan in (task, SavedTask.of(task), read):
@@ -183,6 +184,7 @@ def test_the_grippers_own_motion_is_proven_too_from_the_width_it_has(
     assert (stand.told, stand.widths) == ([], [])
 
 
+@pytest.mark.slow
 def test_a_gripper_that_is_told_to_press_is_free_to_close_that_far() -> None:
     plate = Obstacle("plate", Box((0.008, 0.045, 0.045)), Pose((0.28, 0.0, 0.03)))
     beside = Obstacle("beside", Box((0.004, 0.039, 0.045)), Pose((0.2875, 0.0, 0.03)))
@@ -204,6 +206,7 @@ def test_a_gripper_that_is_told_to_press_is_free_to_close_that_far() -> None:
     assert told.certificate.distances > 0
 
 
+@pytest.mark.slow
 def test_a_saved_task_is_driven_on_a_simulated_arm(read: SavedTask, bin_: PlannerService) -> None:
     arm = FakeArm(np.array(bin_.robot.home), stone=0.04)
     assert execute(read, arm, bin_.robot, QUICK).ok
@@ -331,6 +334,7 @@ def test_a_motion_faster_than_was_asked_for_is_refused(
     refused(saved(bin_, good, tmp_path, slow), match, bin_)
 
 
+@pytest.mark.slow
 @SLOWER
 def test_motions_of_a_task_faster_than_was_asked_for_are_refused(
     option: str, value: Any, match: str, bin_: PlannerService, home: Any, tmp_path: Path
@@ -400,6 +404,7 @@ def test_a_gripper_is_not_told_a_width_beyond_its_range(width: float, read: Save
         execute(forged, FakeArm(np.array(bin_.robot.home)), bin_.robot, QUICK, allow_unproven=True)
 
 
+@pytest.mark.slow
 def test_an_object_is_taken_by_a_gripper_that_closes_on_it(read: SavedTask, bin_: PlannerService) -> None:
     shut = with_segments(read, *(replace(part, width=0.0) if k > 1 else part for k, part in enumerate(read.segments)))
     refused(shut, "lift: got a gripper 0.0000 m open around blue_block", bin_)
@@ -467,6 +472,7 @@ def test_what_is_carried_is_what_was_taken_where_it_was_taken(read: SavedTask, b
     refused(anything, "expected what is taken to touch the fingers alone", bin_)
 
 
+@pytest.mark.slow
 def test_nothing_vanishes_appears_or_moves_between_motions(read: SavedTask, bin_: PlannerService) -> None:
     without = changed(read, "transfer", scene=scene_of(read, "transfer").without("demo_post"))
     refused(without, "transfer: got another scene than after lift", bin_)
@@ -501,6 +507,7 @@ def test_fingers_touch_an_object_only_where_they_take_or_leave_it(
     refused(exempting(read, name, touch), "finger_left x blue_block is not judged", bin_)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "pair", "match"),
     [
@@ -517,6 +524,7 @@ def test_a_stretch_wider_than_its_rule_is_refused(
     refused(exempting(read, name, ExemptInterval(0.0, length_of(read, name), (pair,), "grasp")), match, bin_)
 
 
+@pytest.mark.slow
 def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: SavedTask, bin_: PlannerService) -> None:
     refused(
         exempting(read, "lift", ExemptInterval(0.0, 9.0, (("blue_block", "bin_floor"),), "")), "beyond the end", bin_
@@ -529,6 +537,7 @@ def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: Saved
 # Real arms, and the command line.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("simulated", [False, np.bool_(False)])
 def test_a_real_arm_is_moved_by_a_file_only_in_the_world_that_the_operator_knows(
     simulated: Any, bin_: PlannerService, good: PlanResult, tmp_path: Path
@@ -587,6 +596,7 @@ def test_certify_says_against_what_and_lists_what_is_not_judged(read: SavedTask,
     assert "blue_block x tray (blue_block is to stand there)" in told
 
 
+@pytest.mark.slow
 def test_a_dry_run_lists_what_is_not_judged_and_moves_nothing(
     read: SavedTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -604,6 +614,7 @@ def test_a_dry_run_lists_what_is_not_judged_and_moves_nothing(
     assert "--robot and --scene, or execute(..., service=PlannerService(robot, scene))" in " ".join(done.stderr.split())
 
 
+@pytest.mark.slow
 def test_pairs_are_named_again_in_the_shell(home: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arm = FakeArm(np.array(home), simulated=False)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
@@ -742,6 +753,7 @@ def test_many_small_jumps_are_one_large_jump(home: Any, bin_: PlannerService) ->
         Trajectory(path, np.full(count, 1e-6), table, 1.0, (0.0, float(path.knots[1])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "count"), [(2e-12, 3_000), (2e-12, 20_000), (1e-9, 20_000)])
 def test_an_arm_does_not_turn_back_at_speed_by_many_tiny_turns(
     step: float, count: int, bin_: PlannerService, home: Any

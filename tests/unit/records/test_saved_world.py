@@ -75,6 +75,7 @@ def same(a: Any, b: Any, where: str = "") -> None:
         assert a == b, where
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", robot_names())
 def test_every_robot_that_comes_with_the_package_comes_back_from_a_file(name: str, tmp_path: Path) -> None:
     try:
@@ -329,6 +330,7 @@ PLACES: tuple[tuple[Any, ...], ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", UNPRINTABLE)
 @pytest.mark.parametrize("place", PLACES, ids=lambda place: ".".join(map(str, place)))
 def test_text_that_a_terminal_would_obey_is_refused(place: tuple[Any, ...], text: str, tmp_path: Path) -> None:

@@ -162,6 +162,7 @@ def test_export_refuses_what_it_cannot_do_and_leaves_the_plan(
     assert plan_file.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_export_of_a_task_has_all_motions_on_one_clock(tmp_path: Path) -> None:
     service = PlannerService("wxai", "bin")
     home = service.robot.home

@@ -106,6 +106,7 @@ def touching(motion: Trajectory, scene: Scene) -> int:
 # -- the splice -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9])
 @pytest.mark.parametrize("goal", [None, (2.2, 0.9), (2.5, 1.3)])
 def test_position_velocity_and_acceleration_go_on_at_the_splice(
@@ -177,6 +178,7 @@ def test_twenty_steps_in_a_row_after_a_goal_that_moves_are_one_smooth_motion(roo
         old = new
 
 
+@pytest.mark.slow
 def test_a_tool_follows_a_goal_that_wanders_and_stops_at_most_once() -> None:
     service = PlannerService("wxai", "post")
     setting = measure.wandering_goal(service, queries.load("post")[2])
@@ -187,6 +189,7 @@ def test_a_tool_follows_a_goal_that_wanders_and_stops_at_most_once() -> None:
     assert max(told.jumps) <= 1e-11
 
 
+@pytest.mark.slow
 def test_a_goal_that_creeps_along_is_followed_without_a_stop(room: PlannerService) -> None:
     old: PlanResult | Replanned = room.plan(PlanRequest((0.0, 0.0), (0.3, 0.2), time_limit=None))
     for step in range(1, 25):
@@ -276,8 +279,9 @@ def test_a_robot_that_is_faster_than_asked_stops_within_its_own_limits(room: Pla
     assert found.result.notes[-1].startswith("beyond the limits asked: velocity 333%")
 
 
+@pytest.mark.slow
 def test_a_stop_is_as_gentle_as_asked_where_that_is_safe(room: PlannerService) -> None:
-    request = PlanRequest((0.0, 0.0), (2.4, 0.0), acceleration_scale=0.5, time_limit=None)
+    request = PlanRequest((0.0, 0.0), (2.4, 0.0), acceleration_scale=0.5, max_checks=20_000, time_limit=None)
     slow = room.plan(request)
     gentle = room.replan(slow, at_time=1.0, scene=disc(2.4), request=request)
     assert gentle.outcome is Outcome.STOP
@@ -600,6 +604,7 @@ def test_the_tool_stays_as_slow_as_it_must_be(room: PlannerService) -> None:
     assert max(jumps(old, found)) <= NO_JUMP
 
 
+@pytest.mark.slow
 def test_a_real_arm_around_a_post_that_moves() -> None:
     service, scene = PlannerService("wxai", "post"), load_scene("post")
     query = queries.load("post")[0]
@@ -835,6 +840,7 @@ def turned_and_moved(service: PlannerService, tool: Any, steps: tuple[float, flo
     return service.scene.moved("blue_block", Pose.from_rpy((x, y, z), (0.0, 0.0, yaw)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [(0.0, 1e-6, 0.0), (0.0, 0.002, 0.0), (0.0, -0.0025, 0.003), (-0.003, 0.0, 0.0)])
 @pytest.mark.parametrize("yaw", [0.0, 0.02])
 def test_a_block_that_moved_so_little_that_the_grasp_is_sound_may_be_touched(
@@ -922,6 +928,7 @@ def test_a_motion_made_with_another_gripper_width_is_refused(descend: PlanResult
         service.changed(gripper=0.08).replan(descend, at_time=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [ToppRa(), SCurve(), Trapezoidal()], ids=lambda law: str(law.name))
 def test_at_the_very_end_of_a_motion_there_is_an_outcome_too(room: PlannerService, law: Any) -> None:
     old = room.plan(PlanRequest((0.0, 0.0), (2.4, 0.0), timing=law))

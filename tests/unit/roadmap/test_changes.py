@@ -128,6 +128,7 @@ class History:
         self.roadmap = replace(result.roadmap, fallback=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", ["planar2", "wxai"])
 def test_no_history_makes_a_roadmap_lie(name: str, seed: int) -> None:

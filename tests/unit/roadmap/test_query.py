@@ -129,6 +129,7 @@ class Honest:
         return np.array([rng.random() < 0.6 and self.maze.free(a, b) for a, b in zip(A, B, strict=True)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("some", range(6))
 @pytest.mark.parametrize("glances", [False, True])
 def test_a_path_is_found_if_and_only_if_there_is_one_and_what_is_learned_is_true(some: int, glances: bool) -> None:

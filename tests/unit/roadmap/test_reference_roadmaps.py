@@ -95,6 +95,7 @@ def lines() -> dict[str, str]:
     return {name: line for case in CASES for name, line in lines_of(*case).items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "kind"), CASES)
 def test_a_small_roadmap_grows_answers_and_learns_as_pinned(scene: str, kind: str) -> None:
     assert lines_of(scene, kind) == {

@@ -51,6 +51,7 @@ def chain(lazy: bool) -> tuple[Roadmap, ...]:
     return tuple(roadmaps)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lazy", [False, True], ids=["prm", "lazy"])
 def test_one_from_a_file_answers_as_the_one_in_memory(lazy: bool, tmp_path: Path) -> None:
     service = cell()
@@ -62,6 +63,7 @@ def test_one_from_a_file_answers_as_the_one_in_memory(lazy: bool, tmp_path: Path
             assert answer(service, loaded, number) == answer(service, roadmap, number)
 
 
+@pytest.mark.slow
 def test_what_was_asked_before_changes_no_answer() -> None:
     service, roadmaps = cell(), chain(True)
     first = [answer(cell(), replace(roadmap), 9) for roadmap in roadmaps[::4]]
@@ -92,6 +94,7 @@ print(json.dumps([roadmap.hash, cell().build_roadmap({planner}, seed=2).hash, an
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cpu", [{}, OTHER_CPU], ids=["this CPU", "an older CPU"])
 def test_another_process_answers_the_same_to_the_last_bit(cpu: dict[str, str], tmp_path: Path) -> None:
     roadmap, planner = chain(True)[-1], PRM(milestones=40)

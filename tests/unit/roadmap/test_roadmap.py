@@ -149,6 +149,7 @@ def test_no_path_is_none() -> None:
     assert Roadmap.of(np.zeros((0, 2))).search(diagonal(DiscWorld(NOTHING))).waypoints is None
 
 
+@pytest.mark.slow
 def test_a_query_that_leads_nowhere_ends() -> None:
     roadmap = LazyPRM(milestones=3000, neighbours=20).grow(across(DiscWorld(SEALED)), seed=0)
     assert roadmap.search(across(DiscWorld(SEALED))).waypoints is None

@@ -106,6 +106,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
     assert all(refused(path, data[:length]) for length in range(0, len(data), 64))
 
 
+@pytest.mark.slow
 def test_a_file_with_a_flipped_bit_is_refused_or_the_same(tmp_path: Path) -> None:
     path = saved(tmp_path)
     data, rng = path.read_bytes(), np.random.default_rng(0)
@@ -258,6 +259,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     assert refused(path, written({"head": np.full(5, 1e300)}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["head", "edge_verdicts"])
 def test_a_bomb_is_refused(name: str, tmp_path: Path) -> None:
     path = saved(tmp_path)

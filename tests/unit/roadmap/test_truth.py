@@ -112,6 +112,7 @@ def test_a_path_that_was_not_found_over_the_roadmap_is_remembered_where_it_was_f
         assert lies(result.roadmap, service) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0.1, 0.4])
 def test_parts_of_edges_are_remembered_only_once_judged(step: float, monkeypatch: pytest.MonkeyPatch) -> None:
     for smoothing in ("shortcut", "pulled_in", "without_short_pieces"):  # which judges most of them

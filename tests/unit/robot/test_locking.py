@@ -96,6 +96,7 @@ def test_locking_twice_is_locking_once(wxai: Robot) -> None:
     assert twice.hash == once.hash
 
 
+@pytest.mark.slow
 def test_links_that_still_move_are_judged_against_those_that_do_not(wxai: Robot) -> None:
     """The contacts of the whole robot but those between things that stand still."""
     scene = load_scene("bin")

@@ -207,6 +207,7 @@ def test_no_point_moves_farther_than_reach_says(mixed: Robot, seed: int, joint: 
         assert np.sqrt((moved**2).sum(axis=1)).max() <= mixed.reach()[joint] * 1e-4 * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_reach_is_a_bound_and_tight(wxai: Robot) -> None:
     """The arm stretched out comes within 3 % of the bound of every joint; nothing passes it."""
     farthest = np.zeros(6)
@@ -354,6 +355,7 @@ def test_the_planar_arm_is_the_textbooks() -> None:
     assert robot.link_pairs == ()
 
 
+@pytest.mark.slow
 def test_the_hash_is_the_same_in_another_process(wxai: Robot) -> None:
     code = "from planner_service.robot.model import load_robot; print(load_robot('wxai').hash)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -384,6 +386,7 @@ def test_unknown_names_are_refused_with_the_nearest(wxai: Robot) -> None:
         wxai.pose("slep")
 
 
+@pytest.mark.slow
 def test_the_shipped_robots_load() -> None:
     assert set(robot_names()) >= {"planar2", "wxai", "wxai_mesh"}
     for name in set(robot_names()) - {"wxai_mesh"}:  # which needs an extra: see test_example_robots

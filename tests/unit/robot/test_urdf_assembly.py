@@ -113,6 +113,7 @@ def axis_in(model: Any, index: int) -> FloatArray:
     return motion[:3] if model.joints[index].shortname().startswith("JointModelP") else motion[3:]
 
 
+@pytest.mark.slow
 def test_joints_and_links_are_numbered_and_placed_as_pinocchio_does_to_the_last_bit(reading: Reading) -> None:
     model = pinocchios(reading)
     assembly = assemble(reading.urdf, reading.movable, {})
@@ -216,6 +217,7 @@ def require_same(shape: Shape, geometry: Any) -> None:
         assert geometry.mesh is not None
 
 
+@pytest.mark.slow
 def test_a_chain_as_long_as_a_file_may_have_takes_no_gigabytes(tmp_path: Path) -> None:
     """Pinocchio would fill arrays of n x n x n numbers, 1 GB each for 500 joints, if it were asked to compute."""
     ends = '<parent link="l{}"/><child link="l{}"/><limit lower="-1" upper="1" velocity="1"/>'

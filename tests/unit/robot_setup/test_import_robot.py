@@ -61,6 +61,7 @@ def test_meshes_are_copied_and_the_folder_can_go_anywhere(tmp_path: Path) -> Non
     assert replace(loaded, allowed_contacts=before.allowed_contacts).hash == before.hash
 
 
+@pytest.mark.slow
 def test_an_always_contact_says_that_hulls_are_solid(tmp_path: Path) -> None:
     text = MESHED.replace(
         '<link name="mid"/>',
@@ -121,6 +122,7 @@ def test_a_part_of_a_robot_is_imported_with_the_rest_locked_and_its_states(tmp_p
     assert found.robot.pose("a b").tolist() == [0.5]
 
 
+@pytest.mark.slow
 def test_a_ur5_is_imported_with_its_meshes(tmp_path: Path) -> None:
     share = package_folder("example-robot-data")
     urdf = share / "robots" / "ur_description" / "urdf" / "ur5_joint_limited_robot.urdf"

@@ -22,6 +22,7 @@ from planner_service.scene.scene import load_scene
 WORDS = ["doctor", "--states", "200"]
 
 
+@pytest.mark.slow
 def test_the_doctor_names_the_instruction_set_and_finds_no_difference() -> None:
     done = CliRunner().invoke(app, WORDS)
     fastest = instruction_sets()[-1] if instruction_sets() else "not compiled"
@@ -41,12 +42,14 @@ def test_the_doctor_speaks_json() -> None:
     assert told["checks"]["available"] == list(instruction_sets())
 
 
+@pytest.mark.slow
 def test_equal_seeds_compare_on_equal_states() -> None:
     robot, scene = load_robot("wxai"), load_scene("bin")
     found = {examine(robot, scene, states=300, seed=seed).checks.refused for seed in (1, 1, 2)}
     assert len(found) == 2
 
 
+@pytest.mark.slow
 def test_a_kernel_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = CollisionChecker.edge_hit
 
@@ -71,6 +74,7 @@ class Hopeful(Certifier):
         self.reference = backend == "numpy"
 
 
+@pytest.mark.slow
 def test_a_proof_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(health, "Certifier", Hopeful)
     done = CliRunner().invoke(app, WORDS)

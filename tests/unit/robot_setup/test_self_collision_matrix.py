@@ -157,6 +157,7 @@ def test_a_number_of_samples_or_bounds_that_is_none_is_refused(tmp_path: Path, v
         contact_table(robot, max_bounds=value)
 
 
+@pytest.mark.slow
 def test_the_adjacent_pairs_of_wxai_are_those_listed_by_hand(wxai: Robot, wxai_table: ContactTable) -> None:
     """But for links that the gripper's carriages move, or that are bolted on: these share a body with link_6 here."""
     found = {frozenset(finding.links) for finding in wxai_table.of(ContactKind.ADJACENT)}

@@ -289,6 +289,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     return Scene(tuple(Obstacle(*o) for o in objects[:split]), attached, draw(st.just("") | names), draw(names))
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None, derandomize=True)
 @given(scenes())
 def test_a_saved_scene_comes_back_equal_to_the_last_bit(tmp_path_factory: pytest.TempPathFactory, scene: Scene) -> None:

@@ -406,6 +406,7 @@ def test_a_moveit_scene_of_too_many_shapes_is_refused(tmp_path: Path) -> None:
     assert found == ("scene: got 10001; expected at most 10,000 obstacles and attached objects",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [NEWER, OLDER, SOLIDS])
 def test_a_moveit_scene_cut_anywhere_is_refused(tmp_path: Path, text: str) -> None:
     for length in range(len(text) - 2):  # without its last line end it is still whole
@@ -436,6 +437,7 @@ def changed(text: str) -> st.SearchStrategy[bytes]:
     return st.lists(change, min_size=1, max_size=3).map(apply)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(changed(NEWER) | changed(OLDER) | changed(SOLIDS))
 def test_a_changed_moveit_scene_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
@@ -477,6 +479,7 @@ def test_what_is_no_world_in_a_urdf_is_named(tmp_path: Path, old: str, new: str,
     assert first.startswith(problem)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(changed(LIFTED) | st.integers(0, len(LIFTED) - 2).map(lambda k: LIFTED[:k].encode()))
 def test_a_changed_or_cut_urdf_world_is_read_or_refused(
@@ -580,6 +583,7 @@ def test_what_is_wrong_in_a_problem_set_is_named_with_its_place(
     assert found.startswith(problem)
 
 
+@pytest.mark.slow
 def test_a_set_in_which_everything_is_wrong_is_not_read_to_its_end(tmp_path: Path) -> None:
     path = tiny(tmp_path, lambda d: first(d).update(obstacles=[{}] * 10_000))
     found = problems_of(read_problems, path)
@@ -604,6 +608,7 @@ def test_a_list_that_is_too_long_is_refused_unread(
     assert "expected at most" in found
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
     changed(json.dumps(TINY)) | st.integers(0, len(json.dumps(TINY)) - 1).map(lambda k: json.dumps(TINY)[:k].encode())

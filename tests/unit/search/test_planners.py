@@ -81,6 +81,7 @@ def test_tree_planners_solve_six_joints(name: str) -> None:
     assert world.found_free(result.waypoints)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_equal_seeds_give_equal_counts_and_paths_whatever_ran_in_between(name: str) -> None:
     first = outcome(QUICK[name])
@@ -88,11 +89,13 @@ def test_equal_seeds_give_equal_counts_and_paths_whatever_ran_in_between(name: s
     assert outcome(QUICK[name]) == first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_seed_0_is_a_seed_of_its_own(name: str) -> None:
     assert outcome(QUICK[name], seed=0) != outcome(QUICK[name], seed=1)
 
 
+@pytest.mark.slow
 def test_a_second_process_finds_the_same_path() -> None:
     code = "from tests.unit.search.test_planners import *; print(outcome(RRTConnect(), n=6, seed=3))"
     root = Path(__file__).parents[3]
@@ -136,6 +139,7 @@ def test_a_search_that_waits_for_its_turn_can_be_stopped() -> None:
         holder.join()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 def test_any_goal_of_a_set_will_do_and_the_result_says_which(name: str) -> None:
     walled_off = ((2.0, 2.0), (2.2, -0.5))
@@ -203,6 +207,7 @@ def test_without_a_way_through_the_limit_ends_the_search(name: str) -> None:
         QUICK[name].search(problem)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["prm", "prmstar", "lazyprm"])
 def test_without_a_way_through_a_roadmap_has_no_path(name: str) -> None:
     assert QUICK[name].search(across(DiscWorld(SEALED))).waypoints is None
@@ -231,6 +236,7 @@ def test_no_planner_asks_about_an_edge_twice(name: str) -> None:
     assert len({frozenset(edge) for edge in world.edges}) == len(world.edges)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", QUICK)
 @pytest.mark.parametrize("limit", [None, 30])
 def test_nothing_of_a_query_outlives_it(name: str, limit: int | None) -> None:
@@ -348,6 +354,7 @@ def test_settings_are_equal_by_value() -> None:
     assert RRTConnect(range=0.4) == RRTConnect(0.4) != RRTConnect()
 
 
+@pytest.mark.slow
 def test_interrupted_searches_do_not_crash_the_process_even_while_their_exceptions_are_kept() -> None:
     """Frames in a kept traceback once held OMPL's states beyond their time: the next search crashed the process."""
     program = (
@@ -380,6 +387,7 @@ def test_planners_of_equal_settings_are_equal_only_if_they_are_the_same() -> Non
     assert not issubclass(informed, plain)
 
 
+@pytest.mark.slow
 def test_a_child_forked_during_a_search_can_search() -> None:
     """The lock that another thread of the parent held is nobody's in the child."""
     program = (

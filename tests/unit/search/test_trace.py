@@ -38,6 +38,7 @@ def bits(result: PlanResult) -> Iterator[bytes]:
         yield array.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", [name for name in PLANNERS if name != "prmstar"])
 def test_a_traced_plan_has_the_same_counts_and_bits(discs: PlannerService, planner: str) -> None:
     request = asked(discs, planner=PLANNERS[planner]())
@@ -104,6 +105,7 @@ def test_a_trace_is_not_kept_in_a_plan_file(discs: PlannerService) -> None:
     assert "trace" not in result_record(discs.plan(asked(discs), trace=True))
 
 
+@pytest.mark.slow
 def test_tracing_bitstar_leaves_no_query_behind(discs: PlannerService) -> None:
     """OMPL's own data would: a whole query each."""
     import gc

@@ -22,6 +22,7 @@ def found(world: DiscWorld, *, n: int = 2, seed: int = 0) -> FloatArray:
     return waypoints
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10**6), n=st.sampled_from([2, 3, 6]), step=st.sampled_from([0.02, 0.05, 0.3]))
 def test_the_laws_of_shortcutting(seed: int, n: int, step: float) -> None:
@@ -177,6 +178,7 @@ def test_corners_that_are_to_be_kept_or_turn_back_are_not_asked_about() -> None:
     assert blended(JointPath(ZIGZAG), must_not, np.zeros(4)).corners == (1, 2)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10**6))
 def test_blended_paths_around_discs_are_free_and_keep_their_ends(seed: int) -> None:
@@ -192,6 +194,7 @@ def test_blended_paths_around_discs_are_free_and_keep_their_ends(seed: int) -> N
     assert path([0.0, path.length]).tolist() == [short[0].tolist(), short[-1].tolist()]
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 10**6), n=st.sampled_from([2, 3, 6]), step=st.sampled_from([0.02, 0.05, 0.3]))
 def test_the_laws_of_pulling_corners_in(seed: int, n: int, step: float) -> None:

@@ -91,6 +91,7 @@ def test_segments_join_end_to_start(cell: PlannerService) -> None:
     assert task.q.tolist() == paths[-1][-1].tolist()
 
 
+@pytest.mark.slow
 def test_without_the_exemption_of_its_support_a_standing_object_cannot_be_lifted(cell: PlannerService) -> None:
     sunk = cell.with_scene(cell.scene.moved("block", Pose((0.28, 0.10, HALF - 0.0012))))  # 0.2 mm into the table
     assert picked(sunk).ok
@@ -107,6 +108,7 @@ def test_the_support_may_be_touched_only_within_the_support_gap(cell: PlannerSer
     assert 0.0 < heights[1] - heights[0] <= 0.005
 
 
+@pytest.mark.slow
 def test_an_object_under_a_shelf_is_not_lifted_into_it(cell: PlannerService) -> None:
     lid = Obstacle("lid", Box((0.3, 0.3, 0.01)), Pose((0.28, 0.10, 0.12)))
     task = picked(cell.with_scene(cell.scene.with_obstacle(lid)))
@@ -115,6 +117,7 @@ def test_an_object_under_a_shelf_is_not_lifted_into_it(cell: PlannerService) -> 
     assert "x lid" in task.failure.detail
 
 
+@pytest.mark.slow
 def test_high_up_a_lean_or_a_shorter_line_is_chosen_and_said(cell: PlannerService) -> None:
     """Straight down, the tip cannot rise above 0.175 m: 10 cm of vertical lift are not there at z = 0.12."""
     stand = Obstacle("stand", Box((0.06, 0.06, 0.10)), Pose((0.30, 0.0, 0.0495)))
@@ -126,6 +129,7 @@ def test_high_up_a_lean_or_a_shorter_line_is_chosen_and_said(cell: PlannerServic
     assert "way 1 of" not in task.notes[0]
 
 
+@pytest.mark.slow
 def test_a_placed_object_stands_where_it_was_put(cell: PlannerService) -> None:
     taken = picked(cell)
     poses = yaws(0.28, -0.10, HALF - 0.001)
@@ -139,6 +143,7 @@ def test_the_timing_law_of_the_lines_is_the_callers_choice(cell: PlannerService)
     assert picked(cell, line_timing=SCurve()).segments[1].result.stage(Stage.TIMING).note.startswith("s-curve")
 
 
+@pytest.mark.slow
 def test_what_looking_for_a_grasp_cost_is_counted(cell: PlannerService) -> None:
     lid = Obstacle("lid", Box((0.3, 0.3, 0.01)), Pose((0.28, 0.10, 0.12)))
     service = cell.with_scene(cell.scene.with_obstacle(lid))
@@ -270,6 +275,7 @@ def test_a_cancelled_pick_ends_as_preempted(cell: PlannerService) -> None:
     assert task.failure.reason is Reason.PREEMPTED
 
 
+@pytest.mark.slow
 def test_a_grasp_at_which_something_else_touches_is_refused_before_any_line_is_walked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

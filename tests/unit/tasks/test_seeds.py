@@ -47,6 +47,7 @@ def told(result: PlanResult) -> tuple[Any, ...]:
     return path.waypoints.tobytes(), trajectory.coefficients.tobytes(), result.counts, result.polish, result.notes
 
 
+@pytest.mark.slow
 def test_each_plan_is_that_of_its_seed_whatever_the_processes(service: PlannerService) -> None:
     alone = [service.plan(replace(request(), seed=seed)) for seed in SEEDS]
     here = plan_seeds(service, request(), SEEDS)
@@ -57,12 +58,14 @@ def test_each_plan_is_that_of_its_seed_whatever_the_processes(service: PlannerSe
     assert not path.waypoints.flags.writeable
 
 
+@pytest.mark.slow
 def test_processes_share_a_roadmap_too(service: PlannerService) -> None:
     asked = replace(request(), planner=service.path_memory(), polish=None)
     here, elsewhere = (plan_seeds(service, asked, SEEDS[:2], engine=engine) for engine in (None, Processes(2)))
     assert [told(one) for one in here] == [told(one) for one in elsewhere]
 
 
+@pytest.mark.slow
 def test_the_best_is_the_fastest_of_those_that_keep_their_distance(service: PlannerService) -> None:
     plans = plan_seeds(service, request(), SEEDS)
     best = best_of_seeds(service, request(), SEEDS)

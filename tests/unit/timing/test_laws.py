@@ -144,6 +144,7 @@ def across_scales(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(low, high).map(lambda exponent: 10.0**exponent)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300, derandomize=True)
 @given(across_scales(-9, 2), across_scales(-3, 2), across_scales(-3, 3), across_scales(-3, 6))
 def test_s_curves_are_optimal_and_hold_every_limit(distance: float, v: float, a: float, j: float) -> None:
@@ -155,6 +156,7 @@ def test_s_curves_are_optimal_and_hold_every_limit(distance: float, v: float, a:
     assert found.jerk.ratio == pytest.approx(1.0, rel=1e-9)  # finite: acceleration never jumps
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300, derandomize=True)
 @given(across_scales(-9, 2), across_scales(-3, 2), across_scales(-3, 3))
 def test_trapezoids_are_optimal_and_hold_every_limit(distance: float, v: float, a: float) -> None:
@@ -338,6 +340,7 @@ def test_toppra_is_as_close_in_other_units(scale: float) -> None:
     assert duration * scale == pytest.approx(ToppRa().time_path(path, given_limits).duration, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_path_toppra_cannot_time_is_a_typed_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     import toppra.algorithm
 
@@ -376,6 +379,7 @@ def test_toppra_is_not_asked_about_a_straight_line(monkeypatch: pytest.MonkeyPat
     assert ToppRa().time_path(path, given_limits).duration == Trapezoidal().time_path(path, given_limits).duration
 
 
+@pytest.mark.slow
 def test_timing_without_toppra_imports_neither_it_nor_matplotlib() -> None:
     code = (
         "import sys, planner_service.timing.laws; "
@@ -389,6 +393,7 @@ def test_toppra_is_silent() -> None:
     assert not logging.getLogger("toppra.algorithm").isEnabledFor(logging.WARNING)
 
 
+@pytest.mark.slow
 def test_importing_toppra_and_matplotlib_prints_nothing_where_no_cache_can_be_written() -> None:
     code = "from tests.unit.timing.test_laws import QUARTER, ToppRa, limits; ToppRa().time_path(QUARTER, limits(2))"
     environment = os.environ | {"MPLCONFIGDIR": "/dev/null/none"}

@@ -73,6 +73,7 @@ def densely(trajectory: Trajectory, limit: FloatArray, order: int) -> float:
     return best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ORDERS)
 @settings(deadline=None, max_examples=8, derandomize=True)
 @given(seed=st.integers(0, 10**6))

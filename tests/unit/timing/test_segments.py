@@ -49,6 +49,7 @@ def highest(trajectory: Trajectory, given_limits: JointLimits, law: Timing) -> f
 # -- every law on blends
 
 
+@pytest.mark.slow
 @law_cases
 @settings(deadline=None, max_examples=60, derandomize=True)
 @given(seed=st.integers(0, 10**6))
@@ -214,6 +215,7 @@ def test_a_short_way_to_a_stop_bounds_the_speed_on_a_blend_and_those_before_it()
     assert trajectory.coefficients[-4, 1] <= math.sqrt(slow**2 + 2 * 0.2 * 0.4) * (1 + 1e-12)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=100, derandomize=True)
 @given(seed=st.integers(0, 10**6))
 def test_an_s_curve_speeds_up_between_blends_as_far_as_there_is_room(seed: int) -> None:

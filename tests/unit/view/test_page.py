@@ -92,6 +92,7 @@ def slider(page: Any, number: int) -> Any:
     return page.get_by_role("slider").nth(number)
 
 
+@pytest.mark.slow
 def test_the_page_draws_robot_and_scene(page: Any) -> None:
     colours = np.unique(settled(page).reshape(-1, 3), axis=0)
     assert len(colours) > 50
@@ -102,6 +103,7 @@ def test_the_page_asks_nobody_but_its_server(page: Any, viewer: Viewer) -> None:
     assert elsewhere == []
 
 
+@pytest.mark.slow
 def test_a_joints_slider_moves_the_robot(page: Any, viewer: Viewer) -> None:
     before, q = settled(page), viewer.page.state.q
     slider(page, 1).focus()
@@ -113,6 +115,7 @@ def test_a_joints_slider_moves_the_robot(page: Any, viewer: Viewer) -> None:
     assert np.any(settled(page) != before)
 
 
+@pytest.mark.slow
 def test_the_clocks_slider_moves_the_robot_along_the_plan(page: Any, viewer: Viewer) -> None:
     playback = viewer.page.state.playback
     assert playback is not None
@@ -124,6 +127,7 @@ def test_the_clocks_slider_moves_the_robot_along_the_plan(page: Any, viewer: Vie
     assert np.any(settled(page) != before)
 
 
+@pytest.mark.slow
 def test_playing_ends_at_the_goal(page: Any, viewer: Viewer) -> None:
     playback = viewer.page.state.playback
     assert playback is not None
@@ -133,6 +137,7 @@ def test_playing_ends_at_the_goal(page: Any, viewer: Viewer) -> None:
     page.get_by_role("button", name="play").wait_for()
 
 
+@pytest.mark.slow
 def test_a_colliding_configuration_shows_its_pair_in_red(page: Any, viewer: Viewer) -> None:
     service = viewer.page.state.service
     start, goal = service.robot.pose("lesson_start"), service.robot.pose("lesson_goal")
@@ -152,6 +157,7 @@ def reds(image: Any) -> int:
     return int(((red > 150) & (green < 80) & (blue < 80)).sum())
 
 
+@pytest.mark.slow
 def test_start_and_goal_are_set_and_the_plan_button_plans_between_them(page: Any, viewer: Viewer) -> None:
     robot = viewer.page.state.service.robot
     page.get_by_role("tab", name="robot").click()
@@ -171,6 +177,7 @@ def test_start_and_goal_are_set_and_the_plan_button_plans_between_them(page: Any
     assert "certified" in page.locator("body").inner_text()
 
 
+@pytest.mark.slow
 def test_what_was_played_while_it_planned_ends_and_its_button_says_so(
     page: Any, viewer: Viewer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,6 +196,7 @@ def test_what_was_played_while_it_planned_ends_and_its_button_says_so(
     page.get_by_role("button", name="play", exact=True).wait_for(timeout=5_000)
 
 
+@pytest.mark.slow
 def test_a_window_that_is_closed_ends_the_viewer_and_its_threads(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(view_module, "GRACE", 0.5)
     before = set(threading.enumerate())
@@ -224,6 +232,7 @@ def command() -> Iterator[tuple[subprocess.Popen[str], str]]:
             process.kill()
 
 
+@pytest.mark.slow
 def test_the_command_ends_when_its_page_is_closed_and_leaves_no_process(
     browser: Any, command: tuple[subprocess.Popen[str], str]
 ) -> None:
@@ -240,6 +249,7 @@ def test_the_command_ends_when_its_page_is_closed_and_leaves_no_process(
         os.killpg(process.pid, 0)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_command_with_130(command: tuple[subprocess.Popen[str], str]) -> None:
     process, _ = command
     process.send_signal(signal.SIGINT)
@@ -249,6 +259,7 @@ def test_ctrl_c_ends_the_command_with_130(command: tuple[subprocess.Popen[str], 
         os.killpg(process.pid, 0)
 
 
+@pytest.mark.slow
 def test_a_script_waits_for_its_page_and_a_prompt_does_not(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(view_module, "GRACE", 0.5)
     service = PlannerService("planar2", "discs")

@@ -94,6 +94,7 @@ def red_part(file: Path) -> float:
 # what is drawn where
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar2", "ur5", "panda_mbm"])
 def test_the_silhouette_of_a_link_is_where_its_corners_are_projected_to(name: str) -> None:
     robot = load_robot(name)
@@ -116,6 +117,7 @@ def test_what_is_behind_something_is_hidden() -> None:
     assert set(np.unique(owners)) == {-1, 0, 1}
 
 
+@pytest.mark.slow
 def test_a_ghost_lets_through_what_is_behind_it() -> None:
     back, ghost = solids(("back", (0.1, 2.0, 2.0), (-0.5, 0.0, 0.0)), ("ghost", (0.1, 0.5, 0.5), (0.0, 0.0, 0.0)))
     camera = camera_for((back, ghost), elevation=0.05)
@@ -146,6 +148,7 @@ def test_ghosts_are_laid_over_each_other_by_depth_and_not_by_order() -> None:
     assert one[pixel(camera, (0.05, 0.0, 0.0))] == pytest.approx(mixed, abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_line_is_seen_before_something_and_faintly_behind_it() -> None:
     (wall,) = solids(("wall", (0.1, 1.0, 1.0), (0.0, 0.0, 0.0)))
     camera = camera_for((wall,), elevation=0.05)
@@ -290,6 +293,7 @@ draw_plan(service, request, service.plan(request), sys.argv[1])
 """
 
 
+@pytest.mark.slow
 def test_a_plan_has_the_same_picture_in_another_process(
     tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -300,6 +304,7 @@ def test_a_plan_has_the_same_picture_in_another_process(
     assert read(tmp_path / "here.png").shape == (SIZE[1], SIZE[0], 3)
 
 
+@pytest.mark.slow
 def test_a_plan_shows_the_robot_on_the_way_in_blue_and_at_the_goal_in_green(
     tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult]
 ) -> None:
@@ -309,6 +314,7 @@ def test_a_plan_shows_the_robot_on_the_way_in_blue_and_at_the_goal_in_green(
     assert np.count_nonzero((b > r + 20) & (b > g + 5) & (b > 200)) > 100
 
 
+@pytest.mark.slow
 def test_a_picture_changes_no_count(tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult]) -> None:
     before = planned[0].checker.counts
     draw_plan(*planned, tmp_path / "a.png")
@@ -318,6 +324,7 @@ def test_a_picture_changes_no_count(tmp_path: Path, planned: tuple[PlannerServic
 COLLIDING = [0.0, 2.2, 1.2, -0.4, 0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_of_an_end_in_collision_what_touches_is_red(tmp_path: Path) -> None:
     service = PlannerService("wxai", Scene((Obstacle("bar", Box((0.05, 0.05, 0.05)), Pose((0.35, 0.0, 0.05))),)))
     red = {}
@@ -334,6 +341,7 @@ def test_of_an_end_in_collision_what_touches_is_red(tmp_path: Path) -> None:
     assert red["start"] > 0.002
 
 
+@pytest.mark.slow
 def test_a_pose_without_a_configuration_is_drawn_as_axes(tmp_path: Path) -> None:
     service = PlannerService("planar2", "discs")
     request = PlanRequest(service.robot.home, Pose((0.5, 0.5, 0.5)), time_limit=None)
@@ -352,6 +360,7 @@ def test_a_failure_outside_the_limits_is_drawn_too(tmp_path: Path) -> None:
     assert is_whole(tmp_path / "a.png")
 
 
+@pytest.mark.slow
 def test_a_configuration_is_red_where_it_touches_and_nowhere_else(tmp_path: Path) -> None:
     robot = load_robot("wxai")
     checker = CollisionChecker(robot, load_scene("bin"))
@@ -367,6 +376,7 @@ def test_a_robot_alone_can_be_drawn(tmp_path: Path) -> None:
     assert is_whole(tmp_path / "a.png")
 
 
+@pytest.mark.slow
 def test_a_task_is_drawn_whole_or_as_far_as_it_goes(tmp_path: Path) -> None:
     service = PlannerService("wxai", "bin")
     request = PlanRequest(service.robot.home, service.robot.home, time_limit=None)
@@ -389,12 +399,14 @@ def run(*arguments: str) -> tuple[int, str, str]:
     return done.exit_code, done.stdout, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("goal", "code"), [("lesson_goal", 0), ("pose:0,0,3,1,0,0,0", 1)])
 def test_plan_draws_a_picture_of_a_plan_or_of_none(tmp_path: Path, goal: str, code: int) -> None:
     assert run(*PLANAR, "--goal", goal, "--png", str(tmp_path / "a.png"))[0] == code
     assert is_whole(tmp_path / "a.png")
 
 
+@pytest.mark.slow
 def test_check_draws_a_picture(tmp_path: Path) -> None:
     file = tmp_path / "a.png"
     code, *_ = run("check", "--scene", "bin", "--q", "0,2.2,1.2,-0.4,0,0", "--png", str(file))
@@ -402,6 +414,7 @@ def test_check_draws_a_picture(tmp_path: Path) -> None:
     assert red_part(file) > 0.01
 
 
+@pytest.mark.slow
 def test_pick_place_draws_a_picture(tmp_path: Path) -> None:
     code, *_ = run("pick-place", "--png", str(tmp_path / "a.png"))
     assert code == 0

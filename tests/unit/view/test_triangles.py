@@ -109,6 +109,7 @@ def test_a_large_cloud_is_drawn_in_coarser_cells_that_hold_its_own() -> None:
     assert {tuple(cell) for cell in np.floor(cloud.points / edge).astype(int)} == held
 
 
+@pytest.mark.slow
 def test_a_large_height_field_is_drawn_in_coarser_columns_that_hold_its_own() -> None:
     heights = np.random.default_rng(4).uniform(0.0, 1.0, size=(101, 91))
     field = HeightField(heights, 0.01)
