@@ -422,7 +422,7 @@ class PlannerService:
 
         Args:
             shown: What to show beside robot and scene.
-            host: The address to serve it at; whoever can reach it can use the page.
+            host: The address to serve it at. Anyone who can reach it can use the page.
             port: The first port to try; if it is taken, the next free one.
             block: Whether to return only when the page is closed; if not given, unless this is a notebook or a prompt.
 

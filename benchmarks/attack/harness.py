@@ -173,7 +173,7 @@ def further(what: str, value: float, other: float | None) -> float:
 
 
 def rng_of(seed: int, number: int) -> np.random.Generator:
-    """What an input is drawn with: the same for the same seed and number, whoever draws it."""
+    """What an input is drawn with: the same for the same seed and number, in any process."""
     return np.random.default_rng((seed, number))
 
 

@@ -106,7 +106,7 @@ def jobs_of(suite: Suite, planners: Sequence[str] = (), seeds: Sequence[int] = (
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """The work of whoever makes rows, warm before the first one is theirs."""
+    """The work of a process that makes rows, warmed up before its first row."""
 
     first: Job
 

@@ -34,9 +34,7 @@ def view(
     scene: Annotated[str | None, typer.Option(metavar="NAME", help="As for plan; default: the one in FILE.")] = None,
     robot: Annotated[str | None, typer.Option(metavar="NAME", help="As for plan; default: the one in FILE.")] = None,
     port: Annotated[int, typer.Option(metavar="N", help="The first port to try; 0 for any.")] = PORT,
-    host: Annotated[str, typer.Option(help="Address to serve the page at; whoever can reach it can use the page.")] = (
-        HOST
-    ),
+    host: Annotated[str, typer.Option(help="Address to serve the page at. Anyone who reaches it can use it.")] = (HOST),
     allow: Allow = None,
     keep: Annotated[bool, typer.Option("--keep", help="Keep serving after the last window is closed.")] = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the page's address.")] = False,

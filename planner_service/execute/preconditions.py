@@ -123,7 +123,7 @@ def require_free_opening(proven: Recertified, width: float, near: float) -> None
 
 
 def needs_a_service(plan: Plan) -> InvalidRequest:
-    """What is said to whoever would move a real arm by what a file says of the world."""
+    """The error for moving a real arm in a world that only a file describes."""
     made = world_of(plan)
     expected = "your own robot and scene: --robot and --scene, or execute(..., service=PlannerService(robot, scene))"
     message = (

@@ -102,7 +102,7 @@ class SimulatedArm:
         host: str | None = None,
     ) -> None:
         if host is not None and not host.startswith("127."):
-            raise InvalidRequest("host", host, "a loopback address, 127.x.y.z: whoever reaches it moves the arm")
+            raise InvalidRequest("host", host, "a loopback address, 127.x.y.z: anyone who reaches it can move the arm")
         self.scene = scene
         text = mjcf_text(arm_file(), robot, scene, loose=loose)
         q = joint_vector("start", robot.home if start is None else start, robot)

@@ -86,7 +86,7 @@ def execute(
         service: The robot and the scene that the arm stands in, to which those of the plan must be equal. A plan from a
             file needs it to move a real arm, one that another process planned to move any.
         allowed: Pairs that may touch: those that the plan was made with as ``allowed``, and those of stretches that no
-            rule of picking and placing gives. They are named again by whoever executes.
+            rule of picking and placing gives. Name them again at each execution.
         allow_unproven: Drive what no certificate says is free of collisions.
 
     Raises:

@@ -115,7 +115,7 @@ class _Saved(ABC):
 
     @property
     def allowed(self) -> tuple[tuple[str, str], ...]:
-        """Pairs that may touch because whoever made it said so."""
+        """Pairs that its author allowed to touch."""
         return self.made_for.allowed
 
     def service(self) -> PlannerService:
