@@ -349,8 +349,13 @@ def import_robot_(
         emit(json_text(import_record(imported)))
     else:
         title = f"imported: {imported.robot.name}, written to {imported.path}, in {imported.seconds:.1f} s"
+        agreement = imported.agreement
+        reader = (
+            f"second reader: yourdfpy sees all {agreement.frames} frames at the same places "
+            f"(within {agreement.difference:.0e} m, in {agreement.configurations} configurations)"
+        )
         checks = [f"check: {line}" for line in to_check(imported, source)]
-        emit(render(title, "", import_table(imported), "", *wrapped(checks)))
+        emit(render(title, "", import_table(imported), "", *wrapped([reader, *checks])))
 
 
 def _plot(file: str, service: PlannerService, request: PlanRequest, result: PlanResult) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any
 
 from planner_service.cli.listings import robot_record
@@ -103,7 +104,9 @@ def import_record(imported: ImportedRobot) -> dict[str, Any]:
     ]
     meshes = [str(path) for path in imported.meshes]
     files = {"robot_toml": str(imported.path), "urdf": str(imported.urdf), "meshes": meshes}
-    return {**files, "robot": robot_record(imported.robot), "samples": imported.table.samples, "pairs": pairs}
+    agreement = {"reader": "yourdfpy", **asdict(imported.agreement)}
+    robot = robot_record(imported.robot)
+    return {**files, "second_reader": agreement, "robot": robot, "samples": imported.table.samples, "pairs": pairs}
 
 
 def _named(findings: Iterable[PairFinding]) -> str:

@@ -24,6 +24,7 @@ from planner_service.robot.loading import ACCELERATION, JERK, Selection, robot_o
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.urdf_model import Urdf
 from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, DEFAULT_VELOCITY, read_urdf
+from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
 from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, PairFinding, contact_table
 from planner_service.scene.scene import Scene
 
@@ -79,6 +80,7 @@ class ImportedRobot:
         urdf: The copy of the URDF beside it.
         meshes: The copies of the meshes; where the URDF was in place already, they are, too.
         links: Links of the URDF, with shapes or without.
+        agreement: How closely yourdfpy, which read the URDF as well, agrees.
         seconds: What it took.
     """
 
@@ -87,6 +89,7 @@ class ImportedRobot:
     urdf: Path
     meshes: tuple[Path, ...]
     links: int
+    agreement: Agreement
     table: ContactTable
     seconds: float
 
@@ -94,13 +97,14 @@ class ImportedRobot:
 def import_robot(source: Source, out: Path | str, *, force: bool = False) -> ImportedRobot:
     """Write robot.toml, and copies of the URDF and its meshes, into ``out``, which is made if only it is missing.
 
-    Nothing is put there before it was loaded from another place and found to be the same robot.
+    Nothing is put there before a second reader has seen the same robot in the URDF, and before the new files were
+    loaded from another place and found to be that robot, too.
 
     Args:
         force: Replace files that are there.
 
     Raises:
-        InvalidFile: the URDF or SRDF has problems, or ``out`` cannot be written.
+        InvalidFile: the URDF or SRDF has problems, yourdfpy sees another robot in it, or ``out`` cannot be written.
         UnknownName: no such tool frame or joint.
         InvalidRequest: a file is there and ``force`` is not given, the URDF is there already but its meshes lie
             elsewhere, or a joint is locked outside its limits.
@@ -114,6 +118,7 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
     root = read_xml(source.urdf, "robot")
     urdf = read_urdf(source.urdf, source.package_dirs)
     robot = robot_of(source.urdf, urdf, source.selection)
+    agreement = compare_with_yourdfpy(robot, source.urdf, root, standing_joints(urdf, source.selection))
     in_place = _is_there(copy) and copy.samefile(source.urdf)
     meshes = _meshes_in_place(source, root, folder) if in_place else _meshes_to_copy(source, root)
     if meshes and not in_place:
@@ -126,7 +131,8 @@ def import_robot(source: Source, out: Path | str, *, force: bool = False) -> Imp
     _require_same(robot, files, toml)
     _write(folder, {ROBOT_FILE: files[ROBOT_FILE]} if in_place else files)
     copies = tuple(folder / name for name in meshes)
-    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), table, time.perf_counter() - begun)
+    seconds = time.perf_counter() - begun
+    return ImportedRobot(load_robot(toml), toml, copy, copies, len(urdf.links), agreement, table, seconds)
 
 
 def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
