@@ -352,7 +352,7 @@ def import_robot_(
         agreement = imported.agreement
         reader = (
             f"second reader: yourdfpy sees all {agreement.frames} frames at the same places "
-            f"(within {agreement.difference:.0e} m, in {agreement.configurations} configurations)"
+            f"(within {max(agreement.difference, 1e-12):.0e} m, in {agreement.configurations} configurations)"
         )
         checks = [f"check: {line}" for line in to_check(imported, source)]
         emit(render(title, "", import_table(imported), "", *wrapped([reader, *checks])))
