@@ -15,51 +15,36 @@ __all__ = ["changed"]
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]+")
 
-_NUMBERS: tuple[bytes, ...] = (b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-1", b"1e999")
-_NUMBERS += (b"9" * 400, b"2147483648")
-_NUMBERS += (
-    b"18446744073709551616",
-    b"0x10",
-    b"1_0",
-    b"",
-    b"-0.0",
-    b"true",
-    b'"1"',
-    b"[]",
-    b"1e3",
-    b"0.001",
-    b"1" * 5000,
+_NUMBERS = (
+    *(b"nan", b"inf", b"-inf", b"1e308", b"-1e308", b"1e-320", b"0", b"-1", b"1e999", b"9" * 400, b"2147483648"),
+    *(b"18446744073709551616", b"0x10", b"1_0", b"", b"-0.0", b"true", b'"1"', b"[]", b"1e3", b"0.001", b"1" * 5000),
 )
-_WORDS: tuple[bytes, ...] = (
-    b"",
-    b"true",
-    b"null",
-    b"link_1",
-    b"\xff\xfe",
-    b"\\u0000",
-    b"\\ud800",
-    b"../../etc/passwd",
-    b"/dev/zero",
+_WORDS = (
+    *(b"", b"true", b"null", b"link_1", b"\xff\xfe", b"\\u0000", b"\\ud800", b"../../etc/passwd", b"/dev/zero"),
+    *(b"a" * 10_000, b"<!DOCTYPE a [<!ENTITY b 'c'>]>", b"&b;", b"\x1b[2J", b"universe", b"\0"),
 )
-_WORDS += (b"a" * 10_000, b"<!DOCTYPE a [<!ENTITY b 'c'>]>", b"&b;", b"\x1b[2J", b"universe", b"\0")
 _VALUES: tuple[Any, ...] = (
-    None,
-    True,
-    0,
-    -1,
-    1e308,
-    10**400,
-    0.5,
-    "",
-    "text",
-    "link_1",
-    "\ud800",
-    "a\0b",
-    [],
-    {},
-    [[]],
+    *(
+        None,
+        True,
+        0,
+        -1,
+        1e308,
+        10**400,
+        0.5,
+        "",
+        "text",
+        "link_1",
+        "\ud800",
+        "a\0b",
+        [],
+        {},
+        [[]],
+        {"a": 1},
+        [1, 2, 3],
+    ),
+    *([None] * 7, float("nan"), float("inf"), "x" * 5000, 2**63, -0.0, "1", [0.1] * 6),
 )
-_VALUES += ({"a": 1}, [1, 2, 3], [None] * 7, float("nan"), float("inf"), "x" * 5000, 2**63, -0.0, "1", [0.1] * 6)
 
 Mutation = Callable[[bytes, np.random.Generator], bytes]
 
