@@ -6,19 +6,20 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from auditor.checker import IndependentChecker, Touch, tables_of
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
+from planner_service.path.joint_path import JointPath
+from planner_service.path.trajectory import Trajectory
 from planner_service.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
-
-__all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "along", "between", "worst"]
+__all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "along", "between", "independent", "instants", "touch_in_time"]
+__all__ += ["touch_on_curve", "worst"]
 
 JOINT_STEP = 0.01
 """Radians (metres of a slide) that any joint moves from one audited configuration to the next, at most."""
@@ -44,8 +45,6 @@ class Auditor:
         gripper_width: float | None = None,
         allowed: Sequence[tuple[str, str]] = (),
     ) -> None:
-        from auditor.checker import IndependentChecker, tables_of
-
         folder = Path(robot).parent if robot.endswith(".toml") else data_folder("robots") / robot
         self._scene = tables_of(scene)
         self._make: Callable[[Sequence[tuple[str, str]]], IndependentChecker] = lambda pairs: IndependentChecker(
@@ -80,9 +79,15 @@ class Auditor:
         return min((min(self._checker.gaps(q).values(), default=math.inf) for q in Q), default=math.inf)
 
 
-def along(curve: Callable[[Any], FloatArray], start: float, end: float, step: float = JOINT_STEP) -> FloatArray:
-    """Configurations (m, n) of a curve from start to end, no joint moving more than ``step`` from one to the next."""
-    count = 2 + math.ceil((end - start) / step)
+def along(
+    curve: Callable[[Any], FloatArray], start: float, end: float, step: float = JOINT_STEP, length: float | None = None
+) -> FloatArray:
+    """Configurations (m, n) of a curve from start to end, no joint moving more than ``step`` from one to the next.
+
+    Args:
+        length: Of the curve, where it is not ``end - start``.
+    """
+    count = 2 + math.ceil((end - start if length is None else length) / step)
     while True:
         Q: FloatArray = curve(np.linspace(start, end, count))
         if float(np.abs(np.diff(Q, axis=0)).max(initial=0.0)) <= step:
@@ -98,6 +103,30 @@ def between(waypoints: ArrayLike, step: float = JOINT_STEP) -> FloatArray:
         count = max(1, math.ceil(float(np.abs(b - a).max()) / step))
         parts.append(a + (b - a) * (np.arange(1, count + 1)[:, None] / count))
     return np.concatenate(parts)
+
+
+def independent(robot: str, scene: Scene) -> IndependentChecker:
+    """The checker that is not ours, for a robot that comes with the package."""
+    return IndependentChecker(data_folder("robots") / robot, tables_of(scene))
+
+
+def instants(trajectory: Trajectory, step: float = JOINT_STEP) -> FloatArray:
+    """Configurations (m, n) of a motion, no joint turning more than ``step`` (rad) from one to the next."""
+    return along(trajectory, 0.0, trajectory.duration, step, trajectory.path.length)
+
+
+def touch_in_time(second: IndependentChecker, trajectory: Trajectory, step: float = JOINT_STEP) -> str | None:
+    """What touches first in the course of a motion, as ``a x b``; None if nothing does."""
+    return _in_words(next((second.touch(q) for q in instants(trajectory, step) if not second.free(q)), None))
+
+
+def touch_on_curve(second: IndependentChecker, path: JointPath, motion_step: float) -> str | None:
+    """The same of a curve, no point of the robot moving farther than ``motion_step`` (m) between two looks."""
+    return _in_words(second.curve_touch(path, path.length, motion_step))
+
+
+def _in_words(touch: Touch | None) -> str | None:
+    return None if touch is None else f"{touch.a} x {touch.b}"
 
 
 def worst(audits: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -10,20 +10,17 @@ import math
 import random
 import time
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, table
+from auditor.checker import IndependentChecker
+from benchmarks.harness.audit import independent
+from benchmarks.harness.report import Promise, Report, Row, table_of
 from planner_service import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere
 from planner_service.errors import UnknownName
-from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import load_robot, robot_names
-
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
 
 __all__ = ["JITTERS", "WITHIN", "around_contacts", "compared", "crowded_table", "random_states", "run"]
 
@@ -131,12 +128,10 @@ def compared(checker: CollisionChecker, second: IndependentChecker, Q: FloatArra
 
 
 def _robot_rows(name: str, states: int) -> Iterator[Row]:
-    from auditor.checker import IndependentChecker, tables_of
-
     robot = load_robot(name)
     scene = crowded_table(robot)
     checker = CollisionChecker(robot, scene)
-    second = IndependentChecker(data_folder("robots") / name, tables_of(scene))
+    second = independent(name, scene)
     rng = np.random.default_rng(SEED)
     drawn = random_states(robot, states // 2, rng)
     near, sizes = around_contacts(checker, states - len(drawn), rng)
@@ -182,31 +177,20 @@ def _promise(name: str, rows: Sequence[Row]) -> Promise:
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    columns = (
-        "robot",
-        "states",
-        "number",
-        "free",
-        "disagreements",
-        "alone, not in a batch",
-        "free by Coal only",
-        "most apart um",
-        "deepest um",
-        "ours us",
-        "Coal us",
-    )
-    cells = (
-        [
-            row["robot"],
-            row["kind"],
-            f"{row['states']:,}",
-            f"{row['free']:,}",
-            str(row["disagreements"]),
-            str(row["alone and together"]),
-            str(row["coal_free"]),
-            *(f"{row[key] * 1e6:.3f}" for key in ("apart", "deep")),
-            *(f"{row[key]:.0f}" for key in ("ours_us", "coal_us")),
-        ]
+    lines = (
+        {
+            "robot": row["robot"],
+            "states": row["kind"],
+            "number": f"{row['states']:,}",
+            "free": f"{row['free']:,}",
+            "disagreements": row["disagreements"],
+            "alone, not in a batch": row["alone and together"],
+            "free by Coal only": row["coal_free"],
+            "most apart um": f"{row['apart'] * 1e6:.3f}",
+            "deepest um": f"{row['deep'] * 1e6:.3f}",
+            "ours us": f"{row['ours_us']:.0f}",
+            "Coal us": f"{row['coal_us']:.0f}",
+        }
         for row in rows
     )
     caption = (
@@ -214,4 +198,4 @@ def _table(rows: Sequence[Row]) -> Table:
         "robot moves farther than stated, and farther than in the row above. Most apart, deepest: the nearest pair, "
         "where the two disagree; by support functions."
     )
-    return table("Verdicts and Coal's, on a crowded table", columns, cells, caption=caption)
+    return table_of("Verdicts and Coal's, on a crowded table", lines, caption=caption)

@@ -10,24 +10,21 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, least_seconds, p50, spread, table
+from auditor.checker import IndependentChecker
+from benchmarks.harness.audit import JOINT_STEP, independent, touch_in_time
+from benchmarks.harness.report import Promise, Report, Row, least_seconds, p50, spread, table_of
 from benchmarks.studies.agreement import around_contacts, random_states
-from benchmarks.studies.problems import JOINT_STEP, instants
 from planner_service import CollisionChecker, Obstacle, PlannerService, PlanRequest, PointCloud, Pose, Robot, Scene
-from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box
 from planner_service.robot.model import load_robot
-
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
 
 __all__ = ["POINTS", "RESOLUTION", "ROBOT", "camera_cloud", "run", "scenes"]
 
@@ -128,9 +125,7 @@ def _asked(robot: Robot, plain: Scene, measured: Scene) -> Iterator[tuple[FloatA
 
 
 def _plans(robot: Robot, plain: Scene, measured: Scene) -> Iterator[Row]:
-    from auditor.checker import IndependentChecker, tables_of
-
-    second = IndependentChecker(data_folder("robots") / ROBOT, tables_of(measured))
+    second = independent(ROBOT, measured)
     service = PlannerService(robot, measured)
     for start, goal in islice(_asked(robot, plain, measured), PLANS):
         clock = time.process_time()
@@ -139,34 +134,21 @@ def _plans(robot: Robot, plain: Scene, measured: Scene) -> Iterator[Row]:
         row |= {"bounds": result.counts.distances, "failure": None if result.ok else str(result.failure)}
         if result.trajectory is not None and result.certificate is not None:
             row["clearance"] = result.certificate.clearance
-            row["touch"] = _touch(second, instants(result.trajectory))
+            row["touch"] = touch_in_time(second, result.trajectory)
         yield row
-
-
-def _touch(second: IndependentChecker, Q: FloatArray) -> str | None:
-    touch = next((second.touch(q) for q in Q if not second.free(q)), None)
-    return None if touch is None else f"{touch.a} x {touch.b}"
 
 
 def _verdicts(robot: Robot, scene: Scene) -> Row:
     """Verdicts next to those of Coal, which makes an octree of the points: half of them around contacts."""
-    from auditor.checker import IndependentChecker, tables_of
-
-    checker = CollisionChecker(robot, scene)
-    second = IndependentChecker(data_folder("robots") / ROBOT, tables_of(scene))
+    checker, second = CollisionChecker(robot, scene), independent(ROBOT, scene)
     chance = np.random.default_rng(SEED + 2)
     near, _ = around_contacts(checker, VERDICTS // 2, chance)
     Q = np.concatenate([random_states(robot, VERDICTS - len(near), chance), near])
     ours = checker.states_are_free(Q)
     differing = [k for k, q in enumerate(Q) if second.free(q) != ours[k]]
     far = [_from_contact(checker, second, Q[k], free=bool(ours[k])) for k in differing]
-    return {
-        "work": "verdicts",
-        "states": len(Q),
-        "free": int(ours.sum()),
-        "differ": len(far),
-        "worst": max([0.0, *far]),
-    }
+    counts = {"states": len(Q), "free": int(ours.sum()), "differ": len(far)}
+    return {"work": "verdicts", **counts, "worst": max([0.0, *far])}
 
 
 def _from_contact(checker: CollisionChecker, second: IndependentChecker, q: FloatArray, *, free: bool) -> float:
@@ -181,55 +163,43 @@ def run() -> Report:
     verdicts = _verdicts(robot, measured)
     done = [row for row in plans if row["failure"] is None]
     rejected = [row["touch"] for row in done if row["touch"] is not None]
-    promises = [
-        Promise(
-            f"{row['work']}: at most {FACTOR:g} x the cost among boxes", f"{row['ratio']:.2f} x", row["ratio"] <= FACTOR
-        )
-        for row in costs
-    ]
-    promises += [
-        Promise(
-            "what is planned among the boxes is planned around the cloud", f"{len(done)} of {PLANS}", len(done) == PLANS
-        ),
-        Promise("Coal rejects none of them", f"{len(rejected)} rejected", not rejected),
-        Promise(
-            f"{verdicts['states']:,} verdicts are those of Coal's octree but within {WITHIN * 1e3:g} mm of contact",
-            f"{verdicts['differ']} differ, at most {verdicts['worst'] * 1e6:.2f} um from contact",
-            verdicts["worst"] <= WITHIN,
-        ),
-    ]
-    return Report(
-        "clouds", (*costs, *plans, verdicts), (_cost_table(costs, measured), _plan_table(plans)), tuple(promises)
-    )
+    promises = []
+    for row in costs:
+        text = f"{row['work']}: at most {FACTOR:g} x the cost among boxes"
+        promises.append(Promise(text, f"{row['ratio']:.2f} x", row["ratio"] <= FACTOR))
+    text = "what is planned among the boxes is planned around the cloud"
+    promises.append(Promise(text, f"{len(done)} of {PLANS}", len(done) == PLANS))
+    promises.append(Promise("Coal rejects none of them", f"{len(rejected)} rejected", not rejected))
+    text = f"{verdicts['states']:,} verdicts are those of Coal's octree but within {WITHIN * 1e3:g} mm of contact"
+    differ = f"{verdicts['differ']} differ, at most {verdicts['worst'] * 1e6:.2f} um from contact"
+    promises.append(Promise(text, differ, verdicts["worst"] <= WITHIN))
+    tables = (_cost_table(costs, measured), _plan_table(plans))
+    return Report("clouds", (*costs, *plans, verdicts), tables, tuple(promises))
 
 
 def _cost_table(rows: Sequence[Row], scene: Scene) -> Table:
     cloud = scene.obstacles[0].shape
     assert isinstance(cloud, PointCloud)
-    cells = [
-        (row["work"], f"{row['states']:,}", *(f"{row[key]:.1f}" for key in ("boxes_us", "cloud_us", "ratio")))
+    keys = {"among boxes us": "boxes_us", "in the cloud us": "cloud_us", "ratio": "ratio"}
+    lines = (
+        {"work": row["work"], "states": f"{row['states']:,}"} | {name: f"{row[key]:.1f}" for name, key in keys.items()}
         for row in rows
-    ]
+    )
     caption = (
         f"Robot {ROBOT}; {POINTS:,} points in {len(cloud.cells):,} cells of {RESOLUTION * 1e3:g} mm, joined to "
         f"{len(cloud.pieces.shapes):,} boxes, and a mesh; next to {len(BOXES)} boxes. CPU time, the least of {REPEATS}."
     )
-    columns = ("work", "states", "among boxes us", "in the cloud us", "ratio")
-    return table("A state next to a measured cloud", columns, cells, caption=caption)
+    return table_of("A state next to a measured cloud", lines, caption=caption)
 
 
 def _plan_table(rows: Sequence[Row]) -> Table:
     done = [row for row in rows if row["failure"] is None]
-    cells = [
-        (
-            f"{len(done)}/{len(rows)}",
-            str(sum(row["touch"] is not None for row in done)),
-            spread([row["seconds"] * 1e3 for row in rows]),
-            spread([row["states"] for row in rows]),
-            spread([row["bounds"] for row in rows]),
-            f"{p50(row['clearance'] * 1e3 for row in done):.2f}" if done else "-",
-        )
-    ]
-    columns = ("planned", f"rejected {JOINT_STEP:g} rad", "ms", "states", "bounds", "proven mm p50")
+    line = {
+        "planned": f"{len(done)}/{len(rows)}",
+        f"rejected {JOINT_STEP:g} rad": sum(row["touch"] is not None for row in done),
+        "ms": spread([row["seconds"] * 1e3 for row in rows]),
+        **{key: spread([row[key] for row in rows]) for key in ("states", "bounds")},
+        "proven mm p50": f"{p50(row['clearance'] * 1e3 for row in done):.2f}" if done else "-",
+    }
     caption = "Ends that a plan among the boxes joins, but no straight line; no clock. Coal has an octree."
-    return table("Plans around the cloud", columns, cells, caption=caption)
+    return table_of("Plans around the cloud", [line], caption=caption)

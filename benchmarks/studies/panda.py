@@ -8,25 +8,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.baselines.plain_ompl import BATCHED, Setup, coal_edges
-from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table
-from benchmarks.studies.problems import ROBOT, SEED, asked, by_kind, instants, kind_of, public_problems
+from benchmarks.harness.audit import independent, touch_in_time
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, p50, p95, spread, table_of
+from benchmarks.studies.problems import ROBOT, SEED, asked, by_kind, kind_of, public_problems
 from planner_service import CollisionChecker, JointStep, PlannerService, PlanResult, Robot, RRTConnect, Stage
-from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.records.problem_set import Problem
 from planner_service.robot.model import load_robot
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
-
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
 
 __all__ = ["AUDIT", "OURS", "STEP", "promises", "rows_of", "run"]
 
@@ -51,9 +48,8 @@ def _timed(works: dict[str, Callable[[], Any]], turns: int) -> tuple[dict[str, f
     least, given = dict.fromkeys(works, np.inf), dict[str, Any]()
     for _ in range(turns):
         for name, work in works.items():
-            clock = time.process_time()
-            given[name] = work()
-            least[name] = min(least[name], (time.process_time() - clock) * 1e3)
+            ms, given[name] = cpu_ms(work)
+            least[name] = min(least[name], ms)
     return least, given
 
 
@@ -79,17 +75,11 @@ def searched(robot: Robot, problem: Problem, turns: int = TURNS) -> Row:
 
 def planned(robot: Robot, problem: Problem, turns: int = TURNS) -> Row:
     """Whole plans by the default service and request: the first, and the least of those that follow."""
-    from auditor.checker import IndependentChecker, tables_of
-
     clock = time.process_time()
     service = PlannerService(robot, problem.scene)
     result = service.plan(asked(robot, problem))
     first = (time.process_time() - clock) * 1e3
-    again = []
-    for _ in range(turns):
-        clock = time.process_time()
-        stages = _stage_ms(service.plan(asked(robot, problem)))
-        again.append(((time.process_time() - clock) * 1e3, stages))
+    again = [cpu_ms(lambda: _stage_ms(service.plan(asked(robot, problem)))) for _ in range(turns)]
     row: Row = {
         "failure": None if result.failure is None else str(result.failure),
         "first ms": first,
@@ -99,22 +89,15 @@ def planned(robot: Robot, problem: Problem, turns: int = TURNS) -> Row:
     }
     if result.path is None or result.certificate is None:
         return row | {"length": None, "certified": False, "rejected": None}
-    second = IndependentChecker(data_folder("robots") / robot.name, tables_of(problem.scene))
-    certified = result.certificate.certified
-    return row | {"length": result.path.length, "certified": certified, "rejected": _rejected(second, result)}
+    assert result.trajectory is not None
+    rejected = touch_in_time(independent(robot.name, problem.scene), result.trajectory, AUDIT)
+    return row | {"length": result.path.length, "certified": result.certificate.certified, "rejected": rejected}
 
 
 def _stage_ms(result: PlanResult) -> tuple[float, float]:
     """Milliseconds of the search, and of cutting its path short."""
     first, second = (result.stage(stage).seconds * 1e3 for stage in (Stage.SEARCH, Stage.SHORTCUT))
     return first, second
-
-
-def _rejected(second: IndependentChecker, result: PlanResult) -> str | None:
-    """What Coal finds touching in the course of a motion, None if nothing."""
-    assert result.trajectory is not None
-    touch = next((second.touch(q) for q in instants(result.trajectory, AUDIT) if not second.free(q)), None)
-    return None if touch is None else f"{touch.a} x {touch.b}"
 
 
 def rows_of(problems: Sequence[Problem], turns: int = TURNS) -> Iterator[Row]:
@@ -148,42 +131,41 @@ def _ratios(rows: Sequence[Row], others: Sequence[str] = ()) -> tuple[float, flo
 
 
 def _search_table(rows: Sequence[Row]) -> Table:
-    def cells(kind: str, here: Sequence[Row]) -> list[str]:
+    def line(kind: str, here: Sequence[Row]) -> Row:
         found = sum(row["raw"][OURS] is not None for row in here)
-        times = [spread(_ms(here, name), 2) for name in (OURS, *_others(rows))]
-        same = str(sum(row["same"] for row in here))
-        return [kind, f"{found}/{len(here)}", same, *times, *(f"{ratio:.1f}" for ratio in _ratios(here))]
+        times = {name: spread(_ms(here, name), 2) for name in (OURS, *_others(rows))}
+        same, (ratio, ratio_p95) = sum(row["same"] for row in here), _ratios(here)
+        told = {"scene": kind, "found": f"{found}/{len(here)}", "same": same}
+        return told | times | {"x p50": f"{ratio:.1f}", "x p95": f"{ratio_p95:.1f}"}
 
-    columns = ("scene", "found", "same", OURS, *_others(rows), "x p50", "x p95")
     caption = (
         f"CPU ms, p50 / p95: RRTConnect(range={RRTConnect().range:g}), seed {SEED}, no padding, edges sampled at most "
         f"{STEP:g} rad apart (L2). Ours: OMPL through our checker. The others: OMPL with a validator in Python that "
         "has Coal judge each edge. x: the fastest of the others next to ours. Same: paths equal to the last bit."
     )
-    return table("Searches of the public problems", columns, (cells(*each) for each in by_kind(rows)), caption=caption)
+    return table_of("Searches of the public problems", (line(*each) for each in by_kind(rows)), caption=caption)
 
 
 def _plan_table(rows: Sequence[Row]) -> Table:
     keys = ("search ms", "search and shortcut ms", "whole ms", "first ms")
 
-    def cells(kind: str, here: Sequence[Row]) -> list[str]:
+    def line(kind: str, here: Sequence[Row]) -> Row:
         plans = [row["plan"] for row in here]
         lengths = [plan["length"] for plan in plans if plan["certified"]]
-        return [
-            kind,
-            f"{len(lengths)}/{len(here)}",
-            str(sum(plan["rejected"] is not None for plan in plans)),
-            *(spread([plan[key] for plan in plans], 1) for key in keys),
-            f"{p50(lengths):.2f}" if lengths else "-",
-        ]
+        return {
+            "scene": kind,
+            "certified": f"{len(lengths)}/{len(here)}",
+            f"rejected {AUDIT:g} rad": sum(plan["rejected"] is not None for plan in plans),
+            **{key: spread([plan[key] for plan in plans], 1) for key in keys},
+            "rad p50": f"{p50(lengths):.2f}" if lengths else "-",
+        }
 
-    columns = ("scene", "certified", f"rejected {AUDIT:g} rad", *keys, "rad p50")
     caption = (
         f"The default request, seed {SEED}, no clock: padded by 1 mm, no point moves 10 mm between samples of an edge. "
         f"Rejected: by Coal, in time at {AUDIT:g} rad per joint. p50 / p95; stages by the clock, whole plans in CPU "
         "time; first: by a new service, its checkers' making included."
     )
-    return table("Default plans", columns, (cells(*each) for each in by_kind(rows)), caption=caption)
+    return table_of("Default plans", (line(*each) for each in by_kind(rows)), caption=caption)
 
 
 def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
@@ -195,6 +177,10 @@ def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
     shortened = p50(plan["search and shortcut ms"] for plan in plans)
     lengths = [plan["length"] for plan in plans if plan["certified"]]
     length = p50(lengths) if lengths else np.inf
+    search, most = (
+        f"search at most {SEARCH_P50:g} ms at p50, {SEARCH_P95:g} ms at p95",
+        f"at most {SHORTENED_P50:g} ms at p50",
+    )
     return (
         Promise(f"{len(rows)} of {len(rows)} Panda problems searched, planned and certified", _all(lost), not lost),
         Promise(f"0 rejected by Coal in time at {AUDIT:g} rad per joint", _all(rejected, "none"), not rejected),
@@ -203,16 +189,8 @@ def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
             f"{_pair(ratios)}; the fastest way to ask Coal {_pair(_ratios(rows))}",
             min(ratios) >= FASTER,
         ),
-        Promise(
-            f"search at most {SEARCH_P50:g} ms at p50, {SEARCH_P95:g} ms at p95",
-            spread(ours, 2),
-            p50(ours) <= SEARCH_P50 and p95(ours) <= SEARCH_P95,
-        ),
-        Promise(
-            f"search and shortcut of a plan at most {SHORTENED_P50:g} ms at p50",
-            f"{shortened:.2f}",
-            shortened <= SHORTENED_P50,
-        ),
+        Promise(search, spread(ours, 2), p50(ours) <= SEARCH_P50 and p95(ours) <= SEARCH_P95),
+        Promise(f"search and shortcut of a plan {most}", f"{shortened:.2f}", shortened <= SHORTENED_P50),
         Promise(f"certified length at most {LENGTH_P50:g} rad at p50", f"{length:.2f}", length <= LENGTH_P50),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.harness.report import Promise, Report, p50, table
+from benchmarks.harness.report import Promise, Report, Row, p50, table_of
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
 from planner_service import PlannerService, PlanResult, Stage
@@ -20,7 +20,7 @@ PER_SCENE = 3
 SETTINGS: dict[str, dict[str, Any]] = {
     **{name: {"checks": 4000} for name in ("rrtstar", "informedrrtstar", "sorrtstar", "bitstar", "aorrtc")},
     "prm": {"milestones": 200, "neighbours": 8},
-    "prmstar": {"milestones": 100, "neighbours": 8},
+    "prmstar": {"milestones": 100},
 }
 """Smaller than the defaults, for the benchmark's own time; states per planner stay comparable across scenes."""
 
@@ -53,31 +53,18 @@ def run() -> Report:
     names = list(PLANNERS)
     first, again = _pass(names), _pass(names[::-1])
     rows = [_row(key, result, _same(result, again[key])) for key, result in first.items()]
-    cells = [_cells(name, scene, rows) for name in names for scene in PLANNED_SCENES]
-    columns = (
-        "planner",
-        "scene",
-        "solved",
-        "states",
-        "search",
-        "roadmap",
-        "found rad",
-        "final rad",
-        "seconds",
-        "rerun equal",
-    )
+    lines = [_line(name, scene, rows) for name in names for scene in PLANNED_SCENES]
     caption = (
         f"Medians over {PER_SCENE} queries a scene, MotionStep(0.010), default budget (fmt, bfmt: one try of 400,000 "
         "states); states include shortcutting, not the roadmap. Anytime planners stop improving at 4,000 states."
     )
     different = [f"{row['planner']} {row['query']}" for row in rows if not row["rerun_equal"]]
-    promise = Promise(
-        "every planner: rerun in another order, equal counts and bits", ", ".join(different) or "all", not different
-    )
-    return Report("planners", tuple(rows), (table("All planners", columns, cells, caption=caption),), (promise,))
+    text = "every planner: rerun in another order, equal counts and bits"
+    promise = Promise(text, ", ".join(different) or "all", not different)
+    return Report("planners", tuple(rows), (table_of("All planners", lines, caption=caption),), (promise,))
 
 
-def _row(key: tuple[str, str, int], result: PlanResult, equal: bool) -> dict[str, Any]:
+def _row(key: tuple[str, str, int], result: PlanResult, equal: bool) -> Row:
     name, scene, number = key
     roadmap = result.stage(Stage.ROADMAP).counts.states
     return {
@@ -96,7 +83,7 @@ def _row(key: tuple[str, str, int], result: PlanResult, equal: bool) -> dict[str
     }
 
 
-def _cells(name: str, scene: str, rows: Sequence[dict[str, Any]]) -> list[str]:
+def _line(name: str, scene: str, rows: Sequence[Row]) -> Row:
     here = [row for row in rows if (row["planner"], row["scene"]) == (name, scene)]
     solved = [row for row in here if row["solved"]]
 
@@ -104,15 +91,12 @@ def _cells(name: str, scene: str, rows: Sequence[dict[str, Any]]) -> list[str]:
         known = [row[key] for row in (here if digits == 0 else solved) if row[key] is not None]
         return f"{p50(known):,.{digits}f}" if known else "-"
 
-    return [
-        name,
-        scene,
-        f"{len(solved)}/{len(here)}",
-        middle("states"),
-        middle("search"),
-        middle("roadmap"),
-        middle("found", 2),
-        middle("final", 2),
-        f"{p50(row['seconds'] for row in here):.2f}",
-        f"{sum(row['rerun_equal'] for row in here)}/{len(here)}",
-    ]
+    return {
+        "planner": name,
+        "scene": scene,
+        "solved": f"{len(solved)}/{len(here)}",
+        **{key: middle(key) for key in ("states", "search", "roadmap")},
+        **{f"{key} rad": middle(key, 2) for key in ("found", "final")},
+        "seconds": f"{p50(row['seconds'] for row in here):.2f}",
+        "rerun equal": f"{sum(row['rerun_equal'] for row in here)}/{len(here)}",
+    }

@@ -10,24 +10,21 @@ import math
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, spread, table
+from auditor.checker import IndependentChecker
+from benchmarks.harness.audit import independent, touch_in_time, touch_on_curve
+from benchmarks.harness.report import Promise, Report, Row, grouped, spread, table, table_of
 from benchmarks.studies.problems import ROBOT as PANDA
-from benchmarks.studies.problems import instants, kind_of, public_problems
+from benchmarks.studies.problems import kind_of, public_problems
 from benchmarks.worlds.drawn import draw_objects
 from benchmarks.worlds.queries import ROBOT as WXAI
 from planner_service import Mesh, PlannerService, PlanRequest, PlanResult, Pose, Scene
-from planner_service.files.package_data import data_folder
 from planner_service.planners import BKPIECE1, LBKPIECE1, Planner, RRTConnect
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
-
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
 
 __all__ = ["draw_queries", "draw_scene", "run"]
 
@@ -39,12 +36,8 @@ POSES = 0.25
 
 SOLVED = 0.995
 MORE_TIME = 10.0
-OTHERS: tuple[tuple[Planner, float], ...] = (
-    (RRTConnect(), 1.0),
-    (RRTConnect(), 0.0),
-    (BKPIECE1(), 1.0),
-    (LBKPIECE1(), 1.0),
-)
+OTHERS: tuple[tuple[Planner, float], ...]
+OTHERS = ((RRTConnect(), 1.0), (RRTConnect(), 0.0), (BKPIECE1(), 1.0), (LBKPIECE1(), 1.0))
 """Who is asked about what is left, for so many times as long, with which part of the padding."""
 
 CURVE_STEP = 0.001
@@ -93,24 +86,19 @@ def run(queries: int = QUERIES, seeds: int = SEEDS, seed: int = 0) -> Report:
 
 
 def _wxai_rows(queries: int, seed: int) -> Iterator[Row]:
-    from auditor.checker import IndependentChecker, tables_of
-
     robot, chance = load_robot(WXAI), random.Random(f"{seed} solved")
     for first in range(0, queries, PER_SCENE):
         service = PlannerService(robot, draw_scene(chance))
-        second = IndependentChecker(data_folder("robots") / WXAI, tables_of(service.scene))
+        second = independent(WXAI, service.scene)
         for k, (request, infeasible) in enumerate(draw_queries(chance, service, min(PER_SCENE, queries - first))):
             query = _Query(f"{WXAI} {seed}/{first + k}", request, infeasible)
             yield {"kind": f"{WXAI}, random"} | _row(service, second, query)
 
 
 def _panda_rows(seeds: int, seed: int) -> Iterator[Row]:
-    from auditor.checker import IndependentChecker, tables_of
-
     robot = load_robot(PANDA)
     for problem in public_problems().problems if seeds else ():
-        service = PlannerService(robot, problem.scene)
-        second = IndependentChecker(data_folder("robots") / PANDA, tables_of(problem.scene))
+        service, second = PlannerService(robot, problem.scene), independent(PANDA, problem.scene)
         for own in range(seed * seeds, (seed + 1) * seeds):
             query = _Query(f"{problem.id}, seed {own}", problem.request(robot, seed=own))
             yield {"kind": f"panda, {kind_of(problem)}"} | _row(service, second, query)
@@ -135,9 +123,7 @@ def _rejected(second: IndependentChecker, result: PlanResult) -> str | None:
     """What Coal finds touching, in time or along the curve; None if nothing."""
     if result.path is None or result.trajectory is None:
         return None
-    touch = next((second.touch(q) for q in instants(result.trajectory) if not second.free(q)), None)
-    touch = touch or second.curve_touch(result.path, result.path.length, CURVE_STEP)
-    return None if touch is None else f"{touch.a} x {touch.b}"
+    return touch_in_time(second, result.trajectory) or touch_on_curve(second, result.path, CURVE_STEP)
 
 
 def _with_more(service: PlannerService, second: IndependentChecker, request: PlanRequest) -> str:
@@ -154,30 +140,25 @@ def _with_more(service: PlannerService, second: IndependentChecker, request: Pla
     return f"not solved by {', '.join(names)} in {seconds:g} s each, nor without padding"
 
 
-def _kinds(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
-    for kind in dict.fromkeys(row["kind"] for row in rows):
-        yield kind, [row for row in rows if row["kind"] == kind]
-
-
 def _table(rows: Sequence[Row]) -> Table:
-    def cells(kind: str, here: Sequence[Row]) -> list[str]:
-        return [
-            kind,
-            f"{sum(row['solved'] for row in here)}/{len(here)}",
-            str(sum(row["rejected"] is not None for row in here)),
-            spread([row["seconds"] * 1e3 for row in here]),
-            f"{max(row['seconds'] for row in here):.2f}",
-            spread([row["states"] for row in here]),
-            str(max(row["attempts"] for row in here)),
-            str(sum(row["infeasible ends"] for row in here)),
-        ]
-
-    columns = ("problems", "solved", "rejected", "ms", "most s", "states", "most tries", "ends not free")
+    lines = (
+        {
+            "problems": kind,
+            "solved": f"{sum(row['solved'] for row in here)}/{len(here)}",
+            "rejected": sum(row["rejected"] is not None for row in here),
+            "ms": spread([row["seconds"] * 1e3 for row in here]),
+            "most s": f"{max(row['seconds'] for row in here):.2f}",
+            "states": spread([row["states"] for row in here]),
+            "most tries": max(row["attempts"] for row in here),
+            "ends not free": sum(row["infeasible ends"] for row in here),
+        }
+        for kind, here in grouped(rows, "kind").items()
+    )
     caption = (
         "The default request. Rejected: by Coal, in time and along the curve. p50 / p95, failures included. Ends not "
         "free: drawn as well, and put aside before anything was planned."
     )
-    return table("Solved by default", columns, (cells(*each) for each in _kinds(rows)), caption=caption)
+    return table_of("Solved by default", lines, caption=caption)
 
 
 def _left_table(rows: Sequence[Row]) -> Table:

@@ -9,21 +9,24 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks.baselines.lesson import Lesson, VertexShortcut, length_of
-from benchmarks.harness.report import Promise, Report, p50, p95, spread, table
+from benchmarks.harness.audit import independent, touch_on_curve
+from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, spread, table_of
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
 from planner_service import JointStep, MotionStep, PlannerService, PlanRequest, PlanResult, Stage
 from planner_service.collision import CollisionChecker, EdgeStep
-from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem
 
-__all__ = ["SHOWN", "STEPS", "LessonRun", "plan", "run", "run_lesson"]
+__all__ = ["STEPS", "LessonRun", "plan", "run", "run_lesson"]
 
 STEPS: dict[str, EdgeStep] = {"JointStep(0.02)": JointStep(0.02), "MotionStep(0.010)": MotionStep(0.010)}
 
 SHOWN = (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH)
+
+CURVE_STEP = 0.001
+"""Metres that any point of the robot moves between two looks of the independent checker."""
 
 P50_SHARE, P95_SHARE = 1 / 5, 1 / 4
 """What the service may spend of the lesson's states."""
@@ -52,15 +55,8 @@ def plan(service: PlannerService, query: Query, **changes: Any) -> PlanResult:
 def run_lesson(checker: CollisionChecker, query: Query) -> LessonRun:
     """The lesson's program on a query: grown, then shortened, both counted by ``checker``."""
     limits, before = checker.robot.limits, checker.counts.states
-    problem = SearchProblem(
-        start=query.start,
-        goals=query.goal[None],
-        lower=limits.lower,
-        upper=limits.upper,
-        oracle=SearchOracle(checker),
-        seed=query.number,
-    )
-    grown = Lesson().search(problem).waypoints
+    ends = (query.start, query.goal[None], limits.lower, limits.upper)
+    grown = Lesson().search(SearchProblem(*ends, oracle=SearchOracle(checker), seed=query.number)).waypoints
     growth = checker.counts.states - before
     if grown is None:
         return LessonRun(growth, 0, None)
@@ -68,18 +64,17 @@ def run_lesson(checker: CollisionChecker, query: Query) -> LessonRun:
     return LessonRun(growth, checker.counts.states - before - growth, short)
 
 
-def _rows(scene: str) -> Iterator[dict[str, Any]]:
+def _rows(scene: str) -> Iterator[Row]:
     """One row per query: the service with both steps, and the lesson."""
-    from auditor.checker import IndependentChecker
-
     services = {name: PlannerService(queries.ROBOT, scene, edge_step=step) for name, step in STEPS.items()}
-    second = IndependentChecker(data_folder("robots") / queries.ROBOT, data_folder("scenes") / f"{scene}.toml")
-    lesson_checker = CollisionChecker(services["JointStep(0.02)"].robot, services["JointStep(0.02)"].scene)
+    first = services["JointStep(0.02)"]
+    second, lesson_checker = independent(queries.ROBOT, first.scene), CollisionChecker(first.robot, first.scene)
     for query in queries.load(scene):
-        row: dict[str, Any] = {"scene": scene, "query": query.name}
+        row: Row = {"scene": scene, "query": query.name}
         for name, service in services.items():
             result = plan(service, query)
-            row[name] = _told(result) | {"touch": _touch(second, result)}
+            touch = None if result.path is None else touch_on_curve(second, result.path, CURVE_STEP)
+            row[name] = _told(result) | {"touch": touch}
         lesson = run_lesson(lesson_checker, query)
         row["lesson"] = {
             "growth": lesson.growth,
@@ -91,7 +86,7 @@ def _rows(scene: str) -> Iterator[dict[str, Any]]:
         yield row
 
 
-def _told(result: PlanResult) -> dict[str, Any]:
+def _told(result: PlanResult) -> Row:
     return {
         "solved": result.ok,
         "failure": None if result.failure is None else str(result.failure),
@@ -105,12 +100,6 @@ def _told(result: PlanResult) -> dict[str, Any]:
     }
 
 
-def _touch(second: Any, result: PlanResult) -> str | None:
-    """What the independent checker found on the path, in words."""
-    touch = None if result.path is None else second.curve_touch(result.path, result.path.length, 0.001)
-    return None if touch is None else f"{touch.a} x {touch.b}"
-
-
 def run() -> Report:
     """Measure all scenes."""
     rows = tuple(row for scene in queries.SCENES for row in _rows(scene))
@@ -118,107 +107,73 @@ def run() -> Report:
     return Report("states", rows, tables, _promises(rows))
 
 
-def _of(rows: Sequence[dict[str, Any]], scene: str) -> list[dict[str, Any]]:
-    return [row for row in rows if row["scene"] == scene]
+def _stage_table(rows: Sequence[Row], name: str) -> Table:
+    def line(scene: str, of_scene: Sequence[Row]) -> Row:
+        here = [row[name] for row in of_scene]
+        return {
+            "scene": scene,
+            **{stage.value: spread([run["stages"].get(stage.value, 0) for run in here]) for stage in SHOWN},
+            "total": spread([run["states"] for run in here]),
+            "length rad": spread([run["length"] for run in here if run["solved"]], 2),
+            "most tries": max(run["attempts"] for run in here),
+            "least padding mm": f"{min(run['padding'] for run in here) * 1000:g}",
+            "solved": f"{sum(run['solved'] for run in here)}/{len(here)}",
+            "rejected": sum(run["touch"] is not None for run in here),
+        }
 
-
-def _stage_table(rows: Sequence[dict[str, Any]], name: str) -> Table:
-    def cells(scene: str) -> list[str]:
-        here = [row[name] for row in _of(rows, scene)]
-        stages = [[run["stages"].get(stage.value, 0) for run in here] for stage in SHOWN]
-        lengths = [run["length"] for run in here if run["solved"]]
-        kept = min(run["padding"] for run in here) * 1000
-        return [
-            scene,
-            *(spread(values) for values in stages),
-            spread([run["states"] for run in here]),
-            spread(lengths, 2),
-            str(max(run["attempts"] for run in here)),
-            f"{kept:g}",
-            f"{sum(run['solved'] for run in here)}/{len(here)}",
-            str(sum(run["touch"] is not None for run in here)),
-        ]
-
-    columns = (
-        "scene",
-        *(stage.value for stage in SHOWN),
-        "total",
-        "length rad",
-        "most tries",
-        "least padding mm",
-        "solved",
-        "rejected",
-    )
     caption = (
         "p50 / p95 over 20 queries. Padding: 0 for verdicts, 1 mm for the search (less near a close end). "
         "Rejected: paths on which the independent checker touches something at 1 mm motion steps."
     )
-    return table(f"States by stage, {name}", columns, (cells(scene) for scene in queries.SCENES), caption=caption)
+    lines = (line(*each) for each in grouped(rows, "scene").items())
+    return table_of(f"States by stage, {name}", lines, caption=caption)
 
 
-def _lesson_table(rows: Sequence[dict[str, Any]]) -> Table:
-    def cells(scene: str) -> list[str]:
-        here = _of(rows, scene)
+def _lesson_table(rows: Sequence[Row]) -> Table:
+    def line(scene: str, here: Sequence[Row]) -> Row:
         ours, lesson = [row["JointStep(0.02)"] for row in here], [row["lesson"] for row in here]
         states, theirs = [run["sharp"] for run in ours], [run["states"] for run in lesson]
         both = [(a["length"], b["length"]) for a, b in zip(ours, lesson, strict=True) if a["solved"] and b["solved"]]
-        return [
-            scene,
-            spread([run["growth"] for run in lesson]),
-            spread([run["shortcut"] for run in lesson]),
-            spread(theirs),
-            spread(states),
-            f"{p50(theirs) / p50(states):.1f}",
-            f"{p95(theirs) / p95(states):.1f}",
-            f"{p50(b / a for a, b in zip(states, theirs, strict=True)):.1f}",
-            spread([b for _, b in both], 2),
-            spread([a for a, _ in both], 2),
-            f"{sum(a < b for a, b in both)}/{len(both)}",
-            f"{sum(run['solved'] for run in lesson)}/{len(lesson)}",
-        ]
+        return {
+            "scene": scene,
+            "lesson growth": spread([run["growth"] for run in lesson]),
+            "lesson shortcut": spread([run["shortcut"] for run in lesson]),
+            "lesson total": spread(theirs),
+            "service total": spread(states),
+            "p50 ratio": f"{p50(theirs) / p50(states):.1f}",
+            "p95 ratio": f"{p95(theirs) / p95(states):.1f}",
+            "paired median": f"{p50(b / a for a, b in zip(states, theirs, strict=True)):.1f}",
+            "lesson rad": spread([b for _, b in both], 2),
+            "service rad": spread([a for a, _ in both], 2),
+            "shorter": f"{sum(a < b for a, b in both)}/{len(both)}",
+            "lesson solved": f"{sum(run['solved'] for run in lesson)}/{len(lesson)}",
+        }
 
-    columns = (
-        "scene",
-        "lesson growth",
-        "lesson shortcut",
-        "lesson total",
-        "service total",
-        "p50 ratio",
-        "p95 ratio",
-        "paired median",
-        "lesson rad",
-        "service rad",
-        "shorter",
-        "lesson solved",
-    )
     caption = (
         "Same queries, same counter, JointStep(0.02). The lesson plans without padding; where it gives up it counts "
         "what it spent until then, without shortcuts: both are in its favour. It blends no corners: polish is left out."
     )
-    return table("Against the lesson", columns, (cells(scene) for scene in queries.SCENES), caption=caption)
+    lines = (line(*each) for each in grouped(rows, "scene").items())
+    return table_of("Against the lesson", lines, caption=caption)
 
 
-def _promises(rows: Sequence[dict[str, Any]]) -> tuple[Promise, ...]:
+def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
     promises = []
-    for scene in queries.SCENES:
-        here = _of(rows, scene)
+    for scene, here in grouped(rows, "scene").items():
         ours = [row["JointStep(0.02)"]["sharp"] for row in here]
         theirs = [row["lesson"]["states"] for row in here]
         for word, measure, share in (("p50", p50, P50_SHARE), ("p95", p95, P95_SHARE)):
             ratio = measure(ours) / measure(theirs)
             text = f"{scene}: {word} of states at most {share:g} of the lesson's"
             promises.append(Promise(text, f"{ratio:.3f}", ratio <= share))
-        ours_, theirs_ = (
-            p50(row[who]["length"] for row in here if row[who]["solved"]) for who in ("JointStep(0.02)", "lesson")
-        )
-        promises.append(
-            Promise(f"{scene}: shorter final paths (p50)", f"{ours_:.2f} vs {theirs_:.2f} rad", ours_ < theirs_)
-        )
+        solved = ([row[who]["length"] for row in here if row[who]["solved"]] for who in ("JointStep(0.02)", "lesson"))
+        a, b = map(p50, solved)
+        promises.append(Promise(f"{scene}: shorter final paths (p50)", f"{a:.2f} vs {b:.2f} rad", a < b))
     for name in STEPS:
-        solved = sum(row[name]["solved"] for row in rows)
+        count = sum(row[name]["solved"] for row in rows)
         touches = [f"{row['query']}: {row[name]['touch']}" for row in rows if row[name]["touch"] is not None]
         promises += [
-            Promise(f"{name}: every query solved", f"{solved} of {len(rows)}", solved == len(rows)),
+            Promise(f"{name}: every query solved", f"{count} of {len(rows)}", count == len(rows)),
             Promise(f"{name}: no path rejected", ", ".join(touches) or "none", not touches),
         ]
     return tuple(promises)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
-from rich.table import Table
-
-from benchmarks.harness.report import Promise, Report, table
+from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.worlds import queries
 from planner_service import Box, Obstacle, PlannerService, PlanRequest, Pose, Scene, Stage, load_scene
 from planner_service.tasks.pick_place import plan_pick_place
@@ -32,7 +29,7 @@ def _scenes() -> dict[str, Scene]:
 
 def run() -> Report:
     """Plan the task in each scene, the lines' step being MotionStep(0.010)."""
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for name, scene in _scenes().items():
         service = PlannerService(queries.ROBOT, scene)
         request = PlanRequest(service.robot.home, service.robot.home, time_limit=None)
@@ -48,14 +45,14 @@ def run() -> Report:
         Promise("clear table: 0 states in SEARCH", str(searched), searched == 0),
         Promise("clear table: each piece of each segment judged once", ", ".join(twice) or "all", not twice),
     )
-    return Report("tasks", tuple(rows), (_table(rows),), promises)
+    return Report("tasks", tuple(rows), (table_of("Pick-and-place", map(_line, rows)),), promises)
 
 
-def _names(rows: Iterable[dict[str, Any]], key: str) -> str:
+def _names(rows: Iterable[Row], key: str) -> str:
     return ", ".join(f"{row['scene']}: {row['segment']}" for row in rows if not row[key]) or "all"
 
 
-def _row(scene: str, segment: Segment) -> dict[str, Any]:
+def _row(scene: str, segment: Segment) -> Row:
     result = segment.result
     return {
         "scene": scene,
@@ -71,16 +68,16 @@ def _row(scene: str, segment: Segment) -> dict[str, Any]:
     }
 
 
-def _table(rows: Iterable[dict[str, Any]]) -> Table:
-    columns = ("scene", "segment", *(s.value for s in SHOWN), "states", "edges", "pieces", "rad", "motion s", "ms")
-    return table("Pick-and-place", columns, (_cells(row) for row in rows))
-
-
-def _cells(row: dict[str, Any]) -> list[str]:
+def _line(row: Row) -> Row:
     def number(key: str, scale: float = 1.0, digits: int = 2) -> str:
         return "-" if row.get(key) is None else f"{row[key] * scale:.{digits}f}"
 
-    stages = [str(row["stages"].get(stage.value, "-")) for stage in SHOWN]
-    counts = [str(row["states"]), str(row["edges"]), number("pieces", digits=0)]
-    times = [number("duration"), number("seconds", 1e3, 0)]
-    return [row["scene"], row["segment"], *stages, *counts, number("length"), *times]
+    return {
+        **{key: row[key] for key in ("scene", "segment")},
+        **{stage.value: row["stages"].get(stage.value, "-") for stage in SHOWN},
+        **{key: row[key] for key in ("states", "edges")},
+        "pieces": number("pieces", digits=0),
+        "rad": number("length"),
+        "motion s": number("duration"),
+        "ms": number("seconds", 1e3, 0),
+    }
