@@ -8,13 +8,12 @@ where one is proven to collide, FCL must say so of that very configuration, and 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, least_seconds, p50, spread, table
+from benchmarks.harness.report import Promise, Report, Row, least_ms, least_seconds, p50, spread, table_of
 from benchmarks.studies import problems
 from benchmarks.studies.backends import LONGEST, case, edges_of
 from benchmarks.worlds import queries
@@ -69,13 +68,9 @@ def _certified(name: str) -> Row:
         found = native.certify(path, charge=charged[0].append)
         unlike += found != reference.certify(path, charge=charged[1].append) or charged[0] != charged[1]
         bounds.append(found.distances)
-        native_ms.append(least_seconds(_again(native, path), turns=TURNS)[0] * 1e3)
-        numpy_ms.append(least_seconds(_again(reference, path), turns=1)[0] * 1e3)
+        native_ms.append(least_ms(lambda: native.certify(path), TURNS)[0])  # noqa: B023
+        numpy_ms.append(least_ms(lambda: reference.certify(path), 1)[0])  # noqa: B023
     return {"paths": name, "count": len(bounds), "bounds": bounds, "ms": native_ms, "numpy": numpy_ms, "unlike": unlike}
-
-
-def _again(certifier: Certifier, path: JointPath) -> Callable[[], Any]:
-    return lambda: certifier.certify(path)
 
 
 def _judged(name: str) -> Row:
@@ -151,32 +146,31 @@ def _none(what: str, count: int) -> Promise:
 
 
 def _path_table(rows: Sequence[Row]) -> Table:
-    cells = [
-        [
-            row["paths"],
-            str(row["count"]),
-            spread(row["bounds"]),
-            spread(row["ms"], 2),
-            spread(row["numpy"], 1),
-            f"{p50(row['numpy']) / p50(row['ms']):.0f}",
-        ]
+    lines = (
+        {
+            "paths of plans": row["paths"],
+            "paths": row["count"],
+            "bounds": spread(row["bounds"]),
+            "compiled, ms": spread(row["ms"], 2),
+            "numpy, ms": spread(row["numpy"], 1),
+            "x p50": f"{p50(row['numpy']) / p50(row['ms']):.0f}",
+        }
         for row in rows
-    ]
-    columns = ("paths of plans", "paths", "bounds", "compiled, ms", "numpy, ms", "x p50")
-    return table("Certificates of whole plans, p50 / p95", columns, cells)
+    )
+    return table_of("Certificates of whole plans, p50 / p95", lines)
 
 
 def _edge_table(rows: Sequence[Row]) -> Table:
-    cells = [
-        [
-            row["edges"],
-            f"{row['count']:,}",
-            f"{row['us']:.1f}",
-            *(f"{row[verdict.name] / row['count']:.2%}" for verdict in EdgeVerdict),
-            *(f"{us:.1f}" for us in row["clearance_us"]),
-        ]
+    lines = (
+        {
+            "edges": row["edges"],
+            "count": f"{row['count']:,}",
+            "us": f"{row['us']:.1f}",
+            **{verdict.name.lower(): f"{row[verdict.name] / row['count']:.2%}" for verdict in EdgeVerdict},
+            "clearance, us": f"{row['clearance_us'][0]:.1f}",
+            "numpy, us": f"{row['clearance_us'][1]:.1f}",
+        }
         for row in rows
-    ]
-    columns = ("edges", "count", "us", "free", "colliding", "undecided", "clearance, us", "numpy, us")
+    )
     caption = f"Free: farther apart than {MARGIN * 1e6:g} um all along. A clearance is that of one configuration."
-    return table(f"Verdicts on straight edges of at most {LONGEST} rad", columns, cells, caption=caption)
+    return table_of(f"Verdicts on straight edges of at most {LONGEST} rad", lines, caption=caption)

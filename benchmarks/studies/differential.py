@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, table
+from benchmarks.harness.report import Promise, Report, Row, table_of
 from benchmarks.studies.agreement import around_contacts, random_states
 from benchmarks.studies.backends import STEP, case
 from benchmarks.studies.speed import Recorder
@@ -310,19 +310,18 @@ def _promise(name: str, rows: Sequence[Row]) -> Promise:
 
 def _table(rows: Sequence[Row], seed: int) -> Table:
     sets = rows[0]["sets"]
-    columns = ("", "kind", "number", "colliding", "differences", *(f"{name} us" for name in (*sets, "fcl")))
-    cells = [
-        [
-            f"{row['case']}, {row['what']}",
-            row["kind"],
-            *(f"{row[key]:,}" for key in ("number", "colliding", "differences")),
-            *(f"{row['us'][name]:,.1f}" for name in (*sets, "fcl")),
-        ]
+    lines = (
+        {
+            "": f"{row['case']}, {row['what']}",
+            "kind": row["kind"],
+            **{key: f"{row[key]:,}" for key in ("number", "colliding", "differences")},
+            **{f"{name} us": f"{row['us'][name]:,.1f}" for name in (*sets, "fcl")},
+        }
         for row in rows
-    ]
+    )
     caption = (
         f"Seed {seed}. Verdict, count and name of each state and edge, by the kernel with every instruction set and by "
         "FCL asked pair by pair; states by the kernel also alone and in batches, half of the edges coarsely first, "
         "then the rest. CPU microseconds of a question with what it takes to ask; the kernel's states are asked thrice."
     )
-    return table("The kernel next to FCL pair by pair", columns, cells, caption=caption)
+    return table_of("The kernel next to FCL pair by pair", lines, caption=caption)

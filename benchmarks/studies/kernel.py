@@ -5,8 +5,6 @@ Everything is measured in one process, the contestants taking turns; what counts
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +12,7 @@ from rich.table import Table
 
 from benchmarks.baselines.naive_manager import NaiveManager
 from benchmarks.baselines.pairwise import PairwiseFcl
-from benchmarks.harness.report import Promise, Report, least_seconds, spread, table
+from benchmarks.harness.report import Promise, Report, Row, least_ms, least_seconds, spread, table, table_of
 from benchmarks.studies.backends import case, checkers, compare, edges_of
 from benchmarks.worlds import queries
 from planner_service import CollisionChecker, JointStep, RRTConnect
@@ -51,7 +49,7 @@ SEARCH_PAIRWISE = 50.0
 """What a search is to be faster by, in each scene."""
 
 
-def _judging(name: str) -> dict[str, Any]:
+def _judging(name: str) -> Row:
     """Microseconds per configuration of free edges, and per free state, of the four contestants."""
     robot, scene = case(name)
     native, reference = checkers(robot, scene, reference="numpy")
@@ -89,18 +87,14 @@ def _judging(name: str) -> dict[str, Any]:
     return {"case": name, "edge_us": edge_us, "state_us": state_us, "unlike": unlike}
 
 
-def _agreeing(name: str) -> dict[str, Any]:
+def _agreeing(name: str) -> Row:
     made = [(checkers(*case(name), reference=reference), states, edges) for reference, states, edges in COMPARED]
     found = [compare(pair, states, edges, seed=17) for pair, states, edges in made]
-    return {
-        "case": name,
-        "states": sum(one.states for one in found),
-        "edges": sum(one.edges for one in found),
-        "differences": [words for one in found for words in one.differences],
-    }
+    counts = {"states": sum(one.states for one in found), "edges": sum(one.edges for one in found)}
+    return {"case": name, **counts, "differences": [words for one in found for words in one.differences]}
 
 
-def _searched(scene: str) -> dict[str, Any]:
+def _searched(scene: str) -> Row:
     """RRTConnect's search on stored queries with each backend: milliseconds, and whether all bits are equal.
 
     The kernel's are the least of some turns; the others, of which some seconds are asked, have one.
@@ -118,14 +112,16 @@ def _searched(scene: str) -> dict[str, Any]:
 
 def _search(checker: CollisionChecker, query: queries.Query, turns: int) -> tuple[float, Any]:
     """The least CPU milliseconds of some searches, and the path and the counts of each of them."""
-    limits, found, least = checker.robot.limits, list[Any](), math.inf
-    for _ in range(turns):
-        ends = (query.start, query.goal[None], limits.lower, limits.upper)
+    limits = checker.robot.limits
+    ends = (query.start, query.goal[None], limits.lower, limits.upper)
+
+    def searched() -> Any:
+        before = checker.counts
         problem = SearchProblem(*ends, oracle=SearchOracle(checker), seed=query.number)
-        before, clock = checker.counts, time.process_time()
         waypoints = RRTConnect().search(problem).waypoints
-        least = min(least, (time.process_time() - clock) * 1e3)
-        found.append((None if waypoints is None else waypoints.tolist(), checker.counts - before))
+        return None if waypoints is None else waypoints.tolist(), checker.counts - before
+
+    least, found = least_ms(searched, turns)
     return least, found[0] if all(one == found[0] for one in found) else found
 
 
@@ -137,18 +133,16 @@ def run() -> Report:
     unlike = [row["case"] for row in agreeing if row["differences"]]
     first = judging[0]
     edge, state = first["edge_us"], first["state_us"]
+    other, ratios = (
+        [row["scene"] for row in searched if not row["same"]],
+        [_ratio(row["ms"], "fcl") for row in searched],
+    )
+    same = "paths and counts of searches are the same to the last bit with each backend"
+    search = f"searches of {', '.join(PLANNED)}: FCL pair by pair takes {SEARCH_PAIRWISE:g} times as long"
     promises = (
         Promise("the kernel agrees with FCL pair by pair and with numpy", ", ".join(unlike) or "all", not unlike),
-        Promise(
-            "paths and counts of searches are the same to the last bit with each backend",
-            ", ".join(row["scene"] for row in searched if not row["same"]) or "all",
-            all(row["same"] for row in searched),
-        ),
-        Promise(
-            f"searches of {', '.join(PLANNED)}: FCL pair by pair takes {SEARCH_PAIRWISE:g} times as long",
-            ", ".join(f"{_ratio(row['ms'], 'fcl'):.0f}" for row in searched),
-            min(_ratio(row["ms"], "fcl") for row in searched) >= SEARCH_PAIRWISE,
-        ),
+        Promise(same, ", ".join(other) or "all", not other),
+        Promise(search, ", ".join(f"{ratio:.0f}" for ratio in ratios), min(ratios) >= SEARCH_PAIRWISE),
         _faster("edges, bin: pair by pair", edge[2] / edge[0], EDGE_PAIRWISE),
         _faster("edges, bin: Pinocchio's naive manager", edge[3] / edge[0], EDGE_MANAGER),
         _faster("single states, bin: pair by pair", state[2] / state[0], STATE_PAIRWISE),
@@ -162,7 +156,7 @@ def _faster(what: str, ratio: float, least: float) -> Promise:
     return Promise(f"{what} takes {least:g} times as long", f"{ratio:.1f}", ratio >= least)
 
 
-def _judging_table(rows: list[dict[str, Any]]) -> Table:
+def _judging_table(rows: list[Row]) -> Table:
     columns = ("", "kernel", "numpy", "pair by pair", "naive manager", "x numpy", "x pairs", "x manager")
     cells = []
     for row in rows:
@@ -178,20 +172,21 @@ def _ratio(ms: dict[str, list[float]], backend: str) -> float:
     return sum(ms[backend]) / sum(ms["auto"][: len(ms[backend])])
 
 
-def _search_table(rows: list[dict[str, Any]]) -> Table:
-    columns = ("scene", "kernel", "numpy", "FCL, every pair", "x numpy", "x FCL", "same bits")
-    cells = [
-        [
-            row["scene"],
-            *(spread(row["ms"][backend], 1) for backend, *_ in SEARCHED),
-            *(f"{_ratio(row['ms'], backend):.1f}" for backend in ("numpy", "fcl")),
-            "yes" if row["same"] else "no",
-        ]
+def _search_table(rows: list[Row]) -> Table:
+    named = {"auto": "kernel", "numpy": "numpy", "fcl": "FCL, every pair"}
+    lines = (
+        {
+            "scene": row["scene"],
+            **{named[backend]: spread(row["ms"][backend], 1) for backend, *_ in SEARCHED},
+            "x numpy": f"{_ratio(row['ms'], 'numpy'):.1f}",
+            "x FCL": f"{_ratio(row['ms'], 'fcl'):.1f}",
+            "same bits": "yes" if row["same"] else "no",
+        }
         for row in rows
-    ]
+    )
     counts = ", ".join(str(count) for _, count, _ in SEARCHED)
     caption = (
         f"CPU ms, p50 / p95 of {counts} stored queries; seed: the query's number, JointStep(0.02), no padding. x: the "
         "same queries next to the kernel's, in all."
     )
-    return table("RRTConnect's searches", columns, cells, caption=caption)
+    return table_of("RRTConnect's searches", lines, caption=caption)

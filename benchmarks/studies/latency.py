@@ -6,14 +6,12 @@ By a service that has planned once before, in CPU milliseconds, the least of a f
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, least_ms, p50, p95, spread, table_of
 from benchmarks.studies.agreement import random_states
 from benchmarks.studies.states import STEPS
 from benchmarks.worlds import queries
@@ -43,19 +41,6 @@ def _request(start: FloatArray, goal: FloatArray, seed: int) -> PlanRequest:
     return PlanRequest(start, goal, seed=seed, time_limit=None)
 
 
-def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Milliseconds of CPU, and what came of it."""
-    clock = time.process_time()
-    result = work()
-    return (time.process_time() - clock) * 1e3, result
-
-
-def _least(work: Callable[[], Any], turns: int) -> tuple[float, list[Any]]:
-    """The least milliseconds of some turns, and what came of each."""
-    found = [_timed(work) for _ in range(turns)]
-    return min(ms for ms, _ in found), [result for _, result in found]
-
-
 def plan_rows(
     scenes: Sequence[str] = SCENES, count: int = queries.PER_SCENE, turns: int = TURNS, steps: Sequence[str] = ()
 ) -> Iterator[Row]:
@@ -63,8 +48,8 @@ def plan_rows(
     for name in steps or STEPS:
         for scene in scenes:
             asked = [_request(query.start, query.goal, query.number) for query in queries.load(scene)[:count]]
-            first, service = _timed(lambda: _after_one(scene, STEPS[name], asked[0]))  # noqa: B023
-            took = [_least(lambda: service.plan(request), turns)[0] for request in asked]  # noqa: B023
+            first, service = cpu_ms(lambda: _after_one(scene, STEPS[name], asked[0]))  # noqa: B023
+            took = [least_ms(lambda: service.plan(request), turns)[0] for request in asked]  # noqa: B023
             yield {"step": name, "scene": scene, "first": first, "ms": took}
 
 
@@ -117,12 +102,12 @@ def straight_rows(scenes: Sequence[str] = SCENES, count: int = LINES, turns: int
 
 def _planned(service: PlannerService, start: FloatArray, goal: FloatArray, turns: int) -> dict[str, float]:
     request = _request(start, goal, 0)
-    return _parts(*_least(lambda: service.plan(request), turns), 0.0)
+    return _parts(*least_ms(lambda: service.plan(request), turns), 0.0)
 
 
 def _moved(service: PlannerService, q: FloatArray, to: Pose, turns: int) -> dict[str, float]:
-    kinematics, _ = _least(lambda: thinned(service.robot, straight_tool_line(service.robot, q, to).waypoints), turns)
-    return _parts(*_least(lambda: move_linear(service, q, to), turns), kinematics)
+    kinematics, _ = least_ms(lambda: thinned(service.robot, straight_tool_line(service.robot, q, to).waypoints), turns)
+    return _parts(*least_ms(lambda: move_linear(service, q, to), turns), kinematics)
 
 
 def _parts(whole: float, results: Sequence[PlanResult], kinematics: float) -> dict[str, float]:
@@ -141,27 +126,18 @@ def run() -> Report:
 
 def promises(plans: Sequence[Row], straight: Sequence[Row]) -> tuple[Promise, ...]:
     """What these figures were to be."""
-    whole = [
-        Promise(
-            f"{name}, whole plans in each of {len(SCENES)} scenes: at most {WHOLE_P50:g} ms p50, {WHOLE_P95:g} ms p95",
-            "; ".join(f"{row['scene']} {spread(row['ms'], 1)}" for row in plans if row["step"] == name),
-            all(_kept(row["ms"]) for row in plans if row["step"] == name),
+    found = []
+    for step, rows in grouped(plans, "step").items():
+        text = (
+            f"{step}, whole plans in each of {len(SCENES)} scenes: at most {WHOLE_P50:g} ms p50, {WHOLE_P95:g} ms p95"
         )
-        for name in dict.fromkeys(row["step"] for row in plans)
-    ]
-    kinds = dict.fromkeys(row["kind"] for row in straight)
-    decided = {kind: [p50(row["ms"]["decided"]) for row in straight if row["kind"] == kind] for kind in kinds}
-    return (
-        *whole,
-        *(
-            Promise(
-                f"{kind}: a straight line is found to be free in less than {STRAIGHT_P50:g} ms at p50",
-                "; ".join(f"{ms:.2f}" for ms in some),
-                max(some) < STRAIGHT_P50,
-            )
-            for kind, some in decided.items()
-        ),
-    )
+        told = "; ".join(f"{row['scene']} {spread(row['ms'], 1)}" for row in rows)
+        found.append(Promise(text, told, all(_kept(row["ms"]) for row in rows)))
+    for kind, rows in grouped(straight, "kind").items():
+        decided = [p50(row["ms"]["decided"]) for row in rows]
+        text = f"{kind}: a straight line is found to be free in less than {STRAIGHT_P50:g} ms at p50"
+        found.append(Promise(text, "; ".join(f"{ms:.2f}" for ms in decided), max(decided) < STRAIGHT_P50))
+    return tuple(found)
 
 
 def _kept(ms: Sequence[float]) -> bool:
@@ -169,28 +145,29 @@ def _kept(ms: Sequence[float]) -> bool:
 
 
 def _plan_table(rows: Sequence[Row]) -> Table:
-    columns = ("edge step", "scene", "queries", "ms", "first ms")
-    cells = [
-        [row["step"], row["scene"], str(len(row["ms"])), spread(row["ms"], 1), f"{row['first']:.0f}"] for row in rows
-    ]
+    lines = (
+        {"edge step": row["step"], "scene": row["scene"], "queries": len(row["ms"])}
+        | {"ms": spread(row["ms"], 1), "first ms": f"{row['first']:.0f}"}
+        for row in rows
+    )
     caption = (
         f"Search, shortcut, blends, proof and TOPP-RA; p50 / p95 of CPU ms over the stored queries, each the least of "
         f"{TURNS} turns of a service that has planned once. First: making the service and its first plan."
     )
-    return table("Whole plans", columns, cells, caption=caption)
+    return table_of("Whole plans", lines, caption=caption)
 
 
 def _straight_table(rows: Sequence[Row]) -> Table:
     stages = [Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.POLISH, Stage.CERTIFY, Stage.TIMING]
     keys = ["kinematics", *(stage.value for stage in stages), "decided", "whole"]
-    columns = ("", "scene", "lines", *keys)
-    cells = [
-        [row["kind"], row["scene"], str(len(row["ms"]["whole"])), *(f"{p50(row['ms'][key]):.2f}" for key in keys)]
+    lines = (
+        {"": row["kind"], "scene": row["scene"], "lines": len(row["ms"]["whole"])}
+        | {key: f"{p50(row['ms'][key]):.2f}" for key in keys}
         for row in rows
-    ]
+    )
     caption = (
         f"p50 in ms. plan: joint lines of {SHORTEST:g} to {LONGEST:g} rad, JointStep(0.02). move_linear: the tool "
         f"{RISE * 100:g} cm back. Decided: inverse kinematics of the line's points, ends and edges, before blends, "
         "proof and timing; it is what the promise is about. Stages by the clock, kinematics and whole in CPU time."
     )
-    return table("Free straight lines", columns, cells, caption=caption)
+    return table_of("Free straight lines", lines, caption=caption)

@@ -7,14 +7,15 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
 from benchmarks.baselines.pairwise import PairwiseFcl
-from benchmarks.harness.report import Promise, Report, p50, table
+from benchmarks.harness.environment import ROOT
+from benchmarks.harness.report import Promise, Report, Row, p50, table_of
+from benchmarks.studies.agreement import random_states
 from benchmarks.worlds import queries
 from planner_service import CollisionChecker, MotionStep, RRTConnect
 from planner_service.collision import Known
@@ -98,7 +99,7 @@ def _medians(*works: Callable[[], Any]) -> list[float]:
     return [p50(seconds) for seconds in times]
 
 
-def _single(row: dict[str, Any], checker: CollisionChecker, fcl: PairwiseFcl, Q: FloatArray) -> dict[str, Any]:
+def _single(row: Row, checker: CollisionChecker, fcl: PairwiseFcl, Q: FloatArray) -> Row:
     """Judge states one at a time."""
     lists = Q.tolist()
     if [checker.state_is_free(q) for q in Q] != [fcl.state_is_free(q) for q in lists]:
@@ -109,7 +110,7 @@ def _single(row: dict[str, Any], checker: CollisionChecker, fcl: PairwiseFcl, Q:
     return row | _figures(ours, theirs, len(Q))
 
 
-def _edges(row: dict[str, Any], checker: CollisionChecker, fcl: PairwiseFcl, edges: list[AskedEdge]) -> dict[str, Any]:
+def _edges(row: Row, checker: CollisionChecker, fcl: PairwiseFcl, edges: list[AskedEdge]) -> Row:
     """Judge edges as the search asked about them."""
     batches = [e.states(checker) for e in edges]
     hits = [fcl.first_collision(Q) for Q in batches]
@@ -125,7 +126,7 @@ def _edges(row: dict[str, Any], checker: CollisionChecker, fcl: PairwiseFcl, edg
     return row | _figures(ours, theirs, judged)
 
 
-def _figures(ours: float, theirs: float, states: int) -> dict[str, Any]:
+def _figures(ours: float, theirs: float, states: int) -> Row:
     return {
         "states": states,
         "checker_us": ours / states * 1e6,
@@ -134,14 +135,14 @@ def _figures(ours: float, theirs: float, states: int) -> dict[str, Any]:
     }
 
 
-def _scene_rows(scene: str) -> Iterable[dict[str, Any]]:
+def _scene_rows(scene: str) -> Iterable[Row]:
     robot, world = load_robot(queries.ROBOT), load_scene(scene)
     checker, fcl = CollisionChecker(robot, world, edge_step=MotionStep(0.010)), PairwiseFcl(robot, world)
     if checker.pair_count != fcl.pair_count:
         raise AssertionError(f"{scene}: the checker judges {checker.pair_count} pairs, there are {fcl.pair_count}")
     row = {"scene": scene, "self_pairs": len(fcl.self_pairs), "scene_pairs": len(fcl.scene_pairs)}
     rng = np.random.default_rng(queries.SEED)
-    Q = robot.limits.lower + (robot.limits.upper - robot.limits.lower) * rng.random((20 * STATES, robot.n))
+    Q = random_states(robot, 20 * STATES, rng)
     free = np.array([q for q in Q if checker.state_is_free(q)])
     edges = asked_edges(checker, scene)
     yield _single(row | {"work": "single states, free"}, checker, fcl, free[:STATES])
@@ -153,11 +154,8 @@ def _scene_rows(scene: str) -> Iterable[dict[str, Any]]:
 def import_seconds() -> float:
     """Best of five fresh processes."""
     code = "import time; t = time.perf_counter(); import planner_service; print(time.perf_counter() - t)"
-    root = Path(__file__).parents[2]
-    return min(
-        float(subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, check=True).stdout)
-        for _ in range(5)
-    )
+    command = [sys.executable, "-c", code]
+    return min(float(subprocess.run(command, cwd=ROOT, capture_output=True, check=True).stdout) for _ in range(5))
 
 
 def run() -> Report:
@@ -174,30 +172,32 @@ def run() -> Report:
     return Report("speed", tuple(rows), (_table(rows),), tuple(promises))
 
 
-def _worst(rows: list[dict[str, Any]], work: str, wanted: float) -> Promise:
+def _worst(rows: list[Row], work: str, wanted: float) -> Promise:
     """The median over the scenes counts; the worst scene is told, too."""
     ratios = [row["ratio"] for row in rows if row["work"] == work]
     text = f"{work}: at least {wanted:g} x as fast as pair by pair (median of the scenes)"
     return Promise(text, f"{p50(ratios):.1f} x (worst {min(ratios):.1f} x)", p50(ratios) >= wanted)
 
 
-def _table(rows: list[dict[str, Any]]) -> Table:
-    cells = [
-        (
-            row["scene"],
-            row["work"],
-            f"{row['self_pairs']} + {row['scene_pairs']} = {row['self_pairs'] + row['scene_pairs']}",
-            f"{row['states']:,}",
-            f"{row['pairwise_us']:.1f}",
-            f"{row['checker_us']:.1f}",
-            f"{row['ratio']:.1f}",
-        )
+def _sum(own: int, with_scene: int) -> str:
+    return f"{own} + {with_scene} = {own + with_scene}"
+
+
+def _table(rows: list[Row]) -> Table:
+    lines = (
+        {
+            **{key: row[key] for key in ("scene", "work")},
+            "pairs: self + scene": _sum(row["self_pairs"], row["scene_pairs"]),
+            "states": f"{row['states']:,}",
+            "pair by pair us": f"{row['pairwise_us']:.1f}",
+            "checker us": f"{row['checker_us']:.1f}",
+            "ratio": f"{row['ratio']:.1f}",
+        }
         for row in rows
         if "ratio" in row
-    ]
-    columns = ("scene", "work", "pairs: self + scene", "states", "pair by pair us", "checker us", "ratio")
+    )
     caption = (
         f"CPU time per state, medians of {REPEATS}; edges of RRTConnect's searches at MotionStep(0.010). "
         "In a free state every pair has to be judged; a uniform one often ends at its first touching pair."
     )
-    return table("Judging every self and scene pair", columns, cells, caption=caption)
+    return table_of("Judging every self and scene pair", lines, caption=caption)
