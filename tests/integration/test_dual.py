@@ -24,6 +24,7 @@ from planner_service.robot.urdf_reader import read_urdf
 from planner_service.scene.scene import Obstacle
 from planner_service.tasks.primitives import pick
 from planner_service.tasks.result import Handling
+from tests.support.optional import present
 
 ROOT = Path(__file__).parents[2]
 BASES = {"left_": 0.25, "right_": -0.25}
@@ -77,8 +78,7 @@ def test_two_arms_are_one_robot_of_twelve_joints(dual: Robot) -> None:
     assert dual.tool_frame == "left_ee_gripper_link"
     assert dual.base_links == ("left_base_link", "right_base_link")
     assert len(dual.shapes) == 58
-    assert dual.gripper is not None
-    assert set(dual.gripper.links) == {"left_finger_left", "left_finger_right"}
+    assert set(present(dual.gripper).links) == {"left_finger_left", "left_finger_right"}
 
 
 def test_each_arm_is_the_urdf_of_one(dual: Robot) -> None:
@@ -190,8 +190,7 @@ def test_both_arms_change_places_and_the_plan_is_proven(
     result = service.plan(request)
     assert result.ok, result.failure
     assert "right_link_6 x left_link_6" in result.stages[1].note, "a straight line would not do"
-    assert result.certificate is not None
-    assert result.certificate.certified
+    assert present(result.certificate).certified
     assert free_for_the_independent_checker(result, second, None)
     again = PlannerService("wxai_dual", "table").plan(request)
     assert again.counts == result.counts
@@ -207,8 +206,7 @@ def test_one_arm_goes_around_the_other_that_stands_still(dual: Robot, second: In
     assert "right_finger" in result.stages[1].note, "a straight line would not do"
     path = result.unwrap()[0]
     assert path.waypoints.shape[1] == 6
-    assert result.certificate is not None
-    assert result.certificate.certified
+    assert present(result.certificate).certified
     assert free_for_the_independent_checker(result, second, np.array(BETWEEN))
     assert service.plan(request).counts == result.counts
 
@@ -229,8 +227,7 @@ def test_a_certificate_refuses_a_path_through_the_other_arm(dual: Robot) -> None
     assert proof.refusal is not None
     assert arms((proof.refusal.a, proof.refusal.b)) == {"left", "right"}
     proof = PlannerService(dual, "table").certify([[*OVER, *mirrored(UNDER)], [*UNDER, *mirrored(OVER)]])
-    assert proof.refusal is not None
-    assert arms((proof.refusal.a, proof.refusal.b)) == {"left", "right"}
+    assert arms((present(proof.refusal).a, present(proof.refusal).b)) == {"left", "right"}
 
 
 def test_poses_of_the_tool_have_every_solution_of_one_arm_and_leave_the_other_alone(dual: Robot, wxai: Robot) -> None:
@@ -301,13 +298,11 @@ def test_both_arms_leave_sleep_together_and_one_leaves_it_beside_a_locked_one(
     }
     asleep = [0.0] * 6
     stuck = service.plan(PlanRequest([*asleep, *BETWEEN], dual.home, time_limit=None))
-    assert stuck.failure is not None
-    assert stuck.failure.reason is Reason.START_IN_COLLISION
+    assert present(stuck.failure).reason is Reason.START_IN_COLLISION
     left = PlannerService(right_arm_at(dual, BETWEEN), "table")
     result = left.plan(PlanRequest(asleep, ABOVE, time_limit=None))
     assert result.ok, result.failure
-    assert result.certificate is not None
-    assert {name for interval in result.certificate.exempt for pair in interval.pairs for name in pair} == {
+    assert {name for interval in present(result.certificate).exempt for pair in interval.pairs for name in pair} == {
         "left_link_2",
         "left_link_4",
         "left_link_5",

@@ -26,6 +26,7 @@ from planner_service.robot.package_files import package_folder
 from planner_service.robot.urdf_reader import read_urdf
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
+from tests.support.optional import present
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -124,8 +125,7 @@ def test_what_is_proven_never_to_touch_does_not(robots: dict[str, Robot], name: 
 
 def test_the_pandas_fingers_stand_at_half_its_width(robots: dict[str, Robot]) -> None:
     panda = robots["panda"]
-    assert panda.gripper is not None
-    assert set(panda.gripper.links) == {"panda_leftfinger", "panda_rightfinger"}
+    assert set(present(panda.gripper).links) == {"panda_leftfinger", "panda_rightfinger"}
 
     def inner(width: float) -> list[float]:
         found = []

@@ -39,6 +39,7 @@ from planner_service import (
 )
 from planner_service.planners import RRTstar
 from planner_service.planning import AllowedStretch
+from tests.support.optional import present
 
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
 
@@ -137,9 +138,8 @@ def test_asleep_and_asked_to_sleep_nothing_moves(arm: PlannerService) -> None:
 
 def test_a_configuration_beside_sleep_is_not_taken_for_it(arm: PlannerService) -> None:
     beside = arm.plan(asked([0.0, 0.0, 0.0, 0.0, 0.005, 0.0], arm.robot.home))
-    assert beside.failure is not None
-    assert beside.failure.reason is Reason.START_IN_COLLISION
-    assert "the pose 'sleep' itself has a way out" in beside.failure.detail
+    assert present(beside.failure).reason is Reason.START_IN_COLLISION
+    assert "the pose 'sleep' itself has a way out" in present(beside.failure).detail
 
 
 def test_many_colliding_goals_cost_little_when_one_is_free(discs: PlannerService) -> None:
@@ -202,28 +202,24 @@ def test_unwrap_raises_what_the_failure_says(discs: PlannerService) -> None:
 def test_an_end_in_collision_names_the_pair_its_depth_and_the_nearest_free_configuration(
     discs: PlannerService, start: object, goal: object, reason: Reason
 ) -> None:
-    failure = discs.plan(asked(start, goal)).failure
-    assert failure is not None
+    failure = present(discs.plan(asked(start, goal)).failure)
     assert failure.reason is reason
     assert (failure.contacts[0].a, failure.contacts[0].b) == ("forearm", "lesson_disc")
     assert 0.0 < failure.contacts[0].depth < 0.32
     assert "forearm x lesson_disc (at most" in failure.detail
-    assert failure.nearest_free is not None
-    assert discs.checker.state_is_free(failure.nearest_free)
+    assert discs.checker.state_is_free(present(failure.nearest_free))
 
 
 def test_a_start_outside_its_limits_is_refused_unless_it_is_within_the_tolerance(discs: PlannerService) -> None:
-    refused = discs.plan(asked(start=(math.pi + 0.02, 0.0), goal=(3.0, 0.0))).failure
+    refused = present(discs.plan(asked(start=(math.pi + 0.02, 0.0), goal=(3.0, 0.0))).failure)
     clamped = discs.plan(asked(start=(math.pi + 0.005, 0.0), goal=(3.0, 0.0)))
-    assert refused is not None
     assert refused.reason is Reason.START_OUTSIDE_LIMITS
     assert clamped.unwrap()[0].waypoints[0].tolist() == [math.pi, 0.0]
     assert "clamped" in clamped.notes[0]
 
 
 def test_an_unreachable_pose_says_so(arm: PlannerService) -> None:
-    failure = arm.plan(asked(arm.robot.home, Pose((2.0, 0.0, 0.2)))).failure
-    assert failure is not None
+    failure = present(arm.plan(asked(arm.robot.home, Pose((2.0, 0.0, 0.2)))).failure)
     assert failure.reason is Reason.NO_IK_SOLUTION
     assert "(2.0000, 0.0000, 0.2000)" in failure.detail
 
@@ -240,8 +236,7 @@ def walled_in() -> PlannerService:
 def test_a_spent_budget_is_exact_leaves_feasibility_open_and_tells_what_was_in_the_way() -> None:
     service = walled_in()
     result = service.plan(asked(goal=(math.pi, 0.0), max_checks=3000, retries=1, planner=RRTConnect(range=0.5)))
-    failure = result.failure
-    assert failure is not None
+    failure = present(result.failure)
     assert failure.reason is Reason.CHECK_BUDGET_EXHAUSTED
     assert result.counts.states <= 3000
     assert "whether a path exists is unknown" in failure.detail
@@ -252,8 +247,7 @@ def test_a_spent_budget_is_exact_leaves_feasibility_open_and_tells_what_was_in_t
 
 def test_a_spent_time_box_says_that_the_clock_decided() -> None:
     result = walled_in().plan(asked(goal=(math.pi, 0.0), time_limit=0.0))
-    assert result.failure is not None
-    assert result.failure.reason is Reason.TIMED_OUT
+    assert present(result.failure).reason is Reason.TIMED_OUT
     assert not result.deterministic
 
 
@@ -261,8 +255,7 @@ def test_a_cancelled_call_ends_as_preempted() -> None:
     service, token = walled_in(), CancelToken()
     threading.Timer(0.05, token.cancel).start()
     result = service.plan(asked(goal=(math.pi, 0.0), max_checks=10**8), cancel=token)
-    assert result.failure is not None
-    assert result.failure.reason is Reason.PREEMPTED
+    assert present(result.failure).reason is Reason.PREEMPTED
     assert not result.deterministic
 
 
@@ -276,8 +269,7 @@ def test_a_call_cancelled_while_waiting_for_its_turn_ends_too() -> None:
     result = service.plan(asked(goal=(0.1, 0.1)), cancel=second)
     first.cancel()
     long.join()
-    assert result.failure is not None
-    assert result.failure.reason is Reason.PREEMPTED
+    assert present(result.failure).reason is Reason.PREEMPTED
 
 
 # -- bad requests ---------------------------------------------------------------------------------
@@ -349,8 +341,7 @@ def test_the_way_out_of_sleep_is_exempt_for_its_two_pairs_and_nothing_else(arm: 
     assert result.exempt[0].s_end == pytest.approx(math.sqrt(2) * 0.08)
     assert result.exempt[0].pairs == (("link_2", "link_5"), ("link_2", "link_4"))
     without = PlannerService(replace(arm.robot, retreats=()), arm.scene).plan(asked(sleep, arm.robot.home))
-    assert without.failure is not None
-    assert without.failure.reason is Reason.START_IN_COLLISION
+    assert present(without.failure).reason is Reason.START_IN_COLLISION
 
 
 def test_the_way_into_sleep_ends_with_the_same_retreat_backwards(arm: PlannerService) -> None:
@@ -363,8 +354,7 @@ def test_the_way_into_sleep_ends_with_the_same_retreat_backwards(arm: PlannerSer
 
 def test_a_way_out_of_a_collision_touches_only_what_it_touched_at_its_start(discs: PlannerService) -> None:
     start = np.array([math.atan2(0.6, 1.1), 0.0])
-    out = discs.way_out(start)
-    assert out is not None
+    out = present(discs.way_out(start))
     assert out.pairs == (("forearm", "lesson_disc"),)
     assert out.path.waypoints[0].tolist() == start.tolist()
     assert discs.checker.state_is_free(out.path.waypoints[-1])
@@ -382,8 +372,7 @@ def test_a_given_polyline_is_judged_once_piece_by_piece(discs: PlannerService) -
 
 
 def test_a_given_polyline_that_collides_says_where_and_with_what(discs: PlannerService) -> None:
-    failure = discs.follow([START, GOAL]).failure
-    assert failure is not None
+    failure = present(discs.follow([START, GOAL]).failure)
     assert failure.reason is Reason.LINE_BLOCKED
     assert "forearm x lesson_disc" in failure.detail
 
@@ -402,8 +391,7 @@ def test_contact_is_allowed_only_on_the_stretch_it_is_meant_for(discs: PlannerSe
     half = discs.follow(points, contacts=[AllowedStretch(0, 1, pair, "test")])
     assert whole.ok
     assert whole.exempt[0].s_end == whole.unwrap()[0].length
-    assert half.failure is not None
-    assert half.failure.reason is Reason.LINE_BLOCKED
+    assert present(half.failure).reason is Reason.LINE_BLOCKED
 
 
 # -- determinism ----------------------------------------------------------------------------------

@@ -54,6 +54,7 @@ from planner_service.execute import simulator as simulator_module
 from planner_service.execute.mjcf import link_of, mjcf_text
 from planner_service.execute.simulator import TCP_PORT, UDP_PORT, arm_file
 from planner_service.records.plan_file import SavedPlan, save_plan
+from tests.support.optional import present
 
 pytestmark = pytest.mark.sim
 
@@ -298,8 +299,7 @@ def test_the_simulation_ends_with_a_process_that_is_killed(tmp_path: Path) -> No
     )
     command = [sys.executable, "-c", program]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROBOTS.parent) as parent:
-        assert parent.stdout is not None
-        child = int(parent.stdout.readline())
+        child = int(present(parent.stdout).readline())
         parent.send_signal(signal.SIGKILL)
     for _ in range(200):
         if not Path(f"/proc/{child}").exists() or "Z" in Path(f"/proc/{child}/stat").read_text().split()[2]:
@@ -360,8 +360,7 @@ def test_of_a_simulation_that_dies_on_the_way_the_report_is_kept(robot: Robot) -
     service = PlannerService(robot, "empty")
     plan = service.plan(PlanRequest(robot.home, robot.home + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])))
     with SimulatedArm(robot, Scene()) as arm:
-        assert arm._process is not None
-        threading.Timer(2.0, arm._process.kill).start()
+        threading.Timer(2.0, present(arm._process).kill).start()
         with pytest.raises(ExecutionStopped) as caught:
             rehearse(arm, plan, robot, Streaming(speed=0.1, latest=0.5, gripper_time=0.1))
     (motion,) = caught.value.report.motions

@@ -32,6 +32,7 @@ from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
 from tests.laws.test_certify_laws import CRANE, anywhere, curve
 from tests.laws.test_crowd_laws import Crowded
 from tests.support.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from tests.support.optional import present
 from tests.unit.certify.test_certifier import RIM, SLIDER, TWINS, ball_beyond, built
 
 WXAI, PLANAR = load_robot("wxai"), load_robot("planar2")
@@ -175,15 +176,13 @@ def test_a_proof_without_an_end_is_refused_in_the_same_words(monkeypatch: pytest
     with monkeypatch.context() as patch:
         patch.setattr(tree, "MAX_BOUNDS", 40)
         found = agreed(Certifier(PLANAR, ball_beyond(10e-6)), JointPath(SWEEP))
-    assert found.obstruction is not None
-    assert found.obstruction.spent
+    assert present(found.obstruction).spent
     monkeypatch.setattr(tree, "FRACTION", 1.5)  # no stretch proves as much
     monkeypatch.setattr(tree, "FAR", 1.0)
     certifier, path = Certifier(PLANAR, ball_beyond(0.01)), JointPath(SWEEP)
     pairs = tuple(map(certifier.listed.names, range(len(certifier.listed.pairs))))
     cut = [ExemptInterval(0.0, 0.3, pairs, ""), ExemptInterval(math.nextafter(0.3, 1.0), 1.0, pairs, "")]
-    pointlike = agreed(certifier, path, exempt=cut).obstruction
-    assert pointlike is not None
+    pointlike = present(agreed(certifier, path, exempt=cut).obstruction)
     assert pointlike.detail == "no shorter stretch has numbers of its own"
 
 
