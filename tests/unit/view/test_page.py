@@ -21,6 +21,7 @@ from planner_service.view import Viewer, open_viewer
 from planner_service.view import viewer as view_module
 from planner_service.view.state import ViewState
 from tests.support.chromium import executable, headless, pixels
+from tests.support.optional import present
 
 ROOT = Path(__file__).parents[3]
 SCENE = slice(0, 400)
@@ -117,8 +118,7 @@ def test_a_joints_slider_moves_the_robot(page: Any, viewer: Viewer) -> None:
 
 @pytest.mark.slow
 def test_the_clocks_slider_moves_the_robot_along_the_plan(page: Any, viewer: Viewer) -> None:
-    playback = viewer.page.state.playback
-    assert playback is not None
+    playback = present(viewer.page.state.playback)
     before = settled(page)
     slider(page, 0).focus()
     page.keyboard.press("End")
@@ -129,8 +129,7 @@ def test_the_clocks_slider_moves_the_robot_along_the_plan(page: Any, viewer: Vie
 
 @pytest.mark.slow
 def test_playing_ends_at_the_goal(page: Any, viewer: Viewer) -> None:
-    playback = viewer.page.state.playback
-    assert playback is not None
+    playback = present(viewer.page.state.playback)
     viewer.page.scrub(playback.duration - 0.5)
     page.get_by_role("button", name="play").click()
     until(lambda: viewer.page.state.seconds == playback.duration)
@@ -224,8 +223,7 @@ def command() -> Iterator[tuple[subprocess.Popen[str], str]]:
         start_new_session=True,
     ) as process:  # fmt: skip
         try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
+            line = present(process.stdout).readline()
             assert line.startswith("view: http://127.0.0.1:"), process.stderr and process.stderr.read()
             yield process, line.split()[1]
         finally:

@@ -40,6 +40,7 @@ from planner_service.view.lines import MAX_EDGES, curve_lines, free_graph, graph
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
 from planner_service.view.playback import Playback
 from planner_service.view.state import ViewState
+from tests.support.optional import present
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +67,7 @@ def asked(service: PlannerService, **settings: object) -> PlanRequest:
 
 def colliding(service: PlannerService) -> Any:
     """A configuration of the planar arm in which it touches the disc of the lesson."""
-    path = service.plan(asked(service)).path
-    assert path is not None
+    path = present(service.plan(asked(service)).path)
     line = np.linspace(path.waypoints[0], path.waypoints[-1], 200)
     return next(q for q in line if not service.checker.state_is_free(q))
 
@@ -79,16 +79,14 @@ def test_a_plan_is_at_its_ends_when_its_reel_is(discs: PlannerService) -> None:
     result = discs.plan(asked(discs))
     state = ViewState.of(discs, result)
     assert result.trajectory is not None
-    assert state.playback is not None
-    assert state.playback.duration == result.trajectory.duration
+    assert present(state.playback).duration == result.trajectory.duration
     assert state.q.tolist() == result.trajectory(0.0).tolist()
     assert state.at(1e9).q.tolist() == result.trajectory(result.trajectory.duration).tolist()
     assert state.at(0.7).q.tolist() == result.trajectory(0.7).tolist()
 
 
 def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService, task: TaskResult) -> None:
-    playback = Playback.of_task(bin_, task.segments)
-    assert playback is not None
+    playback = present(Playback.of_task(bin_, task.segments))
     assert [clip.name for clip in playback.clips] == [segment.name for segment in task.segments]
     for before, after in zip(playback.clips, playback.clips[1:], strict=False):
         assert after.begin == before.end
@@ -97,8 +95,7 @@ def test_motions_of_a_task_follow_each_other_without_a_jump(bin_: PlannerService
 
 def test_gripper_and_scene_are_those_of_the_motion(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
-    assert state.playback is not None
-    for clip, segment in zip(state.playback.clips, task.segments, strict=True):
+    for clip, segment in zip(present(state.playback).clips, task.segments, strict=True):
         there = state.at(clip.begin + 0.01)
         assert there.service.robot.gripper_width == segment.width
         carries = [held.name for held in there.service.scene.attached]
@@ -119,8 +116,7 @@ def test_a_task_from_a_file_tells_what_each_motion_carries(
 
 
 def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: TaskResult) -> None:
-    playback = Playback.of_task(bin_, task.segments)
-    assert playback is not None
+    playback = present(Playback.of_task(bin_, task.segments))
     samples = playback.samples
     assert samples.t[0] == 0.0
     assert samples.t[-1] == pytest.approx(playback.duration, abs=1e-12)
@@ -134,8 +130,7 @@ def test_plotted_motions_keep_to_the_limits(bin_: PlannerService, task: TaskResu
 
 def test_plotted_velocities_are_parts_of_the_limits(discs: PlannerService) -> None:
     state = ViewState.of(discs, discs.plan(asked(discs)))
-    assert state.playback is not None
-    samples, clip = state.playback.samples, state.playback.clips[0]
+    samples, clip = present(state.playback).samples, present(state.playback).clips[0]
     k, limits = len(samples.t) // 3, discs.robot.limits
     at = float(samples.t[k])
     np.testing.assert_allclose(samples.velocity[k] * limits.velocity, clip.trajectory(at, 1), atol=1e-12)
@@ -191,12 +186,11 @@ def test_looking_changes_nobodys_counts(discs: PlannerService) -> None:
 
 def test_what_is_meant_to_touch_is_told_apart(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
-    assert state.playback is not None
-    descend = next(clip for clip in state.playback.clips if clip.name == "descend")
+    descend = next(clip for clip in present(state.playback).clips if clip.name == "descend")
     report = state.at(descend.end - 1e-3).report
     assert report.free
     fingers = {("finger_left", "blue_block"), ("finger_right", "blue_block")}
-    lift = next(clip for clip in state.playback.clips if clip.name == "lift")
+    lift = next(clip for clip in present(state.playback).clips if clip.name == "lift")
     assert fingers.isdisjoint((c.a, c.b) for c in state.at(lift.begin).report.contacts)
     table = Scene((Obstacle("table", Box((1.0, 1.0, 0.1)), Pose((0.0, 0.0, -0.05))),))
     touching = PlannerService("wxai", table)
@@ -278,8 +272,7 @@ def test_what_is_said_of_a_plan_adds_up(discs: PlannerService) -> None:
 
 def test_the_clock_says_which_motion_it_is_and_what_is_carried(bin_: PlannerService, task: TaskResult) -> None:
     state = ViewState.of(bin_, task)
-    assert state.playback is not None
-    lift = next(clip for clip in state.playback.clips if clip.name == "lift")
+    lift = next(clip for clip in present(state.playback).clips if clip.name == "lift")
     assert state_markdown(state.at(lift.begin + 0.1)).startswith("lift, ")
     assert state_markdown(state.at(lift.begin + 0.1)).endswith("carrying blue\\_block")
     assert state_markdown(state.posed(bin_.robot.home)) == "moved by hand"
@@ -296,13 +289,13 @@ def test_tool_points_are_those_of_the_tool_pose(bin_: PlannerService) -> None:
 
 
 def test_lines_run_from_milestone_to_milestone(discs: PlannerService) -> None:
-    trace = discs.plan(asked(discs), trace=True).trace
-    assert trace is not None
+    trace = present(discs.plan(asked(discs), trace=True).trace)
     assert trace.graph is not None
-    assert trace.searched is not None
-    drawn = polyline_lines(discs.robot, trace.searched)
+    drawn = polyline_lines(discs.robot, present(trace.searched))
     np.testing.assert_allclose(drawn[:-1, 1], drawn[1:, 0], atol=1e-12)
-    np.testing.assert_allclose(drawn[[0, -1], [0, 1]], tool_points(discs.robot, trace.searched[[0, -1]]), atol=1e-12)
+    np.testing.assert_allclose(
+        drawn[[0, -1], [0, 1]], tool_points(discs.robot, present(trace.searched)[[0, -1]]), atol=1e-12
+    )
     milestones = tool_points(discs.robot, trace.graph.milestones)
     for edge in trace.graph.edges[:5]:
         one = graph_lines(discs.robot, SearchGraph(trace.graph.milestones, edge[None]))
@@ -310,8 +303,7 @@ def test_lines_run_from_milestone_to_milestone(discs: PlannerService) -> None:
 
 
 def test_a_curve_is_drawn_from_start_to_goal(discs: PlannerService) -> None:
-    path = discs.plan(asked(discs)).path
-    assert path is not None
+    path = present(discs.plan(asked(discs)).path)
     drawn = curve_lines(discs.robot, path)
     np.testing.assert_allclose(drawn[[0, -1], [0, 1]], tool_points(discs.robot, path.waypoints[[0, -1]]), atol=1e-12)
 
@@ -389,9 +381,7 @@ def test_a_plan_file_is_shown_in_its_scene_or_one_that_is_given(discs: PlannerSe
     service, shown, notes = opened(str(tmp_path / "plan.json"), None, None)
     assert notes == ["using the scene in this file: discs"]
     state = ViewState.of(service, shown)
-    assert state.playback is not None
-    assert result.trajectory is not None
-    assert state.playback.duration == result.trajectory.duration
+    assert present(state.playback).duration == present(result.trajectory).duration
     other, shown, notes = opened(str(tmp_path / "plan.json"), None, "table")
     assert other.scene.name == "table"
     assert notes[0].startswith("using --scene table instead of the scene in this file")
