@@ -33,6 +33,7 @@ from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 from planner_service.timing.limit_check import peaks
+from tests.support.optional import present
 
 Document = dict[str, Any]
 
@@ -131,8 +132,7 @@ def test_a_failure_comes_back_whole(there: Path) -> None:
     assert after is not None
     for name in ("stage", "reason", "detail", "contacts", "blocked_by"):
         assert getattr(after, name) == getattr(before, name), name
-    assert after.nearest_free is not None
-    assert after.nearest_free.tolist() == [0.1, 0.2]
+    assert present(after.nearest_free).tolist() == [0.1, 0.2]
 
 
 def test_what_it_was_made_for_comes_back(there: Path) -> None:
@@ -145,8 +145,7 @@ def test_what_it_was_made_for_comes_back(there: Path) -> None:
 @pytest.mark.parametrize("name", PLANNERS)
 def test_every_planner_comes_back_with_its_settings(name: str, there: Path) -> None:
     asked = request(planner=PLANNERS[name]())
-    read = reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request
-    assert read is not None
+    read = present(reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request)
     assert read.planner == asked.planner
 
 
@@ -163,8 +162,7 @@ def test_of_a_roadmap_the_hash_comes_back(there: Path) -> None:
         "name": "roadmap",
         "settings": {"hash": SQUARE.hash},
     }
-    again = reloaded(first, there).request
-    assert again is not None
+    again = present(reloaded(first, there).request)
     assert again.planner == first.request.planner
 
 
@@ -201,16 +199,14 @@ def test_the_request_comes_back_to_the_last_setting(there: Path) -> None:
         acceleration_scale=1 / 3,
         start_tolerance=0.0,
     )
-    read = reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request
-    assert read is not None
+    read = present(reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request)
     for item in fields(PlanRequest):
         assert np.array_equal(getattr(read, item.name), getattr(asked, item.name)), item.name
 
 
 def test_several_goals_come_back_in_order_poses_among_them(there: Path) -> None:
     goals = (np.array([0.25, 0.5]), Pose((0.1, 0.2, 1 / 3), (0.6, 0.0, 0.8, 0.0)), np.array([1.0, 1.5]))
-    read = reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request
-    assert read is not None
+    read = present(reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request)
     assert isinstance(read.goal, tuple)
     first, second, third = read.goal
     assert (first.tolist(), second, third.tolist()) == ([0.25, 0.5], goals[1], [1.0, 1.5])
@@ -219,8 +215,7 @@ def test_several_goals_come_back_in_order_poses_among_them(there: Path) -> None:
 def test_a_pose_with_room_comes_back_with_its_room(there: Path) -> None:
     pose = Pose((0.1, 0.2, 1 / 3), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
     goals = (PoseGoal(pose, 0.01, 1 / 7, (0.0, 0.6, 0.8), 5), PoseGoal(pose))
-    after = reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request
-    assert after is not None
+    after = present(reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request)
     assert after.goal == goals
 
 
@@ -240,8 +235,7 @@ def test_a_loaded_request_plans_the_loaded_path_again(there: Path) -> None:
     service = PlannerService("planar2", "discs")
     asked = request(start=service.robot.pose("lesson_start"), goal=service.robot.pose("lesson_goal"), time_limit=None)
     read = reloaded(SavedPlan(service.world, asked, service.plan(asked)), there)
-    assert read.request is not None
-    again = service.plan(read.request)
+    again = service.plan(present(read.request))
     assert again.unwrap()[0].waypoints.tobytes() == read.result.unwrap()[0].waypoints.tobytes()
     assert again.counts == read.result.counts
 

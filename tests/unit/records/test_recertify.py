@@ -50,6 +50,7 @@ from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.result import TaskResult
 from tests.support.arms import FakeArm, FakeTime
+from tests.support.optional import present
 
 QUICK = Streaming(settle=0.02, gripper_time=0.1)
 ABOVE_TRAY = Pose((0.20, 0.28, 0.15), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
@@ -104,8 +105,7 @@ def along(result: PlanResult, path: JointPath, service: PlannerService, *exempt:
 
 
 def through_the_post(good: PlanResult, service: PlannerService, *exempt: ExemptInterval) -> PlanResult:
-    assert good.path is not None
-    path = JointPath(good.path.waypoints[[0, -1]])
+    path = JointPath(present(good.path).waypoints[[0, -1]])
     assert not service.certify(path).certified
     return along(good, path, service, *exempt)
 
@@ -137,8 +137,7 @@ def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(
     for plan in (good, saved(bin_, good, tmp_path)):
         found = recertify(plan)
         assert (found.certified, found.problems, found.not_checked) == (True, (), ())
-        assert good.certificate is not None
-        assert found.motions[0].certificate.clearance == good.certificate.clearance
+        assert found.motions[0].certificate.clearance == present(good.certificate).clearance
         arm = FakeArm(np.array(bin_.robot.home))
         assert execute(plan, arm, bin_.robot, QUICK).ok
 
@@ -199,8 +198,7 @@ def test_a_gripper_that_is_told_to_press_is_free_to_close_that_far() -> None:
         execute(task, arm, None, QUICK)
     assert (arm.told, arm.widths) == ([], [])
     assert execute(task, arm, None, replace(QUICK, squeeze=0.001)).ok
-    told = recertify(task, squeeze=0.001).motions[2].gripper
-    assert told is not None
+    told = present(recertify(task, squeeze=0.001).motions[2].gripper)
     assert told.end == pytest.approx(0.044)
     assert arm.widths[-1] == pytest.approx(0.044)
     assert told.certificate.distances > 0
@@ -245,8 +243,7 @@ def test_an_exemption_over_everything_is_refused_in_two_lines_the_collision_firs
 def test_a_stretch_that_no_rule_gives_is_honoured_once_its_pairs_are_named_again(
     bin_: PlannerService, good: PlanResult, tmp_path: Path
 ) -> None:
-    path = good.path
-    assert path is not None
+    path = present(good.path)
     stretch = AllowedStretch(0, 1, (("link_6", "demo_post"),), "camera mount")
     made = bin_.follow(path.waypoints, contacts=[stretch])
     for plan in (made, saved(bin_, made, tmp_path)):
@@ -283,11 +280,10 @@ def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(
         made = bin_.plan(PlanRequest(start, goal))
         assert made.exempt
         assert made.certificate is not None
-        assert made.path is not None
         assert recertify(saved(bin_, made, tmp_path)).certified
         (own,) = made.exempt
         for wider in (
-            replace(own, s_start=0.0, s_end=made.path.length),
+            replace(own, s_start=0.0, s_end=present(made.path).length),
             replace(own, pairs=(*own.pairs, ("link_1", "link_3"))),
         ):
             forged = replace(made, certificate=replace(made.certificate, exempt=(wider,)))
@@ -299,8 +295,7 @@ def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(
 
 def test_a_time_law_beyond_the_limits_is_refused(bin_: PlannerService, home: Any, tmp_path: Path) -> None:
     made = bin_.plan(PlanRequest(home, home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])))
-    assert made.path is not None
-    length, speed, h = made.path.length, 0.9 * float(bin_.robot.limits.velocity.min()), 1e-4
+    length, speed, h = present(made.path).length, 0.9 * float(bin_.robot.limits.velocity.min()), 1e-4
     ramp = speed * h / 2.0
     cruise = length - 2.0 * ramp
     table = [
@@ -308,10 +303,9 @@ def test_a_time_law_beyond_the_limits_is_refused(bin_: PlannerService, home: Any
         [ramp, speed, 0.0, 0.0],
         [ramp + cruise, speed, -speed / (2.0 * h), 0.0],
     ]
-    jump = Trajectory(made.path, np.array([h, cruise / speed, h]), np.array(table))
+    jump = Trajectory(present(made.path), np.array([h, cruise / speed, h]), np.array(table))
     refused(saved(bin_, replace(made, trajectory=jump), tmp_path), "joint_0 reaches .* times the acceleration", bin_)
-    assert made.trajectory is not None
-    refused(replace(made, trajectory=made.trajectory.dilated(0.5)), "times the acceleration allowed", bin_)
+    refused(replace(made, trajectory=present(made.trajectory).dilated(0.5)), "times the acceleration allowed", bin_)
 
 
 SLOWER = pytest.mark.parametrize(
@@ -385,8 +379,7 @@ def changed(task: SavedTask, name: str, **values: Any) -> SavedTask:
 
 def exempting(task: SavedTask, name: str, *exempt: ExemptInterval) -> SavedTask:
     (part,) = [part for part in task.segments if part.name == name]
-    assert part.result.certificate is not None
-    certificate = replace(part.result.certificate, exempt=(*part.result.exempt, *exempt))
+    certificate = replace(present(part.result.certificate), exempt=(*part.result.exempt, *exempt))
     return changed(task, name, result=replace(part.result, certificate=certificate))
 
 
@@ -447,9 +440,8 @@ def carrying(task: SavedTask, forge: Callable[[Attached], Attached]) -> SavedTas
     """The task with another thing in the gripper, all along the way."""
     parts = []
     for part in task.segments:
-        assert part.scene is not None
-        attached = tuple(forge(held) for held in part.scene.attached)
-        parts.append(replace(part, scene=replace(part.scene, attached=attached)))
+        attached = tuple(forge(held) for held in present(part.scene).attached)
+        parts.append(replace(part, scene=replace(present(part.scene), attached=attached)))
     return with_segments(task, *parts)
 
 
@@ -633,8 +625,7 @@ def test_pairs_are_named_again_in_the_shell(home: Any, tmp_path: Path, monkeypat
 def starting_at(task: SavedTask, name: str, robot: Robot, *segments: Segment) -> SavedTask:
     """A task that begins with one of a task's motions, what is carried then included."""
     (part,) = [part for part in task.segments if part.name == name]
-    assert part.scene is not None
-    made_for = World(robot.with_gripper(part.width), part.scene, (), task.made_for.edge_step)
+    made_for = World(robot.with_gripper(part.width), present(part.scene), (), task.made_for.edge_step)
     return replace(task, made_for=made_for, segments=segments or (part,))
 
 
@@ -654,14 +645,12 @@ def test_a_gripper_that_holds_something_does_not_open_for_the_first_motion(
 
 def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: SavedTask, bin_: PlannerService) -> None:
     lower, retreat = (next(part for part in read.segments if part.name == name) for name in ("lower", "retreat"))
-    assert lower.scene is not None
     assert retreat.scene is not None
-    (held,) = lower.scene.attached
+    (held,) = present(lower.scene).attached
     pin = Attached("pin", Box((0.002, 0.002, 0.002)), held.pose, ("finger_left", "finger_right"))
     both = starting_at(read, "lower", bin_.robot)
     segments = [replace(part, scene=part.scene.with_attached(pin)) for part in (lower, retreat) if part.scene]
-    assert segments[0].scene is not None
-    made_for = replace(both.made_for, scene=segments[0].scene)
+    made_for = replace(both.made_for, scene=present(segments[0].scene))
     refused(
         replace(both, made_for=made_for, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_
     )
@@ -670,17 +659,15 @@ def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: Saved
 def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTask, bin_: PlannerService) -> None:
     robot = bin_.robot
     lower = next(part for part in read.segments if part.name == "lower")
-    assert lower.scene is not None
-    assert lower.result.trajectory is not None
     assert lower.result.certificate is not None
-    end = lower.result.trajectory(lower.result.trajectory.duration)
+    end = present(lower.result.trajectory)(present(lower.result.trajectory).duration)
     deeper = JointPath(straight_tool_line(robot, end, (0.0, 0.0, -0.008)).waypoints)
     meant = ExemptInterval(0.0, deeper.length, (("blue_block", "tray"),), "grasp")
     down = replace(along(lower.result, deeper, bin_, meant), origin=None)
     up = replace(along(lower.result, deeper.reversed(), bin_), origin=None)
-    (held,) = lower.scene.attached
+    (held,) = present(lower.scene).attached
     there = Pose.from_matrix(robot.tool_pose(deeper.waypoints[-1])) @ held.pose
-    left = lower.scene.without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, there))
+    left = present(lower.scene).without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, there))
     motions = (replace(lower, result=down), Segment("retreat", up, 0.069, scene=left))
     forged = starting_at(read, "lower", robot, *motions)
     assert "blue_block x tray is not judged from s = 0 to" in objections(forged)

@@ -53,6 +53,7 @@ from planner_service.records.plan_file import (
     save_plan,
 )
 from planner_service.tasks.pick_place import plan_pick_place
+from tests.support.optional import present
 
 Document = dict[str, Any]
 
@@ -89,8 +90,7 @@ def test_every_robot_that_comes_with_the_package_comes_back_from_a_file(name: st
     read = load_plan(tmp_path / "plan.json")
     same(read.robot, robot, name)
     assert read.robot.hash == robot.hash
-    assert read.request is not None
-    again = read.service().plan(read.request)
+    again = read.service().plan(present(read.request))
     assert again.counts == result.counts
     assert again.unwrap()[0].waypoints.tobytes() == result.unwrap()[0].waypoints.tobytes()
     read.save(tmp_path / "again.json")
@@ -140,9 +140,8 @@ def test_each_motion_of_a_task_knows_its_gripper_and_what_it_carries(task: Saved
     here = read.made_for
     for before, after in zip(task.segments, read.segments, strict=True):
         here = after.world_after(here)
-        assert before.result.origin is not None
-        assert here.scene == before.result.origin.world.scene
-        assert here.robot.hash == before.result.origin.world.robot.hash
+        assert here.scene == present(before.result.origin).world.scene
+        assert here.robot.hash == present(before.result.origin).world.robot.hash
     carrying = [segment.name for segment in read.segments if segment.scene is not None and segment.scene.attached]
     assert carrying == ["lift", "transfer", "lower"]
     read.save(tmp_path / "again.json")
@@ -189,13 +188,12 @@ def test_pairs_that_the_caller_allowed_stand_in_certificate_result_and_file(tmp_
     pair = ("forearm", "lesson_disc")
     service = PlannerService("planar2", "discs", allowed=[pair])
     result = service.plan(PlanRequest(service.robot.home, service.robot.home))
-    assert result.certificate is not None
-    assert result.certificate.allowed == result.allowed == service.allowed == (("forearm", "lesson_disc"),)
+    assert present(result.certificate).allowed == result.allowed == service.allowed == (("forearm", "lesson_disc"),)
     result.save(tmp_path / "plan.json")
     read = load_plan(tmp_path / "plan.json")
     assert (read.allowed, read.result.allowed) == (service.allowed, service.allowed)
     assert read.service().allowed == service.allowed
-    assert load_plan(tmp_path / "plan.json").result.certificate == result.certificate
+    assert load_plan(tmp_path / "plan.json").result.certificate == present(result.certificate)
 
 
 @dataclass(frozen=True)
@@ -336,9 +334,8 @@ PLACES: tuple[tuple[Any, ...], ...] = (
 def test_text_that_a_terminal_would_obey_is_refused(place: tuple[Any, ...], text: str, tmp_path: Path) -> None:
     def with_a_stretch(service: PlannerService) -> Any:
         result = service.plan(PlanRequest(service.robot.home, service.robot.home + 0.05, time_limit=None))
-        assert result.certificate is not None
         stretch = ExemptInterval(0.0, 0.01, (("link_2", "post"),), "meant")
-        return replace(result, certificate=replace(result.certificate, exempt=(stretch,)))
+        return replace(result, certificate=replace(present(result.certificate), exempt=(stretch,)))
 
     document = document_of(with_a_stretch)
     _put(*place)(document, [text] if place[-1] == "notes" else text)
