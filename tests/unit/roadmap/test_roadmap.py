@@ -17,6 +17,7 @@ from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.verdicts import SELF, Knowledge
 from planner_service.search.problem import SearchProblem
 from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
+from tests.support.optional import present
 
 NOTHING: tuple[tuple[float, float, float], ...] = ()
 
@@ -66,14 +67,12 @@ def test_a_path_is_at_most_three_times_as_long_as_the_shortest() -> None:
     for k in range(20):
         problem = query(rng.random(2), rng.random(2), DiscWorld(NOTHING))
         found = Roadmap.judged(points, pairs).search(replace(problem, seed=k))
-        assert found.waypoints is not None
-        assert length(found.waypoints) < 3.0 * math.dist(problem.start, problem.goals[0]) + 1.0
+        assert length(present(found.waypoints)) < 3.0 * math.dist(problem.start, problem.goals[0]) + 1.0
 
 
 def test_an_edge_that_is_blocked_is_gone_round() -> None:
     world = DiscWorld([(0.5, 0.0, 0.1), (0.5, 0.5, 0.1)])
-    found = SQUARE.search(diagonal(world)).waypoints
-    assert found is not None
+    found = present(SQUARE.search(diagonal(world)).waypoints)
     assert [1.0, 0.0] not in found.tolist()
     assert world.found_free(found)
 
@@ -98,8 +97,7 @@ def test_only_edges_of_candidate_paths_are_judged_and_none_twice() -> None:
     roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=1)
     world = DiscWorld()
     result = roadmap.search(across(world))
-    assert result.waypoints is not None
-    assert world.found_free(result.waypoints)
+    assert world.found_free(present(result.waypoints))
     assert len({frozenset(edge) for edge in world.edges}) == len(world.edges) < 60 < len(roadmap.edges)
     assert len(set(world.judged)) == len(world.judged)
 
@@ -107,8 +105,7 @@ def test_only_edges_of_candidate_paths_are_judged_and_none_twice() -> None:
 def test_what_was_learned_is_another_value_and_is_not_asked_again() -> None:
     roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=1)
     first = roadmap.search(across(DiscWorld()))
-    learned = first.roadmap
-    assert learned is not None
+    learned = present(first.roadmap)
     assert roadmap.verdicts.any() == np.False_
     assert learned.edge_knowledge.count(Verdict.FREE) > 0
     assert learned.hash != roadmap.hash
@@ -125,8 +122,7 @@ def test_an_oracle_that_glances_is_asked_for_a_first_look_before_all_of_an_edge(
     assert roadmap.search(across(plain)).waypoints is not None
     result = roadmap.search(across(glancing))
     assert glancing.glances > 0
-    assert result.waypoints is not None
-    assert glancing.found_free(result.waypoints)
+    assert glancing.found_free(present(result.waypoints))
 
 
 def test_ends_known_to_be_free_are_not_judged() -> None:
@@ -157,8 +153,7 @@ def test_a_query_that_leads_nowhere_ends() -> None:
 
 def test_an_end_that_is_a_milestone_is_not_repeated() -> None:
     world = DiscWorld([(0.5, 0.5, 0.2)])
-    found = JUDGED.search(query([0.0, 0.0], [1.0, 1.0], world)).waypoints
-    assert found is not None
+    found = present(JUDGED.search(query([0.0, 0.0], [1.0, 1.0], world)).waypoints)
     assert found.tolist() in ([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
     assert world.edges == []
 
@@ -221,8 +216,7 @@ def test_paths_remembered_one_by_one_are_all_found() -> None:
         world = DiscWorld(NOTHING)
         wide = np.full(2, 500.0)
         found = roadmap.search(SearchProblem(path[0], path[-1:], -wide, wide, world))
-        assert found.waypoints is not None
-        assert found.waypoints[0].tolist() == path[0].tolist()
+        assert present(found.waypoints)[0].tolist() == path[0].tolist()
         assert world.states == 0
 
 
@@ -269,17 +263,13 @@ def test_a_roadmap_answers_the_same_whatever_it_or_its_kin_were_asked_before() -
     roadmap = LazyPRM(milestones=300).grow(across(DiscWorld()), seed=3)
     for k in range(6):
         found = roadmap.search(across(DiscWorld(), seed=k, goals=((2.0, 0.3 * k - 1.0),)))
-        assert found.waypoints is not None
-        assert found.roadmap is not None
-        roadmap = found.roadmap.with_path(found.waypoints)
+        roadmap = present(found.roadmap).with_path(present(found.waypoints))
     anew = replace(roadmap, graph=Graph.of(roadmap.milestones, roadmap.edges, roadmap.graph.reach, roadmap.graph.grown))
     for goal in rng.random((10, 2)) * 2.0 - 1.0:
         one, two = DiscWorld(), DiscWorld()
         end = (2.0 + float(goal[0]) / 4, float(goal[1]))
         first, second = roadmap.search(across(one, goals=(end,))), anew.search(across(two, goals=(end,)))
-        assert first.waypoints is not None
-        assert second.waypoints is not None
-        assert first.waypoints.tolist() == second.waypoints.tolist()
+        assert present(first.waypoints).tolist() == present(second.waypoints).tolist()
         assert one.judged == two.judged
 
 

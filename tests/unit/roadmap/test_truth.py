@@ -33,14 +33,14 @@ from planner_service.planning import search_stage
 from planner_service.roadmap import Terms, Verdict
 from planner_service.roadmap.roadmap import RoadmapSearchResult
 from planner_service.roadmap.verdicts import SELF, Knowledge
+from tests.support.optional import present
 
 FREE, BLOCKED = Verdict.FREE, Verdict.BLOCKED
 
 
 def checker_of(roadmap: Roadmap, service: PlannerService) -> CollisionChecker:
-    assert roadmap.terms is not None
     return CollisionChecker(
-        service.robot, service.scene, edge_step=service.checker.edge_step, padding=roadmap.terms.padding
+        service.robot, service.scene, edge_step=service.checker.edge_step, padding=present(roadmap.terms).padding
     )
 
 
@@ -57,8 +57,7 @@ def claims(roadmap: Roadmap, checker: CollisionChecker) -> Iterator[tuple[str, b
 
 def lies(roadmap: Roadmap | None, service: PlannerService) -> list[tuple[str, bool]]:
     assert roadmap is not None
-    assert roadmap.terms is not None
-    if roadmap.terms.scene_hash != service.scene.hash:
+    if present(roadmap.terms).scene_hash != service.scene.hash:
         return [("the scene", True)]
     told = claims(roadmap, checker_of(roadmap, service))
     return [(what, claimed) for what, claimed, found in told if claimed != found]
@@ -123,8 +122,7 @@ def test_parts_of_edges_are_remembered_only_once_judged(step: float, monkeypatch
     for query in queries.load("shelf")[:25]:
         request = PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None, blend=0.0, padding=0.01)
         result = service.plan(request)
-        assert result.roadmap is not None
-        roadmap = result.roadmap
+        roadmap = present(result.roadmap)
     assert len(roadmap.milestones) > 120
     assert lies(roadmap, service) == []
 
@@ -134,8 +132,7 @@ def test_a_roadmap_grown_for_a_plan_that_fails_comes_back() -> None:
     few = PRM(milestones=30, neighbours=2)
     result = cell().plan(PlanRequest(query.start, query.goal, planner=few, time_limit=None, max_checks=10))
     assert not result.ok
-    assert result.roadmap is not None
-    assert lies(result.roadmap, cell()) == []
+    assert lies(present(result.roadmap), cell()) == []
 
 
 class Whim:
@@ -226,11 +223,10 @@ def test_what_was_learned_before_the_budget_was_spent_comes_back_and_is_true(fal
         request = PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None, max_checks=budget)
         result = service.plan(request)
         assert lies(result.roadmap, service) == []
-        assert result.roadmap is not None
-        more = len(roadmap.edges) - result.roadmap.edge_knowledge.count(Verdict.UNKNOWN)
+        more = len(roadmap.edges) - present(result.roadmap).edge_knowledge.count(Verdict.UNKNOWN)
         assert more >= learned
         gained += not result.ok and more > learned
-        roadmap, learned = result.roadmap, more
+        roadmap, learned = present(result.roadmap), more
     assert gained > 0
     assert result.ok, "in the end"
 
@@ -247,9 +243,7 @@ def test_a_query_that_was_cancelled_disturbs_no_other() -> None:
     assert cancelled.roadmap is roadmap
     again = service.plan(request)
     assert again.counts == expected.counts
-    assert again.roadmap is not None
-    assert expected.roadmap is not None
-    assert again.roadmap.hash == expected.roadmap.hash
+    assert present(again.roadmap).hash == present(expected.roadmap).hash
 
 
 def test_threads_share_a_roadmap_and_each_gets_its_own_answer() -> None:
@@ -263,10 +257,8 @@ def test_threads_share_a_roadmap_and_each_gets_its_own_answer() -> None:
         told = list(pool.map(lambda k: ask(services[k % 2], shared, k // 2), range(8)))
     for k, result in enumerate(told):
         assert result.counts == alone[k // 2].counts
-        assert result.roadmap is not None
-        other = alone[k // 2].roadmap
-        assert other is not None
-        assert result.roadmap.hash == other.hash
+        other = present(alone[k // 2].roadmap)
+        assert present(result.roadmap).hash == other.hash
 
 
 def test_a_scene_of_another_name_or_order_leaves_all_known_and_says_so() -> None:
