@@ -33,6 +33,7 @@ from planner_service import (
 )
 from planner_service.tasks import primitives
 from planner_service.tasks.pick_place import plan_pick_place
+from tests.support.optional import present
 
 HALF = 0.0225
 
@@ -96,8 +97,7 @@ def test_without_the_exemption_of_its_support_a_standing_object_cannot_be_lifted
     sunk = cell.with_scene(cell.scene.moved("block", Pose((0.28, 0.10, HALF - 0.0012))))  # 0.2 mm into the table
     assert picked(sunk).ok
     refused = picked(sunk, support=None)
-    assert refused.failure is not None
-    assert "block x table" in refused.failure.detail
+    assert "block x table" in present(refused.failure).detail
 
 
 def test_the_support_may_be_touched_only_within_the_support_gap(cell: PlannerService) -> None:
@@ -112,9 +112,8 @@ def test_the_support_may_be_touched_only_within_the_support_gap(cell: PlannerSer
 def test_an_object_under_a_shelf_is_not_lifted_into_it(cell: PlannerService) -> None:
     lid = Obstacle("lid", Box((0.3, 0.3, 0.01)), Pose((0.28, 0.10, 0.12)))
     task = picked(cell.with_scene(cell.scene.with_obstacle(lid)))
-    assert task.failure is not None
     assert task.segments == ()
-    assert "x lid" in task.failure.detail
+    assert "x lid" in present(task.failure).detail
 
 
 @pytest.mark.slow
@@ -204,8 +203,7 @@ def test_a_straight_tool_move_is_straight_and_checked(cell: PlannerService) -> N
 
 
 def test_a_straight_tool_move_out_of_reach_says_how_far_it_came_and_why(cell: PlannerService) -> None:
-    failure = move_linear(cell, cell.robot.home, (0.0, 0.0, 1.0)).failure
-    assert failure is not None
+    failure = present(move_linear(cell, cell.robot.home, (0.0, 0.0, 1.0)).failure)
     assert failure.reason is Reason.LINE_BLOCKED
     assert "the straight tool line ends after" in failure.detail
 
@@ -223,15 +221,13 @@ def grasp_at(x: float, y: float, z: float) -> Pose:
 )
 def test_a_grasp_that_does_not_hold_the_object_is_refused(cell: PlannerService, grasp: Pose, message: str) -> None:
     task = pick(cell, cell.robot.home, "block", [grasp], Handling(support="table"))
-    assert task.failure is not None
-    assert re.search(message, task.failure.detail)
+    assert re.search(message, present(task.failure).detail)
 
 
 def test_a_grasp_whose_fingers_would_stand_inside_the_object_is_refused(cell: PlannerService) -> None:
     tight = Handling(support="table", open_width=0.0452)  # no room for a grasp 2 mm beside the middle
     task = pick(cell, cell.robot.home, "block", [grasp_at(0.28, 0.102, 0.021)], tight)
-    assert task.failure is not None
-    assert re.search(r"finger_(left|right) would stand [12].\d mm inside block", task.failure.detail)
+    assert re.search(r"finger_(left|right) would stand [12].\d mm inside block", present(task.failure).detail)
 
 
 @pytest.mark.parametrize(
@@ -249,8 +245,7 @@ def test_an_object_is_set_down_on_its_support_not_into_it_or_above_it(
         yaws(0.28, -0.10, HALF - 0.001 + height),
         Handling(support="table"),
     )
-    assert put.failure is not None
-    assert re.search(message, put.failure.detail)
+    assert re.search(message, present(put.failure).detail)
 
 
 def test_the_scales_of_the_request_slow_the_straight_lines_down_too(cell: PlannerService) -> None:
@@ -262,8 +257,7 @@ def test_the_scales_of_the_request_slow_the_straight_lines_down_too(cell: Planne
 
 def test_a_pick_from_a_start_in_collision_says_so_at_once(cell: PlannerService) -> None:
     task = pick(cell, [0.0, 1.8, 0.5, 0.0, 0.0, 0.0], "block", [grasp_at(0.28, 0.10, 0.021)])
-    assert task.failure is not None
-    assert task.failure.reason is Reason.START_IN_COLLISION
+    assert present(task.failure).reason is Reason.START_IN_COLLISION
     assert task.counts.edges == 0
 
 
@@ -271,8 +265,7 @@ def test_a_cancelled_pick_ends_as_preempted(cell: PlannerService) -> None:
     token = CancelToken()
     token.cancel()
     task = picked(cell, cancel=token)
-    assert task.failure is not None
-    assert task.failure.reason is Reason.PREEMPTED
+    assert present(task.failure).reason is Reason.PREEMPTED
 
 
 @pytest.mark.slow
@@ -284,8 +277,7 @@ def test_a_grasp_at_which_something_else_touches_is_refused_before_any_line_is_w
     service = PlannerService("panda", "bin")
     block = service.scene.obstacle("blue_block").pose.position
     task = pick(service, service.robot.home, "blue_block", [grasp_at(*block), Pose(block)])  # lying on its side
-    assert task.failure is not None
-    assert " x table touch" in task.failure.detail
+    assert " x table touch" in present(task.failure).detail
     assert walked == []
 
 
@@ -305,8 +297,7 @@ def test_every_motion_of_a_pick_and_place_obeys_the_request() -> None:
     assert task.failure is None
     assert len(task.segments) == 7
     for segment in task.segments:
-        motion = segment.result.motion
-        assert motion is not None
+        motion = present(segment.result.motion)
         assert segment.result.stage(Stage.TIMING).note.startswith("s-curve")
         assert motion.peaks.jerk.ratio <= 1.0 + 1e-9
         assert motion.peaks.velocity.ratio <= 1.0 + 1e-9
@@ -318,8 +309,7 @@ def test_every_motion_of_a_pick_and_place_obeys_the_request() -> None:
 def test_a_line_that_cannot_keep_the_padding_says_what_it_keeps_and_near_what(cell: PlannerService) -> None:
     task = picked(cell, request=asked(cell, padding=0.03))
     descend = task.segments[1].result
-    assert descend.certificate is not None
-    assert 0.0 < descend.padding == descend.certificate.clearance < 0.03
+    assert 0.0 < descend.padding == present(descend.certificate).clearance < 0.03
     assert any(re.search(r"mm are proven, less than the padding of 30 mm: \w+ x \w+ at s = ", n) for n in descend.notes)
     assert picked(cell).segments[1].result.padding == 0.001
 
@@ -330,8 +320,7 @@ def test_a_given_line_keeps_the_padding_asked_or_says_what_it_keeps(cell: Planne
     roomy, tight = cell.follow(line, padding=0.01), cell.follow(line, padding=0.09)
     assert (roomy.padding, roomy.notes) == (0.01, ())
     assert tight.ok
-    assert tight.certificate is not None
-    assert tight.padding == tight.certificate.clearance < 0.09
+    assert tight.padding == present(tight.certificate).clearance < 0.09
     assert "less than the padding of 90 mm" in tight.notes[0]
     assert move_linear(cell, home, (0.02, 0.0, 0.0), padding=0.01).padding == 0.01
     with pytest.raises(InvalidRequest, match=r"padding: got 0.2; expected metres in \[0, 0.1\]"):
@@ -346,11 +335,9 @@ def test_lines_keep_their_corners_where_no_blend_is_wanted(cell: PlannerService)
 
 def test_the_time_limit_is_for_the_whole_pick(cell: PlannerService) -> None:
     task = picked(cell, request=asked(cell, time_limit=0.0))
-    assert task.failure is not None
-    assert task.failure.reason is Reason.TIMED_OUT
+    assert present(task.failure).reason is Reason.TIMED_OUT
     late = picked(cell, request=asked(cell, time_limit=1e-3))
-    assert late.failure is not None
-    assert late.failure.reason is Reason.TIMED_OUT
+    assert present(late.failure).reason is Reason.TIMED_OUT
 
 
 def test_a_cancelled_pick_and_place_ends(cell: PlannerService) -> None:
@@ -358,5 +345,4 @@ def test_a_cancelled_pick_and_place_ends(cell: PlannerService) -> None:
     token.cancel()
     service = PlannerService("wxai", "bin")
     task = plan_pick_place(service, "blue_block", "tray", asked(service), cancel=token)
-    assert task.failure is not None
-    assert task.failure.reason is Reason.PREEMPTED
+    assert present(task.failure).reason is Reason.PREEMPTED

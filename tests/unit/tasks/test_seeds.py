@@ -28,6 +28,7 @@ from planner_service import (
 from planner_service.parallel import Processes
 from planner_service.tasks import best_of_seeds, plan_seeds
 from planner_service.tasks.seeds import _worth
+from tests.support.optional import present
 
 SEEDS = (0, 1, 2)
 
@@ -70,11 +71,9 @@ def test_the_best_is_the_fastest_of_those_that_keep_their_distance(service: Plan
     plans = plan_seeds(service, request(), SEEDS)
     best = best_of_seeds(service, request(), SEEDS)
     assert told(best) in [told(one) for one in plans]
-    assert best.motion is not None
-    assert best.motion.duration == min(one.motion.duration for one in plans if one.motion is not None)
-    assert best.polish is not None
-    near = replace(best, polish=replace(best.polish, after=replace(best.polish.after, shortfall=1.0)))
-    slow = replace(best, motion=replace(best.motion, duration=9.0))
+    assert present(best.motion).duration == min(one.motion.duration for one in plans if one.motion is not None)
+    near = replace(best, polish=replace(present(best.polish), after=replace(present(best.polish).after, shortfall=1.0)))
+    slow = replace(best, motion=replace(present(best.motion), duration=9.0))
     assert _worth(best) < _worth(slow) < _worth(near)
     assert _worth(near) < _worth(replace(best, motion=None))
 
@@ -83,8 +82,7 @@ def test_without_a_plan_the_first_failure_is_told() -> None:
     service = PlannerService("planar2", "discs")
     asked = PlanRequest((-2.5, 2.0), (2.2, -2.2), time_limit=None, planner=Optimise())
     result = best_of_seeds(service, asked, (7, 8))
-    assert result.failure is not None
-    assert result.failure.reason is Reason.OPTIMUM_IN_COLLISION
+    assert present(result.failure).reason is Reason.OPTIMUM_IN_COLLISION
 
 
 @pytest.mark.parametrize(
