@@ -37,6 +37,7 @@ from planner_service.planners import (
 )
 from planner_service.search import ompl
 from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
+from tests.support.optional import present
 
 QUICK: dict[str, Any] = {
     **{name: planner() for name, planner in PLANNERS.items()},
@@ -77,8 +78,7 @@ def test_every_planner_finds_a_path_of_free_edges_from_start_to_goal(name: str) 
 def test_tree_planners_solve_six_joints(name: str) -> None:
     world = DiscWorld()
     result = QUICK[name].search(across(world, n=6))
-    assert result.waypoints is not None
-    assert world.found_free(result.waypoints)
+    assert world.found_free(present(result.waypoints))
 
 
 @pytest.mark.slow
@@ -147,9 +147,8 @@ def test_any_goal_of_a_set_will_do_and_the_result_says_which(name: str) -> None:
     world = DiscWorld(discs)
     result = QUICK[name].search(across(world, goals=walled_off))
     assert result.goal_index == 1
-    assert result.waypoints is not None
-    assert tuple(result.waypoints[-1].tolist()) == walled_off[1]
-    assert world.found_free(result.waypoints)
+    assert tuple(present(result.waypoints)[-1].tolist()) == walled_off[1]
+    assert world.found_free(present(result.waypoints))
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -181,8 +180,7 @@ def test_a_limit_leaves_an_anytime_planner_the_path_in_its_hand(name: str) -> No
     world = DiscWorld(limit=first + 500, error=lambda: SearchStopped("enough"))
     result = replace(QUICK[name], checks=100_000).search(across(world))
     assert isinstance(result.stopped, SearchStopped)
-    assert result.waypoints is not None
-    assert world.found_free(result.waypoints)
+    assert world.found_free(present(result.waypoints))
 
 
 @pytest.mark.parametrize("name", ANYTIME)
@@ -346,8 +344,7 @@ def test_a_problem_that_makes_no_sense_is_refused_by_field(field: str, value: An
 def test_a_start_that_is_the_goal_is_no_crash() -> None:
     world = DiscWorld()
     result = RRTConnect().search(across(world, goals=((-2.0, -0.2),)))
-    assert result.waypoints is not None
-    assert world.found_free(result.waypoints)
+    assert world.found_free(present(result.waypoints))
 
 
 def test_settings_are_equal_by_value() -> None:

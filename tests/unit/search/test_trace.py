@@ -14,6 +14,7 @@ from planner_service.planners import PLANNERS, BITstar
 from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
 from planner_service.records.result import result_record
 from planner_service.search.trace import Trace
+from tests.support.optional import present
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +29,7 @@ def asked(service: PlannerService, **settings: object) -> PlanRequest:
 
 
 def trace_of(result: PlanResult) -> Trace:
-    assert result.trace is not None
-    return result.trace
+    return present(result.trace)
 
 
 def bits(result: PlanResult) -> Iterator[bytes]:
@@ -51,9 +51,7 @@ def test_a_traced_plan_has_the_same_counts_and_bits(discs: PlannerService, plann
 @pytest.mark.parametrize("planner", [name for name, kind in PLANNERS.items() if not hasattr(kind, "grow")])
 def test_what_a_search_grew_joins_its_ends(discs: PlannerService, planner: str) -> None:
     trace = trace_of(discs.plan(asked(discs, planner=PLANNERS[planner]()), trace=True))
-    assert trace.graph is not None
-    assert trace.searched is not None
-    graph, found = trace.graph, trace.searched.tolist()
+    graph, found = present(trace.graph), present(trace.searched).tolist()
     assert graph.edges.min() >= 0
     assert graph.edges.max() < len(graph.milestones)
     places = {tuple(q) for q in graph.milestones.tolist()}
@@ -62,22 +60,18 @@ def test_what_a_search_grew_joins_its_ends(discs: PlannerService, planner: str) 
 
 def test_the_path_found_runs_along_the_tree(discs: PlannerService) -> None:
     trace = trace_of(discs.plan(asked(discs), trace=True))
-    assert trace.graph is not None
-    assert trace.searched is not None
-    numbers = {tuple(q): k for k, q in enumerate(trace.graph.milestones.tolist())}
-    edges = {frozenset(edge) for edge in trace.graph.edges.tolist()}
-    pieces = [frozenset(numbers[tuple(q)] for q in piece) for piece in pairwise(trace.searched.tolist())]
+    numbers = {tuple(q): k for k, q in enumerate(present(trace.graph).milestones.tolist())}
+    edges = {frozenset(edge) for edge in present(trace.graph).edges.tolist()}
+    pieces = [frozenset(numbers[tuple(q)] for q in piece) for piece in pairwise(present(trace.searched).tolist())]
     assert len([piece for piece in pieces if piece not in edges]) <= 1  # where the two trees met
 
 
 def test_shortcutting_is_traced_between_search_and_plan(discs: PlannerService) -> None:
     result = discs.plan(asked(discs), trace=True)
     trace = trace_of(result)
-    assert trace.searched is not None
-    assert trace.shortcut is not None
     assert result.path is not None
-    assert len(trace.shortcut) < len(trace.searched)
-    for points in (trace.searched, trace.shortcut):
+    assert len(present(trace.shortcut)) < len(present(trace.searched))
+    for points in (present(trace.searched), present(trace.shortcut)):
         assert points[0].tolist() == result.path.waypoints[0].tolist()
         assert points[-1].tolist() == result.path.waypoints[-1].tolist()
         with pytest.raises(ValueError, match="read-only"):
@@ -86,11 +80,9 @@ def test_shortcutting_is_traced_between_search_and_plan(discs: PlannerService) -
 
 def test_a_search_that_fails_tells_what_it_grew(discs: PlannerService) -> None:
     result = discs.plan(asked(discs, max_checks=60, retries=0, planner=RRTConnect(range=0.2)), trace=True)
-    assert result.failure is not None
-    assert result.failure.reason is Reason.CHECK_BUDGET_EXHAUSTED
+    assert present(result.failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
     trace = trace_of(result)
-    assert trace.graph is not None
-    assert len(trace.graph.edges) > 1
+    assert len(present(trace.graph).edges) > 1
     assert trace.searched is None
 
 
@@ -119,11 +111,9 @@ def test_tracing_bitstar_leaves_no_query_behind(discs: PlannerService) -> None:
 def test_a_result_knows_who_planned_it_and_what_was_asked(discs: PlannerService) -> None:
     request = asked(discs)
     result = discs.plan(request)
-    assert result.origin is not None
-    assert (result.origin.world, result.origin.request) == (discs.world, request)
+    assert (present(result.origin).world, present(result.origin).request) == (discs.world, request)
     line = discs.follow(np.array([request.start, np.array(request.start) + 0.01]))
-    assert line.origin is not None
-    assert (line.origin.world, line.origin.request) == (discs.world, None)
+    assert (present(line.origin).world, present(line.origin).request) == (discs.world, None)
 
 
 def test_a_result_sent_to_another_process_goes_without_its_service(discs: PlannerService) -> None:
