@@ -40,6 +40,7 @@ from planner_service.planning import AllowedStretch, Pace
 from planner_service.planning.accounting import certified_path
 from planner_service.planning.timing_stage import peak_tool_speed, timed
 from planner_service.search.problem import SearchProblem, SearchResult
+from tests.support.optional import present
 
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
 ROOT = Path(__file__).parents[3]
@@ -139,8 +140,7 @@ def test_what_is_searched_again_is_sampled_as_closely_as_it_is_padded(monkeypatc
         assert 0.3 * service.robot.reach()[0] / segments <= padding
     assert result.padding == 0.001
     assert result.attempts == 2
-    assert result.certificate is not None
-    assert result.certificate.refusal is not None
+    assert present(result.certificate).refusal is not None
 
 
 def test_a_finer_step_than_the_padding_is_kept_when_searching_again() -> None:
@@ -153,8 +153,7 @@ def test_a_finer_step_than_the_padding_is_kept_when_searching_again() -> None:
 def test_a_path_that_can_never_be_proven_does_not_leave() -> None:
     service = PlannerService("planar2", Scene((thin_post(0.75),)), edge_step=COARSE)
     planner = GivenPaths([START, (1.5, 0.0)])
-    failure = service.plan(asked(goal=(1.5, 0.0), planner=planner)).failure
-    assert failure is not None
+    failure = present(service.plan(asked(goal=(1.5, 0.0), planner=planner)).failure)
     assert (failure.stage, failure.reason) == (Stage.CERTIFY, Reason.NOT_CERTIFIED)
     assert "x post is not proven apart" in failure.detail
     assert planner.asked == 2
@@ -162,15 +161,13 @@ def test_a_path_that_can_never_be_proven_does_not_leave() -> None:
 
 def test_a_given_polyline_that_samples_pass_is_refused_by_the_proof() -> None:
     service = PlannerService("planar2", Scene((thin_post(0.75),)), edge_step=COARSE)
-    failure = service.follow([START, (1.5, 0.0)]).failure
-    assert failure is not None
+    failure = present(service.follow([START, (1.5, 0.0)]).failure)
     assert (failure.stage, failure.reason) == (Stage.CERTIFY, Reason.NOT_CERTIFIED)
 
 
 def test_standing_still_is_proven_too(discs: PlannerService) -> None:
     result = discs.plan(asked(goal=START))
-    assert result.certificate is not None
-    assert result.certificate.certified
+    assert present(result.certificate).certified
     assert result.motion is not None
     assert (result.motion.duration, result.motion.tool_speed, result.motion.settle_time) == (0.0, 0.0, 0.0)
 
@@ -198,8 +195,7 @@ def test_corners_are_blended_and_blends_cost_states_of_their_own(discs: PlannerS
 def test_blends_make_every_law_faster(timing: Any) -> None:
     service = PlannerService("wxai", "shelf")
     for query in queries.load("shelf")[:4]:
-        motion = service.plan(asked(query.start, query.goal, timing=timing)).motion
-        assert motion is not None
+        motion = present(service.plan(asked(query.start, query.goal, timing=timing)).motion)
         assert motion.duration < motion.stop_duration
 
 
@@ -211,8 +207,9 @@ def test_blends_that_samples_wrongly_call_free_are_narrowed_until_they_are_prove
     monkeypatch.setattr(CollisionChecker, "blend_is_free", lambda self, path, k: True)
     result = service.plan(asked(query.start, query.goal, seed=query.number))
     path = result.unwrap()[0]
-    assert result.certificate is not None
-    assert result.stage(Stage.CERTIFY).counts.distances > result.certificate.distances, "or nothing was refused"
+    assert result.stage(Stage.CERTIFY).counts.distances > present(result.certificate).distances, (
+        "or nothing was refused"
+    )
     lengths = np.diff(path.knots)
     widest = np.minimum(0.5, 0.499 * np.minimum(lengths[:-1], lengths[1:]))
     assert np.any(path.blends[1:-1] < 0.9 * widest)
@@ -272,17 +269,15 @@ def test_the_corner_where_a_way_out_ends_is_no_blend() -> None:
 def test_the_tool_is_no_faster_than_it_may_be(discs: PlannerService, timing: Any) -> None:
     free = discs.plan(asked(timing=timing))
     slow = discs.plan(asked(timing=timing, max_tool_speed=0.25))
-    assert free.motion is not None
-    assert slow.motion is not None
-    assert free.motion.tool_speed > 0.3
+    assert present(free.motion).tool_speed > 0.3
     trajectory = slow.unwrap()[1]
     t = np.linspace(0.0, trajectory.duration, 40_001)
     tips = np.array([discs.robot.tool_pose(q)[:3, 3] for q in trajectory(t)])
     speeds = np.sqrt((np.diff(tips, axis=0) ** 2).sum(axis=1)) / np.diff(t)
     assert speeds.max() <= 0.25 * (1 + 1e-9)
-    assert speeds.max() == pytest.approx(slow.motion.tool_speed, rel=1e-4)
-    assert slow.motion.tool_speed > 0.24, "as fast as it may be somewhere"
-    assert trajectory.duration > free.motion.duration
+    assert speeds.max() == pytest.approx(present(slow.motion).tool_speed, rel=1e-4)
+    assert present(slow.motion).tool_speed > 0.24, "as fast as it may be somewhere"
+    assert trajectory.duration > present(free.motion).duration
 
 
 @pytest.mark.parametrize(("name", "joint"), [("wxai", 5), ("wxai_dual", 11)])
@@ -291,9 +286,8 @@ def test_a_joint_that_leaves_the_tool_where_it_is_is_planned_at_no_tool_speed(na
     goal = robot.home.copy()
     goal[joint] += 0.3
     result = PlannerService(robot, Scene()).plan(asked(robot.home, goal, max_tool_speed=0.1))
-    assert result.motion is not None
-    assert result.motion.tool_speed == 0.0
-    assert result.motion.duration > 0.1
+    assert present(result.motion).tool_speed == 0.0
+    assert present(result.motion).duration > 0.1
 
 
 @pytest.mark.slow
@@ -311,8 +305,7 @@ def test_peak_tool_speed_is_that_of_the_densest_samples() -> None:
 @pytest.mark.parametrize("jerk", [5.0, 50.0, 5000.0])
 def test_peaks_are_measured_against_the_jerk_that_the_law_holds(discs: PlannerService, jerk: float) -> None:
     for scale in (1.0, 0.5):
-        motion = discs.plan(asked(timing=SCurve(jerk=jerk), acceleration_scale=scale)).motion
-        assert motion is not None
+        motion = present(discs.plan(asked(timing=SCurve(jerk=jerk), acceleration_scale=scale)).motion)
         assert 0.5 < motion.peaks.jerk.ratio <= 1 + 1e-9
 
 
@@ -353,8 +346,7 @@ def test_an_impossible_blend_or_tool_speed_is_refused(field: str, value: object)
 
 def test_the_pace_of_a_given_polyline_is_held(discs: PlannerService) -> None:
     result = discs.follow([[0.0, 0.0], [0.3, -0.3]], pace=Pace(SCurve(), max_tool_speed=0.1))
-    assert result.motion is not None
-    assert 0.09 < result.motion.tool_speed <= 0.1
+    assert 0.09 < present(result.motion).tool_speed <= 0.1
     with pytest.raises(InvalidRequest, match="velocity_scale"):
         Pace(SCurve(), velocity_scale=0.0)
     with pytest.raises(InvalidRequest, match="timing: got 'toppra'"):
@@ -448,5 +440,4 @@ def test_a_path_that_turns_back_stops_there(discs: PlannerService) -> None:
     there = discs.follow([[0.0, 0.0], [-0.5, 0.0]]).unwrap()[1].duration
     result = discs.follow([[0.0, 0.0], [-0.5, 0.0], [0.0, 0.0]])
     assert result.unwrap()[1].duration == pytest.approx(2 * there)
-    assert result.certificate is not None
-    assert result.certificate.certified
+    assert present(result.certificate).certified

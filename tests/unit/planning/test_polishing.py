@@ -50,6 +50,7 @@ from planner_service.planning.polishing import judged
 from planner_service.planning.timing_stage import timed
 from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
 from tests.integration.test_pins import OTHER_CPU
+from tests.support.optional import present
 
 ROOT = Path(__file__).parents[3]
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)
@@ -124,13 +125,10 @@ def test_an_optimum_is_free_proven_shorter_faster_and_keeps_its_distance(scene: 
     plain, polished = (service.plan(query(scene, number, polish=polish)) for polish in (None, Optimise()))
     assert polished.polish is not None
     assert polished.polish.kept
-    assert polished.certificate is not None
-    assert polished.certificate.certified
+    assert present(polished.certificate).certified
     assert clearance(service, plain) < 0.004
     assert clearance(service, polished) >= 0.02
-    assert plain.motion is not None
-    assert polished.motion is not None
-    assert polished.motion.duration < 0.85 * plain.motion.duration
+    assert present(polished.motion).duration < 0.85 * present(plain.motion).duration
     assert polished.polish.after.cost < polished.polish.before.cost
     assert polished.polish.after.length < polished.polish.before.length
     assert polished.polish.after.clearance == pytest.approx(clearance(service, polished), abs=2e-3)
@@ -148,15 +146,13 @@ def test_an_optimum_is_free_proven_shorter_faster_and_keeps_its_distance(scene: 
 def test_what_optimising_asks_is_counted_in_its_stage(scene: str, number: int, expected: CheckCounts) -> None:
     result = PlannerService("wxai", scene).plan(query(scene, number, polish=Optimise()))
     assert result.stage(Stage.POLISH).counts == expected
-    assert result.polish is not None
-    assert 0 < result.polish.gradients < expected.distances
+    assert 0 < present(result.polish).gradients < expected.distances
 
 
 def test_gradients_are_no_states(bin_service: PlannerService) -> None:
     result = bin_service.plan(query("bin", 3, polish=Optimise()))
     plain = bin_service.plan(query("bin", 3))
-    assert result.polish is not None
-    assert result.counts.states < plain.counts.states + 0.2 * result.polish.gradients
+    assert result.counts.states < plain.counts.states + 0.2 * present(result.polish).gradients
 
 
 def test_equal_requests_have_equal_plans_whatever_was_planned_before(bin_service: PlannerService) -> None:
@@ -182,9 +178,8 @@ def test_what_collides_is_not_kept_and_the_plan_is_the_one_without(discs: Planne
 def test_what_leaves_the_limits_is_not_kept_and_it_is_said_which_joint(discs: PlannerService) -> None:
     polished = discs.plan(asked(polish=planted(by=(0.0, 5.0))))
     assert bits(discs.plan(asked())) == bits(polished)
-    assert polished.polish is not None
-    assert "elbow" in polished.polish.note
-    assert "outside [-3.142, 3.142]" in polished.polish.note
+    assert "elbow" in present(polished.polish).note
+    assert "outside [-3.142, 3.142]" in present(polished.polish).note
 
 
 FIGURES = Figures(cost=1.0, length=2.0, roughness=0.1, clearance=0.01, shortfall=0.5)
@@ -218,8 +213,7 @@ def test_what_is_free_at_samples_but_not_proven_is_not_kept(
     monkeypatch.setattr("planner_service.planning.polishing._worse", lambda *_: False)
     polished = discs.plan(asked(polish=planted(straight=True)))
     assert bits(plain) == bits(polished)
-    assert polished.polish is not None
-    assert polished.polish.note.startswith("the optimum is not proven: ")
+    assert present(polished.polish).note.startswith("the optimum is not proven: ")
 
 
 def test_a_plan_tells_the_padding_its_optimum_was_judged_with() -> None:
@@ -227,8 +221,7 @@ def test_a_plan_tells_the_padding_its_optimum_was_judged_with() -> None:
     request = query("post", 1, padding=0.01)
     plain, polished = service.plan(request), service.plan(replace(request, polish=Optimise()))
     assert plain.padding == 0.01
-    assert polished.polish is not None
-    assert polished.polish.kept
+    assert present(polished.polish).kept
     assert 0.0 < polished.padding < 0.01
     assert service.checker.variant(padding=polished.padding).path_is_free(polished.unwrap()[0])
     assert any("the optimum was judged with" in note for note in polished.notes)
@@ -245,9 +238,8 @@ def test_an_optimum_that_no_law_can_drive_is_not_kept(discs: PlannerService, mon
     monkeypatch.setattr("planner_service.planning.pipeline.timed", failing)
     polished = discs.plan(asked(polish=Optimise()))
     assert bits(plain) == bits(polished)
-    assert polished.polish is not None
-    assert not polished.polish.kept
-    assert polished.polish.note == "no motion along the optimum: TIMING_FAILED (timing): planted"
+    assert not present(polished.polish).kept
+    assert present(polished.polish).note == "no motion along the optimum: TIMING_FAILED (timing): planted"
 
 
 @pytest.mark.slow
@@ -288,8 +280,7 @@ def test_an_optimum_is_driven_as_it_was_judged_even_if_stops_were_faster(
 
     monkeypatch.setattr("planner_service.planning.pipeline.timed", slow)
     polished = bin_service.plan(query("bin", 3, polish=Optimise()))
-    assert polished.polish is not None
-    assert polished.polish.kept
+    assert present(polished.polish).kept
     assert polished.unwrap()[0].corners == ()
 
 
@@ -351,20 +342,17 @@ def test_a_free_line_with_room_stays_a_line_and_one_without_room_bends(discs: Pl
     request = PlanRequest((-0.2, 0.0), (0.9, 0.9), time_limit=None, polish=Optimise())
     plain, bent = near.plan(replace(request, polish=None)), near.plan(request)
     assert plain.ok
-    assert bent.polish is not None
-    assert bent.polish.kept
+    assert present(bent.polish).kept
     assert clearance(near, bent) >= 0.02
 
 
 def test_an_optimum_keeps_more_than_the_padding_it_is_judged_with() -> None:
     service = PlannerService("wxai", "post")
     touching = service.plan(query("post", 0, polish=Optimise(clearance=0.0)))
-    assert touching.polish is not None
-    assert touching.polish.kept
+    assert present(touching.polish).kept
     assert 0.0015 <= clearance(service, touching) < 0.004
     padded = service.plan(query("post", 0, padding=0.03, polish=Optimise()))  # its ends are nearer than that
-    assert padded.polish is not None
-    assert padded.polish.kept
+    assert present(padded.polish).kept
     assert clearance(service, padded) > 0.02
 
 
@@ -372,8 +360,7 @@ def test_a_retreat_and_an_optimum_meet_in_a_stop(bin_service: PlannerService) ->
     request = query("bin", 3, start=bin_service.robot.pose("sleep"), polish=Optimise())
     result = bin_service.plan(request)
     path, _ = result.unwrap()
-    assert result.polish is not None
-    assert result.polish.kept
+    assert present(result.polish).kept
     assert result.exempt
     assert path.corners == (1,)
     assert path.waypoints[0].tolist() == [0.0] * 6
@@ -382,9 +369,7 @@ def test_a_retreat_and_an_optimum_meet_in_a_stop(bin_service: PlannerService) ->
 @pytest.mark.parametrize("timing", [ToppRa(), SCurve()], ids=lambda law: law.name)
 def test_corners_suit_the_timing_law(bin_service: PlannerService, timing: Any) -> None:
     plain, polished = (bin_service.plan(query("bin", 3, timing=timing, polish=polish)) for polish in (None, Optimise()))
-    assert plain.motion is not None
-    assert polished.motion is not None
-    assert polished.motion.duration < plain.motion.duration
+    assert present(polished.motion).duration < present(plain.motion).duration
     assert len(polished.unwrap()[0].waypoints) == (10 if isinstance(timing, ToppRa) else 5)
     given = bin_service.plan(query("bin", 3, timing=timing, polish=Optimise(corners=6)))
     assert len(given.unwrap()[0].waypoints) == 8
@@ -394,8 +379,7 @@ def test_corners_suit_the_timing_law(bin_service: PlannerService, timing: Any) -
 def test_the_field_of_voxels_gives_plans_too() -> None:
     service = PlannerService("wxai", "post")
     result = service.plan(query("post", 0, polish=Optimise(method=Chomp())))
-    assert result.polish is not None
-    assert (result.polish.kept, result.polish.method) == (True, "chomp")
+    assert (present(result.polish).kept, present(result.polish).method) == (True, "chomp")
     assert clearance(service, result) >= 0.02
 
 
@@ -409,16 +393,14 @@ def test_the_lessons_warning_the_straight_line_converges_into_collision_and_is_r
     assert "converged is not collision-free" in result.failure.detail
     assert "of the way: forearm x " in result.failure.detail
     assert [c.b for c in result.failure.contacts] == ["low_disc"]
-    assert result.polish is not None
-    assert not result.polish.kept
-    assert result.polish.after.clearance < 0.0
+    assert not present(result.polish).kept
+    assert present(result.polish).after.clearance < 0.0
     assert result.path is None
 
 
 def test_and_the_hybrid_solves_it(discs: PlannerService) -> None:
     result = discs.plan(asked(polish=Optimise()))
-    assert result.polish is not None
-    assert result.polish.kept
+    assert present(result.polish).kept
     assert clearance(discs, result) >= 0.02
 
 
@@ -427,8 +409,7 @@ def test_so_do_other_lines_to_begin_with(discs: PlannerService) -> None:
     result = discs.plan(asked(planner=Optimise(starts=6)))
     assert result.ok
     assert 1 < result.attempts <= 6
-    assert result.certificate is not None
-    assert result.certificate.certified
+    assert present(result.certificate).certified
     assert bits(result) == bits(discs.plan(asked(planner=Optimise(starts=6))))
 
 
@@ -452,9 +433,8 @@ def test_an_optimum_that_is_not_proven_is_no_plan(discs: PlannerService, monkeyp
 
     monkeypatch.setattr(CollisionChecker, "path_is_free", lambda *_, **__: True)
     result = discs.plan(asked(planner=Optimise()))
-    assert result.failure is not None
-    assert result.failure.reason is Reason.OPTIMUM_IN_COLLISION
-    assert "is not proven apart" in result.failure.detail
+    assert present(result.failure).reason is Reason.OPTIMUM_IN_COLLISION
+    assert "is not proven apart" in present(result.failure).detail
 
 
 # requests, files, the command line
@@ -489,8 +469,7 @@ def test_a_request_comes_back_from_a_file(discs: PlannerService, tmp_path: Path,
     result = discs.plan(asked(polish=Optimise()))
     save_plan(SavedPlan(discs.world, request, result), tmp_path / "plan.json")
     read = load_plan(tmp_path / "plan.json")
-    assert read.request is not None
-    assert (read.request.polish, read.request.planner) == (request.polish, request.planner)
+    assert (present(read.request).polish, present(read.request).planner) == (request.polish, request.planner)
     assert read.result.polish == result.polish
     assert bits(read.result) == bits(result)
 
@@ -578,8 +557,7 @@ def test_the_measure_sees_a_plan_without_its_distance() -> None:
 def test_a_roadmap_is_polished_too(bin_service: PlannerService) -> None:
     result = bin_service.plan(query("bin", 3, planner=PRM(milestones=150), polish=Optimise()))
     assert result.ok
-    assert result.polish is not None
-    assert math.isfinite(result.polish.after.cost)
+    assert math.isfinite(present(result.polish).after.cost)
     assert load_scene("bin").hash == bin_service.scene.hash
 
 

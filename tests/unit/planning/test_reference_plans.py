@@ -32,6 +32,7 @@ from planner_service import (
 from planner_service.optimize import Chomp, TrajOpt
 from planner_service.planning import Pace
 from planner_service.planning.follow import AllowedStretch
+from tests.support.optional import present
 from tests.support.pinned import pinned
 
 PINNED = pinned("plans")
@@ -85,8 +86,7 @@ def twice(scene: str, number: int) -> PlanResult:
     """The second plan of two along a roadmap that remembers."""
     memory = service("wxai", scene).path_memory()
     first = query(scene, number, planner=memory)
-    assert first.roadmap is not None
-    return query(scene, number, planner=first.roadmap)
+    return query(scene, number, planner=present(first.roadmap))
 
 
 CASES: dict[str, Callable[[], PlanResult]] = {
@@ -154,12 +154,10 @@ def line(result: PlanResult) -> str:
         found = f"{len(failure.contacts)} contacts, blocked by {len(failure.blocked_by)}"
         return f"{failure.reason.value}; {stages}; {found}{', a free place near' * (failure.nearest_free is not None)}"
     path, trajectory = result.unwrap()
-    assert result.motion is not None
-    assert result.certificate is not None
-    motion = result.motion
+    motion = present(result.motion)
     numbers = (
         *(path.length, trajectory.duration, motion.stop_duration, motion.settle_time, motion.tool_speed),
-        *(result.certificate.clearance * 1e3, result.padding * 1e3),
+        *(present(result.certificate).clearance * 1e3, result.padding * 1e3),
     )
     shape = f"{len(path.waypoints)} points, {int((path.blends > 0.0).sum())} blends"
     more = f"attempt {result.attempts}, goal {result.goal_index}, {len(result.notes)} notes"

@@ -37,6 +37,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.planners import PRMstar
 from planner_service.planning.result import PlanResult
 from planner_service.roadmap import Verdict
+from tests.support.optional import present
 
 WXAI = Path(__file__).parents[3] / "robots" / "wxai"
 
@@ -61,9 +62,8 @@ def ask(service: PlannerService, roadmap: Roadmap, number: int = 0, scene: str =
 
 def claims(roadmap: Roadmap, service: PlannerService) -> Iterator[tuple[str, bool, bool]]:
     """What a roadmap claims of its milestones and edges, and what a checker of its own says."""
-    assert roadmap.terms is not None
     checker = CollisionChecker(
-        service.robot, service.scene, edge_step=service.checker.edge_step, padding=roadmap.terms.padding
+        service.robot, service.scene, edge_step=service.checker.edge_step, padding=present(roadmap.terms).padding
     )
     for k, verdict in enumerate(roadmap.milestone_knowledge.verdicts.tolist()):
         if verdict in (FREE, BLOCKED):
@@ -127,8 +127,7 @@ def test_a_plan_changes_no_roadmap_and_brings_back_what_it_learned() -> None:
     before = roadmap.hash
     first = ask(service, roadmap)
     assert first.ok
-    learned = first.roadmap
-    assert learned is not None
+    learned = present(first.roadmap)
     assert replace(roadmap).hash == before
     assert learned.hash != before
     assert roadmap.edge_knowledge.count(Verdict.UNKNOWN) == len(roadmap.edges)
@@ -136,8 +135,7 @@ def test_a_plan_changes_no_roadmap_and_brings_back_what_it_learned() -> None:
     again, once_more = ask(service, learned), ask(service, roadmap)
     assert again.stage(Stage.SEARCH).counts.states < first.stage(Stage.SEARCH).counts.states
     assert once_more.counts == first.counts, "nothing is remembered behind the user's back"
-    assert once_more.roadmap is not None
-    assert once_more.roadmap.hash == learned.hash
+    assert present(once_more.roadmap).hash == learned.hash
 
 
 def test_what_the_roadmap_does_not_connect_is_searched_by_rrtconnect_unless_it_must_not() -> None:
@@ -149,8 +147,7 @@ def test_what_the_roadmap_does_not_connect_is_searched_by_rrtconnect_unless_it_m
     assert found.counts == alone.counts
     assert "no path there: rrtconnect" in found.stage(Stage.SEARCH).note
     refused = ask(service, replace(nothing, fallback=False))
-    assert refused.failure is not None
-    assert refused.failure.reason is Reason.PLANNING_FAILED
+    assert present(refused.failure).reason is Reason.PLANNING_FAILED
 
 
 def test_a_memory_of_paths_begins_with_nothing_and_answers_the_same_question_without_a_check() -> None:
@@ -162,8 +159,7 @@ def test_a_memory_of_paths_begins_with_nothing_and_answers_the_same_question_wit
     again = ask(service, first.roadmap)
     assert again.ok
     assert again.stage(Stage.SEARCH).counts.states == 0
-    assert again.certificate is not None
-    assert again.certificate.certified, "certified again"
+    assert present(again.certificate).certified, "certified again"
     assert len(memory.milestones) == 0
 
 
@@ -172,9 +168,8 @@ def test_a_path_that_was_found_over_a_judged_roadmap_is_remembered_if_asked() ->
     for number in range(6):
         result = ask(service, roadmap, number)
         assert result.ok
-        assert result.roadmap is not None
-        assert len(result.roadmap.milestones) > len(roadmap.milestones)
-        roadmap = result.roadmap
+        assert len(present(result.roadmap).milestones) > len(roadmap.milestones)
+        roadmap = present(result.roadmap)
     assert lies(roadmap, service) == []
     assert len(grown().milestones) < len(roadmap.milestones)
 
@@ -182,20 +177,18 @@ def test_a_path_that_was_found_over_a_judged_roadmap_is_remembered_if_asked() ->
 def test_an_obstacle_on_a_known_path_is_never_driven_through(tmp_path: Path) -> None:
     service, roadmap = cell(), replace(grown(), remember=True)
     first = ask(service, roadmap)
-    assert first.roadmap is not None
     scene = in_the_way(first, service)
     save_scene(scene, tmp_path / "scene.toml")
     changed, judge = service.with_scene(scene), IndependentChecker(WXAI, tmp_path / "scene.toml")
-    result = ask(changed, first.roadmap)
+    result = ask(changed, present(first.roadmap))
     assert result.ok
     path, _ = result.unwrap()
     assert judge.curve_touch(path, path.length) is None
     old, _ = first.unwrap()
     assert judge.curve_touch(old, old.length) is not None
-    assert result.roadmap is not None
-    assert lies(result.roadmap, changed) == []
+    assert lies(present(result.roadmap), changed) == []
     assert "intruder changed" in result.stage(Stage.SEARCH).note
-    assert result.roadmap.pending == ("intruder",)
+    assert present(result.roadmap).pending == ("intruder",)
 
 
 def test_a_roadmap_told_of_an_obstacle_judges_only_what_that_may_touch() -> None:
@@ -203,12 +196,11 @@ def test_a_roadmap_told_of_an_obstacle_judges_only_what_that_may_touch() -> None
     scene = in_the_way(ask(service, roadmap), service)
     changed = service.with_scene(scene)
     update = changed.update_roadmap(roadmap)
-    assert roadmap.built is not None
     assert update.changed == ("intruder",)
     assert update.kept + update.judged + update.fell >= roadmap.edge_knowledge.count(FREE)
     assert update.kept > len(roadmap.edges) / 2
     assert update.fell > 0
-    assert update.counts.states < 0.35 * roadmap.built.counts.states
+    assert update.counts.states < 0.35 * present(roadmap.built).counts.states
     assert lies(update.roadmap, changed) == []
     assert set(update.roadmap.verdicts.tolist()) <= {FREE, BLOCKED}
 
@@ -229,8 +221,7 @@ def test_an_obstacle_that_came_and_went_before_anyone_looked_costs_nothing() -> 
     service, roadmap = cell(), grown()
     changed = service.with_scene(in_the_way(ask(service, roadmap), service))
     assert changed.scene.hash != service.scene.hash
-    seen = ask(changed, roadmap).roadmap
-    assert seen is not None
+    seen = present(ask(changed, roadmap).roadmap)
     back = service.update_roadmap(seen)
     assert lies(back.roadmap, service) == []
     assert back.counts.states < 0.1 * (roadmap.built.counts.states if roadmap.built else 0)
@@ -262,12 +253,11 @@ def test_under_other_terms_nothing_is_taken_for_known(what: str) -> None:
     padding = 0.002 if what == "padding" else 0.001
     result = service.plan(PlanRequest(query.start, query.goal, planner=roadmap, padding=padding, time_limit=None))
     assert result.ok
-    assert result.roadmap is not None
     if what == "padding":
         assert result.roadmap is roadmap, "what holds for another padding is not mixed in"
         return
-    assert lies(result.roadmap, service) == []
-    assert 0 < result.roadmap.edge_knowledge.count(FREE) < len(roadmap.edges) / 4
+    assert lies(present(result.roadmap), service) == []
+    assert 0 < present(result.roadmap).edge_knowledge.count(FREE) < len(roadmap.edges) / 4
     update = service.update_roadmap(roadmap)
     assert update.kept == 0
     assert lies(update.roadmap, service) == []
@@ -307,11 +297,9 @@ def test_a_roadmap_grown_for_one_plan_comes_back_with_it() -> None:
     query = queries.load("bin")[0]
     result = cell().plan(PlanRequest(query.start, query.goal, planner=FEW, seed=1, time_limit=None))
     assert result.ok
-    assert result.roadmap is not None
-    built = grown().built
-    assert built is not None
+    built = present(grown().built)
     assert result.stage(Stage.ROADMAP).counts == built.counts
-    assert result.roadmap.milestones.tolist() == grown().milestones.tolist()
+    assert present(result.roadmap).milestones.tolist() == grown().milestones.tolist()
 
 
 def test_progress_is_told_where_it_is_wanted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -327,8 +315,7 @@ def test_a_remembered_path_is_made_of_edges_that_were_judged_free() -> None:
     checker = CollisionChecker(service.robot, service.scene, edge_step=JointStep(0.05), padding=0.001)
     for number in range(5):
         result = ask(service, memory, number, "shelf")
-        assert result.roadmap is not None
-        memory = result.roadmap
+        memory = present(result.roadmap)
         for a, b in pairwise(result.unwrap()[0].waypoints[1:-1]):
             assert checker.edge_is_free(a, b)
     assert lies(memory, service) == []

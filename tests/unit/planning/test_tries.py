@@ -13,6 +13,7 @@ from planner_service import PlannerService, PlanRequest, Reason
 from planner_service.planning.search_stage import fresh_tries
 from planner_service.search.problem import SearchProblem, SearchResult
 from tests.integration.test_service import walled_in
+from tests.support.optional import present
 
 
 def test_the_first_tries_are_short_and_the_later_ones_twice_as_long_each() -> None:
@@ -40,8 +41,7 @@ def test_what_50_000_checks_do_not_solve_the_default_does(problem: str, seed: in
     (found,) = (p for p in public_problems().problems if p.id == problem)
     service = PlannerService(ROBOT, found.scene)
     few = service.plan(found.request(service.robot, seed=seed, max_checks=50_000))
-    assert few.failure is not None
-    assert few.failure.reason is Reason.CHECK_BUDGET_EXHAUSTED
+    assert present(few.failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
     result, again = (service.plan(found.request(service.robot, seed=seed, **clock)) for clock in ({}, NO_CLOCK))
     assert result.unwrap()[0].waypoints.tobytes() == again.unwrap()[0].waypoints.tobytes()
     assert result.counts == again.counts
@@ -54,8 +54,7 @@ NO_CLOCK = {"time_limit": None}
 
 def test_a_failure_names_the_budget_that_was_asked_for() -> None:
     result = walled_in().plan(PlanRequest((0.0, 0.0), (math.pi, 0.0), max_checks=3000, time_limit=None))
-    assert result.failure is not None
-    assert "3,000 checks that may be made, 2,400 of them by a search" in result.failure.detail
+    assert "3,000 checks that may be made, 2,400 of them by a search" in present(result.failure).detail
 
 
 class Quitter:
@@ -73,8 +72,7 @@ class Quitter:
 def test_a_planner_that_ends_by_itself_is_not_asked_for_ever() -> None:
     planner = Quitter()
     result = walled_in().plan(PlanRequest((0.0, 0.0), (math.pi, 0.0), planner=planner, time_limit=None))
-    assert result.failure is not None
-    assert result.failure.reason is Reason.PLANNING_FAILED
+    assert present(result.failure).reason is Reason.PLANNING_FAILED
     assert planner.asked == 4
 
 
