@@ -17,6 +17,7 @@ from planner_service import Cylinder, Obstacle, PlannerService, PlanRequest, Pla
 from planner_service.planning import Pace
 from planner_service.replanning import Replanned
 from planner_service.scene.scene import Scene
+from tests.support.optional import present
 from tests.support.pinned import pinned
 from tests.unit.planning.test_reference_plans import line as plan_line
 from tests.unit.replanning.test_replan import BENT, EMPTY, WIDE, disc
@@ -53,20 +54,17 @@ def out_of_the_bin() -> tuple[PlannerService, PlanResult]:
 
 def again(motion: PlanResult | Replanned, at: float, **changes: Any) -> Replanned:
     """Replan in the empty room, ``at`` a share of the motion's time."""
-    assert motion.trajectory is not None
-    return room().replan(motion, at_time=at * motion.trajectory.duration, **changes)
+    return room().replan(motion, at_time=at * present(motion.trajectory).duration, **changes)
 
 
 def in_the_discs(at: float, **changes: Any) -> Replanned:
     service, motion = among_discs()
-    assert motion.trajectory is not None
-    return service.replan(motion, at_time=at * motion.trajectory.duration, **changes)
+    return service.replan(motion, at_time=at * present(motion.trajectory).duration, **changes)
 
 
 def over_the_bin(at: float, **changes: Any) -> Replanned:
     service, motion = out_of_the_bin()
-    assert motion.trajectory is not None
-    return service.replan(motion, at_time=at * motion.trajectory.duration, **changes)
+    return service.replan(motion, at_time=at * present(motion.trajectory).duration, **changes)
 
 
 def with_post(x: float, y: float) -> Scene:

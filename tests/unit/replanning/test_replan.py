@@ -54,6 +54,7 @@ from planner_service.scene.scene import Scene
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.timing.laws import TimingFailed
 from planner_service.timing.limit_check import peaks
+from tests.support.optional import present
 
 EMPTY = Scene(())
 BENT = np.array([[0.0, 0.0], [1.0, 0.2], [1.6, 1.0], [2.4, 1.0]])
@@ -88,8 +89,7 @@ def disc(angle: float, radius: float = 0.05, *, away: float = 1.4) -> Scene:
 
 
 def trajectory_of(motion: PlanResult | Replanned) -> Trajectory:
-    assert motion.trajectory is not None
-    return motion.trajectory
+    return present(motion.trajectory)
 
 
 def jumps(old: PlanResult, new: Replanned) -> list[float]:
@@ -136,8 +136,7 @@ def test_the_old_motion_may_be_under_any_law(room: PlannerService, law: Any) -> 
 
 def test_a_new_motion_holds_the_limits_at_a_thousand_instants_too(room: PlannerService, curved: PlanResult) -> None:
     found = room.replan(curved, at_time=0.9, goal=(2.2, 0.6))
-    assert found.result.motion is not None
-    told = found.result.motion.peaks
+    told = present(found.result.motion).peaks
     assert max(told.velocity.ratio, told.acceleration.ratio) <= 1.0 + 1e-9
     motion, limits = trajectory_of(found), room.robot.limits
     t = np.linspace(0.0, motion.duration, 1000)
@@ -161,10 +160,9 @@ def test_a_new_motion_ends_at_rest_at_the_goal_to_the_last_bit(room: PlannerServ
 def test_before_the_splice_the_new_path_is_the_old_one(room: PlannerService, curved: PlanResult) -> None:
     found = room.replan(curved, at_time=0.7, goal=(2.25, 0.875))
     old, new = trajectory_of(curved), trajectory_of(found)
-    assert found.path is not None
     shift = float(old.s(found.splice)) - new.begin
     s = np.linspace(float(old.s(0.7)), float(old.s(found.splice)), 50)
-    assert np.abs(old.path(s) - found.path(s - shift)).max() <= NO_JUMP
+    assert np.abs(old.path(s) - present(found.path)(s - shift)).max() <= NO_JUMP
 
 
 def test_twenty_steps_in_a_row_after_a_goal_that_moves_are_one_smooth_motion(room: PlannerService) -> None:
@@ -181,8 +179,7 @@ def test_twenty_steps_in_a_row_after_a_goal_that_moves_are_one_smooth_motion(roo
 @pytest.mark.slow
 def test_a_tool_follows_a_goal_that_wanders_and_stops_at_most_once() -> None:
     service = PlannerService("wxai", "post")
-    setting = measure.wandering_goal(service, queries.load("post")[2])
-    assert setting is not None
+    setting = present(measure.wandering_goal(service, queries.load("post")[2]))
     told = measure.drive(service, *setting, steps=40)
     assert told.stops <= 1
     assert told.uncertified == told.touching == 0
@@ -228,8 +225,7 @@ def test_what_is_proven_begins_where_the_robot_is_and_ends_with_the_motion(
     assert found.certificate is not None
     assert found.certificate.certified
     assert found.path is not None
-    part = found.certificate.part
-    assert part is not None
+    part = present(found.certificate.part)
     assert found.path(part[0]) == pytest.approx(trajectory_of(swing)(0.5), abs=1e-12)
     assert part[1] == trajectory_of(found).end == found.path.length
     again = Certifier(room.robot, disc(2.0)).certify(found.path, part=part)
@@ -241,10 +237,8 @@ def test_without_a_way_the_robot_stops_along_the_old_curve(room: PlannerService,
     found = room.replan(swing, at_time=0.5, scene=scene)
     assert found.outcome is Outcome.STOP
     assert found.ok
-    assert found.failure is not None
-    assert found.failure.reason is Reason.GOAL_IN_COLLISION
-    assert found.certificate is not None
-    assert found.certificate.certified
+    assert present(found.failure).reason is Reason.GOAL_IN_COLLISION
+    assert present(found.certificate).certified
     assert max(jumps(swing, found)) <= NO_JUMP
     motion = trajectory_of(found)
     assert touching(motion, scene) == 0
@@ -285,8 +279,7 @@ def test_a_stop_is_as_gentle_as_asked_where_that_is_safe(room: PlannerService) -
     slow = room.plan(request)
     gentle = room.replan(slow, at_time=1.0, scene=disc(2.4), request=request)
     assert gentle.outcome is Outcome.STOP
-    assert gentle.result.motion is not None
-    assert gentle.result.motion.peaks.acceleration.ratio == pytest.approx(1.0)
+    assert present(gentle.result.motion).peaks.acceleration.ratio == pytest.approx(1.0)
     here = float(trajectory_of(gentle)(trajectory_of(gentle).duration)[0])
     hard = room.replan(slow, at_time=1.0, scene=disc(here, away=0.9), request=request)
     assert hard.outcome is Outcome.STOP
@@ -319,8 +312,7 @@ def test_a_goal_out_of_reach_is_not_answered_with_the_way_to_the_old_one(
 ) -> None:
     found = room.replan(swing, at_time=0.5, goal=Pose((5.0, 0.0, 0.0)))
     assert found.outcome is Outcome.STOP
-    assert found.failure is not None
-    assert found.failure.reason is Reason.NO_IK_SOLUTION
+    assert present(found.failure).reason is Reason.NO_IK_SOLUTION
 
 
 def test_the_old_goal_as_a_pose_is_still_the_goal(room: PlannerService, swing: PlanResult) -> None:
@@ -340,8 +332,7 @@ def test_a_way_that_samples_pass_but_cannot_be_proven_is_not_taken(swing: PlanRe
     coarse = PlannerService("planar2", disc(1.9, 0.001, away=0.7), edge_step=JointStep(0.5))
     found = coarse.replan(swing, at_time=0.5)
     assert found.outcome is Outcome.STOP
-    assert found.failure is not None
-    assert found.failure.reason is Reason.NOT_CERTIFIED
+    assert present(found.failure).reason is Reason.NOT_CERTIFIED
 
 
 def test_a_stop_remembers_the_waypoints_beyond_it(room: PlannerService, curved: PlanResult) -> None:
@@ -350,8 +341,7 @@ def test_a_stop_remembers_the_waypoints_beyond_it(room: PlannerService, curved: 
     found = room.replan(curved, at_time=0.3, scene=scene)
     assert found.outcome is Outcome.STOP
     assert found.ahead[-1].tolist() == BENT[-1].tolist()
-    assert found.path is not None
-    assert len(found.path.waypoints) + len(found.ahead) == len(BENT)
+    assert len(present(found.path).waypoints) + len(found.ahead) == len(BENT)
 
 
 @pytest.mark.parametrize("ahead", [0.05, 0.15, 0.25])
@@ -369,8 +359,7 @@ def test_an_obstacle_that_makes_the_stop_impossible_is_said_with_the_earliest_st
     assert found.result.failure.reason is Reason.NOT_CERTIFIED
     assert "nothing is safe: the earliest stop along the old curve ends" in found.result.failure.detail
     assert "upper_arm x disc" in found.result.failure.detail
-    assert found.stop is not None
-    assert touching(found.stop, scene) > 0
+    assert touching(present(found.stop), scene) > 0
 
 
 def test_an_obstacle_where_the_robot_is_before_the_splice_makes_nothing_safe(
@@ -392,8 +381,7 @@ def test_nor_in_the_way_of_the_proof_of_its_saved_plan(room: PlannerService, swi
     save_scene(service.scene, world)
     found = service.replan(swing, at_time=1.0)
     save_plan(SavedPlan(service.world, found.request, found.result), plan)
-    assert found.path is not None
-    assert not service.certify(found.path).certified
+    assert not service.certify(present(found.path)).certified
     done = CliRunner().invoke(app, ["certify", plan, "--robot", "planar2", "--scene", world])
     assert done.stdout.startswith("certified: ")
     assert "of its path remains" in done.stdout
@@ -421,8 +409,7 @@ def test_a_robot_at_rest_that_can_go_nowhere_stays_and_that_is_proven(room: Plan
         assert found.outcome is Outcome.STOP
         assert trajectory_of(found).duration == 0.0
         assert trajectory_of(found)(0.0).tolist() == [2.4, 0.0]
-        assert found.certificate is not None
-        assert found.certificate.certified
+        assert present(found.certificate).certified
 
 
 def test_on_a_fixed_way_out_of_a_pose_the_old_motion_goes_on() -> None:
@@ -431,8 +418,7 @@ def test_on_a_fixed_way_out_of_a_pose_the_old_motion_goes_on() -> None:
     found = service.replan(old, at_time=0.05)
     assert found.outcome is Outcome.KEPT
     assert [interval.pairs for interval in found.result.exempt] == [interval.pairs for interval in old.exempt]
-    assert found.certificate is not None
-    assert found.certificate.certified
+    assert present(found.certificate).certified
 
 
 def test_a_fixed_way_into_a_pose_is_exempt_to_its_last_bit_wherever_the_robot_is() -> None:
@@ -452,8 +438,7 @@ def test_what_was_meant_to_be_touched_and_is_gone_is_no_mistake(room: PlannerSer
     old = PlannerService("planar2", disc(0.6)).follow(BENT, pace=Pace(ToppRa()), contacts=(meant,))
     assert old.ok
     found = room.replan(old, at_time=0.5)
-    assert found.certificate is not None
-    assert found.certificate.certified
+    assert present(found.certificate).certified
     assert found.result.exempt == ()
 
 
@@ -481,10 +466,8 @@ def test_what_came_of_replanning_is_saved_and_read_without_losing_a_bit(
 ) -> None:
     result = room.replan(swing, at_time=0.5, scene=disc(2.0)).result
     again = ResultRecord.model_validate(json.loads(json.dumps(result_record(result)))).value
-    assert again.trajectory is not None
-    assert result.trajectory is not None
-    assert again.trajectory.part == result.trajectory.part
-    assert again.trajectory(0.1).tolist() == result.trajectory(0.1).tolist()
+    assert present(again.trajectory).part == present(result.trajectory).part
+    assert present(again.trajectory)(0.1).tolist() == present(result.trajectory)(0.1).tolist()
     assert again.certificate == result.certificate
 
 
@@ -531,8 +514,7 @@ def small(swing: PlanResult, **settings: Any) -> PlanRequest:
 def test_a_spent_budget_ends_in_a_proven_stop(room: PlannerService, swing: PlanResult) -> None:
     found = room.replan(swing, at_time=0.5, scene=disc(2.0), request=small(swing, max_checks=20))
     assert found.outcome is Outcome.STOP
-    assert found.failure is not None
-    assert found.failure.reason is Reason.CHECK_BUDGET_EXHAUSTED
+    assert present(found.failure).reason is Reason.CHECK_BUDGET_EXHAUSTED
     assert found.counts.states == 20
 
 
@@ -547,8 +529,7 @@ def test_a_cancelled_call_ends_in_a_proven_stop(room: PlannerService, swing: Pla
     token.cancel()
     found = room.replan(swing, at_time=0.5, cancel=token)
     assert found.outcome is Outcome.STOP
-    assert found.failure is not None
-    assert found.failure.reason is Reason.PREEMPTED
+    assert present(found.failure).reason is Reason.PREEMPTED
 
 
 def test_a_call_that_is_cancelled_while_another_plans_stops_without_waiting_for_it(swing: PlanResult) -> None:
@@ -599,8 +580,7 @@ def test_the_tool_stays_as_slow_as_it_must_be(room: PlannerService) -> None:
     old = room.plan(request)
     found = room.replan(old, at_time=1.5, goal=(2.4, 0.8), request=request)
     assert found.outcome is Outcome.NEW
-    assert found.result.motion is not None
-    assert found.result.motion.tool_speed <= 0.4 * (1.0 + 1e-6)
+    assert present(found.result.motion).tool_speed <= 0.4 * (1.0 + 1e-6)
     assert max(jumps(old, found)) <= NO_JUMP
 
 
@@ -615,8 +595,7 @@ def test_a_real_arm_around_a_post_that_moves() -> None:
         there = scene.moved("post_ahead", Pose((x, y, z)))
         new = service.replan(old, at_time=0.0, scene=there, request=request)
         assert new.ok
-        assert new.certificate is not None
-        assert new.certificate.certified
+        assert present(new.certificate).certified
         assert (
             max(float(np.abs(trajectory_of(old)(0.1, k) - trajectory_of(new)(0.0, k)).max()) for k in range(3)) < 1e-11
         )
@@ -801,8 +780,7 @@ def descend() -> PlanResult:
 
 
 def made_by(result: PlanResult) -> PlannerService:
-    assert result.origin is not None
-    return PlannerService.of(result.origin.world)
+    return PlannerService.of(present(result.origin).world)
 
 
 def test_contact_stays_meant_with_an_object_that_stands_where_it_stood(descend: PlanResult) -> None:
@@ -906,8 +884,7 @@ def test_without_a_request_what_was_asked_before_is_kept(room: PlannerService) -
     found = room.replan(room.plan(asked), at_time=0.5, scene=disc(2.0))
     kept = ("padding", "velocity_scale", "acceleration_scale", "max_tool_speed", "seed", "blend", "max_checks")
     assert {name: getattr(found.request, name) for name in kept} == {name: getattr(asked, name) for name in kept}
-    assert found.result.motion is not None
-    assert found.result.motion.tool_speed <= 0.2 * (1.0 + 1e-6)
+    assert present(found.result.motion).tool_speed <= 0.2 * (1.0 + 1e-6)
     assert any("timed by toppra, which can begin at speed, not by s-curve" in note for note in found.result.notes)
     again = room.replan(found, at_time=0.1, scene=disc(2.1))
     assert {name: getattr(again.request, name) for name in kept} == {name: getattr(asked, name) for name in kept}
