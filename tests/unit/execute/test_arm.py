@@ -22,6 +22,7 @@ from planner_service.execute import stream as execution
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime
+from tests.support.optional import present
 
 QUICK = Streaming(settle=0.02, gripper_time=0.1)
 STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
@@ -98,8 +99,7 @@ def test_after_a_jump_no_reading_is_believed(plan: PlanResult, arm: FakeArm, rob
 
     arm.seen = seen
     report = stopped(plan, arm, robot)
-    assert report.stopped is not None
-    assert report.stopped.endswith(PLANNED)
+    assert present(report.stopped).endswith(PLANNED)
     assert len(jumped) == 2
     assert np.array_equal(arm.held, [arm.told[-1][0]])
 
@@ -109,8 +109,7 @@ def test_an_encoder_that_jumps_while_the_gripper_moves_is_not_believed(
 ) -> None:
     arm.seen = lambda: arm.q + np.array([0.0, 0.45, 0.0, 0.0, 0.0, 0.0]) * len(arm.widths)
     report = stopped(in_two(service, plan), arm, robot, replace(QUICK, gripper_time=2.0))
-    assert report.stopped is not None
-    assert report.stopped.endswith(PLANNED)
+    assert present(report.stopped).endswith(PLANNED)
     assert np.array_equal(arm.held, [robot.home])
 
 
@@ -152,9 +151,8 @@ READINGS: dict[str, Callable[[Any], Any]] = {
 def test_a_malformed_reading_stops_the_stream(what: str, plan: PlanResult, arm: FakeArm, robot: Robot) -> None:
     arm.seen = lambda: READINGS[what](arm.q) if len(arm.told) > 20 else arm.q
     report = stopped(plan, arm, robot)
-    assert report.stopped is not None
-    assert report.stopped.startswith("stopped by InvalidRequest: ")
-    assert report.stopped.endswith(PLANNED)
+    assert present(report.stopped).startswith("stopped by InvalidRequest: ")
+    assert present(report.stopped).endswith(PLANNED)
     assert len(arm.held) == 1
     assert report.motions[0].recording.measured.shape == (20, 6)
 
@@ -327,8 +325,7 @@ def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(
     if method == "gripper_width":  # it is asked once before anything is commanded
         hanging.after, hanging.passed = 0, 1
     report = stopped(in_two(service, plan), hanging, robot)
-    assert report.stopped is not None
-    assert f"{method}() of the driver has not returned for 0.2 s; the arm was told to hold" in report.stopped
+    assert f"{method}() of the driver has not returned for 0.2 s; the arm was told to hold" in present(report.stopped)
     assert len(hanging.held) == 1
     told = len(hanging.told)
     hanging.released.set()
@@ -344,9 +341,8 @@ def test_of_a_hold_that_does_not_return_the_caller_is_told(plan: PlanResult, han
 
     hanging.trouble, hanging.method = fail, "hold"
     report = stopped(plan, hanging, robot)
-    assert report.stopped is not None
-    assert "THE ARM COULD NOT BE TOLD TO HOLD" in report.stopped
-    assert "use its emergency stop" in report.stopped
+    assert "THE ARM COULD NOT BE TOLD TO HOLD" in present(report.stopped)
+    assert "use its emergency stop" in present(report.stopped)
 
 
 def test_ctrl_c_says_what_the_arm_was_told(plan: PlanResult, arm: FakeArm, robot: Robot) -> None:

@@ -46,6 +46,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
 from planner_service.tasks import Segment
 from tests.support.arms import FakeArm, FakeTime
+from tests.support.optional import present
 
 WORLD = ["--robot", "wxai", "--scene", "empty"]
 QUICK = Streaming(settle=0.02, gripper_time=0.1)
@@ -129,11 +130,12 @@ def test_a_trajectory_without_a_proof_is_executed_only_if_told(there: PlanResult
 def test_what_counts_is_the_proof_made_now_and_not_the_one_a_plan_brings(
     proof: str, there: PlanResult, arm: FakeArm, robot: Robot
 ) -> None:
-    assert there.certificate is not None
     certificate = {
         "none": None,
-        "refused": replace(there.certificate, refusal=Refusal(0.0, 0.1, 0.0, "link_2", "link_5", "they touch")),
-        "of a part": replace(there.certificate, part=(0.01, motion_of(there).end)),
+        "refused": replace(
+            present(there.certificate), refusal=Refusal(0.0, 0.1, 0.0, "link_2", "link_5", "they touch")
+        ),
+        "of a part": replace(present(there.certificate), part=(0.01, motion_of(there).end)),
     }[proof]
     assert execute(replace(there, certificate=certificate), arm, robot, QUICK).ok
 
@@ -351,8 +353,7 @@ def test_a_stream_that_is_too_late_stops_and_holds_the_arm(
 
     arm.trouble = stall
     report = stopped(there, arm, robot, replace(QUICK, latest=0.03))
-    assert report.stopped is not None
-    assert "0.03 s are allowed (latest)" in report.stopped
+    assert "0.03 s are allowed (latest)" in present(report.stopped)
     assert (len(arm.told), len(arm.held)) == (6, 1)
 
 
@@ -389,8 +390,9 @@ def test_an_arm_that_does_not_say_where_it_is_holds_what_was_planned_last(
     arm.trouble = fail
     report = stopped(there, arm, robot)
     planned = report.motions[0].trajectory.sample(0.004).q
-    assert report.stopped is not None
-    assert report.stopped.endswith("hold the last planned configuration, as it gave no reading that can be believed")
+    assert present(report.stopped).endswith(
+        "hold the last planned configuration, as it gave no reading that can be believed"
+    )
     assert np.array_equal(arm.held, planned[12:13])  # not where it was told to be, which is ahead of its path
 
 
@@ -404,8 +406,7 @@ def test_an_arm_is_told_to_hold_until_it_hears_or_the_caller_is_told(
     arm.trouble, arm.refusals = fail, refusals
     report = stopped(there, arm, robot)
     assert len(arm.held) == holds
-    assert report.stopped is not None
-    assert ("use its emergency stop" in report.stopped) == (holds == 0)
+    assert ("use its emergency stop" in present(report.stopped)) == (holds == 0)
 
 
 def grip_of(result: PlanResult) -> PlanResult:
@@ -415,9 +416,8 @@ def grip_of(result: PlanResult) -> PlanResult:
 
 def touching(result: PlanResult, *pairs: tuple[str, str]) -> PlanResult:
     """The plan, as if these pairs were meant to touch."""
-    assert result.certificate is not None
     touch = ExemptInterval(0.0, 0.01, pairs, "they are meant to")
-    return replace(result, certificate=replace(result.certificate, exempt=(touch,)))
+    return replace(result, certificate=replace(present(result.certificate), exempt=(touch,)))
 
 
 def test_the_gripper_moves_between_motions_and_presses_on_what_it_takes(
@@ -455,8 +455,7 @@ def test_an_arm_that_did_not_arrive_begins_no_other_motion(
     arm.trouble = drift
     report = stopped(task_of(service, Segment("there", there, 0.06), Segment("back", back, 0.06)), arm, robot)
     assert [motion.name for motion in report.motions] == ["there"]
-    assert report.stopped is not None
-    assert "end of there" in report.stopped
+    assert "end of there" in present(report.stopped)
     assert len(arm.held) == 1
 
 
@@ -471,8 +470,7 @@ def test_an_arm_that_has_moved_while_the_gripper_did_begins_no_other_motion(
     arm.trouble = lambda k: setattr(arm, "gripper_width", closed)
     report = stopped(task, arm, robot)
     assert [motion.name for motion in report.motions] == ["there"]
-    assert report.stopped is not None
-    assert "start of back" in report.stopped
+    assert "start of back" in present(report.stopped)
 
 
 def test_an_arm_that_pauses_on_its_way_to_rest_gets_its_time(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
@@ -486,8 +484,9 @@ def test_an_arm_that_did_not_arrive_has_not_executed_its_last_motion(
 ) -> None:
     arm.seen = lambda: arm.q + (0.02 * (arm.q - robot.home > 0.039) if arm.told else 0.0)
     report = stopped(there, arm, robot)
-    assert report.stopped is not None
-    assert "end of motion: got joint_0 at 0.0600; expected 0.0400 within 0.01 (start_tolerance)" in report.stopped
+    assert "end of motion: got joint_0 at 0.0600; expected 0.0400 within 0.01 (start_tolerance)" in present(
+        report.stopped
+    )
     assert (report.motions[0].completed, len(arm.held)) == (True, 1)
 
 
@@ -503,8 +502,7 @@ def test_an_arm_that_does_not_follow_is_stopped_and_holds_where_it_is(
     stuck = robot.home + 0.1 * STEP
     arm.seen = lambda: stuck.copy() if np.abs(arm.q - robot.home).max() > 0.004 else arm.q
     report = stopped(far, arm, robot, replace(QUICK, speed=speed))
-    assert report.stopped is not None
-    assert "within 0.1 (tracking_tolerance); the arm was told to hold where it was" in report.stopped
+    assert "within 0.1 (tracking_tolerance); the arm was told to hold where it was" in present(report.stopped)
     assert np.array_equal(arm.held, [stuck])
     told = float(np.abs(arm.told[-1][0] - stuck).max())
     fastest = float(np.abs(arm.told[-1][1]).max())
@@ -524,8 +522,7 @@ def test_an_arm_that_follows_late_but_on_its_path_goes_on(
 def test_an_arm_that_says_what_cannot_be_is_stopped(k: int, there: PlanResult, arm: FakeArm, robot: Robot) -> None:
     arm.seen = lambda: np.full(6, np.nan) if len(arm.told) > k else arm.q
     report = stopped(there, arm, robot)
-    assert report.stopped is not None
-    assert "joint_0 at nan" in report.stopped
+    assert "joint_0 at nan" in present(report.stopped)
     assert len(arm.told) == k + 1
     assert np.array_equal(arm.held, arm.told[-1][:1])
 
@@ -615,8 +612,7 @@ def test_a_grip_on_nothing_or_on_something_else_stops(
     task = task_of(service, Segment("down", grip_of(there), 0.07), Segment("up", back, 0.045))
     report = stopped(task, arm, robot, allow_unproven=True)
     assert [motion.name for motion in report.motions] == ["down"]
-    assert report.stopped is not None
-    assert f"gripper: got {stands}; expected 0.0450 within 0.005 (gripper_tolerance)" in report.stopped
+    assert f"gripper: got {stands}; expected 0.0450 within 0.005 (gripper_tolerance)" in present(report.stopped)
     assert len(arm.held) == 1
 
 
