@@ -20,6 +20,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from tests.support.optional import present
 
 NANO = 1.1e-9  # clearances and depths are whole nanometres, rounded to the safe side
 ROOT = Path(__file__).parents[3]
@@ -103,15 +104,13 @@ def test_verdicts_of_the_independent_checker_are_those_of_plane_geometry() -> No
 def test_the_independent_checker_refuses_a_path_and_a_motion_through_the_disc_and_names_the_pair() -> None:
     second = IndependentChecker(ROOT / "robots" / "planar2", ROOT / "scenes" / "discs.toml")
     line = np.array([[0.0, 0.0], LESSON_GOAL])
-    found = second.path_touch(line)
-    assert found is not None
+    found = present(second.path_touch(line))
     assert (found.a, found.b) == ("forearm", "lesson_disc")
     assert found.q[0] / LESSON_GOAL[0] == pytest.approx(0.29005, abs=5e-4)
     assert not second.trajectory_is_free(lambda t: np.outer(t / 3.0, LESSON_GOAL), 3.0)
     assert second.trajectory_is_free(lambda t: np.outer(t / 3.0, 0.29 * LESSON_GOAL), 3.0)
     assert second.path_is_free(0.29 * line)
-    outside = second.touch([4.0, 0.0])
-    assert outside is not None
+    outside = present(second.touch([4.0, 0.0]))
     assert (outside.a, outside.b) == ("shoulder", "limit")
 
 

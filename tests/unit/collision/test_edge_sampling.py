@@ -27,6 +27,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from tests.support.optional import present
 
 PLANAR = load_robot("planar2")
 WXAI = load_robot("wxai")
@@ -197,8 +198,7 @@ def test_states_count_up_to_and_including_the_first_that_collides(sixteenth: int
 
 def test_the_first_in_bisection_order_is_the_one_reported() -> None:
     checker = planar(pin_at(1.0 / 16.0, 12.0 / 16.0, 6.0 / 16.0), SIXTEEN)
-    hit = checker.edge_hit([0.0, 0.0], [1.0, 0.0])
-    assert hit is not None
+    hit = present(checker.edge_hit([0.0, 0.0], [1.0, 0.0]))
     assert (hit.fraction, hit.a, hit.b) == (0.75, "forearm", "pin_1")
     assert checker.counts == CheckCounts(states=5, edges=1)
 
@@ -218,8 +218,7 @@ def test_ends_are_judged_before_the_interior_and_the_start_before_the_end() -> N
     assert spent(both, [0.0, 0.0], [1.0, 0.0], Known.START) == (False, 1)
     end = planar(pin_at(0.5, 1.0), SIXTEEN)
     assert spent(end, [0.0, 0.0], [1.0, 0.0]) == (False, 2)
-    hit = end.edge_hit([0.0, 0.0], [1.0, 0.0])
-    assert hit is not None
+    hit = present(end.edge_hit([0.0, 0.0], [1.0, 0.0]))
     assert hit.fraction == 1.0
 
 
@@ -312,8 +311,7 @@ def test_long_edges_are_counted_alike_in_whatever_batches_they_are_judged() -> N
 
 def test_the_lesson_s_edge_is_stopped_at_its_middle() -> None:
     checker = planar(load_scene("discs"))
-    hit = checker.edge_hit([0.0, 0.0], [math.pi / 2, -math.pi / 2])
-    assert hit is not None
+    hit = present(checker.edge_hit([0.0, 0.0], [math.pi / 2, -math.pi / 2]))
     assert (hit.a, hit.b) == ("forearm", "lesson_disc")
     assert hit.fraction == pytest.approx(0.5, abs=0.01)
     assert checker.counts == CheckCounts(states=3, edges=1)

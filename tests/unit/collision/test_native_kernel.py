@@ -30,6 +30,7 @@ from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.native.loading import load_core
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Attached, Scene, load_scene
+from tests.support.optional import present
 
 if TYPE_CHECKING:
     from planner_service.native import _core
@@ -92,8 +93,7 @@ def test_both_backends_agree_with_carried_objects_and_padding() -> None:
 def test_the_comparison_notices_a_kernel_with_a_wrong_margin(wrong: float) -> None:
     first, second = checkers(*case("wxai bin"))
     if isinstance(first._backend, NativeBackend):
-        wrongly = build_kernel(first.robot, first._parts, wrong)
-        assert wrongly is not None
+        wrongly = present(build_kernel(first.robot, first._parts, wrong))
         first._backend.kernel = wrongly
         first._kernel = first._configured_kernel()
     assert bool(compare((first, second), STATES, EDGES, seed=11).differences) == BUILT

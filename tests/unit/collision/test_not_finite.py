@@ -21,6 +21,7 @@ from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
+from tests.support.optional import present
 
 WXAI, BIN = load_robot("wxai"), load_scene("bin")
 CHECKER = CollisionChecker(WXAI, BIN)
@@ -63,8 +64,7 @@ def test_no_broad_phase_answers(value: float) -> None:
 @bad_values
 @pytest.mark.parametrize("variant", kernel_instruction_sets())
 def test_no_kernel_answers(variant: str, value: float) -> None:
-    kernel = build_kernel(WXAI, CHECKER.parts, MARGIN, variant)
-    assert kernel is not None
+    kernel = present(build_kernel(WXAI, CHECKER.parts, MARGIN, variant))
     Q = rows(value)
     good, bad = WXAI.home.tolist(), Q[len(Q) // 2].tolist()
     for ask in (
