@@ -33,6 +33,7 @@ from planner_service.collision.budget import Cancelled
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import load_task
 from planner_service.records.recertify import recertify
+from tests.support.optional import present
 
 CUBE = Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.28, 0.10, 0.0215)))
 ROBOTS = ("wxai", "wxai_dual", "wxai_mesh", "panda")
@@ -95,8 +96,7 @@ def test_a_motion_that_ends_where_it_began_is_judged_at_that_width() -> None:
 def test_fingers_may_touch_what_they_close_on_and_nothing_else() -> None:
     service = PlannerService("wxai", load_scene("table").with_obstacle(CUBE))
     task = pick(service, service.robot.home, "block", top_grasps(service.robot, CUBE), Handling(support="table"))
-    grip = task.segments[2].gripper
-    assert grip is not None
+    grip = present(task.segments[2].gripper)
     assert grip.certificate.certified
     assert {pair for e in grip.certificate.exempt for pair in e.pairs} == {
         ("finger_left", "block"),
@@ -136,8 +136,7 @@ def test_a_pick_whose_gripper_cannot_open_says_which_pair_and_at_what_width() ->
     service = PlannerService(robot, load_scene("bin").with_obstacle(plate(0.027)))
     grasps = top_grasps(robot, service.scene.obstacle("blue_block"))
     task = pick(service, robot.home, "blue_block", grasps, Handling(support="bin_floor"))
-    assert task.failure is not None
-    assert "the gripper cannot open from 0.0 to 69.0 mm: finger_left x plate are not" in task.failure.detail
+    assert "the gripper cannot open from 0.0 to 69.0 mm: finger_left x plate are not" in present(task.failure).detail
     assert task.counts.distances > 0
 
 
