@@ -12,14 +12,13 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 from tests.support.discs import WALL, DiscWorld, GlancingWorld, Stop, across, length
+from tests.support.optional import present
 
 NOTHING: tuple[tuple[float, float, float], ...] = ()
 
 
 def found(world: DiscWorld, *, n: int = 2, seed: int = 0) -> FloatArray:
-    waypoints = RRTConnect(range=0.3).search(across(world, n=n, seed=seed)).waypoints
-    assert waypoints is not None
-    return waypoints
+    return present(RRTConnect(range=0.3).search(across(world, n=n, seed=seed)).waypoints)
 
 
 @pytest.mark.slow
