@@ -36,6 +36,7 @@ from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, standing_on
+from tests.support.optional import present
 
 PLANAR = ("plan", "--robot", "planar2", "--scene", "discs", "--time-limit", "inf")
 BLOCKED = (*PLANAR, "--start", "lesson_start", "--goal", "lesson_goal")
@@ -177,8 +178,7 @@ def test_no_plan_ends_with_1_the_reason_and_a_file(goal: str, reason: str, tmp_p
     assert result.exit_code == 1
     assert result.stdout.startswith("no plan: wxai in table")
     assert re.search(f"^no plan: {reason}", result.stderr)
-    failure = load_plan(path).result.failure
-    assert failure is not None
+    failure = present(load_plan(path).result.failure)
     assert re.match(reason.split()[0], failure.reason.value)
 
 
@@ -438,13 +438,11 @@ def started(*arguments: str) -> subprocess.Popen[str]:
 def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
     path = tmp_path / "plan.json"
     process = started(*BLOCKED, "--json", "--out", str(path))
-    assert process.stdout is not None
-    process.stdout.close()
-    assert process.stderr is not None
-    assert process.stderr.read() == ""
+    present(process.stdout).close()
+    assert present(process.stderr).read() == ""
     assert process.wait() == 0
     assert load_plan(path).result.ok
-    process.stderr.close()
+    present(process.stderr).close()
 
 
 def test_an_interrupted_search_ends_with_130_quietly(monkeypatch: pytest.MonkeyPatch) -> None:

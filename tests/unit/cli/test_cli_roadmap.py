@@ -22,6 +22,7 @@ from planner_service.records.plan_file import load_plan
 from planner_service.roadmap import Roadmap, RoadmapReference, Verdict
 from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
 from planner_service.service import PlannerService
+from tests.support.optional import present
 
 PLANAR = ("--robot", "planar2", "--scene", "discs")
 SMALL = ("--milestones", "60", "--neighbours", "5")
@@ -98,8 +99,7 @@ def test_a_build_prints_what_is_in_it_and_what_it_cost(tmp_path: Path, monkeypat
     assert "milestones 60: 60 free, 0 blocked, 0 unknown" in words
     free, blocked = (found.edge_knowledge.count(v) for v in (Verdict.FREE, Verdict.BLOCKED))
     assert f"edges {len(found.edges)}: {free} free, {blocked} blocked, 0 unknown" in words
-    assert found.built is not None
-    assert f"cost {found.built.counts.states:,} states, {len(found.edges)} edges" in words
+    assert f"cost {present(found.built).counts.states:,} states, {len(found.edges)} edges" in words
 
 
 @pytest.mark.parametrize(("name", "verdict"), [("PRMstar", "free"), ("lazyprm", "unknown")])
@@ -201,8 +201,7 @@ def test_a_plan_over_a_roadmap_is_kept_with_its_hash(there: Path, tmp_path: Path
     told = document("query", there, *ENDS, "--plan", path)
     saved = load_plan(path)
     assert saved.result.ok
-    assert saved.request is not None
-    assert saved.request.planner == RoadmapReference(Roadmap.load(there).hash)
+    assert present(saved.request).planner == RoadmapReference(Roadmap.load(there).hash)
     assert told["request"] == json.loads(path.read_text())["request"]
 
 

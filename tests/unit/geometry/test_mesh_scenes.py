@@ -16,6 +16,7 @@ from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
 from planner_service.service import PlannerService
 from tests.laws.test_certify_laws import COAL, anywhere, samples
 from tests.support.hull_arm import HELD, RAMP, ROCK, HullSetup, binary_stl, write_arm
+from tests.support.optional import present
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +103,7 @@ def test_a_plan_among_meshes_is_proven_again_from_its_file(folder: Path, tmp_pat
     again = Scene(load_scene(tmp_path / "scene.toml").obstacles, (HELD,))
     other = HullSetup("again", folder).robot()
     assert (plan.robot.hash, plan.scene.hash) == (other.hash, again.hash)
-    path = plan.result.path
-    assert path is not None
+    path = present(plan.result.path)
     found = certify(other, again, path)
     assert found.certified
     dense = samples(path, second.reach, 0.001)

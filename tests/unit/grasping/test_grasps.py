@@ -17,6 +17,7 @@ from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, plan_pick_place
 from planner_service.tasks.primitives import pick
 from planner_service.tasks.result import Handling
+from tests.support.optional import present
 
 LOPSIDED = Mesh(np.array([[x, y, z] for x in (0.10, 0.14) for y in (-0.21, -0.18) for z in (0.0, 0.06)]))
 
@@ -97,8 +98,7 @@ def _matrix(pose: tuple[float, ...]) -> FloatArray:
 @pytest.mark.parametrize("name", GRIPPING)
 @pytest.mark.parametrize("shape", [Box((0.04, 0.05, 0.06)), Cylinder(0.02, 0.06)], ids=["box", "cylinder"])
 def test_a_grasp_points_down_within_its_tilt_and_the_fingers_close_level(name: str, shape: Box | Cylinder) -> None:
-    gripper = load_robot(name).gripper
-    assert gripper is not None
+    gripper = present(load_robot(name).gripper)
     target = Obstacle("thing", shape, Pose.from_rpy((0.3, 0.1, 0.03), (0.0, 0.0, 0.4)))
     for grasp in top_grasps(load_robot(name), target):
         approach, closing = grasp.rotation @ gripper.approach, grasp.rotation @ gripper.closing
@@ -118,11 +118,10 @@ def test_the_panda_picks_and_places_a_cube_pointing_down_in_the_time_it_has(scen
     service = PlannerService("panda", world)
     robot, request = service.robot, PlanRequest(service.robot.home, service.robot.home)
     assert robot.gripper is not None
-    assert request.time_limit is not None
     task = plan_pick_place(service, target, onto, request)
     assert task.failure is None, task.failure
     assert len(task.segments) == 7
-    assert task.seconds <= request.time_limit
+    assert task.seconds <= present(request.time_limit)
     for name in ("descend", "lower"):  # where it closes, and where it opens
         segment = next(segment for segment in task.segments if segment.name == name)
         end = segment.result.unwrap()[0].waypoints[-1]

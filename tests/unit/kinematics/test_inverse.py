@@ -27,6 +27,7 @@ from planner_service.kinematics.numeric_inverse import descend
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, JointLimits, Robot, load_robot
 from planner_service.smoothing.smoothing import blended
+from tests.support.optional import present
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 TOP_DOWN_CEILING = 0.1747
@@ -377,9 +378,8 @@ def test_a_line_out_of_a_stretched_arms_reach_stops_singular(wxai: Robot, kind: 
     robot = replace(without_limits(wxai), inverse=kind)
     q = robot.pose("ready")
     line = straight_tool_line(robot, q, (0.6, 0.0, 0.0))
-    assert line.stopped is not None
-    assert line.stopped.reason is LineStopReason.SINGULARITY
-    assert line.stopped.joint in ("joint_1", "joint_2", "joint_3")
+    assert present(line.stopped).reason is LineStopReason.SINGULARITY
+    assert present(line.stopped).joint in ("joint_1", "joint_2", "joint_3")
     T = robot.tool_pose(line.waypoints[-1])
     forearm = T[:3, 3] - (0.06775 + 0.02895 + 0.156062) * T[:3, 0] - np.array([0.02, 0.0, 0.1035])
     assert np.linalg.norm(forearm) == pytest.approx(0.264 + math.hypot(0.245, 0.06), abs=1e-4)
@@ -390,8 +390,7 @@ def test_a_line_that_would_have_to_change_branch_stops_and_says_so(wxai: Robot) 
     begin = tool(wxai, q)
     tilted = Pose.from_rpy((0, 0, 0), (0.4, 0.0, 0.0)) @ Pose(quaternion=begin.quaternion)  # then it must be 90 degrees
     line = straight_tool_line(wxai, q, Pose(begin.position, tilted.quaternion))
-    assert line.stopped is not None
-    assert line.stopped.reason is LineStopReason.BRANCH_JUMP
+    assert present(line.stopped).reason is LineStopReason.BRANCH_JUMP
     assert line.fraction < 0.01
 
 

@@ -22,6 +22,7 @@ from planner_service import (
     load_scene,
 )
 from planner_service.kinematics.inverse import rotation_distance
+from tests.support.optional import present
 
 DOWN = Pose((0.25, -0.20, 0.10), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
 APPROACH = (1.0, 0.0, 0.0)
@@ -87,8 +88,7 @@ def test_where_the_pose_itself_is_blocked_another_turn_of_the_tool_is_found(arm:
 
 def test_out_of_reach_is_said_with_how_many_poses_were_tried(arm: PlannerService) -> None:
     far = Pose((2.0, 0.0, 0.1), DOWN.quaternion)
-    failure = arm.plan(PlanRequest(arm.robot.home, PoseGoal(far, 0.01, candidates=7))).failure
-    assert failure is not None
+    failure = present(arm.plan(PlanRequest(arm.robot.home, PoseGoal(far, 0.01, candidates=7))).failure)
     assert failure.reason is Reason.NO_IK_SOLUTION
     assert "any of 7 poses" in failure.detail
 

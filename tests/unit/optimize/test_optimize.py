@@ -38,6 +38,7 @@ from planner_service.optimize.curve import course_path, evenly, sampled, squares
 from planner_service.optimize.distance_field import BAND, field_of
 from planner_service.optimize.problem import OWN_SHARE, RAMP, SPARE, CurveObjective, CurveProblem
 from planner_service.optimize.qp_step import Step, solved
+from tests.support.optional import present
 
 ROUTE = np.array([[-0.3, 0.0], [0.4, 1.8], [1.0, 0.3]])
 """Around ``disc(1.4, 0.6)``, which is in the way of the straight line."""
@@ -283,9 +284,7 @@ def test_bits_and_counts_are_equal_in_other_processes_whatever_libraries_take_th
 
 
 def field(*obstacles: Obstacle, voxel: float = 0.02) -> Any:
-    found = field_of(planar(*obstacles), voxel)
-    assert found is not None
-    return found
+    return present(field_of(planar(*obstacles), voxel))
 
 
 SHAPES: list[Shape] = [
@@ -374,8 +373,7 @@ def test_a_field_that_fills_the_memory_is_refused() -> None:
 def test_balls_hold_the_moving_pieces(robot: str) -> None:
     checker = CollisionChecker(load_robot(robot), load_scene("bin"))
     balls, rng = Balls.of(checker), np.random.default_rng(0)
-    whole = balls.whole
-    assert whole is not None
+    whole = present(balls.whole)
     moving = [part for part in checker.parts.parts if part.body > 0]
     for number, part in enumerate(moving):
         mine = balls.piece == number

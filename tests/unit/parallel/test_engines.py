@@ -18,6 +18,7 @@ import pytest
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.parallel import Engine, InWorker, Lost, Processes, Ray, Sequential
 from planner_service.parallel.engine import LOOK_AHEAD
+from tests.support.optional import present
 from tests.support.parallel_work import Echo, Faulty, Stillborn
 
 ROOT = Path(__file__).parents[3]
@@ -300,8 +301,7 @@ for index, answer in Processes(1).run(Faulty(Path("{log}"), {{1: "spin"}}), [0, 
 def test_workers_end_with_the_process_that_started_them_even_in_native_code(tmp_path: Path) -> None:
     log = tmp_path / "log"
     with script(ORPHANED.format(log=log), tmp_path) as running:
-        assert running.stdout is not None
-        processes = [int(word) for word in running.stdout.readline().split()]
+        processes = [int(word) for word in present(running.stdout).readline().split()]
         wait_for(lambda: "1" in log.read_text("utf-8").split())
         assert processes
         assert not any(map(is_gone, processes))

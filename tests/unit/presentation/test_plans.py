@@ -29,6 +29,7 @@ from planner_service import (
 from planner_service.cli.commands import app
 from planner_service.records.plan_file import SavedPlan, load_plan
 from planner_service.tasks.pick_place import plan_pick_place
+from tests.support.optional import present
 
 
 @pytest.fixture(scope="module")
@@ -135,8 +136,7 @@ def test_counts_read_as_words() -> None:
 
 
 def test_a_certificate_says_what_is_proven_or_refused(discs: PlannerService, result: PlanResult) -> None:
-    proof = result.certificate
-    assert proof is not None
+    proof = present(result.certificate)
     assert (
         str(proof)
         == f"proven: {proof.clearance * 1000 - 0.005:.2f} mm clear, between samples too ({proof.distances:,} bounds)"

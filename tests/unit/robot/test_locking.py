@@ -16,6 +16,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.robot.model import Robot, load_robot
+from tests.support.optional import present
 from tests.unit.robot.test_model import MIXED
 
 ROOT = Path(__file__).parents[3]
@@ -197,8 +198,7 @@ def test_a_plan_with_a_locked_wrist_is_certified_and_free_for_the_whole_robot(wx
     result = service.plan(request)
     assert result.ok, result.failure
     assert len(result.stages) > 4, "a search, not a straight line"
-    assert result.certificate is not None
-    assert result.certificate.certified
+    assert present(result.certificate).certified
     path = result.unwrap()[0]
     second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / "post.toml")
     assert second.curve_touch(lambda s: np.c_[path(s), np.full(len(s), 0.8)], path.length) is None

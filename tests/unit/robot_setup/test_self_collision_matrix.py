@@ -16,6 +16,7 @@ from planner_service.robot.model import AllowedContact, Robot, load_robot
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, contact_table
 from planner_service.scene.scene import Scene
+from tests.support.optional import present
 
 # A post turns; on it slides a block within a ball that always reaches down into the base; a small ball swings at the
 # end. Post and ball are nearest with the slide at its lower end and the ball swung back: 0.05 m + that end apart.
@@ -99,8 +100,7 @@ def test_a_collision_that_no_sample_found_is_found_by_the_proof(tmp_path: Path) 
     robot = Robot.from_urdf(small(tmp_path, -0.08))
     (found,) = [f for f in contact_table(robot, samples=1).findings if f.links == POST_BALL]
     assert (found.kind, found.share) == (ContactKind.SOMETIMES, 0.0)
-    assert found.example is not None
-    touching = {(c.a, c.b) for c in CollisionChecker(robot, Scene()).contacts(found.example)}
+    touching = {(c.a, c.b) for c in CollisionChecker(robot, Scene()).contacts(present(found.example))}
     assert {frozenset(pair) for pair in touching} >= {frozenset(POST_BALL)}
 
 
@@ -190,8 +190,7 @@ def test_what_is_proven_never_to_touch_does_not_in_5000_random_states(wxai: Robo
 def test_examples_collide_and_shares_are_of_the_samples(wxai: Robot, wxai_table: ContactTable) -> None:
     checker = CollisionChecker(wxai, Scene())
     for finding in wxai_table.of(ContactKind.SOMETIMES):
-        assert finding.example is not None
-        touching = {frozenset((c.a, c.b)) for c in checker.contacts(finding.example)}
+        touching = {frozenset((c.a, c.b)) for c in checker.contacts(present(finding.example))}
         assert frozenset(finding.links) in touching
         assert finding.share * wxai_table.samples == pytest.approx(round(finding.share * wxai_table.samples))
 

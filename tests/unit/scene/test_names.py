@@ -34,6 +34,7 @@ from planner_service.planning import AllowedStretch
 from planner_service.tasks.result import TaskResult
 from planner_service.view.scene_nodes import AMBER, colours_of
 from planner_service.view.still.composition import TOUCHING
+from tests.support.optional import present
 
 URDF = """<robot name="swing">
   <link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
@@ -83,11 +84,9 @@ def test_a_wall_is_a_wall_whatever_it_is_called(name: str, label: str, swing: Ro
         checker = CollisionChecker(swing, Scene((wall(name),)), backend=backend)
         assert not checker.state_is_free([0.0])
         assert [(c.a, c.b) for c in checker.contacts([0.0])] == [(arm, label)]
-        hit = checker.edge_hit(*ACROSS)
-        assert hit is not None
+        hit = present(checker.edge_hit(*ACROSS))
         assert (hit.a, hit.b) == (arm, label)
-    refusal = Certifier(swing, Scene((wall(name),))).certify(ACROSS).refusal
-    assert refusal is not None
+    refusal = present(Certifier(swing, Scene((wall(name),))).certify(ACROSS).refusal)
     assert {refusal.a, refusal.b} == {arm, label}
     result = PlannerService(swing, Scene((wall(name),))).plan(PlanRequest([-1.0], [1.0], max_checks=2_000))
     assert not result.ok
