@@ -1,4 +1,4 @@
-"""``check``: the smoke suite, the stored queries and roadmaps cost what is pinned; ``--write`` stores a change.
+"""``check``: the smoke suite and all else that is pinned cost what they did; ``--write`` stores a change.
 
 Three gates. Counts and path bits are equal to the pins, in the environment of constraints.txt: these are equal on every
 processor. The ratio of all states now to then, paired, with its interval, is for environments in which counts may
@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness import pinned_queries, pinned_roadmaps, pins, rows
+from benchmarks.harness import pinned_cases, pinned_queries, pinned_roadmaps, pins, rows
 from benchmarks.harness.environment import unpinned
 from benchmarks.harness.pins import REGENERATE, Difference, Pins, differences, load_pins, store_pins
 from benchmarks.harness.report import p95, table
@@ -97,7 +97,8 @@ def main(arguments: Sequence[str], console: Console) -> int:
     given = parser.parse_args(arguments)
     name = given.suite or "smoke"
     suite, file = load_suite(name), pins.FOLDER / f"{Path(name).stem}.json"
-    others = {} if given.suite else {"queries": pinned_queries.made, "roadmaps": pinned_roadmaps.made}
+    made_of = {"queries": pinned_queries.made, "roadmaps": pinned_roadmaps.made, "cases": pinned_cases.made}
+    others = {} if given.suite else made_of
     if given.write:
         for each in (file, *(pins.FOLDER / f"{other}.json" for other in others)):
             require_writable(each)

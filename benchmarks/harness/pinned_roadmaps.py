@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import astuple, replace
 from itertools import islice
 from types import MappingProxyType
@@ -11,29 +11,43 @@ from benchmarks.harness.pins import fingerprint
 from benchmarks.harness.rows import Row
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
-from planner_service import PRM, PlannerService, PlanResult, Pose, Roadmap, Scene, Trapezoidal
+from planner_service import PRM, LazyPRM, PlannerService, PlanResult, Pose, Roadmap, Scene, Trapezoidal
+from planner_service.planners import PRMstar
 from planner_service.planning import RoadmapUpdate
 from planner_service.roadmap import Verdict
 
-__all__ = ["MOVED", "made"]
+__all__ = ["GROWERS", "made"]
 
 STEP = "JointStep(0.02)"
 SEED = 0
 QUERIES = 5
 """Stored queries of each scene, each asked of the roadmap as it was grown, and remembered."""
 
-MOVED = MappingProxyType({"bin": ("demo_post", (0.05, 0.02, 0.0)), "shelf": ("shelf_board", (0.02, 0.0, 0.03))})
+MOVED = MappingProxyType(
+    {
+        "bin": ("demo_post", (0.05, 0.02, 0.0)),
+        "shelf": ("shelf_board", (0.02, 0.0, 0.03)),
+        "post": ("post_left", (0.06, 0.03, 0.0)),
+        "window": ("window_left", (0.0, 0.06, 0.0)),
+    }
+)
 """For each scene an obstacle, and by how many metres it moves."""
 
 
-def made(scenes: Iterable[str] = tuple(MOVED)) -> dict[str, Row]:
+LARGE = PRM(milestones=1000, neighbours=10)
+GROWERS: Mapping[str, PRM | PRMstar | LazyPRM] = MappingProxyType(
+    {"bin": LARGE, "shelf": LARGE, "post": LazyPRM(milestones=200, neighbours=8), "window": PRMstar(milestones=80)}
+)
+
+
+def made(scenes: Iterable[str] = tuple(GROWERS)) -> dict[str, Row]:
     """Counts and hashes of a roadmap of each scene, of queries of it, and of what a moved obstacle leaves of it."""
     return {f"{scene} {run}": row for scene in scenes for run, row in _of(scene)}
 
 
 def _of(scene: str) -> Iterator[tuple[str, Row]]:
     service = PlannerService(queries.ROBOT, scene, edge_step=STEPS[STEP])
-    roadmap = service.build_roadmap(PRM(milestones=1000, neighbours=10), seed=SEED, progress=False)
+    roadmap = service.build_roadmap(GROWERS[scene], seed=SEED, progress=False)
     elsewhere = service.with_scene(_moved(service.scene))
     yield "build", _build(roadmap)
     for name, row in _planned(service, roadmap, QUERIES):

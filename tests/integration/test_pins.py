@@ -11,20 +11,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.harness import pinned_queries, pinned_roadmaps
-from benchmarks.harness.pins import (
-    FOLDER,
-    REGENERATE,
-    Difference,
-    Pins,
-    differences,
-    fingerprint,
-    load_pins,
-    store_pins,
-)
+from benchmarks.harness.pins import FOLDER, Difference, Pins, differences, fingerprint, load_pins, store_pins
 from benchmarks.studies.states import STEPS, plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, RRTConnect, Trapezoidal
+from tests.support.pinned import require_pinned
 
 CHOSEN = 5
 """Stored queries of each scene that the tests plan again; ``python -m benchmarks check`` plans all."""
@@ -35,13 +27,6 @@ JOINT_STEP = "JointStep(0.02)"
 
 def chosen(scene: str) -> tuple[Query, ...]:
     return queries.load(scene)[:CHOSEN]
-
-
-def require_pinned(name: str, now: Pins) -> None:
-    changed = differences(load_pins(FOLDER / f"{name}.json"), now)
-    if changed:
-        lines = "\n  ".join(map(str, changed))
-        pytest.fail(f"{name}:\n  {lines}\nIf that is meant, store it, with a line in CHANGELOG.md: {REGENERATE}")
 
 
 @pytest.mark.parametrize("scene", queries.SCENES)

@@ -1,0 +1,14 @@
+"""Replanning of each kind costs what is pinned."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.harness import pinned_cases
+from tests.support.pinned import require_pinned
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", pinned_cases.REPLANS)
+def test_replanning_costs_what_is_pinned(name: str) -> None:
+    require_pinned("cases", pinned_cases.made([name]))
