@@ -1,17 +1,54 @@
-"""An arm that is where it was told to be, and a clock that only waits, for tests of what is told and when."""
+"""An arm that is where it was told to be, a clock that only waits, and short plans for them to execute."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import ArrayLike
 
-from planner_service.execute import ArmLimits
+from planner_service import PlannerService, PlanRequest, PlanResult, Robot
+from planner_service.execute import ArmLimits, ExecutionReport, ExecutionStopped, Streaming, execute
 from planner_service.geometry.arrays import FloatArray
 
-__all__ = ["FakeArm", "FakeTime"]
+__all__ = ["QUICK", "STEP", "FakeArm", "FakeTime", "back", "robot", "service", "stopped", "there"]
+
+QUICK = Streaming(settle=0.02, gripper_time=0.1)
+STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
+
+
+@cache
+def service() -> PlannerService:
+    """The arm in an empty scene."""
+    return PlannerService("wxai", "empty")
+
+
+def robot() -> Robot:
+    """The arm."""
+    return service().robot
+
+
+@cache
+def there(steps: float = 1.0) -> PlanResult:
+    """A quarter of a second from home, or farther."""
+    return service().plan(PlanRequest(robot().home, robot().home + steps * STEP))
+
+
+@cache
+def back() -> PlanResult:
+    """The way home."""
+    return service().plan(PlanRequest(robot().home + STEP, robot().home))
+
+
+def stopped(result: Any, arm: Any, how: Streaming = QUICK, *, allow_unproven: bool = False) -> ExecutionReport:
+    """What is reported of an execution that does not come to its end."""
+    with pytest.raises(ExecutionStopped) as caught:
+        execute(result, arm, robot(), how, allow_unproven=allow_unproven)
+    return caught.value.report
 
 
 @dataclass

@@ -14,71 +14,32 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import InvalidRequest, PlannerService, PlanRequest, PlanResult, Robot
+from planner_service import InvalidRequest, PlanRequest
 from planner_service.collision import CheckCounts
-from planner_service.execute import ArmLimits, ExecutionReport, ExecutionStopped, Streaming, execute
+from planner_service.execute import ArmLimits, ExecutionStopped, Streaming, execute
 from planner_service.execute import arm as arm_module
 from planner_service.execute import stream as execution
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
-from tests.support.arms import FakeArm, FakeTime
+from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, robot, service, stopped, there
 from tests.support.optional import present
 
-QUICK = Streaming(settle=0.02, gripper_time=0.1)
-STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
 BELIEVED = "the arm was told to hold where it was"
 PLANNED = "the arm was told to hold the last planned configuration, as it gave no reading that can be believed"
 
 
-@pytest.fixture(scope="module")
-def service() -> PlannerService:
-    return PlannerService("wxai", "empty")
-
-
-@pytest.fixture(scope="module")
-def robot(service: PlannerService) -> Robot:
-    return service.robot
-
-
-@pytest.fixture(scope="module")
-def plan(service: PlannerService) -> PlanResult:
-    return service.plan(PlanRequest(service.robot.home, service.robot.home + STEP))
-
-
-@pytest.fixture(autouse=True)
-def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
-    """No test waits, and none depends on how busy the machine is."""
-    clock = FakeTime()
-    monkeypatch.setattr(execution, "time", clock)
-    monkeypatch.setattr(arm_module, "time", clock)
-    return clock
-
-
-@pytest.fixture
-def arm(robot: Robot) -> FakeArm:
-    return FakeArm(np.array(robot.home))
-
-
-def stopped(plan: Any, arm: Any, robot: Robot, how: Streaming = QUICK) -> ExecutionReport:
-    with pytest.raises(ExecutionStopped) as caught:
-        execute(plan, arm, robot, how)
-    return caught.value.report
-
-
-def in_two(service: PlannerService, plan: PlanResult) -> SavedTask:
+def in_two() -> SavedTask:
     """A task whose gripper closes before its motion."""
-    return SavedTask(service.world, "close and go", (Segment("go", plan, 0.03),), CheckCounts(), 0.0)
+    return SavedTask(service().world, "close and go", (Segment("go", there(), 0.03),), CheckCounts(), 0.0)
 
 
 @pytest.mark.parametrize("joint", range(6))
 @pytest.mark.parametrize("jump", [0.15, -0.45, 1.0])
-def test_an_encoder_that_jumps_is_not_believed(
-    jump: float, joint: int, plan: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_encoder_that_jumps_is_not_believed(jump: float, joint: int, arm: FakeArm) -> None:
     off = np.zeros(6)
     off[joint] = jump
     arm.seen = lambda: arm.q + off * (len(arm.told) > 20)
-    report = stopped(plan, arm, robot)
+    report = stopped(there(), arm)
     assert report.stopped is not None
     assert f"arm: got joint_{joint} at " in report.stopped
     assert "ms after the last reading" in report.stopped
@@ -87,7 +48,7 @@ def test_an_encoder_that_jumps_is_not_believed(
     assert np.array_equal(arm.held, [arm.told[-1][0]])  # without lag it is told the planned configuration
 
 
-def test_after_a_jump_no_reading_is_believed(plan: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime) -> None:
+def test_after_a_jump_no_reading_is_believed(arm: FakeArm, clock: FakeTime) -> None:
     jumped: list[int] = []
 
     def seen() -> Any:
@@ -98,26 +59,22 @@ def test_after_a_jump_no_reading_is_believed(plan: PlanResult, arm: FakeArm, rob
         return arm.q + np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
 
     arm.seen = seen
-    report = stopped(plan, arm, robot)
+    report = stopped(there(), arm)
     assert present(report.stopped).endswith(PLANNED)
     assert len(jumped) == 2
     assert np.array_equal(arm.held, [arm.told[-1][0]])
 
 
-def test_an_encoder_that_jumps_while_the_gripper_moves_is_not_believed(
-    service: PlannerService, plan: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_encoder_that_jumps_while_the_gripper_moves_is_not_believed(arm: FakeArm) -> None:
     arm.seen = lambda: arm.q + np.array([0.0, 0.45, 0.0, 0.0, 0.0, 0.0]) * len(arm.widths)
-    report = stopped(in_two(service, plan), arm, robot, replace(QUICK, gripper_time=2.0))
+    report = stopped(in_two(), arm, replace(QUICK, gripper_time=2.0))
     assert present(report.stopped).endswith(PLANNED)
-    assert np.array_equal(arm.held, [robot.home])
+    assert np.array_equal(arm.held, [robot().home])
 
 
 @pytest.mark.parametrize("stall", [0.02, 0.09])
-def test_readings_that_come_late_and_catch_up_are_believed(
-    stall: float, service: PlannerService, arm: FakeArm, robot: Robot, clock: FakeTime
-) -> None:
-    plan = service.plan(PlanRequest(robot.home, robot.home + 12.0 * STEP))
+def test_readings_that_come_late_and_catch_up_are_believed(stall: float, arm: FakeArm, clock: FakeTime) -> None:
+    plan = service().plan(PlanRequest(robot().home, robot().home + 12.0 * STEP))
     whole, began = plan.unwrap()[1], clock.now
     frozen: list[Any] = []
 
@@ -128,7 +85,7 @@ def test_readings_that_come_late_and_catch_up_are_believed(
         return arm.q
 
     arm.seen = seen
-    assert execute(plan, arm, robot, QUICK).ok
+    assert execute(plan, arm, robot(), QUICK).ok
     assert float(np.abs(whole(0.3, 1)).max()) * stall > 0.02 * stall
     assert frozen
 
@@ -148,9 +105,9 @@ READINGS: dict[str, Callable[[Any], Any]] = {
 
 
 @pytest.mark.parametrize("what", READINGS)
-def test_a_malformed_reading_stops_the_stream(what: str, plan: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_a_malformed_reading_stops_the_stream(what: str, arm: FakeArm) -> None:
     arm.seen = lambda: READINGS[what](arm.q) if len(arm.told) > 20 else arm.q
-    report = stopped(plan, arm, robot)
+    report = stopped(there(), arm)
     assert present(report.stopped).startswith("stopped by InvalidRequest: ")
     assert present(report.stopped).endswith(PLANNED)
     assert len(arm.held) == 1
@@ -158,34 +115,32 @@ def test_a_malformed_reading_stops_the_stream(what: str, plan: PlanResult, arm: 
 
 
 @pytest.mark.parametrize("what", READINGS)
-def test_an_arm_whose_first_reading_is_malformed_is_not_moved(
-    what: str, plan: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_arm_whose_first_reading_is_malformed_is_not_moved(what: str, arm: FakeArm) -> None:
     arm.seen = lambda: READINGS[what](arm.q)
     with pytest.raises(InvalidRequest, match=r"positions|arm: got joint_"):
-        execute(plan, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
     assert arm.told == []
 
 
-def test_readings_may_be_a_list(plan: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_readings_may_be_a_list(arm: FakeArm) -> None:
     arm.seen = lambda: arm.q.tolist()
-    assert execute(plan, arm, robot, QUICK).ok
+    assert execute(there(), arm, robot(), QUICK).ok
 
 
-def test_readings_are_copied(plan: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    buffer = np.array(robot.home)
+def test_readings_are_copied(arm: FakeArm) -> None:
+    buffer = np.array(robot().home)
 
     def seen() -> Any:
         buffer[:] = arm.q
         return buffer
 
     arm.seen = seen
-    recording = execute(plan, arm, robot, QUICK).motions[0].recording
+    recording = execute(there(), arm, robot(), QUICK).motions[0].recording
     assert np.array_equal(recording.measured, recording.commanded)
     assert np.ptp(recording.measured, axis=0).max() > 0.03
 
 
-def test_a_driver_may_change_what_it_is_given(plan: PlanResult, robot: Robot) -> None:
+def test_a_driver_may_change_what_it_is_given() -> None:
     class Greedy(FakeArm):
         def command(self, q: Any, qd: Any, qdd: Any) -> None:
             super().command(q, qd, qdd)
@@ -196,8 +151,8 @@ def test_a_driver_may_change_what_it_is_given(plan: PlanResult, robot: Robot) ->
             super().hold(q)
             q[:] = 9.0
 
-    recording = execute(plan, Greedy(np.array(robot.home)), robot, QUICK).motions[0].recording
-    assert np.abs(recording.commanded - robot.home).max() < 0.05
+    recording = execute(there(), Greedy(np.array(robot().home)), robot(), QUICK).motions[0].recording
+    assert np.abs(recording.commanded - robot().home).max() < 0.05
 
 
 @pytest.mark.parametrize(
@@ -215,25 +170,21 @@ def test_a_driver_may_change_what_it_is_given(plan: PlanResult, robot: Robot) ->
         ("limits", lambda: None),
     ],
 )
-def test_a_driver_that_talks_nonsense_is_not_used(
-    name: str, value: Any, plan: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_a_driver_that_talks_nonsense_is_not_used(name: str, value: Any, arm: FakeArm) -> None:
     setattr(arm, name, value)
     with pytest.raises(InvalidRequest, match=f"^{name}: "):
-        execute(plan, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
     assert (arm.told, arm.held) == ([], [])
 
 
 @pytest.mark.parametrize("name", ["limits", "positions"])
-def test_a_driver_that_does_not_answer_is_not_used(
-    name: str, plan: PlanResult, arm: FakeArm, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_driver_that_does_not_answer_is_not_used(name: str, arm: FakeArm, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail() -> None:
         raise OSError("no route to the arm")
 
     monkeypatch.setattr(arm, name, fail)
     with pytest.raises(InvalidRequest, match="OSError: no route to the arm; expected an arm that answers"):
-        execute(plan, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
 
 
 @pytest.mark.parametrize(("velocity", "upper"), [(0.0, 1.0), (-1.0, 1.0), (1.0, -1.0)])
@@ -242,22 +193,18 @@ def test_limits_that_make_no_sense_are_refused(velocity: float, upper: float) ->
         ArmLimits(np.zeros(6), np.full(6, upper), np.full(6, velocity))
 
 
-def test_an_arm_that_says_it_may_be_faster_than_the_robot_is_not_driven_faster(
-    plan: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
-    motion = plan.unwrap()[1].dilated(0.05)
+def test_an_arm_that_says_it_may_be_faster_than_the_robot_is_not_driven_faster(arm: FakeArm) -> None:
+    motion = there().unwrap()[1].dilated(0.05)
     arm.velocity = 1e6
     with pytest.raises(InvalidRequest, match="speed: got 1, joint_"):
-        execute(motion, arm, robot, QUICK, allow_unproven=True)
+        execute(motion, arm, robot(), QUICK, allow_unproven=True)
     assert arm.told == []
 
 
-def test_with_a_gripper_that_does_not_know_its_width_nothing_moves(
-    service: PlannerService, plan: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_with_a_gripper_that_does_not_know_its_width_nothing_moves(arm: FakeArm) -> None:
     arm.width = float("nan")
     with pytest.raises(InvalidRequest, match="gripper: got nan; expected metres between the finger pads"):
-        execute(in_two(service, plan), arm, robot, QUICK)
+        execute(in_two(), arm, robot(), QUICK)
     assert (arm.widths, arm.told, arm.held) == ([], [], [])
 
 
@@ -266,10 +213,10 @@ def test_a_stream_cannot_be_on_time_to_the_instant() -> None:
         Streaming(latest=0.0)
 
 
-def test_a_motion_too_long_to_command_is_refused_before_the_first(plan: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    slow = plan.unwrap()[1].dilated(1e4)
+def test_a_motion_too_long_to_command_is_refused_before_the_first(arm: FakeArm) -> None:
+    slow = there().unwrap()[1].dilated(1e4)
     with pytest.raises(InvalidRequest, match=r"commands in motion; expected one at which a motion has fewer than"):
-        execute(slow, arm, robot, replace(QUICK, speed=0.5), allow_unproven=True)
+        execute(slow, arm, robot(), replace(QUICK, speed=0.5), allow_unproven=True)
     assert (arm.told, arm.held) == ([], [])
 
 
@@ -309,22 +256,20 @@ class Hanging(FakeArm):
 
 
 @pytest.fixture
-def hanging(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hanging]:
+def hanging(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hanging]:
     monkeypatch.setattr(execution, "SILENT", 4)
-    arm = Hanging(np.array(robot.home))
+    arm = Hanging(np.array(robot().home))
     yield arm
     arm.released.set()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["positions", "command", "gripper_width"])
-def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(
-    method: str, service: PlannerService, plan: PlanResult, hanging: Hanging, robot: Robot
-) -> None:
+def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(method: str, hanging: Hanging) -> None:
     hanging.method = method
     if method == "gripper_width":  # it is asked once before anything is commanded
         hanging.after, hanging.passed = 0, 1
-    report = stopped(in_two(service, plan), hanging, robot)
+    report = stopped(in_two(), hanging)
     assert f"{method}() of the driver has not returned for 0.2 s; the arm was told to hold" in present(report.stopped)
     assert len(hanging.held) == 1
     told = len(hanging.told)
@@ -334,28 +279,28 @@ def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(
 
 
 @pytest.mark.slow
-def test_of_a_hold_that_does_not_return_the_caller_is_told(plan: PlanResult, hanging: Hanging, robot: Robot) -> None:
+def test_of_a_hold_that_does_not_return_the_caller_is_told(hanging: Hanging) -> None:
     def fail(step: int) -> None:
         if step == 20:
             raise OSError("the cable was pulled")
 
     hanging.trouble, hanging.method = fail, "hold"
-    report = stopped(plan, hanging, robot)
+    report = stopped(there(), hanging)
     assert "THE ARM COULD NOT BE TOLD TO HOLD" in present(report.stopped)
     assert "use its emergency stop" in present(report.stopped)
 
 
-def test_ctrl_c_says_what_the_arm_was_told(plan: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_ctrl_c_says_what_the_arm_was_told(arm: FakeArm) -> None:
     def interrupt(step: int) -> None:
         if step == 9:
             raise KeyboardInterrupt
 
     arm.trouble = interrupt
     with pytest.raises(KeyboardInterrupt, match="the arm was told to hold where it was"):
-        execute(plan, arm, robot, QUICK)
-    arm.q, arm.refusals, arm.told = np.array(robot.home), 99, []
+        execute(there(), arm, robot(), QUICK)
+    arm.q, arm.refusals, arm.told = np.array(robot().home), 99, []
     with pytest.raises(KeyboardInterrupt, match="use its emergency stop"):
-        execute(plan, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
 
 
 FILES = {str(Path(module.__file__)) for module in (execution, arm_module) if module.__file__}
@@ -389,7 +334,7 @@ def interrupted(call: Callable[[], Any], *at: int) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("twice", [False, True])
 @pytest.mark.parametrize("fails", [False, True])
-def test_ctrl_c_on_any_line_has_a_commanded_arm_hold(fails: bool, twice: bool, plan: PlanResult, robot: Robot) -> None:
+def test_ctrl_c_on_any_line_has_a_commanded_arm_hold(fails: bool, twice: bool) -> None:
     def trouble(step: int) -> None:
         time.sleep(0.0005)  # really, so that lines of the waiting thread fall between commands
         if fails and step == 25:
@@ -398,9 +343,9 @@ def test_ctrl_c_on_any_line_has_a_commanded_arm_hold(fails: bool, twice: bool, p
     at, outcome = -1, "interrupted"
     while outcome == "interrupted":
         at += 1
-        arm = FakeArm(np.array(robot.home), trouble=trouble)
-        outcome = interrupted(partial(execute, plan, arm, robot, QUICK), *range(at, at + 1 + twice))
-        arrived = len(arm.told) > 0 and np.array_equal(arm.told[-1][0], robot.home + STEP)
+        arm = FakeArm(np.array(robot().home), trouble=trouble)
+        outcome = interrupted(partial(execute, there(), arm, robot(), QUICK), *range(at, at + 1 + twice))
+        arrived = len(arm.told) > 0 and np.array_equal(arm.told[-1][0], robot().home + STEP)
         assert arm.held or arrived or not arm.told, f"line {at}: {len(arm.told)} commands, {outcome}"
     assert outcome == ("stopped" if fails else "done")
     assert at > 60

@@ -23,7 +23,6 @@ from planner_service import (
     PlannerService,
     PlanRequest,
     PlanResult,
-    Robot,
     Trajectory,
     Trapezoidal,
 )
@@ -33,7 +32,6 @@ from planner_service.cli.commands import app
 from planner_service.collision import CheckCounts
 from planner_service.execute import (
     ExecutedMotion,
-    ExecutionReport,
     ExecutionStopped,
     Streaming,
     TrossenDriver,
@@ -41,172 +39,119 @@ from planner_service.execute import (
     meant_contacts,
     taken,
 )
-from planner_service.execute import stream as execution
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
 from planner_service.tasks import Segment
-from tests.support.arms import FakeArm, FakeTime
+from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, back, robot, service, stopped, there
 from tests.support.optional import present
 
 WORLD = ["--robot", "wxai", "--scene", "empty"]
-QUICK = Streaming(settle=0.02, gripper_time=0.1)
-STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
-
-
-@pytest.fixture(scope="module")
-def service() -> PlannerService:
-    return PlannerService("wxai", "empty")
-
-
-@pytest.fixture(scope="module")
-def robot(service: PlannerService) -> Robot:
-    return service.robot
-
-
-@pytest.fixture(scope="module")
-def there(service: PlannerService) -> PlanResult:
-    """A quarter of a second from home."""
-    return service.plan(PlanRequest(service.robot.home, service.robot.home + STEP))
-
-
-@pytest.fixture(scope="module")
-def back(service: PlannerService) -> PlanResult:
-    return service.plan(PlanRequest(service.robot.home + STEP, service.robot.home))
-
-
-@pytest.fixture(autouse=True)
-def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
-    """No test waits, and none depends on how busy the machine is."""
-    clock = FakeTime()
-    monkeypatch.setattr(execution, "time", clock)
-    return clock
-
-
-@pytest.fixture
-def arm(robot: Robot) -> FakeArm:
-    return FakeArm(np.array(robot.home))
 
 
 def motion_of(result: PlanResult) -> Trajectory:
     return result.unwrap()[1]
 
 
-def task_of(service: PlannerService, *segments: Segment) -> SavedTask:
-    return SavedTask(service.world, "there and back", segments, CheckCounts(), 0.0)
+def task_of(*segments: Segment) -> SavedTask:
+    return SavedTask(service().world, "there and back", segments, CheckCounts(), 0.0)
 
 
-def stopped(
-    result: Any, arm: FakeArm, robot: Robot, how: Streaming = QUICK, *, allow_unproven: bool = False
-) -> ExecutionReport:
-    with pytest.raises(ExecutionStopped) as caught:
-        execute(result, arm, robot, how, allow_unproven=allow_unproven)
-    return caught.value.report
-
-
-def test_an_arm_that_stands_elsewhere_is_not_moved(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    arm.q = robot.home + np.array([0.0, 0.0, -0.015, 0.0, 0.0, 0.0])
+def test_an_arm_that_stands_elsewhere_is_not_moved(arm: FakeArm) -> None:
+    arm.q = robot().home + np.array([0.0, 0.0, -0.015, 0.0, 0.0, 0.0])
     with pytest.raises(InvalidRequest, match=r"joint_2 at 1\.1350; expected 1\.1500 within 0\.01 \(start_tolerance\)"):
-        execute(there, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
     assert arm.told == []
-    execute(there, arm, robot, replace(QUICK, start_tolerance=0.02))
+    execute(there(), arm, robot(), replace(QUICK, start_tolerance=0.02))
     assert arm.told
 
 
-def test_an_arm_that_does_not_know_where_it_is_is_not_moved(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_an_arm_that_does_not_know_where_it_is_is_not_moved(arm: FakeArm) -> None:
     arm.q = np.full(6, np.nan)
     with pytest.raises(InvalidRequest, match="joint_0 at nan"):
-        execute(there, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
     assert arm.told == []
 
 
-def test_a_trajectory_without_a_proof_is_executed_only_if_told(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_a_trajectory_without_a_proof_is_executed_only_if_told(arm: FakeArm) -> None:
     with pytest.raises(InvalidRequest, match="a bare trajectory only with allow_unproven=True"):
-        execute(motion_of(there), arm, robot, QUICK)
+        execute(motion_of(there()), arm, robot(), QUICK)
     assert arm.told == []
-    assert execute(motion_of(there), arm, robot, QUICK, allow_unproven=True).ok
+    assert execute(motion_of(there()), arm, robot(), QUICK, allow_unproven=True).ok
 
 
 @pytest.mark.parametrize("proof", ["none", "refused", "of a part"])
-def test_what_counts_is_the_proof_made_now_and_not_the_one_a_plan_brings(
-    proof: str, there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_what_counts_is_the_proof_made_now_and_not_the_one_a_plan_brings(proof: str, arm: FakeArm) -> None:
     certificate = {
         "none": None,
         "refused": replace(
-            present(there.certificate), refusal=Refusal(0.0, 0.1, 0.0, "link_2", "link_5", "they touch")
+            present(there().certificate), refusal=Refusal(0.0, 0.1, 0.0, "link_2", "link_5", "they touch")
         ),
-        "of a part": replace(present(there.certificate), part=(0.01, motion_of(there).end)),
+        "of a part": replace(present(there().certificate), part=(0.01, motion_of(there()).end)),
     }[proof]
-    assert execute(replace(there, certificate=certificate), arm, robot, QUICK).ok
+    assert execute(replace(there(), certificate=certificate), arm, robot(), QUICK).ok
 
 
-def test_a_plan_made_for_another_robot_is_not_executed(
-    service: PlannerService, there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
-    other = replace(robot, settle_time=9.0)
-    saved = SavedPlan(replace(service.world, robot=other), None, there)
+def test_a_plan_made_for_another_robot_is_not_executed(arm: FakeArm) -> None:
+    other = replace(robot(), settle_time=9.0)
+    saved = SavedPlan(replace(service().world, robot=other), None, there())
     with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
-        execute(saved, arm, robot, QUICK)
+        execute(saved, arm, robot(), QUICK)
     assert arm.told == []
-    assert execute(replace(saved, made_for=service.world), arm, robot, QUICK).ok
+    assert execute(replace(saved, made_for=service().world), arm, robot(), QUICK).ok
 
 
-def test_no_plan_is_not_executed(service: PlannerService, arm: FakeArm, robot: Robot) -> None:
-    failed = service.plan(PlanRequest(service.robot.home, np.full(6, 9.0)))
+def test_no_plan_is_not_executed(arm: FakeArm) -> None:
+    failed = service().plan(PlanRequest(service().robot.home, np.full(6, 9.0)))
     with pytest.raises(InvalidRequest, match="GOAL_OUTSIDE_LIMITS"):
-        execute(failed, arm, robot, QUICK)
+        execute(failed, arm, robot(), QUICK)
     assert arm.told == []
 
 
-def test_nothing_is_executed_that_is_no_plan(arm: FakeArm, robot: Robot) -> None:
+def test_nothing_is_executed_that_is_no_plan(arm: FakeArm) -> None:
     with pytest.raises(InvalidRequest, match="a plan, a saved plan, a task or a trajectory"):
-        execute("plan.json", arm, robot, QUICK)  # type: ignore[arg-type]
+        execute("plan.json", arm, robot(), QUICK)  # type: ignore[arg-type]
 
 
-def test_a_motion_that_begins_at_speed_is_not_executed(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    whole = motion_of(there)
+def test_a_motion_that_begins_at_speed_is_not_executed(arm: FakeArm) -> None:
+    whole = motion_of(there())
     k = len(whole.durations) // 2
     begin = float(whole.coefficients[k, 0])
     cut = Trajectory(whole.path, whole.durations[k:], whole.coefficients[k:], part=(begin, whole.end))
     arm.q = cut(0.0)
     with pytest.raises(InvalidRequest, match="one that begins at rest"):
-        execute(cut, arm, robot, QUICK, allow_unproven=True)
+        execute(cut, arm, robot(), QUICK, allow_unproven=True)
     assert arm.told == []
 
 
-def test_a_motion_faster_than_the_arm_may_be_is_refused_with_the_speed_that_would_do(
-    there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_a_motion_faster_than_the_arm_may_be_is_refused_with_the_speed_that_would_do(arm: FakeArm) -> None:
     arm.velocity = 0.2
     with pytest.raises(InvalidRequest, match=r"speed: got 1, joint_. moving at .*; expected at most 0\.") as caught:
-        execute(there, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
     assert arm.told == []
     allowed = float(caught.value.expected.split()[2].rstrip(":"))
-    execute(there, arm, robot, replace(QUICK, speed=allowed * 0.999))
+    execute(there(), arm, robot(), replace(QUICK, speed=allowed * 0.999))
     fastest = max(float(np.abs(qd).max()) for _, qd, _ in arm.told)  # 250 times a second it may be missed by little
     assert 0.19 < fastest <= 0.2
 
 
 @pytest.mark.parametrize("whose", ["the arm", "the robot"])
-def test_a_motion_outside_position_limits_is_refused(whose: str, there: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    if whose == "the arm":
-        arm.reach = 1.16
-    else:
-        robot = replace(robot, limits=replace(robot.limits, upper=np.array([3.0, 3.0, 1.16, 1.5, 1.5, 3.0])))
+def test_a_motion_outside_position_limits_is_refused(whose: str, arm: FakeArm) -> None:
+    narrow = replace(robot(), limits=replace(robot().limits, upper=np.array([3.0, 3.0, 1.16, 1.5, 1.5, 3.0])))
+    arm.reach = 1.16 if whose == "the arm" else arm.reach
     with pytest.raises(InvalidRequest, match=f"joint_2 in motion: .*; expected {whose}'s .* to 1.1600"):
-        execute(motion_of(there), arm, robot, QUICK, allow_unproven=True)
+        execute(motion_of(there()), arm, robot() if whose == "the arm" else narrow, QUICK, allow_unproven=True)
     assert arm.told == []
 
 
-def test_an_arm_of_other_joints_is_refused(there: PlanResult, robot: Robot) -> None:
+def test_an_arm_of_other_joints_is_refused() -> None:
     with pytest.raises(InvalidRequest, match="the 6 joints of wxai"):
-        execute(there, FakeArm(np.zeros(5)), robot, QUICK)
+        execute(there(), FakeArm(np.zeros(5)), robot(), QUICK)
 
 
-def test_a_real_arm_moves_at_a_fifth_of_the_speed_by_default(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_a_real_arm_moves_at_a_fifth_of_the_speed_by_default(arm: FakeArm) -> None:
     arm.simulated = False
-    report = execute(there, arm, robot, QUICK)
-    whole = motion_of(there)
+    report = execute(there(), arm, robot(), QUICK)
+    whole = motion_of(there())
     assert report.speed == 0.2
     assert report.motions[0].duration == pytest.approx(5.0 * whole.duration, rel=1e-12)
     wanted = whole.sample(0.004 / 5.0)
@@ -215,9 +160,9 @@ def test_a_real_arm_moves_at_a_fifth_of_the_speed_by_default(there: PlanResult, 
         assert np.abs(rows - np.concatenate(told)).max(axis=1).min() < 1e-9
 
 
-def test_commands_are_ahead_by_the_arms_lag(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_commands_are_ahead_by_the_arms_lag(arm: FakeArm) -> None:
     arm.lag = np.array([0.05, 0.05, 0.05, 0.05, 0.1, 0.1])
-    motion = execute(there, arm, robot, QUICK).motions[0]
+    motion = execute(there(), arm, robot(), QUICK).motions[0]
     samples = motion.trajectory.sample(0.004)
     wanted = samples.q + arm.lag * samples.qd
     wanted[-1] = samples.q[-1]
@@ -228,16 +173,16 @@ def test_commands_are_ahead_by_the_arms_lag(there: PlanResult, arm: FakeArm, rob
     assert np.array_equal(motion.recording.commanded[-1], samples.q[-1])
 
 
-def test_what_an_arm_is_told_ahead_stays_inside_its_limits(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_what_an_arm_is_told_ahead_stays_inside_its_limits(arm: FakeArm) -> None:
     arm.lag, arm.reach = np.full(6, 1.0), 1.2501  # joint_3 stands at -1.25 and moves by 0.02 rad
-    execute(there, arm, robot, replace(QUICK, tracking_tolerance=1.0))  # this arm is where it is told to be, at once
+    execute(
+        there(), arm, robot(), replace(QUICK, tracking_tolerance=1.0)
+    )  # this arm is where it is told to be, at once
     assert max(float(np.abs(q).max()) for q, _, _ in arm.told) <= 1.2501
 
 
-def test_every_tick_is_told_and_recorded_until_the_arm_has_settled(
-    there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
-    report = execute(there, arm, robot, replace(QUICK, settle=0.1))
+def test_every_tick_is_told_and_recorded_until_the_arm_has_settled(arm: FakeArm) -> None:
+    report = execute(there(), arm, robot(), replace(QUICK, settle=0.1))
     (motion,) = report.motions
     m = len(motion.recording.t)
     assert m == len(arm.told)
@@ -254,55 +199,49 @@ def test_every_tick_is_told_and_recorded_until_the_arm_has_settled(
 
 
 @pytest.mark.parametrize("swings", [True, False])
-def test_an_arm_is_recorded_until_it_rests_or_its_time_is_over(
-    swings: bool, there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_arm_is_recorded_until_it_rests_or_its_time_is_over(swings: bool, arm: FakeArm) -> None:
     def swing(step: int) -> None:
         arm.off = np.full(6, 0.001 * (step // 3 % 2))
 
     arm.trouble = swing if swings else arm.trouble
-    (motion,) = execute(there, arm, robot, replace(QUICK, settle=1.0)).motions
+    (motion,) = execute(there(), arm, robot(), replace(QUICK, settle=1.0)).motions
     settling = float(motion.recording.t[-1]) - motion.duration
     assert (settling > 0.95) == swings
     assert settling > 0.1
 
 
-def test_errors_are_told_joint_by_joint_and_in_metres_of_the_tool(
-    there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_errors_are_told_joint_by_joint_and_in_metres_of_the_tool(arm: FakeArm) -> None:
     arm.off = np.array([0.004, 0.0, 0.0, 0.0, 0.0, 0.0])
-    (motion,) = execute(there, arm, robot, QUICK).motions
+    (motion,) = execute(there(), arm, robot(), QUICK).motions
     assert motion.final_error == pytest.approx([0.004, 0.0, 0.0, 0.0, 0.0, 0.0], abs=1e-12)
     assert motion.error_max[0] > 0.0035
     assert motion.error_rms[0] <= motion.error_max[0]
-    end = robot.tool_pose(motion.trajectory(motion.duration))[:3, 3]
-    moved = robot.tool_pose(motion.trajectory(motion.duration) + arm.off)[:3, 3]
+    end = robot().tool_pose(motion.trajectory(motion.duration))[:3, 3]
+    moved = robot().tool_pose(motion.trajectory(motion.duration) + arm.off)[:3, 3]
     assert motion.tool_lag >= float(np.linalg.norm(end - moved)) - 1e-12
     assert 0.0 < motion.tool_off_path <= motion.tool_lag
 
 
-def test_an_arm_that_is_only_late_is_on_its_path(
-    there: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
-) -> None:
-    whole, began = motion_of(there), clock.now
+def test_an_arm_that_is_only_late_is_on_its_path(arm: FakeArm, clock: FakeTime) -> None:
+    whole, began = motion_of(there()), clock.now
 
     def late() -> FloatArray:
         return whole(min(max(clock.now - began - 0.05, 0.0), whole.duration))
 
     arm.seen = late
-    (motion,) = execute(there, arm, robot, replace(QUICK, settle=0.1)).motions
+    (motion,) = execute(there(), arm, robot(), replace(QUICK, settle=0.1)).motions
     assert motion.tool_lag > 0.002
     assert motion.tool_off_path < 2e-5
 
 
 @pytest.mark.parametrize("k", [0, 1, 17])
-def test_when_the_driver_fails_the_arm_holds_where_it_is(k: int, there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_when_the_driver_fails_the_arm_holds_where_it_is(k: int, arm: FakeArm) -> None:
     def fail(step: int) -> None:
         if step == k:
             raise OSError("the cable was pulled")
 
     arm.trouble, arm.off = fail, np.full(6, 0.002)
-    report = stopped(there, arm, robot)
+    report = stopped(there(), arm)
     assert len(arm.told) == k
     assert [q.tolist() for q in arm.held] == [arm.positions().tolist()]
     assert report.stopped == "stopped by OSError: the cable was pulled; the arm was told to hold where it was"
@@ -310,58 +249,52 @@ def test_when_the_driver_fails_the_arm_holds_where_it_is(k: int, there: PlanResu
     assert (len(motion.recording.t), motion.completed, report.ok) == (k, False, False)
 
 
-def test_the_reason_of_a_stop_is_its_cause(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_the_reason_of_a_stop_is_its_cause(arm: FakeArm) -> None:
     def fail(step: int) -> None:
         raise OSError("the cable was pulled")
 
     arm.trouble = fail
     with pytest.raises(ExecutionStopped, match="the cable was pulled") as caught:
-        execute(there, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
     assert isinstance(caught.value.__cause__, OSError)
 
 
-def test_ctrl_c_stops_the_stream_and_holds_the_arm(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_ctrl_c_stops_the_stream_and_holds_the_arm(arm: FakeArm) -> None:
     def interrupt(step: int) -> None:
         if step == 9:
             raise KeyboardInterrupt
 
     arm.trouble = interrupt
     with pytest.raises(KeyboardInterrupt):
-        execute(there, arm, robot, QUICK)
+        execute(there(), arm, robot(), QUICK)
     assert len(arm.told) == 9
     assert [q.tolist() for q in arm.held] == [arm.positions().tolist()]
 
 
-def test_ctrl_c_while_the_gripper_moves_holds_the_arm(
-    service: PlannerService, there: PlanResult, arm: FakeArm, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_while_the_gripper_moves_holds_the_arm(arm: FakeArm, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(width: float, seconds: float) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(arm, "move_gripper", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        execute(task_of(service, Segment("there", there, 0.06)), arm, robot, QUICK)
-    assert [q.tolist() for q in arm.held] == [robot.home.tolist()]
+        execute(task_of(Segment("there", there(), 0.06)), arm, robot(), QUICK)
+    assert [q.tolist() for q in arm.held] == [robot().home.tolist()]
 
 
-def test_a_stream_that_is_too_late_stops_and_holds_the_arm(
-    there: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
-) -> None:
+def test_a_stream_that_is_too_late_stops_and_holds_the_arm(arm: FakeArm, clock: FakeTime) -> None:
     def stall(step: int) -> None:
         if step == 5:
             clock.sleep(0.08)
 
     arm.trouble = stall
-    report = stopped(there, arm, robot, replace(QUICK, latest=0.03))
+    report = stopped(there(), arm, replace(QUICK, latest=0.03))
     assert "0.03 s are allowed (latest)" in present(report.stopped)
     assert (len(arm.told), len(arm.held)) == (6, 1)
 
 
-def test_ticks_that_have_passed_are_left_out_and_counted(
-    there: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
-) -> None:
+def test_ticks_that_have_passed_are_left_out_and_counted(arm: FakeArm, clock: FakeTime) -> None:
     arm.trouble = lambda k: clock.sleep(0.010)  # two and a half ticks
-    (motion,) = execute(there, arm, robot, QUICK).motions
+    (motion,) = execute(there(), arm, robot(), QUICK).motions
     ticks = len(motion.trajectory.sample(0.004).t)
     told = int((motion.recording.t <= motion.duration).sum())
     assert told == pytest.approx(ticks * 0.4, abs=2)
@@ -372,9 +305,7 @@ def test_ticks_that_have_passed_are_left_out_and_counted(
 
 
 @pytest.mark.parametrize("answer", ["an error", "nan", "elsewhere"])
-def test_an_arm_that_does_not_say_where_it_is_holds_what_was_planned_last(
-    answer: str, there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_arm_that_does_not_say_where_it_is_holds_what_was_planned_last(answer: str, arm: FakeArm) -> None:
     arm.lag = np.full(6, 0.05)
 
     def fail(step: int) -> None:
@@ -388,7 +319,7 @@ def test_an_arm_that_does_not_say_where_it_is_holds_what_was_planned_last(
         return np.full(6, np.nan if answer == "nan" else 3.0)
 
     arm.trouble = fail
-    report = stopped(there, arm, robot)
+    report = stopped(there(), arm)
     planned = report.motions[0].trajectory.sample(0.004).q
     assert present(report.stopped).endswith(
         "hold the last planned configuration, as it gave no reading that can be believed"
@@ -397,14 +328,12 @@ def test_an_arm_that_does_not_say_where_it_is_holds_what_was_planned_last(
 
 
 @pytest.mark.parametrize(("refusals", "holds"), [(2, 1), (99, 0)])
-def test_an_arm_is_told_to_hold_until_it_hears_or_the_caller_is_told(
-    refusals: int, holds: int, there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_arm_is_told_to_hold_until_it_hears_or_the_caller_is_told(refusals: int, holds: int, arm: FakeArm) -> None:
     def fail(step: int) -> None:
         raise OSError("no answer")
 
     arm.trouble, arm.refusals = fail, refusals
-    report = stopped(there, arm, robot)
+    report = stopped(there(), arm)
     assert len(arm.held) == holds
     assert ("use its emergency stop" in present(report.stopped)) == (holds == 0)
 
@@ -420,88 +349,71 @@ def touching(result: PlanResult, *pairs: tuple[str, str]) -> PlanResult:
     return replace(result, certificate=replace(present(result.certificate), exempt=(touch,)))
 
 
-def test_the_gripper_moves_between_motions_and_presses_on_what_it_takes(
-    service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
-    down, up = Segment("descend", grip_of(there), 0.07), Segment("lift", touching(back, ("block", "floor")), 0.045)
-    lower, away = Segment("lower", there, 0.045), Segment("retreat", grip_of(back), 0.07)
-    task = task_of(service, down, up, lower, away)
+def test_the_gripper_moves_between_motions_and_presses_on_what_it_takes(arm: FakeArm) -> None:
+    down, up = Segment("descend", grip_of(there()), 0.07), Segment("lift", touching(back(), ("block", "floor")), 0.045)
+    lower, away = Segment("lower", there(), 0.045), Segment("retreat", grip_of(back()), 0.07)
+    task = task_of(down, up, lower, away)
     arm.stone = 0.045
-    report = execute(task, arm, robot, replace(QUICK, squeeze=0.01), allow_unproven=True)
+    report = execute(task, arm, robot(), replace(QUICK, squeeze=0.01), allow_unproven=True)
     assert arm.widths == pytest.approx([0.07, 0.035, 0.07])
     assert [motion.name for motion in report.motions] == ["descend", "lift", "lower", "retreat"]
-    assert taken(task, robot) == ("block",)
+    assert taken(task, robot()) == ("block",)
     pairs = [("finger_left", "block"), ("finger_right", "block"), ("block", "floor")]
     assert meant_contacts(task) == {frozenset(pair) for pair in pairs}
 
 
-def test_motions_that_do_not_follow_each_other_are_refused(
-    service: PlannerService, there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
-    twice = task_of(service, Segment("there", there, 0.06), Segment("again", there, 0.06))
+def test_motions_that_do_not_follow_each_other_are_refused(arm: FakeArm) -> None:
+    twice = task_of(Segment("there", there(), 0.06), Segment("again", there(), 0.06))
     with pytest.raises(InvalidRequest, match=r"begin of again: got joint_0 at 0\.0000; expected 0\.0400 within"):
-        execute(twice, arm, robot, QUICK, allow_unproven=True)
+        execute(twice, arm, robot(), QUICK, allow_unproven=True)
     with pytest.raises(NotProven, match=r"again: got a start with joint_0 at 0; expected 0\.04, where there ends"):
-        execute(twice, arm, robot, QUICK)
+        execute(twice, arm, robot(), QUICK)
     assert (arm.told, arm.widths) == ([], [])
 
 
-def test_an_arm_that_did_not_arrive_begins_no_other_motion(
-    service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_arm_that_did_not_arrive_begins_no_other_motion(arm: FakeArm) -> None:
     def drift(step: int) -> None:
         arm.off = np.full(6, 0.001 * step)
 
     arm.trouble = drift
-    report = stopped(task_of(service, Segment("there", there, 0.06), Segment("back", back, 0.06)), arm, robot)
+    report = stopped(task_of(Segment("there", there(), 0.06), Segment("back", back(), 0.06)), arm)
     assert [motion.name for motion in report.motions] == ["there"]
     assert "end of there" in present(report.stopped)
     assert len(arm.held) == 1
 
 
-def test_an_arm_that_has_moved_while_the_gripper_did_begins_no_other_motion(
-    service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_an_arm_that_has_moved_while_the_gripper_did_begins_no_other_motion(arm: FakeArm) -> None:
     def closed() -> float:
         arm.off = np.full(6, 0.02)
         return 0.03
 
-    task = task_of(service, Segment("there", there, 0.06), Segment("back", back, 0.03))
+    task = task_of(Segment("there", there(), 0.06), Segment("back", back(), 0.03))
     arm.trouble = lambda k: setattr(arm, "gripper_width", closed)
-    report = stopped(task, arm, robot)
+    report = stopped(task, arm)
     assert [motion.name for motion in report.motions] == ["there"]
     assert "start of back" in present(report.stopped)
 
 
-def test_an_arm_that_pauses_on_its_way_to_rest_gets_its_time(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_an_arm_that_pauses_on_its_way_to_rest_gets_its_time(arm: FakeArm) -> None:
     arm.trouble = lambda k: setattr(arm, "off", np.full(6, 0.03 if k < 130 else 0.0))
-    assert execute(there, arm, robot, replace(QUICK, settle=0.5, start_tolerance=0.02)).ok
+    assert execute(there(), arm, robot(), replace(QUICK, settle=0.5, start_tolerance=0.02)).ok
     assert len(arm.told) > 130
 
 
-def test_an_arm_that_did_not_arrive_has_not_executed_its_last_motion(
-    there: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
-    arm.seen = lambda: arm.q + (0.02 * (arm.q - robot.home > 0.039) if arm.told else 0.0)
-    report = stopped(there, arm, robot)
+def test_an_arm_that_did_not_arrive_has_not_executed_its_last_motion(arm: FakeArm) -> None:
+    arm.seen = lambda: arm.q + (0.02 * (arm.q - robot().home > 0.039) if arm.told else 0.0)
+    report = stopped(there(), arm)
     assert "end of motion: got joint_0 at 0.0600; expected 0.0400 within 0.01 (start_tolerance)" in present(
         report.stopped
     )
     assert (report.motions[0].completed, len(arm.held)) == (True, 1)
 
 
-@pytest.fixture(scope="module")
-def far(service: PlannerService) -> PlanResult:
-    return service.plan(PlanRequest(service.robot.home, service.robot.home + 12.0 * STEP))
-
-
 @pytest.mark.parametrize("speed", [0.2, 1.0])
-def test_an_arm_that_does_not_follow_is_stopped_and_holds_where_it_is(
-    speed: float, far: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
-    stuck = robot.home + 0.1 * STEP
-    arm.seen = lambda: stuck.copy() if np.abs(arm.q - robot.home).max() > 0.004 else arm.q
-    report = stopped(far, arm, robot, replace(QUICK, speed=speed))
+def test_an_arm_that_does_not_follow_is_stopped_and_holds_where_it_is(speed: float, arm: FakeArm) -> None:
+    stuck = robot().home + 0.1 * STEP
+    arm.seen = lambda: stuck.copy() if np.abs(arm.q - robot().home).max() > 0.004 else arm.q
+    report = stopped(there(12.0), arm, replace(QUICK, speed=speed))
     assert "within 0.1 (tracking_tolerance); the arm was told to hold where it was" in present(report.stopped)
     assert np.array_equal(arm.held, [stuck])
     told = float(np.abs(arm.told[-1][0] - stuck).max())
@@ -509,27 +421,23 @@ def test_an_arm_that_does_not_follow_is_stopped_and_holds_where_it_is(
     assert 0.1 < told < 0.1 + (QUICK.latest + 0.01) * fastest
 
 
-def test_an_arm_that_follows_late_but_on_its_path_goes_on(
-    far: PlanResult, arm: FakeArm, robot: Robot, clock: FakeTime
-) -> None:
-    whole, began = motion_of(far), clock.now
+def test_an_arm_that_follows_late_but_on_its_path_goes_on(arm: FakeArm, clock: FakeTime) -> None:
+    whole, began = motion_of(there(12.0)), clock.now
     arm.seen = lambda: whole(min(max(clock.now - began - 0.17, 0.0), whole.duration))
     assert float(np.abs(whole(np.linspace(0.0, whole.duration, 50), 1)).max()) > 1.2  # 0.2 rad behind, then
-    assert execute(far, arm, robot, replace(QUICK, settle=0.3)).ok
+    assert execute(there(12.0), arm, robot(), replace(QUICK, settle=0.3)).ok
 
 
 @pytest.mark.parametrize("k", [3, 30])
-def test_an_arm_that_says_what_cannot_be_is_stopped(k: int, there: PlanResult, arm: FakeArm, robot: Robot) -> None:
+def test_an_arm_that_says_what_cannot_be_is_stopped(k: int, arm: FakeArm) -> None:
     arm.seen = lambda: np.full(6, np.nan) if len(arm.told) > k else arm.q
-    report = stopped(there, arm, robot)
+    report = stopped(there(), arm)
     assert "joint_0 at nan" in present(report.stopped)
     assert len(arm.told) == k + 1
     assert np.array_equal(arm.held, arm.told[-1][:1])
 
 
-def test_the_arm_holds_before_anything_is_worked_out(
-    there: PlanResult, arm: FakeArm, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_arm_holds_before_anything_is_worked_out(arm: FakeArm, monkeypatch: pytest.MonkeyPatch) -> None:
     made = ExecutedMotion.of
 
     def fail(step: int) -> None:
@@ -542,18 +450,13 @@ def test_the_arm_holds_before_anything_is_worked_out(
 
     arm.trouble = fail
     monkeypatch.setattr(ExecutedMotion, "of", of)
-    assert len(stopped(there, arm, robot).motions) == 1
+    assert len(stopped(there(), arm).motions) == 1
 
 
 @pytest.mark.parametrize("first", [KeyboardInterrupt, OSError])
 @pytest.mark.parametrize("where", ["positions", "hold"])
 def test_a_second_ctrl_c_waits_until_the_arm_was_told_to_hold(
-    first: type[BaseException],
-    where: str,
-    there: PlanResult,
-    arm: FakeArm,
-    robot: Robot,
-    monkeypatch: pytest.MonkeyPatch,
+    first: type[BaseException], where: str, arm: FakeArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked, interrupts = getattr(arm, where), iter([KeyboardInterrupt])
 
@@ -568,59 +471,53 @@ def test_a_second_ctrl_c_waits_until_the_arm_was_told_to_hold(
 
     arm.trouble = fail
     with pytest.raises(KeyboardInterrupt):
-        execute(there, arm, robot, QUICK)
-    assert [q.tolist() for q in arm.held] == [robot.home.tolist()]
+        execute(there(), arm, robot(), QUICK)
+    assert [q.tolist() for q in arm.held] == [robot().home.tolist()]
 
 
-def test_the_robot_comes_with_what_this_process_planned(
-    service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm
-) -> None:
-    assert execute(there, arm, streaming=QUICK).ok
-    assert execute(task_of(service, Segment("back", back, 0.08)), arm, streaming=QUICK).ok
-    elsewhere, arm.q = replace(there, origin=None), np.array(service.robot.home)
+def test_the_robot_comes_with_what_this_process_planned(arm: FakeArm) -> None:
+    assert execute(there(), arm, streaming=QUICK).ok
+    assert execute(task_of(Segment("back", back(), 0.08)), arm, streaming=QUICK).ok
+    elsewhere, arm.q = replace(there(), origin=None), np.array(service().robot.home)
     with pytest.raises(InvalidRequest, match="service: got None; expected the robot and the scene it was planned for"):
         execute(elsewhere, arm, streaming=QUICK)
     with pytest.raises(InvalidRequest, match="robot: got None; expected the robot the plan was made for"):
         execute(elsewhere, arm, streaming=QUICK, allow_unproven=True)
-    assert execute(elsewhere, arm, streaming=QUICK, service=service).ok
+    assert execute(elsewhere, arm, streaming=QUICK, service=service()).ok
 
 
-def test_what_was_planned_for_another_robot_is_not_executed(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    slower = replace(robot, limits=replace(robot.limits, velocity=robot.limits.velocity * 0.5))
+def test_what_was_planned_for_another_robot_is_not_executed(arm: FakeArm) -> None:
+    slower = replace(robot(), limits=replace(robot().limits, velocity=robot().limits.velocity * 0.5))
     with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
-        execute(there, arm, slower, QUICK)
+        execute(there(), arm, slower, QUICK)
     assert arm.told == []
 
 
-def test_the_gripper_is_as_far_open_as_the_plan_was_proven_with(
-    service: PlannerService, arm: FakeArm, robot: Robot
-) -> None:
-    narrow = service.changed(gripper=0.03)
-    plan = narrow.plan(PlanRequest(robot.home, robot.home + STEP))
-    assert execute(plan, arm, robot, QUICK).ok
+def test_the_gripper_is_as_far_open_as_the_plan_was_proven_with(arm: FakeArm) -> None:
+    narrow = service().changed(gripper=0.03)
+    plan = narrow.plan(PlanRequest(robot().home, robot().home + STEP))
+    assert execute(plan, arm, robot(), QUICK).ok
     assert arm.widths == [0.03]
-    arm.q, arm.width = np.array(robot.home), 0.027  # around something that gives way
+    arm.q, arm.width = np.array(robot().home), 0.027  # around something that gives way
     assert execute(replace(plan, origin=None), arm, streaming=QUICK, service=narrow).ok
     assert arm.widths == [0.03]
 
 
 @pytest.mark.parametrize(("stone", "stands"), [(0.0, "0.0350"), (0.06, "0.0600")])
-def test_a_grip_on_nothing_or_on_something_else_stops(
-    stone: float, stands: str, service: PlannerService, there: PlanResult, back: PlanResult, arm: FakeArm, robot: Robot
-) -> None:
+def test_a_grip_on_nothing_or_on_something_else_stops(stone: float, stands: str, arm: FakeArm) -> None:
     arm.stone = stone
-    task = task_of(service, Segment("down", grip_of(there), 0.07), Segment("up", back, 0.045))
-    report = stopped(task, arm, robot, allow_unproven=True)
+    task = task_of(Segment("down", grip_of(there()), 0.07), Segment("up", back(), 0.045))
+    report = stopped(task, arm, allow_unproven=True)
     assert [motion.name for motion in report.motions] == ["down"]
     assert f"gripper: got {stands}; expected 0.0450 within 0.005 (gripper_tolerance)" in present(report.stopped)
     assert len(arm.held) == 1
 
 
-def test_a_task_that_has_no_plan_is_not_executed(service: PlannerService, arm: FakeArm, robot: Robot) -> None:
-    failed = service.plan(PlanRequest(service.robot.home, np.full(6, 9.0)))
-    task = replace(task_of(service, Segment("there", failed, 0.06)), failure=failed.failure)
+def test_a_task_that_has_no_plan_is_not_executed(arm: FakeArm) -> None:
+    failed = service().plan(PlanRequest(service().robot.home, np.full(6, 9.0)))
+    task = replace(task_of(Segment("there", failed, 0.06)), failure=failed.failure)
     with pytest.raises(InvalidRequest, match="expected a plan, not a failure"):
-        execute(task, arm, robot, QUICK)
+        execute(task, arm, robot(), QUICK)
 
 
 @pytest.mark.parametrize(
@@ -631,8 +528,8 @@ def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
         Streaming(**{name: value})
 
 
-def test_the_report_is_plain_json(there: PlanResult, arm: FakeArm, robot: Robot) -> None:
-    document = execute(there, arm, robot, QUICK).document()
+def test_the_report_is_plain_json(arm: FakeArm) -> None:
+    document = execute(there(), arm, robot(), QUICK).document()
     assert document["motions"][0]["ticks"] > 50
     assert document["simulated"] is True
     assert len(document["motions"][0]["final_error"]) == 6
@@ -645,8 +542,8 @@ def test_without_the_driver_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture
-def saved(service: PlannerService, there: PlanResult, tmp_path: Path) -> str:
-    save_plan(SavedPlan(service.world, None, there), tmp_path / "plan.json")
+def saved(tmp_path: Path) -> str:
+    save_plan(SavedPlan(service().world, None, there()), tmp_path / "plan.json")
     return str(tmp_path / "plan.json")
 
 
@@ -659,22 +556,18 @@ def test_a_real_arm_is_not_even_connected_to_without_yes(saved: str, monkeypatch
     assert "Nothing moved" in done.stderr
 
 
-def test_what_would_be_done_is_told_motion_by_motion(
-    service: PlannerService, there: PlanResult, back: PlanResult, tmp_path: Path
-) -> None:
-    segments = (Segment("wave", there, 0.06), Segment("back", back, 0.06), Segment("wave", there, 0.06))
-    save_plan(task_of(service, *segments), tmp_path / "task.json")
+def test_what_would_be_done_is_told_motion_by_motion(tmp_path: Path) -> None:
+    segments = (Segment("wave", there(), 0.06), Segment("back", back(), 0.06), Segment("wave", there(), 0.06))
+    save_plan(task_of(*segments), tmp_path / "task.json")
     done = CliRunner().invoke(app, ["run", str(tmp_path / "task.json"), "--arm", "192.168.1.2", "--speed", "0.5"])
-    seconds = 2.0 * (2.0 * motion_of(there).duration + motion_of(back).duration)
+    seconds = 2.0 * (2.0 * motion_of(there()).duration + motion_of(back()).duration)
     assert f"wave, back, wave; {seconds:.1f} s of motion, at 50%" in done.stderr
 
 
-def test_for_a_failure_no_arm_is_connected_to(
-    service: PlannerService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_for_a_failure_no_arm_is_connected_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
-    failed = service.plan(PlanRequest(service.robot.home, np.full(6, 9.0)))
-    save_plan(SavedPlan(service.world, None, failed), tmp_path / "plan.json")
+    failed = service().plan(PlanRequest(service().robot.home, np.full(6, 9.0)))
+    save_plan(SavedPlan(service().world, None, failed), tmp_path / "plan.json")
     done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
     assert done.exit_code == 2
     assert "expected a file that holds a plan" in done.stderr
@@ -694,29 +587,25 @@ def test_for_a_plan_of_another_arm_no_arm_is_connected_to(
         assert f"FILE: made for {robot_name}; expected a plan for the WidowX AI, of joint_0 to joint_5" in done.stderr
 
 
-def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(
-    saved: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    arm = FakeArm(np.array(robot.home), simulated=False)
+def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(saved: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = FakeArm(np.array(robot().home), simulated=False)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
     done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert (done.exit_code, done.stderr) == (0, "")
     assert "executed on the arm" in done.stdout
     assert "at 20% of the planned speed" in done.stdout
-    assert arm.q == pytest.approx(robot.home + STEP)
+    assert arm.q == pytest.approx(robot().home + STEP)
     assert arm.closed
 
 
-def test_what_a_file_says_is_proven_is_proven_anew(
-    service: PlannerService, back: PlanResult, tmp_path: Path, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: FakeArm(np.array(robot.home), simulated=False))
-    places = np.random.default_rng(1).uniform(robot.limits.lower, robot.limits.upper, (200, robot.n))
-    into = next(q for q in places if not service.checker.state_is_free(q))
-    path = JointPath(np.array([robot.home, into]))
-    motion = Trapezoidal().time_path(path, robot.limits)
-    forged = replace(back, path=path, trajectory=motion)
-    plan, task = SavedPlan(service.world, None, forged), task_of(service, Segment("fold", forged, 0.08))
+def test_what_a_file_says_is_proven_is_proven_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "TrossenDriver", lambda address: FakeArm(np.array(robot().home), simulated=False))
+    places = np.random.default_rng(1).uniform(robot().limits.lower, robot().limits.upper, (200, robot().n))
+    into = next(q for q in places if not service().checker.state_is_free(q))
+    path = JointPath(np.array([robot().home, into]))
+    motion = Trapezoidal().time_path(path, robot().limits)
+    forged = replace(back(), path=path, trajectory=motion)
+    plan, task = SavedPlan(service().world, None, forged), task_of(Segment("fold", forged, 0.08))
     for saved in (plan, task):
         save_plan(saved, tmp_path / "plan.json")
         done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
@@ -726,9 +615,7 @@ def test_what_a_file_says_is_proven_is_proven_anew(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
-def test_whatever_ends_the_command_has_the_arm_hold(
-    name: str, saved: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whatever_ends_the_command_has_the_arm_hold(name: str, saved: str, monkeypatch: pytest.MonkeyPatch) -> None:
     number = getattr(signal, name)
     before = signal.getsignal(number)
 
@@ -738,7 +625,7 @@ def test_whatever_ends_the_command_has_the_arm_hold(
             os.kill(os.getpid(), number)
             time.sleep(0.5)  # really: the signal ends the wait of another thread
 
-    arm = FakeArm(np.array(robot.home), simulated=False, trouble=end)
+    arm = FakeArm(np.array(robot().home), simulated=False, trouble=end)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
     done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert done.exit_code == 130
@@ -747,13 +634,11 @@ def test_whatever_ends_the_command_has_the_arm_hold(
     assert signal.getsignal(number) == before
 
 
-def test_an_arm_that_stopped_leaves_code_1_and_says_why(
-    saved: str, robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_arm_that_stopped_leaves_code_1_and_says_why(saved: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(step: int) -> None:
         raise OSError("the cable was pulled")
 
-    arm = FakeArm(np.array(robot.home), simulated=False, trouble=fail)
+    arm = FakeArm(np.array(robot().home), simulated=False, trouble=fail)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
     done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
     assert done.exit_code == 1

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ from planner_service import (
 from planner_service.certify import ExemptInterval
 from planner_service.cli import run
 from planner_service.cli.commands import app
-from planner_service.execute import Streaming, execute
+from planner_service.execute import execute
 from planner_service.execute import stream as execution
 from planner_service.kinematics.inverse import straight_tool_line
 from planner_service.planning.follow import AllowedStretch
@@ -49,39 +50,38 @@ from planner_service.robot.model import AllowedContact
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.result import TaskResult
-from tests.support.arms import FakeArm, FakeTime
+from tests.support.arms import QUICK, FakeArm, FakeTime
 from tests.support.optional import present
 
-QUICK = Streaming(settle=0.02, gripper_time=0.1)
 ABOVE_TRAY = Pose((0.20, 0.28, 0.15), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
 
 
-@pytest.fixture(scope="module")
+@cache
 def bin_() -> PlannerService:
     return PlannerService("wxai", "bin")
 
 
-@pytest.fixture(scope="module")
-def home(bin_: PlannerService) -> Any:
-    return bin_.robot.home
+@cache
+def home() -> Any:
+    return bin_().robot.home
 
 
-@pytest.fixture(scope="module")
-def good(bin_: PlannerService, home: Any) -> PlanResult:
+@cache
+def good() -> PlanResult:
     """Around the post, to above the tray."""
-    return bin_.plan(PlanRequest(home, ABOVE_TRAY, seed=7))
+    return bin_().plan(PlanRequest(home(), ABOVE_TRAY, seed=7))
+
+
+@cache
+def task() -> TaskResult:
+    return plan_pick_place(bin_(), "blue_block", "tray", PlanRequest(home(), home(), seed=0))
 
 
 @pytest.fixture(scope="module")
-def task(bin_: PlannerService, home: Any) -> TaskResult:
-    return plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, seed=0))
-
-
-@pytest.fixture(scope="module")
-def read(task: TaskResult, tmp_path_factory: pytest.TempPathFactory) -> SavedTask:
+def read(tmp_path_factory: pytest.TempPathFactory) -> SavedTask:
     """The same from a file."""
     path = tmp_path_factory.mktemp("tasks") / "task.json"
-    save_plan(task, path)
+    save_plan(task(), path)
     return load_task(path)
 
 
@@ -131,23 +131,21 @@ def refused(plan: Any, match: str, service: PlannerService, **options: Any) -> N
     assert (arm.told, arm.widths) == ([], [])
 
 
-def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(
-    bin_: PlannerService, good: PlanResult, tmp_path: Path
-) -> None:
-    for plan in (good, saved(bin_, good, tmp_path)):
+def test_a_plan_as_planned_is_proven_from_memory_and_from_a_file(tmp_path: Path) -> None:
+    for plan in (good(), saved(bin_(), good(), tmp_path)):
         found = recertify(plan)
         assert (found.certified, found.problems, found.not_checked) == (True, (), ())
-        assert found.motions[0].certificate.clearance == present(good.certificate).clearance
-        arm = FakeArm(np.array(bin_.robot.home))
-        assert execute(plan, arm, bin_.robot, QUICK).ok
+        assert found.motions[0].certificate.clearance == present(good().certificate).clearance
+        arm = FakeArm(np.array(bin_().robot.home))
+        assert execute(plan, arm, bin_().robot, QUICK).ok
 
 
 @pytest.mark.slow
-def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: TaskResult, read: SavedTask) -> None:
+def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(read: SavedTask) -> None:
     fingers = "finger_left x blue_block, finger_right x blue_block"
-    for plan in (task, SavedTask.of(task), read):
+    for plan in (task(), SavedTask.of(task()), read):
         found = recertify(plan).required()
-        assert [motion.name for motion in found.motions] == [segment.name for segment in task.segments]
+        assert [motion.name for motion in found.motions] == [segment.name for segment in task().segments]
         told = [(line.split(": ")[0], line.split(": ")[2]) for line in found.not_checked if "gripper" not in line]
         assert told == [
             ("descend", f"{fingers} (fingers may touch blue_block, which they take)"),
@@ -157,9 +155,7 @@ def test_a_task_as_planned_is_proven_and_each_exemption_is_derived(task: TaskRes
         ]
 
 
-def test_the_grippers_own_motion_is_proven_too_from_the_width_it_has(
-    read: SavedTask, bin_: PlannerService, good: PlanResult
-) -> None:
+def test_the_grippers_own_motion_is_proven_too_from_the_width_it_has(read: SavedTask) -> None:
     found = recertify(read).required()
     moved = {motion.name: motion.gripper.name for motion in found.motions if motion.gripper is not None}
     assert moved == {
@@ -168,16 +164,16 @@ def test_the_grippers_own_motion_is_proven_too_from_the_width_it_has(
         "retreat": "gripper opens",
     }
     assert sum("gripper" in line for line in found.not_checked) == 2
-    tool = Pose.from_matrix(bin_.robot.tool_pose(bin_.robot.home))
+    tool = Pose.from_matrix(bin_().robot.tool_pose(bin_().robot.home))
     plate = Obstacle("plate", Box((0.02, 0.004, 0.02)), tool @ Pose((0.0, 0.0, 0.0)))
-    beside = PlannerService(bin_.robot, Scene((plate,)))
-    assert beside.checker.state_is_free(bin_.robot.home)
-    assert not beside.changed(gripper=0.0).checker.state_is_free(bin_.robot.home)
-    stay = beside.changed(gripper=0.03).plan(PlanRequest(bin_.robot.home, bin_.robot.home))
-    stand = FakeArm(np.array(bin_.robot.home), width=0.06)
+    beside = PlannerService(bin_().robot, Scene((plate,)))
+    assert beside.checker.state_is_free(bin_().robot.home)
+    assert not beside.changed(gripper=0.0).checker.state_is_free(bin_().robot.home)
+    stay = beside.changed(gripper=0.03).plan(PlanRequest(bin_().robot.home, bin_().robot.home))
+    stand = FakeArm(np.array(bin_().robot.home), width=0.06)
     assert execute(stay, stand, None, QUICK).ok
-    stay = beside.plan(PlanRequest(bin_.robot.home, bin_.robot.home))
-    stand = FakeArm(np.array(bin_.robot.home), width=0.0)
+    stay = beside.plan(PlanRequest(bin_().robot.home, bin_().robot.home))
+    stand = FakeArm(np.array(bin_().robot.home), width=0.0)
     with pytest.raises(NotProven, match=r"gripper cannot open from 0\.0 to 80\.0 mm: .* plate"):
         execute(stay, stand, None, QUICK)
     assert (stand.told, stand.widths) == ([], [])
@@ -205,65 +201,59 @@ def test_a_gripper_that_is_told_to_press_is_free_to_close_that_far() -> None:
 
 
 @pytest.mark.slow
-def test_a_saved_task_is_driven_on_a_simulated_arm(read: SavedTask, bin_: PlannerService) -> None:
-    arm = FakeArm(np.array(bin_.robot.home), stone=0.04)
-    assert execute(read, arm, bin_.robot, QUICK).ok
+def test_a_saved_task_is_driven_on_a_simulated_arm(read: SavedTask) -> None:
+    arm = FakeArm(np.array(bin_().robot.home), stone=0.04)
+    assert execute(read, arm, bin_().robot, QUICK).ok
     assert len(arm.widths) == 3
 
 
-def test_a_path_that_was_replaced_is_refused_though_the_certificate_was_kept(
-    bin_: PlannerService, good: PlanResult, tmp_path: Path
-) -> None:
-    refused(saved(bin_, through_the_post(good, bin_), tmp_path), "is not proven apart", bin_)
+def test_a_path_that_was_replaced_is_refused_though_the_certificate_was_kept(tmp_path: Path) -> None:
+    refused(saved(bin_(), through_the_post(good(), bin_()), tmp_path), "is not proven apart", bin_())
 
 
-def test_a_result_of_this_process_is_proven_again_too(bin_: PlannerService, good: PlanResult) -> None:
-    forged = through_the_post(good, bin_)
+def test_a_result_of_this_process_is_proven_again_too() -> None:
+    forged = through_the_post(good(), bin_())
     assert forged.origin is not None
-    refused(forged, "is not proven apart", bin_)
-    refused(replace(good, trajectory=forged.trajectory), "a trajectory along another path than the plan's", bin_)
+    refused(forged, "is not proven apart", bin_())
+    refused(replace(good(), trajectory=forged.trajectory), "a trajectory along another path than the plan's", bin_())
 
 
-def test_an_exemption_over_everything_is_refused_in_two_lines_the_collision_first(
-    bin_: PlannerService, good: PlanResult, tmp_path: Path
-) -> None:
-    length = through_the_post(good, bin_).path.length  # type: ignore[union-attr]
-    forged = through_the_post(good, bin_, everything(bin_, length))
-    plan = saved(bin_, forged, tmp_path)
-    refused(plan, "no rule of picking or placing allows that contact there", bin_)
+def test_an_exemption_over_everything_is_refused_in_two_lines_the_collision_first(tmp_path: Path) -> None:
+    length = through_the_post(good(), bin_()).path.length  # type: ignore[union-attr]
+    forged = through_the_post(good(), bin_(), everything(bin_(), length))
+    plan = saved(bin_(), forged, tmp_path)
+    refused(plan, "no rule of picking or placing allows that contact there", bin_())
     collision, exempt = recertify(plan).problems
     assert "is not proven apart" in collision
     assert re.search(r"^motion: base_link x table, .* and \d+ more pairs are not judged from s = 0 to ", exempt)
     one = ExemptInterval(0.0, length, (("link_4", "demo_post"),), "grasp")
-    told = objections(saved(bin_, through_the_post(good, bin_, one), tmp_path))
+    told = objections(saved(bin_(), through_the_post(good(), bin_(), one), tmp_path))
     assert "link_4 x demo_post is not judged from" in told
     assert "--allow link_4:demo_post (Python: allowed=[('link_4', 'demo_post')])" in told
 
 
-def test_a_stretch_that_no_rule_gives_is_honoured_once_its_pairs_are_named_again(
-    bin_: PlannerService, good: PlanResult, tmp_path: Path
-) -> None:
-    path = present(good.path)
+def test_a_stretch_that_no_rule_gives_is_honoured_once_its_pairs_are_named_again(tmp_path: Path) -> None:
+    path = present(good().path)
     stretch = AllowedStretch(0, 1, (("link_6", "demo_post"),), "camera mount")
-    made = bin_.follow(path.waypoints, contacts=[stretch])
-    for plan in (made, saved(bin_, made, tmp_path)):
+    made = bin_().follow(path.waypoints, contacts=[stretch])
+    for plan in (made, saved(bin_(), made, tmp_path)):
         assert "link_6 x demo_post is not judged from s = 0 to" in objections(plan)
         found = recertify(plan, allowed=[("demo_post", "link_6")]).required()
         assert [pair for line in found.not_checked for pair in [line.split(": ")[1]]] == [
             "link_6 x demo_post (named as a pair that may touch)"
         ]
-        arm = FakeArm(np.array(bin_.robot.home))
-        assert execute(plan, arm, bin_.robot, QUICK, allowed=[("link_6", "demo_post")]).ok
+        arm = FakeArm(np.array(bin_().robot.home))
+        assert execute(plan, arm, bin_().robot, QUICK, allowed=[("link_6", "demo_post")]).ok
 
 
-def test_a_pair_that_a_plan_does_not_need_is_refused(good: PlanResult) -> None:
+def test_a_pair_that_a_plan_does_not_need_is_refused() -> None:
     with pytest.raises(InvalidRequest, match=r"a pair that this plan lets touch \(none"):
-        recertify(good, allowed=[("link_6", "demo_post")])
+        recertify(good(), allowed=[("link_6", "demo_post")])
 
 
-def test_pairs_that_a_plan_was_made_with_are_named_again_by_whoever_executes(home: Any, tmp_path: Path) -> None:
+def test_pairs_that_a_plan_was_made_with_are_named_again_by_whoever_executes(tmp_path: Path) -> None:
     lenient = PlannerService("wxai", "bin", allowed=[("link_6", "demo_post")])
-    made = lenient.plan(PlanRequest(home, ABOVE_TRAY, seed=7))
+    made = lenient.plan(PlanRequest(home(), ABOVE_TRAY, seed=7))
     for plan in (made, saved(lenient, made, tmp_path)):
         refused(plan, "planned with demo_post x link_6 allowed to touch; .* --allow demo_post:link_6", lenient)
         found = recertify(plan, allowed=[("link_6", "demo_post")])
@@ -272,30 +262,28 @@ def test_pairs_that_a_plan_was_made_with_are_named_again_by_whoever_executes(hom
         assert "allowed to touch all the time: demo_post x link_6" in found.not_checked
 
 
-def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(
-    bin_: PlannerService, home: Any, tmp_path: Path
-) -> None:
-    asleep = bin_.robot.pose("sleep")
-    for start, goal in ((asleep, home), (home, asleep)):
-        made = bin_.plan(PlanRequest(start, goal))
+def test_the_robots_own_way_out_of_a_pose_is_exempt_there_and_nowhere_else(tmp_path: Path) -> None:
+    asleep = bin_().robot.pose("sleep")
+    for start, goal in ((asleep, home()), (home(), asleep)):
+        made = bin_().plan(PlanRequest(start, goal))
         assert made.exempt
         assert made.certificate is not None
-        assert recertify(saved(bin_, made, tmp_path)).certified
+        assert recertify(saved(bin_(), made, tmp_path)).certified
         (own,) = made.exempt
         for wider in (
             replace(own, s_start=0.0, s_end=present(made.path).length),
             replace(own, pairs=(*own.pairs, ("link_1", "link_3"))),
         ):
             forged = replace(made, certificate=replace(made.certificate, exempt=(wider,)))
-            refused(saved(bin_, forged, tmp_path), "not judged from s", bin_)
+            refused(saved(bin_(), forged, tmp_path), "not judged from s", bin_())
 
 
 # Time laws.
 
 
-def test_a_time_law_beyond_the_limits_is_refused(bin_: PlannerService, home: Any, tmp_path: Path) -> None:
-    made = bin_.plan(PlanRequest(home, home + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])))
-    length, speed, h = present(made.path).length, 0.9 * float(bin_.robot.limits.velocity.min()), 1e-4
+def test_a_time_law_beyond_the_limits_is_refused(tmp_path: Path) -> None:
+    made = bin_().plan(PlanRequest(home(), home() + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    length, speed, h = present(made.path).length, 0.9 * float(bin_().robot.limits.velocity.min()), 1e-4
     ramp = speed * h / 2.0
     cruise = length - 2.0 * ramp
     table = [
@@ -304,8 +292,10 @@ def test_a_time_law_beyond_the_limits_is_refused(bin_: PlannerService, home: Any
         [ramp + cruise, speed, -speed / (2.0 * h), 0.0],
     ]
     jump = Trajectory(present(made.path), np.array([h, cruise / speed, h]), np.array(table))
-    refused(saved(bin_, replace(made, trajectory=jump), tmp_path), "joint_0 reaches .* times the acceleration", bin_)
-    refused(replace(made, trajectory=present(made.trajectory).dilated(0.5)), "times the acceleration allowed", bin_)
+    refused(
+        saved(bin_(), replace(made, trajectory=jump), tmp_path), "joint_0 reaches .* times the acceleration", bin_()
+    )
+    refused(replace(made, trajectory=present(made.trajectory).dilated(0.5)), "times the acceleration allowed", bin_())
 
 
 SLOWER = pytest.mark.parametrize(
@@ -320,20 +310,18 @@ SLOWER = pytest.mark.parametrize(
 
 
 @SLOWER
-def test_a_motion_faster_than_was_asked_for_is_refused(
-    option: str, value: Any, match: str, bin_: PlannerService, good: PlanResult, home: Any, tmp_path: Path
-) -> None:
-    slow = PlanRequest(home, ABOVE_TRAY, seed=7, **{option: value})
-    assert recertify(saved(bin_, bin_.plan(slow), tmp_path, slow)).certified
-    refused(saved(bin_, good, tmp_path, slow), match, bin_)
+def test_a_motion_faster_than_was_asked_for_is_refused(option: str, value: Any, match: str, tmp_path: Path) -> None:
+    slow = PlanRequest(home(), ABOVE_TRAY, seed=7, **{option: value})
+    assert recertify(saved(bin_(), bin_().plan(slow), tmp_path, slow)).certified
+    refused(saved(bin_(), good(), tmp_path, slow), match, bin_())
 
 
 @pytest.mark.slow
 @SLOWER
 def test_motions_of_a_task_faster_than_was_asked_for_are_refused(
-    option: str, value: Any, match: str, bin_: PlannerService, home: Any, tmp_path: Path
+    option: str, value: Any, match: str, tmp_path: Path
 ) -> None:
-    slow = plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, seed=0, **{option: value}))
+    slow = plan_pick_place(bin_(), "blue_block", "tray", PlanRequest(home(), home(), seed=0, **{option: value}))
     save_plan(slow, tmp_path / "slow.json")
     kept = load_task(tmp_path / "slow.json")
     assert recertify(kept).certified
@@ -341,25 +329,23 @@ def test_motions_of_a_task_faster_than_was_asked_for_are_refused(
         for segment in plan.segments:
             _, trajectory = segment.result.unwrap()
             hasty = replace(segment.result, trajectory=trajectory.dilated(0.4))
-            refused(changed(plan, segment.name, result=hasty), f"{segment.name}: .*{match}", bin_)
+            refused(changed(plan, segment.name, result=hasty), f"{segment.name}: .*{match}", bin_())
 
 
-def test_a_saved_pick_keeps_what_it_was_asked_and_the_law_of_its_lines(
-    bin_: PlannerService, home: Any, tmp_path: Path
-) -> None:
-    block = bin_.scene.obstacle("blue_block")
+def test_a_saved_pick_keeps_what_it_was_asked_and_the_law_of_its_lines(tmp_path: Path) -> None:
+    block = bin_().scene.obstacle("blue_block")
     asked = PlanRequest((), (), seed=3, acceleration_scale=0.5)
     handling = Handling(support="bin_floor", request=asked, line_timing=SCurve())
-    pick(bin_, home, "blue_block", top_grasps(bin_.robot, block), handling).save(tmp_path / "pick.json")
+    pick(bin_(), home(), "blue_block", top_grasps(bin_().robot, block), handling).save(tmp_path / "pick.json")
     read = load_task(tmp_path / "pick.json")
     assert read.request is not None
     assert (read.request.seed, read.request.acceleration_scale, read.request.timing) == (3, 0.5, asked.timing)
     assert [segment.timing for segment in read.segments] == [None, SCurve(), SCurve()]
     assert recertify(read).certified
     descent = read.segments[1].result
-    line = bin_.follow(descent.unwrap()[0].waypoints, pace=Pace(asked.timing, acceleration_scale=0.5))
+    line = bin_().follow(descent.unwrap()[0].waypoints, pace=Pace(asked.timing, acceleration_scale=0.5))
     jerky = replace(descent, path=line.path, trajectory=line.trajectory)
-    refused(changed(read, "descend", result=jerky), "descend: .* the jerk", bin_)
+    refused(changed(read, "descend", result=jerky), "descend: .* the jerk", bin_())
 
 
 # What a task says the gripper does.
@@ -390,25 +376,25 @@ def length_of(task: SavedTask, name: str) -> float:
 
 
 @pytest.mark.parametrize("width", [5.0, -1.0, math.nan])
-def test_a_gripper_is_not_told_a_width_beyond_its_range(width: float, read: SavedTask, bin_: PlannerService) -> None:
+def test_a_gripper_is_not_told_a_width_beyond_its_range(width: float, read: SavedTask) -> None:
     forged = with_segments(read, *(replace(part, width=width) for part in read.segments))
-    refused(forged, r"expected a gap between the finger pads in \[0", bin_)
+    refused(forged, r"expected a gap between the finger pads in \[0", bin_())
     with pytest.raises(InvalidRequest, match="a gap between the finger pads"):
-        execute(forged, FakeArm(np.array(bin_.robot.home)), bin_.robot, QUICK, allow_unproven=True)
+        execute(forged, FakeArm(np.array(bin_().robot.home)), bin_().robot, QUICK, allow_unproven=True)
 
 
 @pytest.mark.slow
-def test_an_object_is_taken_by_a_gripper_that_closes_on_it(read: SavedTask, bin_: PlannerService) -> None:
+def test_an_object_is_taken_by_a_gripper_that_closes_on_it(read: SavedTask) -> None:
     shut = with_segments(read, *(replace(part, width=0.0) if k > 1 else part for k, part in enumerate(read.segments)))
-    refused(shut, "lift: got a gripper 0.0000 m open around blue_block", bin_)
+    refused(shut, "lift: got a gripper 0.0000 m open around blue_block", bin_())
     closed = next(part.width for part in read.segments if part.name == "lift")
     early = changed(changed(read, "home -> pregrasp", width=closed), "descend", width=closed)
-    refused(early, "lift: got blue_block taken by a gripper that stays as it is", bin_)
+    refused(early, "lift: got blue_block taken by a gripper that stays as it is", bin_())
     never = changed(changed(read, "retreat", width=closed), "retreat -> home", width=closed)
-    refused(never, "retreat: got blue_block left by a gripper that stays as it is", bin_)
-    refused(changed(read, "lift", width=0.08), "lift: got blue_block taken by a gripper that opens", bin_)
-    refused(changed(read, "retreat", width=0.0), "retreat: got blue_block left by a gripper that closes", bin_)
-    refused(changed(read, "transfer", width=0.05), "around blue_block; expected a gripper that stays as it is", bin_)
+    refused(never, "retreat: got blue_block left by a gripper that stays as it is", bin_())
+    refused(changed(read, "lift", width=0.08), "lift: got blue_block taken by a gripper that opens", bin_())
+    refused(changed(read, "retreat", width=0.0), "retreat: got blue_block left by a gripper that closes", bin_())
+    refused(changed(read, "transfer", width=0.05), "around blue_block; expected a gripper that stays as it is", bin_())
 
 
 @pytest.mark.parametrize(
@@ -425,9 +411,9 @@ def test_an_object_is_taken_by_a_gripper_that_closes_on_it(read: SavedTask, bin_
     ],
 )
 def test_pieces_of_a_task_left_out_repeated_or_swapped_are_refused(
-    kept: tuple[int, ...], match: str, read: SavedTask, bin_: PlannerService
+    kept: tuple[int, ...], match: str, read: SavedTask
 ) -> None:
-    refused(with_segments(read, *(read.segments[k] for k in kept)), match, bin_)
+    refused(with_segments(read, *(read.segments[k] for k in kept)), match, bin_())
 
 
 def scene_of(task: SavedTask, name: str) -> Scene:
@@ -445,38 +431,38 @@ def carrying(task: SavedTask, forge: Callable[[Attached], Attached]) -> SavedTas
     return with_segments(task, *parts)
 
 
-def test_what_is_carried_is_what_was_taken_where_it_was_taken(read: SavedTask, bin_: PlannerService) -> None:
+def test_what_is_carried_is_what_was_taken_where_it_was_taken(read: SavedTask) -> None:
     tiny = carrying(read, lambda held: replace(held, shape=Box((0.001, 0.001, 0.001))))
-    refused(tiny, "an obstacle of that name and shape in the scene before", bin_)
+    refused(tiny, "an obstacle of that name and shape in the scene before", bin_())
     aside = carrying(read, lambda held: replace(held, pose=Pose((0.3, 0.0, 0.0)) @ held.pose))
-    refused(aside, "carried at another place than where it is taken", bin_)
-    post = bin_.scene.obstacle("demo_post")
+    refused(aside, "carried at another place than where it is taken", bin_())
+    post = bin_().scene.obstacle("demo_post")
     parts = []
     for part in read.segments:
         scene = part.scene
         if scene is not None and scene.attached:
             other = replace(scene.attached[0], name=post.name, shape=post.shape)
-            scene = bin_.scene.without(post.name).with_attached(other)
+            scene = bin_().scene.without(post.name).with_attached(other)
         parts.append(replace(part, scene=scene))
-    refused(with_segments(read, *parts), "demo_post carried at another place than where it is taken", bin_)
-    links = tuple(dict.fromkeys(shape.link for shape in bin_.robot.shapes))
+    refused(with_segments(read, *parts), "demo_post carried at another place than where it is taken", bin_())
+    links = tuple(dict.fromkeys(shape.link for shape in bin_().robot.shapes))
     anything = carrying(read, lambda held: replace(held, touch_links=links))
-    refused(anything, "expected what is taken to touch the fingers alone", bin_)
+    refused(anything, "expected what is taken to touch the fingers alone", bin_())
 
 
 @pytest.mark.slow
-def test_nothing_vanishes_appears_or_moves_between_motions(read: SavedTask, bin_: PlannerService) -> None:
+def test_nothing_vanishes_appears_or_moves_between_motions(read: SavedTask) -> None:
     without = changed(read, "transfer", scene=scene_of(read, "transfer").without("demo_post"))
-    refused(without, "transfer: got another scene than after lift", bin_)
+    refused(without, "transfer: got another scene than after lift", bin_())
     moved = changed(read, "transfer", scene=scene_of(read, "transfer").moved("demo_post", Pose((0.0, -0.5, 0.1))))
-    refused(moved, "transfer: got another scene than after lift", bin_)
+    refused(moved, "transfer: got another scene than after lift", bin_())
     elsewhere = scene_of(read, "retreat").moved("blue_block", Pose((0.2, -0.3, 0.1)))
-    refused(changed(read, "retreat", scene=elsewhere), "retreat: got another scene than after lower", bin_)
+    refused(changed(read, "retreat", scene=elsewhere), "retreat: got another scene than after lower", bin_())
     ghost = replace(read, made_for=replace(read.made_for, scene=read.scene.without("demo_post")))
-    refused(ghost, "home -> pregrasp: got another scene than at the start of the plan", bin_)
+    refused(ghost, "home -> pregrasp: got another scene than at the start of the plan", bin_())
 
 
-def test_an_object_that_was_moved_is_not_grasped_any_more(read: SavedTask, bin_: PlannerService) -> None:
+def test_an_object_that_was_moved_is_not_grasped_any_more(read: SavedTask) -> None:
     block = read.scene.obstacle("blue_block")
     x, y, z = block.pose.position
     for shift in (0.004, 0.03):
@@ -488,15 +474,13 @@ def test_an_object_that_was_moved_is_not_grasped_any_more(read: SavedTask, bin_:
             for k, part in enumerate(read.segments)
         ]
         moved = replace(read, made_for=replace(read.made_for, scene=read.scene.moved("blue_block", there)))
-        refused(with_segments(moved, *parts), "blue_block carried at another place than where it is taken", bin_)
+        refused(with_segments(moved, *parts), "blue_block carried at another place than where it is taken", bin_())
 
 
 @pytest.mark.parametrize("name", ["home -> pregrasp", "transfer", "retreat -> home"])
-def test_fingers_touch_an_object_only_where_they_take_or_leave_it(
-    name: str, read: SavedTask, bin_: PlannerService
-) -> None:
+def test_fingers_touch_an_object_only_where_they_take_or_leave_it(name: str, read: SavedTask) -> None:
     touch = ExemptInterval(0.0, length_of(read, name), (("finger_left", "blue_block"),), "grasp")
-    refused(exempting(read, name, touch), "finger_left x blue_block is not judged", bin_)
+    refused(exempting(read, name, touch), "finger_left x blue_block is not judged", bin_())
 
 
 @pytest.mark.slow
@@ -511,18 +495,18 @@ def test_fingers_touch_an_object_only_where_they_take_or_leave_it(
     ],
 )
 def test_a_stretch_wider_than_its_rule_is_refused(
-    name: str, pair: tuple[str, str], match: str, read: SavedTask, bin_: PlannerService
+    name: str, pair: tuple[str, str], match: str, read: SavedTask
 ) -> None:
-    refused(exempting(read, name, ExemptInterval(0.0, length_of(read, name), (pair,), "grasp")), match, bin_)
+    refused(exempting(read, name, ExemptInterval(0.0, length_of(read, name), (pair,), "grasp")), match, bin_())
 
 
 @pytest.mark.slow
-def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: SavedTask, bin_: PlannerService) -> None:
+def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: SavedTask) -> None:
     refused(
-        exempting(read, "lift", ExemptInterval(0.0, 9.0, (("blue_block", "bin_floor"),), "")), "beyond the end", bin_
+        exempting(read, "lift", ExemptInterval(0.0, 9.0, (("blue_block", "bin_floor"),), "")), "beyond the end", bin_()
     )
     refused(
-        exempting(read, "lift", ExemptInterval(0.0, 0.01, (("ghost", "demo_post"),), "")), "have no such pair", bin_
+        exempting(read, "lift", ExemptInterval(0.0, 0.01, (("ghost", "demo_post"),), "")), "have no such pair", bin_()
     )
 
 
@@ -532,33 +516,33 @@ def test_a_stretch_beyond_the_end_or_of_what_is_not_there_is_refused(read: Saved
 @pytest.mark.slow
 @pytest.mark.parametrize("simulated", [False, np.bool_(False)])
 def test_a_real_arm_is_moved_by_a_file_only_in_the_world_that_the_operator_knows(
-    simulated: Any, bin_: PlannerService, good: PlanResult, tmp_path: Path
+    simulated: Any, tmp_path: Path
 ) -> None:
-    plan, arm = saved(bin_, good, tmp_path), FakeArm(np.array(bin_.robot.home), simulated=simulated)
-    made = rf"wxai \({bin_.robot.hash[:12]}\) in bin \({bin_.scene.hash[:12]}\)"
+    plan, arm = saved(bin_(), good(), tmp_path), FakeArm(np.array(bin_().robot.home), simulated=simulated)
+    made = rf"wxai \({bin_().robot.hash[:12]}\) in bin \({bin_().scene.hash[:12]}\)"
     with pytest.raises(
         InvalidRequest, match=rf"--robot and --scene, or .*service=PlannerService\(robot, scene\)\)\. .*{made}"
     ):
-        execute(plan, arm, bin_.robot, QUICK)
-    moved = bin_.with_scene(bin_.scene.moved("demo_post", Pose((0.0, -0.6, 0.2))))
-    with pytest.raises(InvalidRequest, match=rf"made in bin, {bin_.scene.hash[:12]}; .* {moved.scene.hash[:12]}"):
+        execute(plan, arm, bin_().robot, QUICK)
+    moved = bin_().with_scene(bin_().scene.moved("demo_post", Pose((0.0, -0.6, 0.2))))
+    with pytest.raises(InvalidRequest, match=rf"made in bin, {bin_().scene.hash[:12]}; .* {moved.scene.hash[:12]}"):
         execute(plan, arm, None, QUICK, service=moved)
-    other = replace(bin_.robot, settle_time=9.0)
-    with pytest.raises(InvalidRequest, match=rf"made for wxai, {bin_.robot.hash[:12]}; .* {other.hash[:12]}"):
-        execute(plan, arm, None, QUICK, service=PlannerService(other, bin_.scene))
+    other = replace(bin_().robot, settle_time=9.0)
+    with pytest.raises(InvalidRequest, match=rf"made for wxai, {bin_().robot.hash[:12]}; .* {other.hash[:12]}"):
+        execute(plan, arm, None, QUICK, service=PlannerService(other, bin_().scene))
     assert arm.told == []
-    assert execute(plan, arm, None, QUICK, service=bin_.changed(gripper=0.03)).ok
-    arm.q = np.array(bin_.robot.home)
-    assert execute(good, arm, None, QUICK).ok  # this process planned it, for a scene that its caller gave
+    assert execute(plan, arm, None, QUICK, service=bin_().changed(gripper=0.03)).ok
+    arm.q = np.array(bin_().robot.home)
+    assert execute(good(), arm, None, QUICK).ok  # this process planned it, for a scene that its caller gave
 
 
-def test_a_forged_scene_does_not_reach_a_real_arm(bin_: PlannerService, good: PlanResult, tmp_path: Path) -> None:
-    empty = PlannerService(bin_.robot, bin_.scene.without("demo_post"))
-    plan = saved(empty, through_the_post(good, bin_), tmp_path)
+def test_a_forged_scene_does_not_reach_a_real_arm(tmp_path: Path) -> None:
+    empty = PlannerService(bin_().robot, bin_().scene.without("demo_post"))
+    plan = saved(empty, through_the_post(good(), bin_()), tmp_path)
     assert recertify(plan).certified  # in the scene of the file
-    arm = FakeArm(np.array(bin_.robot.home), simulated=False)
+    arm = FakeArm(np.array(bin_().robot.home), simulated=False)
     with pytest.raises(InvalidRequest, match="plan: made in bin"):
-        execute(plan, arm, None, QUICK, service=bin_)
+        execute(plan, arm, None, QUICK, service=bin_())
     assert arm.told == []
 
 
@@ -567,12 +551,10 @@ FILES = [["certify"], ["run", "--sim"], ARM, ["view", "--no-browser"], ["export"
 
 
 @pytest.mark.parametrize("words", FILES, ids=lambda words: words[0])
-def test_a_forged_file_is_refused_by_each_command(
-    words: list[str], bin_: PlannerService, good: PlanResult, tmp_path: Path
-) -> None:
-    length = through_the_post(good, bin_).path.length  # type: ignore[union-attr]
-    for exempt in ((), (everything(bin_, length),)):
-        saved(bin_, through_the_post(good, bin_, *exempt), tmp_path)
+def test_a_forged_file_is_refused_by_each_command(words: list[str], tmp_path: Path) -> None:
+    length = through_the_post(good(), bin_()).path.length  # type: ignore[union-attr]
+    for exempt in ((), (everything(bin_(), length),)):
+        saved(bin_(), through_the_post(good(), bin_(), *exempt), tmp_path)
         done = CliRunner().invoke(app, [words[0], str(tmp_path / "plan.json"), *words[1:]])
         assert done.exit_code == 1
         assert ("--allow" if exempt else "is not proven apart") in done.output
@@ -607,11 +589,11 @@ def test_a_dry_run_lists_what_is_not_judged_and_moves_nothing(
 
 
 @pytest.mark.slow
-def test_pairs_are_named_again_in_the_shell(home: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = FakeArm(np.array(home), simulated=False)
+def test_pairs_are_named_again_in_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = FakeArm(np.array(home()), simulated=False)
     monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
     lenient = PlannerService("wxai", "bin", allowed=[("link_6", "demo_post")])
-    saved(lenient, lenient.plan(PlanRequest(home, ABOVE_TRAY, seed=7)), tmp_path)
+    saved(lenient, lenient.plan(PlanRequest(home(), ABOVE_TRAY, seed=7)), tmp_path)
     words = ["run", str(tmp_path / "plan.json"), "--arm", "::1", "--yes", "--robot", "wxai", "--scene", "bin"]
     assert CliRunner().invoke(app, words).exit_code == 1
     assert arm.told == []
@@ -629,63 +611,59 @@ def starting_at(task: SavedTask, name: str, robot: Robot, *segments: Segment) ->
     return replace(task, made_for=made_for, segments=segments or (part,))
 
 
-def test_a_gripper_that_holds_something_does_not_open_for_the_first_motion(
-    read: SavedTask, bin_: PlannerService
-) -> None:
-    task = starting_at(read, "transfer", bin_.robot)
+def test_a_gripper_that_holds_something_does_not_open_for_the_first_motion(read: SavedTask) -> None:
+    task = starting_at(read, "transfer", bin_().robot)
     (part,) = task.segments
     start = np.array(part.result.trajectory(0.0))  # type: ignore[misc]
     assert execute(task, FakeArm(start, width=part.width), None, QUICK).ok
-    refused(with_segments(task, replace(part, width=0.08)), "would drop it, opening to 0.0800 m", bin_)
+    refused(with_segments(task, replace(part, width=0.08)), "would drop it, opening to 0.0800 m", bin_())
     arm = FakeArm(start, width=0.02)
     with pytest.raises(NotProven, match=r"holds blue_block at 0\.0200 m and would drop it"):
         execute(task, arm, None, QUICK)
     assert (arm.told, arm.widths) == ([], [])
 
 
-def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: SavedTask, bin_: PlannerService) -> None:
+def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: SavedTask) -> None:
     lower, retreat = (next(part for part in read.segments if part.name == name) for name in ("lower", "retreat"))
     assert retreat.scene is not None
     (held,) = present(lower.scene).attached
     pin = Attached("pin", Box((0.002, 0.002, 0.002)), held.pose, ("finger_left", "finger_right"))
-    both = starting_at(read, "lower", bin_.robot)
+    both = starting_at(read, "lower", bin_().robot)
     segments = [replace(part, scene=part.scene.with_attached(pin)) for part in (lower, retreat) if part.scene]
     made_for = replace(both.made_for, scene=present(segments[0].scene))
     refused(
-        replace(both, made_for=made_for, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_
+        replace(both, made_for=made_for, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_()
     )
 
 
-def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTask, bin_: PlannerService) -> None:
-    robot = bin_.robot
+def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTask) -> None:
+    robot = bin_().robot
     lower = next(part for part in read.segments if part.name == "lower")
     assert lower.result.certificate is not None
     end = present(lower.result.trajectory)(present(lower.result.trajectory).duration)
     deeper = JointPath(straight_tool_line(robot, end, (0.0, 0.0, -0.008)).waypoints)
     meant = ExemptInterval(0.0, deeper.length, (("blue_block", "tray"),), "grasp")
-    down = replace(along(lower.result, deeper, bin_, meant), origin=None)
-    up = replace(along(lower.result, deeper.reversed(), bin_), origin=None)
+    down = replace(along(lower.result, deeper, bin_(), meant), origin=None)
+    up = replace(along(lower.result, deeper.reversed(), bin_()), origin=None)
     (held,) = present(lower.scene).attached
     there = Pose.from_matrix(robot.tool_pose(deeper.waypoints[-1])) @ held.pose
     left = present(lower.scene).without_attached(held.name).with_obstacle(Obstacle(held.name, held.shape, there))
     motions = (replace(lower, result=down), Segment("retreat", up, 0.069, scene=left))
     forged = starting_at(read, "lower", robot, *motions)
     assert "blue_block x tray is not judged from s = 0 to" in objections(forged)
-    refused(forged, r"blue_block comes 8\.\d mm into tray", bin_)
+    refused(forged, r"blue_block comes 8\.\d mm into tray", bin_())
 
 
 # Robots that only have a name in common.
 
 
-def test_a_robot_in_a_file_that_only_has_the_name_of_one_of_the_package_is_told_of(
-    bin_: PlannerService, home: Any, tmp_path: Path
-) -> None:
-    stay = PlanRequest(home, home)
-    told = CliRunner().invoke(app, ["certify", saved_to(bin_, stay, tmp_path)])
+def test_a_robot_in_a_file_that_only_has_the_name_of_one_of_the_package_is_told_of(tmp_path: Path) -> None:
+    stay = PlanRequest(home(), home())
+    told = CliRunner().invoke(app, ["certify", saved_to(bin_(), stay, tmp_path)])
     assert (told.exit_code, "of this package" in told.output) == (0, False)
     lenient = AllowedContact(("link_1", "link_3"), "so it is said")
-    other = replace(bin_.robot, allowed_contacts=(*bin_.robot.allowed_contacts, lenient))
-    file = saved_to(PlannerService(other, bin_.scene), stay, tmp_path)
+    other = replace(bin_().robot, allowed_contacts=(*bin_().robot.allowed_contacts, lenient))
+    file = saved_to(PlannerService(other, bin_().scene), stay, tmp_path)
     for command in (["certify", file], ["run", file, "--arm", "192.0.2.1"]):
         said = " ".join(CliRunner().invoke(app, command).output.split())
         assert "robot wxai in this file differs from wxai of this package" in said
@@ -708,31 +686,31 @@ class Fickle(Trajectory):
         return Trapezoidal().time_path(straight, PlannerService("wxai", "bin").robot.limits)
 
 
-def test_what_is_driven_is_made_of_the_numbers_that_were_proven(bin_: PlannerService, good: PlanResult) -> None:
-    path, law = good.unwrap()
+def test_what_is_driven_is_made_of_the_numbers_that_were_proven() -> None:
+    path, law = good().unwrap()
     fickle = Fickle(path, law.durations, law.coefficients, law.dilation)
-    arm = FakeArm(np.array(bin_.robot.home))
-    assert execute(replace(good, trajectory=fickle), arm, bin_.robot, QUICK).ok
-    assert all(bin_.checker.state_is_free(q) for q, _, _ in arm.told)
+    arm = FakeArm(np.array(bin_().robot.home))
+    assert execute(replace(good(), trajectory=fickle), arm, bin_().robot, QUICK).ok
+    assert all(bin_().checker.state_is_free(q) for q, _, _ in arm.told)
 
 
 # Numbers chosen so that sums, products and roundings hide what the arm would do.
 
 
-def test_speeds_that_are_no_numbers_are_no_time_law(bin_: PlannerService, home: Any) -> None:
-    path = JointPath(np.stack([home, home + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])]))
-    speed, vast = 0.9 * float(bin_.robot.limits.velocity[0]), 1.7e308
+def test_speeds_that_are_no_numbers_are_no_time_law() -> None:
+    path = JointPath(np.stack([home(), home() + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])]))
+    speed, vast = 0.9 * float(bin_().robot.limits.velocity[0]), 1.7e308
     table = [[0, 0, 0, 0], [0, 0, vast, -vast], [0, speed, 0, 0], [0.5, speed, -vast, vast], [0.5, 0, 0, 0]]
     durations = [1e-3, 1e-160, path.length / speed, 1e-160, 1e-3]
     with pytest.raises(InvalidRequest, match="numbers whose speeds and accelerations are finite"):
         Trajectory(path, np.array(durations), np.array(table, dtype=float))
 
 
-def test_many_small_jumps_are_one_large_jump(home: Any, bin_: PlannerService) -> None:
-    limits = bin_.robot.limits
+def test_many_small_jumps_are_one_large_jump() -> None:
+    limits = bin_().robot.limits
     ends = np.stack([limits.lower, limits.upper])
     far = np.tile(ends, (5_000, 1))
-    path = JointPath(np.vstack([home, home + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]), far]))
+    path = JointPath(np.vstack([home(), home() + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]), far]))
     count = math.ceil(0.5 / (0.9e-9 * path.length))
     table = np.zeros((count, 4))
     table[:, 0] = np.arange(count) * (float(path.knots[1]) / count)
@@ -742,16 +720,14 @@ def test_many_small_jumps_are_one_large_jump(home: Any, bin_: PlannerService) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("step", "count"), [(2e-12, 3_000), (2e-12, 20_000), (1e-9, 20_000)])
-def test_an_arm_does_not_turn_back_at_speed_by_many_tiny_turns(
-    step: float, count: int, bin_: PlannerService, home: Any
-) -> None:
-    start = home + np.array([0.0, 0.3, 0.3, 0.0, 0.0, 0.0])
+def test_an_arm_does_not_turn_back_at_speed_by_many_tiny_turns(step: float, count: int) -> None:
+    start = home() + np.array([0.0, 0.3, 0.3, 0.0, 0.0, 0.0])
     angles = np.pi * (np.arange(count) + 0.5) / count
     moves = np.zeros((count, 6))
     moves[:, 0], moves[:, 1] = step * np.cos(angles), step * np.sin(angles)
     along_0 = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
     arc = start + along_0 + np.cumsum(moves, axis=0)
     path = JointPath(np.vstack([start, start + along_0, arc, arc[-1] - along_0]))
-    motion = Trapezoidal().time_path(path, bin_.robot.limits)
+    motion = Trapezoidal().time_path(path, bin_().robot.limits)
     speeds = motion(np.arange(0.0, motion.duration, 1e-3), 1)
-    assert np.all(np.abs(np.diff(speeds, axis=0)) <= 1e-3 * bin_.robot.limits.acceleration + 1e-6)
+    assert np.all(np.abs(np.diff(speeds, axis=0)) <= 1e-3 * bin_().robot.limits.acceleration + 1e-6)
