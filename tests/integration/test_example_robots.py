@@ -160,24 +160,16 @@ def toml(folder: Path, packages: str, urdf: str) -> Path:
 
 
 NAMED = 'packages = ["example-robot-data"]'
-REFUSED = {
-    "out of the package": (
-        NAMED,
-        "package://example-robot-data/../README.md",
-        "expected a path in the folder of package",
-    ),
-    "no file": (NAMED, "package://example-robot-data/robots/none.urdf", "no such file"),
-    "a package that is not listed": (
-        "",
-        "package://example-robot-data/robots/x.urdf",
-        "expected a package that is listed in packages",
-    ),
-    "any package": ('packages = ["numpy"]', "package://numpy/x.urdf", "packages: unknown package 'numpy'"),
-    "no names": ("packages = []", "x.urdf", "packages: got .*; expected one or more different names"),
-}
+REFUSED = [
+    (NAMED, "package://example-robot-data/../README.md", "expected a path in the folder of package"),
+    (NAMED, "package://example-robot-data/robots/none.urdf", "no such file"),
+    ("", "package://example-robot-data/robots/x.urdf", "expected a package that is listed in packages"),
+    ('packages = ["numpy"]', "package://numpy/x.urdf", "packages: unknown package 'numpy'"),
+    ("packages = []", "x.urdf", "packages: got .*; expected one or more different names"),
+]
 
 
-@pytest.mark.parametrize(("packages", "urdf", "reason"), REFUSED.values(), ids=REFUSED.keys())
+@pytest.mark.parametrize(("packages", "urdf", "reason"), REFUSED)
 def test_only_files_of_packages_that_are_named_and_known_are_read(
     tmp_path: Path, packages: str, urdf: str, reason: str
 ) -> None:
