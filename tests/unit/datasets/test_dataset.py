@@ -49,6 +49,8 @@ SEED, COUNT, CHUNK = 11, 7, 3
 
 FAILING = 2
 
+Whole = tuple[Path, EpisodesSummary]
+
 
 @pytest.fixture(scope="module")
 def robot() -> Robot:
@@ -97,7 +99,7 @@ HERE = Remembering()
 
 
 @pytest.fixture(scope="module")
-def whole(work: EpisodeWork, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, EpisodesSummary]:
+def whole(work: EpisodeWork, tmp_path_factory: pytest.TempPathFactory) -> Whole:
     """A data set made in one go, and what was said of it."""
     folder = tmp_path_factory.mktemp("whole")
     return folder, write_episodes(folder, work, COUNT, engine=HERE)
@@ -193,7 +195,7 @@ WALL = Obstacle("wall", Box((1.0, 1.0, 0.05)), Pose((0.0, 0.0, 0.3)))
 
 
 @pytest.mark.slow
-def test_every_request_is_an_episode_or_a_failure_with_its_reason(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_every_request_is_an_episode_or_a_failure_with_its_reason(whole: Whole) -> None:
     folder, summary = whole
     requests, (failure,) = table(folder, "requests"), table(folder, "failures")
     assert [row["request_index"] for row in requests] == list(range(COUNT))
@@ -204,7 +206,7 @@ def test_every_request_is_an_episode_or_a_failure_with_its_reason(whole: tuple[P
     assert "| PLANNING_FAILED | 1 |" in (folder / "README.md").read_text("utf-8")
 
 
-def test_every_motion_is_certified(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_every_motion_is_certified(whole: Whole) -> None:
     folder, summary = whole
     proofs = table(folder, "certificates")
     assert [row["certified"] for row in proofs] == [True] * 7 * (COUNT - 1)
@@ -212,7 +214,7 @@ def test_every_motion_is_certified(whole: tuple[Path, EpisodesSummary]) -> None:
     assert min(row["clearance"] for row in proofs) > 2e-6
 
 
-def test_the_columns_of_the_frames_are_those_of_lerobot(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_the_columns_of_the_frames_are_those_of_lerobot(whole: Whole) -> None:
     state, seen, real, whole_ = pa.list_(pa.float32(), 7), pa.list_(pa.float32(), 10), pa.float32(), pa.int64()
     expected = [
         *(("observation.state", state), ("observation.environment_state", seen), ("action", state)),
@@ -226,7 +228,7 @@ def test_the_columns_of_the_frames_are_those_of_lerobot(whole: tuple[Path, Episo
     ]
 
 
-def test_meta_describes_the_columns_as_they_are(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_meta_describes_the_columns_as_they_are(whole: Whole) -> None:
     info = json.loads((whole[0] / "meta/info.json").read_text("utf-8"))
     schema = frames(whole[0], 0).schema
     assert list(info["features"]) == schema.names
@@ -240,12 +242,12 @@ def test_meta_describes_the_columns_as_they_are(whole: tuple[Path, EpisodesSumma
     assert [info[key] for key in keys] == ["v2.1", 6, 2, CHUNK, 30, {"train": "0:6"}]
 
 
-def test_tables_have_the_columns_that_are_promised(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_tables_have_the_columns_that_are_promised(whole: Whole) -> None:
     for name, columns in TABLES.items():
         assert pq.read_table(whole[0] / "tables" / name).schema.names == list(columns)
 
 
-def test_episodes_and_frames_are_numbered_without_a_gap(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_episodes_and_frames_are_numbered_without_a_gap(whole: Whole) -> None:
     folder, summary = whole
     lines = [json.loads(line) for line in (folder / "meta/episodes.jsonl").read_text("utf-8").splitlines()]
     parts = [frames(folder, k).to_pandas() for k in range(summary.episodes)]
@@ -257,7 +259,7 @@ def test_episodes_and_frames_are_numbered_without_a_gap(whole: tuple[Path, Episo
         assert np.array_equal(part["timestamp"], (np.arange(len(part)) / 30).astype(np.float32))
 
 
-def test_an_action_is_the_next_state_and_the_last_one_stays(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_an_action_is_the_next_state_and_the_last_one_stays(whole: Whole) -> None:
     part = frames(whole[0], 1)
     state, action = (np.array(part[name].to_pylist()) for name in ("observation.state", "action"))
     assert np.array_equal(action[:-1], state[1:])
@@ -273,7 +275,7 @@ def test_a_joint_at_a_limit_is_rounded_to_the_inside(robot: Robot) -> None:
     assert np.abs(state - found.q).max() < 1e-6
 
 
-def test_the_gripper_takes_its_time_while_the_robot_stands(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_the_gripper_takes_its_time_while_the_robot_stands(whole: Whole) -> None:
     state = np.array(frames(whole[0], 0)["observation.state"].to_pylist())
     turning = np.flatnonzero(np.diff(state[:, 6]) != 0.0)
     assert len(turning) > 20
@@ -283,7 +285,7 @@ def test_the_gripper_takes_its_time_while_the_robot_stands(whole: tuple[Path, Ep
 
 
 def test_motions_follow_each_other_and_the_robot_settles_only_where_the_gripper_moves(
-    whole: tuple[Path, EpisodesSummary],
+    whole: Whole,
 ) -> None:
     motions = [row for row in table(whole[0], "motions") if row["episode_index"] == 0]
     ends = [sum(row[key] for key in ("begins_s", "duration_s", "settle_s", "gripping_s")) for row in motions]
@@ -293,14 +295,14 @@ def test_motions_follow_each_other_and_the_robot_settles_only_where_the_gripper_
     assert len(frames(whole[0], 0)) == math.ceil(ends[-1] * 30) + 1
 
 
-def test_the_block_is_brought_to_the_tray(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_the_block_is_brought_to_the_tray(whole: Whole) -> None:
     seen = np.array(frames(whole[0], 0)["observation.environment_state"].to_pylist())
     assert np.hypot(*(seen[-1, :2] - seen[-1, 7:9])) < 1e-6
     assert np.hypot(*(seen[0, :2] - seen[0, 7:9])) > 0.1
     assert np.abs(np.diff(seen[:, :3], axis=0)).max() < 0.1  # metres a frame: it does not jump
 
 
-def test_statistics_are_those_of_the_frames(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_statistics_are_those_of_the_frames(whole: Whole) -> None:
     lines = (whole[0] / "meta/episodes_stats.jsonl").read_text("utf-8").splitlines()
     stats, part = json.loads(lines[3])["stats"], frames(whole[0], 3)
     assert set(stats) == set(part.schema.names)
@@ -312,7 +314,7 @@ def test_statistics_are_those_of_the_frames(whole: tuple[Path, EpisodesSummary])
 
 
 def test_tables_hold_every_request_however_many_are_written_at_a_time(
-    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    whole: Whole, work: EpisodeWork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(folder_module, "GROUP", 2)
     write_episodes(tmp_path, work, COUNT, engine=HERE)
@@ -320,7 +322,7 @@ def test_tables_hold_every_request_however_many_are_written_at_a_time(
         assert table(tmp_path, name) == table(whole[0], name)
 
 
-def test_counts_add_up(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_counts_add_up(whole: Whole) -> None:
     folder, summary = whole
     rows = table(folder, "counts")
     assert sum(row["states"] for row in rows) == summary.states
@@ -329,7 +331,7 @@ def test_counts_add_up(whole: tuple[Path, EpisodesSummary]) -> None:
         assert sum(row["distances"] for row in mine) == request["distances"]
 
 
-def test_no_file_tells_a_time_or_a_place(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_no_file_tells_a_time_or_a_place(whole: Whole) -> None:
     told = b"".join(content(whole[0]).values())
     assert str(whole[0]).encode() not in told
     assert time.strftime("%Y-%m").encode() not in told
@@ -339,7 +341,7 @@ def test_no_file_tells_a_time_or_a_place(whole: tuple[Path, EpisodesSummary]) ->
 
 
 @pytest.mark.slow
-def test_frames_and_curves_are_free_for_the_independent_checker(whole: tuple[Path, EpisodesSummary]) -> None:
+def test_frames_and_curves_are_free_for_the_independent_checker(whole: Whole) -> None:
     audit = EpisodeAudit(str(whole[0]), "wxai")
     found = [audit(k) for k in range(3)]
     assert [a.objections for a in found] == [[]] * 3
@@ -353,7 +355,7 @@ LARGER = [("tray", "lower"), ("bin_floor", "lift"), ("bin_floor", "frames of lif
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "motion"), LARGER)
 def test_the_independent_checker_would_object_to_larger_things(
-    name: str, motion: str, whole: tuple[Path, EpisodesSummary], monkeypatch: pytest.MonkeyPatch
+    name: str, motion: str, whole: Whole, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     changed, *touching = spoiled(whole[0], name, 0.03, monkeypatch).objections
     assert changed == "the scene is not the one that was planned in"
@@ -379,24 +381,18 @@ def spoiled(folder: Path, name: str, more: float, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
-def test_processes_write_the_same_bytes(
-    workers: int, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_processes_write_the_same_bytes(workers: int, whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     write_episodes(tmp_path, work, COUNT, engine=Processes(workers))
     assert content(tmp_path) == content(whole[0])
 
 
-def test_a_data_set_that_grew_has_the_same_bytes(
-    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_a_data_set_that_grew_has_the_same_bytes(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     for count, new in ((2, 2), (5, 3), (5, 0), (COUNT, 2)):
         assert write_episodes(tmp_path, work, count, engine=HERE).new == new
     assert content(tmp_path) == content(whole[0])
 
 
-def test_an_interrupt_leaves_a_data_set_and_nothing_is_lost(
-    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_an_interrupt_leaves_a_data_set_and_nothing_is_lost(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     def interrupt(done: int, total: int) -> None:
         if done == 5:
             raise KeyboardInterrupt
@@ -426,9 +422,7 @@ write_episodes(sys.argv[1], work, 50, engine=Processes(1))
 
 @pytest.mark.slow
 @pytest.mark.parametrize("writes", [9, 15], ids=["among the tables of a full chunk", "before the line of an episode"])
-def test_after_kill_9_the_bytes_are_the_same(
-    writes: int, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_after_kill_9_the_bytes_are_the_same(writes: int, whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     command = [sys.executable, "-c", DYING % (SEED, CHUNK), str(tmp_path), str(writes)]
     assert subprocess.run(command, cwd=ROOT, check=False).returncode == -signal.SIGKILL
     left = content(tmp_path)
@@ -439,7 +433,7 @@ def test_after_kill_9_the_bytes_are_the_same(
 
 
 def test_a_full_disk_is_told_of_and_costs_nothing_but_the_rest(
-    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    whole: Whole, work: EpisodeWork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[int] = []
 
@@ -489,9 +483,7 @@ FAULTS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
-def test_what_was_half_done_is_done_again(
-    fault: Any, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_what_was_half_done_is_done_again(fault: Any, whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     write_episodes(tmp_path, work, 5, engine=HERE)
     fault(tmp_path)
     write_episodes(tmp_path, work, COUNT, engine=HERE)
@@ -499,9 +491,7 @@ def test_what_was_half_done_is_done_again(
 
 
 @pytest.mark.parametrize("file", ["tables/requests", "tables/scenes", "tables/motions"])
-def test_a_table_that_is_damaged_is_named(
-    file: str, whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_a_table_that_is_damaged_is_named(file: str, whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     shutil.copytree(whole[0], tmp_path / "out")
     damaged = tmp_path / "out" / file / "chunk-000.parquet"
     os.truncate(damaged, 99)
@@ -509,18 +499,14 @@ def test_a_table_that_is_damaged_is_named(
         write_episodes(tmp_path / "out", work, COUNT, engine=HERE)
 
 
-def test_an_episode_that_is_gone_from_a_full_chunk_is_told_of(
-    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_an_episode_that_is_gone_from_a_full_chunk_is_told_of(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     shutil.copytree(whole[0], tmp_path / "out")
     (tmp_path / "out/data/chunk-000/episode_000001.parquet").rename(tmp_path / "out/data/chunk-000/episode_one.parquet")
     with pytest.raises(InvalidFile, match="1 of 6 episodes missing"):
         write_episodes(tmp_path / "out", work, COUNT, engine=HERE)
 
 
-def test_a_line_that_the_disk_took_half_of_is_told_of(
-    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_a_line_that_the_disk_took_half_of_is_told_of(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     write_episodes(tmp_path, work, 1, engine=HERE)
     room = (tmp_path / "meta/journal.jsonl").stat().st_size + 20_000  # more than frames take, less than a line
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -534,9 +520,7 @@ def test_a_line_that_the_disk_took_half_of_is_told_of(
     assert content(tmp_path) == content(whole[0])
 
 
-def test_a_link_into_another_data_set_is_no_empty_folder(
-    whole: tuple[Path, EpisodesSummary], work: EpisodeWork, tmp_path: Path
-) -> None:
+def test_a_link_into_another_data_set_is_no_empty_folder(whole: Whole, work: EpisodeWork, tmp_path: Path) -> None:
     before = content(whole[0])
     (tmp_path / "data").symlink_to(whole[0] / "data")
     with pytest.raises(InvalidRequest, match="expected a new or empty folder"):
@@ -564,7 +548,7 @@ def test_a_request_that_kills_its_workers_is_a_failure_and_no_other_is(work: Epi
     ("changed", "field"), [({"seed": 3}, "seed"), ({"fps": 10}, "fps"), ({"gripper_speed": 0.1}, "gripper_speed")]
 )
 def test_a_data_set_does_not_go_on_with_other_settings(
-    changed: dict[str, Any], field: str, whole: tuple[Path, EpisodesSummary], work: EpisodeWork
+    changed: dict[str, Any], field: str, whole: Whole, work: EpisodeWork
 ) -> None:
     before = content(whole[0])
     with pytest.raises(InvalidRequest, match=rf"was begun with {field} .*; it cannot go on with"):
@@ -572,13 +556,13 @@ def test_a_data_set_does_not_go_on_with_other_settings(
     assert content(whole[0]) == before
 
 
-def test_a_data_set_does_not_go_on_with_another_task(whole: tuple[Path, EpisodesSummary], work: EpisodeWork) -> None:
+def test_a_data_set_does_not_go_on_with_another_task(whole: Whole, work: EpisodeWork) -> None:
     other = replace(work, task=BinPickPlace(name="put-away"))
     with pytest.raises(InvalidRequest, match="begun with task 'pick-place'; it cannot go on with 'put-away'"):
         write_episodes(whole[0], other, COUNT + 1, engine=HERE)
 
 
-def test_a_data_set_does_not_shrink(whole: tuple[Path, EpisodesSummary], work: EpisodeWork) -> None:
+def test_a_data_set_does_not_shrink(whole: Whole, work: EpisodeWork) -> None:
     with pytest.raises(InvalidRequest, match="count: got 6; expected at least 7, the number of requests in the folder"):
         write_episodes(whole[0], work, COUNT - 1, engine=HERE)
 
@@ -691,7 +675,7 @@ def test_ctrl_c_ends_the_command_with_130_and_keeps_what_is_finished(tmp_path: P
 
 @pytest.mark.slow
 def test_the_examples_of_the_page_read_the_data_set(
-    whole: tuple[Path, EpisodesSummary], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    whole: Whole, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = (ROOT / "docs" / "guides" / "datasets.md").read_text("utf-8")
     blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)

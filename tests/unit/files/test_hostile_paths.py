@@ -85,17 +85,18 @@ def _socket(path: Path) -> None:
         server.bind(path.name)  # in the working folder: the whole path may be too long for it
 
 
-PLACES: dict[str, tuple[str, Callable[[Path], None]]] = {
-    "folder": ("a", _folder),
-    "FIFO": ("a", os.mkfifo),
-    "endless device": ("a", lambda path: path.symlink_to("/dev/zero")),
-    "socket": ("a", _socket),
-    "symlink loop": ("a", lambda path: path.symlink_to(path.name)),
-    "NUL": ("a\0b", lambda path: None),
-    "5,000 characters": ("a" * 5_000, lambda path: None),
-    "lone surrogate": ("a\ud800b", lambda path: None),
-    "missing": ("missing/a", lambda path: None),
+PLACES: dict[str, tuple[str, Callable[[Path], None], str]] = {
+    "folder": ("a", _folder, "not a file"),
+    "FIFO": ("a", os.mkfifo, "not a file"),
+    "endless device": ("a", lambda path: path.symlink_to("/dev/zero"), "not a file"),
+    "socket": ("a", _socket, "not a file"),
+    "symlink loop": ("a", lambda path: path.symlink_to(path.name), "cannot be read"),
+    "NUL": ("a\0b", lambda path: None, "cannot be read"),
+    "5,000 characters": ("a" * 5_000, lambda path: None, "cannot be read"),
+    "lone surrogate": ("a\ud800b", lambda path: None, "cannot be read"),
+    "missing": ("missing/a", lambda path: None, "no such file"),
 }
+"""What is there, and what a reader says of it."""
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "load_robot": (".toml", load_robot),
@@ -175,8 +176,9 @@ def there(folder: Path) -> dict[str, tuple[int, int, int]]:
     return {name: (state.st_ino, stat.S_IFMT(state.st_mode), state.st_mtime_ns) for name, state in states.items()}
 
 
-def refuses(call: Callable[[Path], object], place: str, suffix: str, folder: Path) -> None:
-    name, make = PLACES[place]
+def refuses(call: Callable[[Path], object], place: str, suffix: str, folder: Path) -> str:
+    """What is said of a place where nothing is read or written."""
+    name, make, _ = PLACES[place]
     path = folder / f"{name}{suffix}"
     make(path)
     before = there(folder)
@@ -186,6 +188,7 @@ def refuses(call: Callable[[Path], object], place: str, suffix: str, folder: Pat
     signal.alarm(0)
     str(caught.value).encode("utf-8")  # an error that cannot be printed is another error
     assert there(folder) == before
+    return str(caught.value)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -195,7 +198,7 @@ def test_a_reader_says_that_there_is_no_file(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     suffix, read = READERS[reader]
-    refuses(read, place, suffix, tmp_path)
+    assert PLACES[place][2] in refuses(read, place, suffix, tmp_path)
 
 
 @pytest.mark.slow
@@ -224,3 +227,22 @@ def test_a_writer_of_a_folder_needs_one(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     refuses(FOLDER_WRITERS[writer], place, "", tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("step", "error"), [("replace", OSError), ("fsync", OSError), ("replace", KeyboardInterrupt)])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_writer_that_cannot_finish_leaves_what_was_there(
+    writer: str, step: str, error: type[BaseException], world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise error(28, "No space left on device")
+
+    suffix, write = WRITERS[writer]
+    path = tmp_path / f"a{suffix}"
+    write(world, path)
+    before = there(tmp_path)
+    monkeypatch.setattr(os, step, fail)
+    with pytest.raises((InvalidFile, KeyboardInterrupt), match="No space left on device"):
+        write(world, path)
+    assert there(tmp_path) == before

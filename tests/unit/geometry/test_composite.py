@@ -124,7 +124,7 @@ def test_equal_content_is_equal() -> None:
     assert repr(GROUND).startswith("HeightField(2 x 3 columns of 0.5 m")
 
 
-BAD_CLOUDS: dict[str, tuple[Any, Any, str]] = [
+BAD_CLOUDS: list[tuple[Any, Any, str]] = [
     ([["a", "b", "c"]], 0.1, r"points: got .*; expected 1 to 500,000 points"),
     ([1.0, 2.0, 3.0], 0.1, r"points: got an array of shape \(3,\)"),
     ([[1.0, 2.0]], 0.1, r"points: got an array of shape \(1, 2\)"),
@@ -146,7 +146,7 @@ def test_a_cloud_that_is_none_is_refused(points: Any, resolution: Any, message: 
         PointCloud(points, resolution)
 
 
-BAD_FIELDS: dict[str, tuple[Any, Any, Any, str]] = [
+BAD_FIELDS: list[tuple[Any, Any, Any, str]] = [
     ([0.1, 0.2], 0.1, 0.0, r"heights: got an array of shape \(2,\)"),
     (np.zeros((0, 4)), 0.1, 0.0, r"heights: got an array of shape \(0, 4\)"),
     ([[0.1, float("nan")]], 0.1, 0.0, r"heights\[0, 1\]: got nan"),
@@ -166,7 +166,7 @@ def test_a_field_that_is_none_is_refused(heights: Any, cell: Any, floor: Any, me
         HeightField(heights, cell, floor)
 
 
-BAD_COMPOUNDS: dict[str, tuple[Any, str]] = [
+BAD_COMPOUNDS: list[tuple[Any, str]] = [
     ((), "parts: got 0; expected 1 to 1,000 pairs"),
     ((Box((1, 1, 1)),), "parts.*: got .*expected 1 to 1,000 pairs"),
     (((Box((1, 1, 1)), (0, 0, 0)),), r"parts\[0\]: got .*expected a convex shape and a Pose"),
@@ -227,7 +227,7 @@ def bomb() -> bytes:
     return out.getvalue()
 
 
-BAD_FILES: dict[str, tuple[str, bytes, str]] = [
+BAD_FILES: list[tuple[str, bytes, str]] = [
     ("a.pcd", b"", r"suffix '.pcd'; expected one of .ply, .npz, .npy"),
     ("a.npz", b"", "not an NPZ file"),
     ("a.npy", b"", "not an NPY file"),
@@ -316,7 +316,7 @@ def test_a_scene_file_names_cloud_and_heights_in_its_own_folder(tmp_path: Path) 
     assert [o.shape for o in scene.obstacles] == [PointCloud(POINTS, 0.1), GROUND]
 
 
-BAD_ENTRIES: dict[str, tuple[str, str]] = [
+BAD_ENTRIES: list[tuple[str, str]] = [
     ("cloud = { resolution = 0.1 }", "cloud: got .*; expected { file = ..., resolution = ... }"),
     ('cloud = { file = "a.npz", cells = [], resolution = 0.1 }', "cloud: got .*; expected { file"),
     ('cloud = { file = "a.npz" }', "resolution: missing; expected a length in metres"),

@@ -303,33 +303,10 @@ def test_another_suffix_is_refused(name: str, tmp_path: Path) -> None:
         Roadmap.load(tmp_path / name)
 
 
-def test_a_folder_that_is_not_there_and_a_path_that_is_none_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFile, match="has to be there"):
-        sample().save(tmp_path / "no" / "a.npz")
-    with pytest.raises(InvalidFile, match="no such file"):
-        Roadmap.load(tmp_path / "no" / "a.npz")
-    (tmp_path / "b.npz").mkdir()
-    with pytest.raises(InvalidFile, match="not a regular file"):
-        sample().save(tmp_path / "b.npz")
-    with pytest.raises(InvalidFile, match="not a file"):
-        Roadmap.load(tmp_path / "b.npz")
-    for path in (3, None, b"a.npz"):
-        with pytest.raises((InvalidRequest, InvalidFile), match="path"):
-            Roadmap.load(path)  # type: ignore[arg-type]
-
-
-def test_a_failed_save_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = saved(tmp_path)
-    before = path.read_bytes()
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.replace", full)
-    with pytest.raises(InvalidFile, match="No space"):
-        NOTHING_KNOWN.save(path)
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+@pytest.mark.parametrize("path", [3, None, b"a.npz"])
+def test_a_path_that_is_none_is_refused(path: Any) -> None:
+    with pytest.raises((InvalidRequest, InvalidFile), match="path"):
+        Roadmap.load(path)
 
 
 def test_what_could_not_be_loaded_again_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

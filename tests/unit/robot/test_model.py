@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import pickle
 import subprocess
 import sys
@@ -399,11 +398,6 @@ def test_a_path_loads_what_the_name_does(wxai: Robot) -> None:
     assert load_robot(str(path)).hash == wxai.hash
 
 
-def test_a_missing_robot_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFile, match=r"robot.toml: 1 problem\(s\)\n  - no such file"):
-        load_robot(tmp_path / "robot.toml")
-
-
 def test_a_urdf_alone_gets_conventions_for_what_it_does_not_say(mixed: Robot) -> None:
     assert mixed.joint_names == ("z_turn", "oblique", "slide", "x_turn")
     assert mixed.home.tolist() == [0.0, 1.5, 0.0, 0.0], "zero where the limits allow it, else their middle"
@@ -515,22 +509,6 @@ def test_a_joint_without_a_range_has_to_be_locked(tmp_path: Path) -> None:
     with pytest.raises(InvalidFile, match=r"joint 'slide': lower and upper are both 0.1, it cannot move; lock it"):
         Robot.from_urdf(path, locked_joints={"branch": 0.4})
     assert "slide" not in Robot.from_urdf(path, locked_joints={"branch": 0.4, "slide": 0.1}).joint_names
-
-
-@pytest.mark.parametrize("path", ["/dev/zero", "a\0.urdf", "\ud800.urdf"])
-def test_a_path_to_no_urdf_or_srdf_is_refused(wxai: Robot, path: str) -> None:
-    good = data_folder("robots") / "wxai" / "wxai.urdf"
-    fingers = dict.fromkeys(wxai.gripper.joints, 0.0) if wxai.gripper else {}
-    with pytest.raises(InvalidFile, match=r"not a file|cannot be read"):
-        Robot.from_urdf(path)
-    with pytest.raises(InvalidFile, match=r"not a file|cannot be read"):
-        Robot.from_urdf(good, srdf=path, locked_joints=fingers)
-
-
-def test_a_pipe_is_no_urdf(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "arm.urdf")
-    with pytest.raises(InvalidFile, match="not a file"):
-        Robot.from_urdf(tmp_path / "arm.urdf")
 
 
 def test_a_mesh_folder_with_an_impossible_name_is_refused() -> None:

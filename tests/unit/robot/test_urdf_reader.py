@@ -185,11 +185,6 @@ def test_utf16_cannot_smuggle_a_document_type_in(tmp_path: Path) -> None:
         read(tmp_path, text, "utf-16")
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFile, match="no such file"):
-        read_urdf(tmp_path / "none.urdf")
-
-
 def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "huge.urdf"
     with path.open("wb") as file:

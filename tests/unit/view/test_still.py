@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -29,7 +28,6 @@ from planner_service import (
     load_scene,
 )
 from planner_service.cli.commands import app
-from planner_service.errors import InvalidFile
 from planner_service.geometry.arrays import FloatArray
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view.still import pictures as still
@@ -248,27 +246,6 @@ def test_a_picture_is_read_as_it_was_written(tmp_path: Path) -> None:
     image = np.random.default_rng(0).integers(0, 256, size=(20, 30, 3)).astype(np.uint8)
     write_png(tmp_path / "a.png", image)
     assert np.array_equal(read(tmp_path / "a.png"), image)
-
-
-def test_an_old_picture_stays_when_the_new_one_cannot_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "a.png"
-    file.write_bytes(b"\x89PNG old")
-
-    def no_room(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", no_room)
-    with pytest.raises(InvalidFile, match="No space left"):
-        write_png(file, np.zeros((4, 4, 3), dtype=np.uint8))
-    assert file.read_bytes() == b"\x89PNG old"
-    assert os.listdir(tmp_path) == ["a.png"]
-
-
-def test_a_picture_does_not_take_the_place_of_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(InvalidFile, match="cannot be written"):
-        write_png(tmp_path, np.zeros((4, 4, 3), dtype=np.uint8))
 
 
 # plans, tasks, configurations
