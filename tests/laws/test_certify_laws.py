@@ -28,7 +28,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
-from tests.unit.certify.test_certifier import SLIDER, TWINS, built
+from tests.support.small_robots import CRANE, SLIDER, TWINS, built
 from tests.unit.collision.test_edge_sampling import points_of
 
 ROOT = Path(__file__).parents[2]
@@ -123,21 +123,6 @@ def test_a_bound_is_no_more_than_the_distance_and_close_to_it() -> None:
 
 def motion_of(robot: Robot) -> Motion:
     return Motion(robot, ProofPairs(robot, Scene(), ()))
-
-
-CRANE = """<robot name="crane">
-  <link name="base"/><link name="turret"/>
-  <link name="trolley"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
-  <joint name="turn" type="revolute">
-    <parent link="base"/><child link="turret"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" velocity="1" effort="1"/>
-  </joint>
-  <joint name="run" type="prismatic">
-    <parent link="turret"/><child link="trolley"/><origin xyz="0.1 0 0"/><axis xyz="1 0 0"/>
-    <limit lower="0" upper="2" velocity="1" effort="1"/>
-  </joint>
-</robot>"""
-"""A trolley that runs out along an arm that turns: how far it is from the axis is the sliding joint's to say."""
 
 
 @pytest.fixture(scope="module", params=["wxai", "planar2", "slider", "twins", "crane"])

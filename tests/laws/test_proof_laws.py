@@ -29,11 +29,12 @@ from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
-from tests.laws.test_certify_laws import CRANE, anywhere, curve
+from tests.laws.test_certify_laws import anywhere, curve
 from tests.laws.test_crowd_laws import Crowded
 from tests.support.hull_arm import HELD, NEEDLE, HullSetup, write_arm
 from tests.support.optional import present
-from tests.unit.certify.test_certifier import RIM, SLIDER, TWINS, ball_beyond, built
+from tests.support.small_robots import CRANE, SLIDER, TWINS, built
+from tests.unit.certify.test_certifier import RIM, ball_beyond
 
 WXAI, PLANAR = load_robot("wxai"), load_robot("planar2")
 BUILT = bool(instruction_sets())

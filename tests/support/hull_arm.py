@@ -18,30 +18,27 @@ from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
+from tests.support.small_robots import joint, link, solid, urdf
 
 __all__ = ["DRUM", "HELD", "NEEDLE", "OBSTACLES", "RAMP", "ROCK", "SPOON", "HullSetup", "binary_stl", "write_arm"]
 
-URDF = """<robot name="hull arm">
-  <link name="base"><collision><geometry><mesh filename="package://arm/base.stl"/></geometry></collision></link>
-  <link name="column"><collision><geometry><mesh filename="meshes/column.stl"/></geometry></collision></link>
-  <link name="upper"><collision><origin xyz="-5 0 0"/>
-    <geometry><mesh filename="package://arm/upper.stl" scale="0.001 0.001 0.001"/></geometry></collision></link>
-  <link name="fore"><collision><origin xyz="0 0.01 0" rpy="0.3 0.1 -0.2"/>
-    <geometry><mesh filename="meshes/fore.stl" scale="-0.001 0.002 0.001"/></geometry></collision></link>
-  <link name="hand"><collision><geometry><mesh filename="meshes/hand.stl"/></geometry></collision>
-    <collision><origin xyz="0.09 0 0.03"/><geometry><box size="0.06 0.02 0.01"/></geometry></collision></link>
-  <link name="tool"/>
-  <joint name="one" type="revolute"><parent link="base"/><child link="column"/><origin xyz="0 0 0.1"/>
-    <axis xyz="0 0 1"/><limit lower="-2.8" upper="2.8" velocity="1" effort="1"/></joint>
-  <joint name="two" type="revolute"><parent link="column"/><child link="upper"/><origin xyz="0.02 0 0.2"/>
-    <axis xyz="0 1 0"/><limit lower="-2.4" upper="1.6" velocity="1" effort="1"/></joint>
-  <joint name="three" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.3 0 0"/>
-    <axis xyz="0 1 0"/><limit lower="-2.6" upper="2.6" velocity="1" effort="1"/></joint>
-  <joint name="four" type="revolute"><parent link="fore"/><child link="hand"/><origin xyz="0.25 0 0"/>
-    <axis xyz="1 0 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
-  <joint name="grip" type="fixed"><parent link="hand"/><child link="tool"/><origin xyz="0.1 0 0"/></joint>
-</robot>
-"""
+
+def _mesh(file: str, scale: str = "1 1 1", **place: str) -> str:
+    return solid("mesh", f'filename="{file}" scale="{scale}"', **place)
+
+
+URDF = urdf(
+    "hull arm",
+    link("base", _mesh("package://arm/base.stl")) + link("column", _mesh("meshes/column.stl")),
+    link("upper", _mesh("package://arm/upper.stl", "0.001 0.001 0.001", xyz="-5 0 0")),
+    link("fore", _mesh("meshes/fore.stl", "-0.001 0.002 0.001", xyz="0 0.01 0", rpy="0.3 0.1 -0.2")),
+    link("hand", _mesh("meshes/hand.stl"), solid("box", "0.06 0.02 0.01", "0.09 0 0.03")) + link("tool"),
+    joint("one", "revolute base column -2.8 2.8", xyz="0 0 0.1"),
+    joint("two", "revolute column upper -2.4 1.6", axis="0 1 0", xyz="0.02 0 0.2"),
+    joint("three", "revolute upper fore -2.6 2.6", axis="0 1 0", xyz="0.3 0 0"),
+    joint("four", "revolute fore hand -3 3", axis="1 0 0", xyz="0.25 0 0"),
+    joint("grip", "fixed hand tool", xyz="0.1 0 0"),
+)
 
 JOINTS = ["one", "two", "three", "four"]
 ADJACENT = (("base", "column"), ("column", "upper"), ("upper", "fore"), ("fore", "hand"))

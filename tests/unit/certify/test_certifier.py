@@ -18,9 +18,10 @@ from planner_service.collision import CollisionChecker, JointStep
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
 from tests.support.optional import present
+from tests.support.small_robots import SLIDER, TWINS, built
 
 ROOT = Path(__file__).parents[3]
 PLANAR = load_robot("planar2")
@@ -35,53 +36,6 @@ RIM = math.hypot(1.5, 0.01)
 """Radius of the circle on which the outermost points of the outstretched planar arm move."""
 BALL = 0.05
 MICRON = 1e-6
-
-SLIDER = """<robot name="slider">
-  <link name="rail"/>
-  <link name="cart"><collision><geometry><box size="0.1 0.2 0.2"/></geometry></collision></link>
-  <link name="boom"><collision>
-    <origin xyz="0.2 0 0"/><geometry><box size="0.3 0.02 0.02"/></geometry>
-  </collision></link>
-  <joint name="slide" type="prismatic">
-    <parent link="rail"/><child link="cart"/><origin xyz="0 0 0.5" rpy="0 0 0.3"/><axis xyz="1 0 0"/>
-    <limit lower="-1" upper="1" velocity="1" effort="1"/>
-  </joint>
-  <joint name="swing" type="revolute">
-    <parent link="cart"/><child link="boom"/><origin xyz="0 0 0.3"/><axis xyz="0 0.6 0.8"/>
-    <limit lower="-2" upper="2" velocity="1" effort="1"/>
-  </joint>
-</robot>"""
-"""A cart that slides along a rail, with a boom that swings about an oblique axis above it."""
-
-TWINS = """<robot name="twins">
-  <link name="base"/>
-  <link name="torso"><collision><geometry><cylinder radius="0.05" length="0.4"/></geometry></collision></link>
-  <link name="left"><collision>
-    <origin xyz="0.25 0 0"/><geometry><box size="0.5 0.04 0.04"/></geometry>
-  </collision></link>
-  <link name="right"><collision>
-    <origin xyz="0.25 0 0"/><geometry><box size="0.5 0.04 0.04"/></geometry>
-  </collision></link>
-  <joint name="waist" type="revolute">
-    <parent link="base"/><child link="torso"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" velocity="1" effort="1"/>
-  </joint>
-  <joint name="left_shoulder" type="revolute">
-    <parent link="torso"/><child link="left"/><origin xyz="0 0.2 0.3"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" velocity="1" effort="1"/>
-  </joint>
-  <joint name="right_shoulder" type="revolute">
-    <parent link="torso"/><child link="right"/><origin xyz="0 -0.2 0.3"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" velocity="1" effort="1"/>
-  </joint>
-</robot>"""
-"""Two arms on one torso, in one plane: turned inwards alike they cross."""
-
-
-def built(tmp_path: Path, urdf: str) -> Robot:
-    path = tmp_path / "robot.urdf"
-    path.write_text(urdf, "utf-8")
-    return Robot.from_urdf(path)
 
 
 def ball_beyond(gap: float, angle: float = 0.123) -> Scene:

@@ -17,7 +17,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.robot.model import Robot, load_robot
 from tests.support.optional import present
-from tests.unit.robot.test_model import MIXED
+from tests.support.small_robots import MIMIC, MIXED
 
 ROOT = Path(__file__).parents[3]
 SAME = 1e-12
@@ -33,7 +33,7 @@ def wxai() -> Robot:
 def mixed(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     """Oblique axes, turned origins, a sliding joint, a branch."""
     path = tmp_path_factory.mktemp("locking") / "mixed.urdf"
-    path.write_text(MIXED.replace('<mimic joint="branch" multiplier="-1" offset="0.1"/>', ""))
+    path.write_text(MIXED.replace(MIMIC, ""))
     return Robot.from_urdf(path, tool_frame="tip")
 
 

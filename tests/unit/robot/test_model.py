@@ -20,50 +20,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Sphere
 from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
 from planner_service.robot.urdf_reader import read_urdf
-
-# Every kind of joint and placement: oblique axes, turned origins, sliding joints, a branch, a continuous joint.
-MIXED = """<robot name="mixed">
-  <link name="world"/><link name="stand"><collision><geometry><box size="0.2 0.2 0.1"/></geometry></collision></link>
-  <link name="a"><collision><origin xyz="0.1 0 0.2"/><geometry><box size="0.1 0.05 0.4"/></geometry></collision></link>
-  <link name="b"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <link name="b_cap">
-    <collision><origin rpy="0.3 0.2 0.1"/><geometry><cylinder radius="0.05" length="0.2"/></geometry></collision>
-  </link>
-  <link name="c"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
-  <link name="tip"/>
-  <link name="side"><collision><geometry><box size="0.3 0.1 0.1"/></geometry></collision></link>
-  <joint name="fix" type="fixed"><parent link="world"/><child link="stand"/><origin xyz="0 0 0.5"/></joint>
-  <joint name="z_turn" type="continuous">
-    <parent link="stand"/><child link="a"/><origin xyz="0.1 0.2 0.3" rpy="0.4 -0.3 0.2"/><axis xyz="0 0 -1"/>
-    <limit velocity="2" effort="1"/>
-  </joint>
-  <joint name="oblique" type="revolute">
-    <parent link="a"/><child link="b"/><origin xyz="0 0.1 0.4"/><axis xyz="1 2 -3"/>
-    <limit lower="0.5" upper="2.5" velocity="2" effort="1"/>
-  </joint>
-  <joint name="cap" type="fixed">
-    <parent link="b"/><child link="b_cap"/><origin xyz="0 0.2 0.1" rpy="1.5707963267948966 0 0"/>
-  </joint>
-  <joint name="slide" type="prismatic">
-    <parent link="b_cap"/><child link="c"/><origin xyz="0.1 0 0" rpy="0 0.7 0"/><axis xyz="1 1 0"/>
-    <limit lower="-0.1" upper="0.3" velocity="1" effort="1"/>
-  </joint>
-  <joint name="x_turn" type="revolute">
-    <parent link="c"/><child link="tip"/><origin xyz="0 0 0.1" rpy="0 1.5707963267948966 0"/><axis xyz="1 0 0"/>
-    <limit lower="-2" upper="2" velocity="2" effort="1"/>
-  </joint>
-  <joint name="branch" type="revolute">
-    <parent link="a"/><child link="side"/><origin xyz="0 -0.2 0.3"/><axis xyz="0 1 0"/>
-    <limit lower="-1" upper="1" velocity="2" effort="1"/>
-  </joint>
-  <joint name="spare" type="revolute">
-    <parent link="side"/><child link="spare_link"/><axis xyz="0 1 0"/>
-    <limit lower="-1" upper="1" velocity="2" effort="1"/>
-    <mimic joint="branch" multiplier="-1" offset="0.1"/>
-  </joint>
-  <link name="spare_link"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
-</robot>
-"""
+from tests.support.small_robots import MIXED, joint, link, solid, urdf
 
 
 @pytest.fixture(scope="module")
@@ -161,8 +118,8 @@ def test_shapes_ride_with_their_links_at_the_files_origins(pair: tuple[Robot, Re
     for q in random_q(robot, 20):
         reference.place(q)
         bodies = matrices(robot, q)
-        for item, (link, _, origin) in zip(robot.shapes, origins, strict=True):
-            expected = reference.frame(link) @ origin
+        for item, (name, _, origin) in zip(robot.shapes, origins, strict=True):
+            expected = reference.frame(name) @ origin
             assert np.abs(bodies[item.body] @ item.pose.matrix - expected).max() <= 1e-12
 
 
@@ -463,20 +420,20 @@ def test_limits_that_make_no_sense_are_refused() -> None:
         JointLimits(-one, one, one, one, one * math.inf)
 
 
-SINGLE = """<robot name="single">
-  <link name="base"/>
-  <link name="bar"><collision><geometry><box size="0.4 0.1 0.1"/></geometry></collision></link>
-  <joint name="only" type="{kind}">
-    <parent link="base"/><child link="bar"/><origin xyz="0.1 0 0.3" rpy="0.2 -0.4 0.5"/><axis xyz="1 2 -2"/>
-    <limit lower="-1" upper="1.5" velocity="2" effort="{effort}"/>
-  </joint>
-</robot>
-"""
+def single(kind: str, effort: str = "1") -> str:
+    """A bar on one joint with an oblique axis."""
+    turn = joint("only", f"{kind} base bar -1 1.5", axis="1 2 -2", xyz="0.1 0 0.3", rpy="0.2 -0.4 0.5")
+    return urdf(
+        "single",
+        link("base"),
+        link("bar", solid("box", "0.4 0.1 0.1")),
+        turn.replace('effort="1"', f'effort="{effort}"'),
+    )
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
 def test_a_robot_of_one_joint_moves_as_pinocchio_says(tmp_path: Path, kind: str) -> None:
-    text = SINGLE.format(kind=kind, effort=1)
+    text = single(kind)
     (tmp_path / "single.urdf").write_text(text)
     robot = Robot.from_urdf(tmp_path / "single.urdf")
     reference = Reference(text, robot, {})
@@ -490,15 +447,14 @@ def test_a_robot_of_one_joint_moves_as_pinocchio_says(tmp_path: Path, kind: str)
 
 @pytest.mark.parametrize("effort", ["-3.14", "nan", "inf", "-inf"])
 def test_an_effort_that_makes_no_sense_is_a_problem_of_the_file(tmp_path: Path, effort: str) -> None:
-    (tmp_path / "single.urdf").write_text(SINGLE.format(kind="revolute", effort=effort))
+    (tmp_path / "single.urdf").write_text(single("revolute", effort))
     with pytest.raises(InvalidFile, match=r"joint 'only'.*effort"):
         Robot.from_urdf(tmp_path / "single.urdf")
 
 
 def test_a_robot_without_collision_shapes_is_refused(tmp_path: Path) -> None:
-    text = SINGLE.format(kind="revolute", effort=1)
-    start, end = text.index("<collision>"), text.index("</collision>") + len("</collision>")
-    (tmp_path / "single.urdf").write_text(text[:start] + text[end:])
+    text = urdf("bare", link("base"), link("bar"), joint("only", "revolute base bar -1 1.5"))
+    (tmp_path / "single.urdf").write_text(text)
     with pytest.raises(InvalidFile, match="no link of the URDF has a collision shape, so nothing could ever collide"):
         Robot.from_urdf(tmp_path / "single.urdf")
 

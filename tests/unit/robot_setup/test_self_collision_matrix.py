@@ -17,25 +17,19 @@ from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, contact_table
 from planner_service.scene.scene import Scene
 from tests.support.optional import present
+from tests.support.small_robots import joint, link, solid, urdf
 
 # A post turns; on it slides a block within a ball that always reaches down into the base; a small ball swings at the
 # end. Post and ball are nearest with the slide at its lower end and the ball swung back: 0.05 m + that end apart.
-SMALL = """<robot name="small">
-  <link name="base"><collision><origin xyz="0 0 -0.3"/><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
-  <link name="post"><collision><geometry><cylinder radius="0.05" length="0.2"/></geometry></collision></link>
-  <link name="block"><collision><geometry><sphere radius="0.6"/></geometry></collision></link>
-  <link name="ball">
-    <collision><origin xyz="0.1 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>
-  </link>
-  <joint name="turn" type="continuous"><parent link="base"/><child link="post"/><axis xyz="0 0 1"/></joint>
-  <joint name="slide" type="prismatic">
-    <parent link="post"/><child link="block"/><axis xyz="1 0 0"/><limit lower="LOWER" upper="0.2" velocity="1"/>
-  </joint>
-  <joint name="swing" type="revolute">
-    <parent link="block"/><child link="ball"/><origin xyz="0.25 0 0"/><axis xyz="0 0 1"/>
-    <limit lower="-3.2" upper="3.2" velocity="1"/>
-  </joint>
-</robot>"""
+SMALL = urdf(
+    "small",
+    link("base", solid("box", "0.2 0.2 0.2", "0 0 -0.3")),
+    link("post", solid("cylinder", 'radius="0.05" length="0.2"')),
+    link("block", solid("sphere", 'radius="0.6"')) + link("ball", solid("sphere", 'radius="0.05"', "0.1 0 0")),
+    joint("turn", "continuous base post"),
+    joint("slide", "prismatic post block LOWER 0.2", axis="1 0 0"),
+    joint("swing", "revolute block ball -3.2 3.2", xyz="0.25 0 0"),
+)
 WXAI = data_folder("robots") / "wxai" / "wxai.urdf"
 POST_BALL = ("post", "ball")
 
