@@ -12,7 +12,7 @@ import pytest
 from planner_service.errors import InvalidRequest
 from planner_service.planners import PRM, LazyPRM
 from planner_service.roadmap import Roadmap, Verdict
-from planner_service.roadmap.graph import EdgePoints, Graph
+from planner_service.roadmap.graph import EdgePoints, Graph, Trunk
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.verdicts import SELF, Knowledge
 from planner_service.search.problem import SearchProblem
@@ -83,6 +83,12 @@ def test_of_a_judged_roadmap_only_what_joins_the_ends_is_judged() -> None:
     assert found.waypoints is not None
     assert all((-0.1, -0.1) in edge or (1.1, 1.1) in edge for edge in world.edges)
     assert found.roadmap is JUDGED, "nothing was learned"
+
+
+def test_what_joins_the_ends_is_judged_before_the_rest_of_a_path() -> None:
+    world = DiscWorld(NOTHING)
+    SQUARE.search(diagonal(world))
+    assert [(-0.1, -0.1) in edge or (1.1, 1.1) in edge for edge in world.edges] == [True, True, False, False]
 
 
 def test_an_end_is_joined_anywhere_along_a_free_edge() -> None:
@@ -234,6 +240,18 @@ def test_a_net_of_added_paths_is_as_if_made_at_once() -> None:
     for a, b in pairwise(range(len(roadmap.milestones))):
         together = whole.graph.component(a) == whole.graph.component(b)
         assert (roadmap.graph.component(a) == roadmap.graph.component(b)) == together
+
+
+@pytest.mark.parametrize("grown", [(-1, 0), (5, 0), (4, -1), (4, 5), (3, 4)])
+def test_a_trunk_is_a_part_of_its_graph(grown: tuple[int, int]) -> None:
+    with pytest.raises(InvalidRequest, match="how many milestones and edges were grown at once"):
+        Graph.of(np.array(CORNERS), np.array(SIDES), np.ones(2), grown)
+
+
+def test_however_long_the_edges_of_a_trunk_are_it_has_at_most_120000_points_on_them() -> None:
+    edges = np.array([*pairwise(range(301))])
+    trunk = Trunk(np.array([[200.0 * k] for k in range(301)]), edges, np.ones(1))
+    assert 110_000 < len(trunk.edge_points.edge) <= 120_000
 
 
 @pytest.mark.parametrize("share", [0.05, 0.6, 1.0])
