@@ -51,7 +51,7 @@ bench: $(BIN)/.dev  ## the gate: what the smoke suite costs is what is stored
 attack: $(BIN)/.dev  ## hostile inputs of every kind for half a minute; docs/figures/attack.md has the long version
 	$(BIN)/python -m benchmarks attack --minutes 0.5 --seed 20
 
-mutants: $(BIN)/.dev  ## do the tests notice small faults: 40 in each package, which takes hours; docs/figures/mutants.md has a table
+mutants: $(BIN)/.dev  ## do the tests notice small faults: 40 in each package, in about an hour; docs/figures/mutants.md has a table
 	$(BIN)/python -m benchmarks mutants --out mutants.json
 
 measures: $(BIN)/.dev  ## the tables of docs/figures, printed

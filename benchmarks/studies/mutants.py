@@ -2,13 +2,13 @@
 
 A mutant is a copy of the package with one small fault: a comparison negated, a boundary moved (``<`` to ``<=``), a
 number one up or down, another operator, a sign or a ``not`` dropped, ``and`` for ``or``. It is killed if a test of the
-package fails, or if a test file takes four times as long as it should. A mutant that survives shows what no test
+package fails, or takes four times as long as it should. A mutant that survives shows what no test
 promises, unless it is equivalent: no input makes the program answer differently, or the answer is as good.
 Equivalent mutants are listed with the reason in equivalent_mutants.toml and do not count.
 
 Mutants are drawn at random from all places of a package; compiled code is not mutated. The tests run in a throw-away
-copy of the checkout, one mutant after the other. Every outcome is written to the file of ``--out`` at once, and a study
-that was interrupted goes on from there.
+copy of the checkout, one mutant after the other, and those that reach the mutated line first. Every outcome is written
+to the file of ``--out`` at once, and a study that was interrupted goes on from there.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
+from coverage import CoverageData
 from rich.console import Console
 
 from benchmarks.harness.arguments import whole
@@ -44,30 +44,17 @@ from planner_service.files.writing import require_writable, write_whole
 
 __all__ = ["EQUIVALENT", "Mutant", "Package", "draw", "main", "study"]
 
-EQUIVALENT = Path(__file__).parent / "equivalent_mutants.toml"
+EQUIVALENT, PLUGIN = (Path(__file__).with_name(name) for name in ("equivalent_mutants.toml", "mutant_plugin.py"))
 PACKAGES: dict[str, tuple[str, ...]] = {
-    "collision": tuple(
-        f"laws/test_{name}.py"
-        for name in (
-            "collision_laws",
-            "crowd_laws",
-            "mesh_laws",
-            "name_laws",
-            "sweep_laws",
-            "mesh_gaps",
-            "small_solids",
-        )
-    ),
-    "certify": tuple(
-        f"laws/test_{name}.py" for name in ("certify_laws", "proof_laws", "planted_faults", "mesh_gaps", "mesh_proofs")
-    ),
+    "collision": ("collision_laws", "crowd_laws", "mesh_laws", "name_laws", "sweep_laws", "mesh_gaps", "small_solids"),
+    "certify": ("certify_laws", "proof_laws", "planted_faults", "mesh_gaps", "mesh_proofs"),
     **dict.fromkeys(("planning", "smoothing", "timing", "roadmap", "replanning"), ()),
-    "execute": ("integration/test_simulation.py",),
+    "execute": ("simulation",),
 }
-"""The packages; a package's own tests are those in its folder of tests/unit and these."""
+"""The packages; a package's own tests are those in its folder of tests/unit and these from other folders."""
 
-PATIENCE, GRACE = 4.0, 10.0
-"""A mutant is killed if a test file takes this many times as long as without it, and these seconds."""
+PATIENCE, GRACE = 4.0, 30.0
+"""A test may take this many times as long as without a mutant, and these seconds; it may build what others share."""
 
 COMPILED = ("planner_service.native._core", "planner_service.certify.native._proof")
 HIDE_CHECKOUT = """import sys
@@ -75,19 +62,7 @@ sys.meta_path[:] = [finder for finder in sys.meta_path if "editable" not in type
 """
 """A sitecustomize.py beside the copy's packages: these are imported, not those of the checkout that is installed."""
 
-NO_SHRINKING = """from hypothesis import Phase, settings
-settings.register_profile("mutants", phases=[Phase.explicit, Phase.generate], database=None)
-settings.load_profile("mutants")
-"""
-"""A plugin of pytest: a property that fails has killed the mutant, and no simpler example is looked for."""
-
-OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no_shrinking", "-m", "not ray and not browser")
-ALONE = 2
-"""Test files that run by themselves, the others together: those that are fast, and have killed most mutants so far."""
-
-NO_TESTS = 5
-"""pytest's exit code when all tests of a file are deselected."""
-
+OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "mutant_plugin", "-m", "not ray and not browser")
 MAX_LIST = 1_000_000
 """Bytes of the list of equivalent mutants."""
 
@@ -123,8 +98,8 @@ class Mutant:
 def package_of(name: str, root: Path = ROOT) -> Package:
     """The package of this name with its own tests."""
     modules = sorted((root / "planner_service" / name).rglob("*.py"))
-    more = [root / "tests" / name for name in PACKAGES[name]]
-    tests = [*sorted((root / "tests/unit" / name).rglob("test_*.py")), *more]
+    own = [file for file in (root / "tests/unit" / name).rglob("test_*.py") if "test_reference_" not in file.name]
+    tests = [*sorted(own), *(file for name in PACKAGES[name] for file in (root / "tests").rglob(f"test_{name}.py"))]
     return Package(name, *(tuple(str(file.relative_to(root)) for file in files) for files in (modules, tests)))
 
 
@@ -145,43 +120,37 @@ def draw(package: Package, root: Path, count: int, seed: int) -> list[Mutant]:
 class Sandbox:
     """A copy of the checkout in which tests run on mutated modules."""
 
-    def __init__(self, root: Path, folder: Path) -> None:
-        self.folder = folder / "checkout"
-        self._cache, self._warm = folder / "cache", folder / "warm"
-        self._kills: Counter[str] = Counter()
-        tracked = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, text=True, check=True).stdout
-        for name in tracked.rstrip("\0").split("\0"):
-            if (root / name).is_file():
-                (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(root / name, self.folder / name)
+    def __init__(self, root: Path, folder: Path, package: Package) -> None:
+        self.folder, self._package = folder / "checkout", package
+        self._cache, self._warm, self._job = folder / "cache", folder / "warm", folder / "job.json"
+        shutil.copytree(root, self.folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "results"))
         for name in COMPILED:
-            spec = importlib.util.find_spec(name)
-            if spec is not None and spec.origin is not None:
-                (self.folder.joinpath(*name.split(".")[:-1])).mkdir(parents=True, exist_ok=True)
-                shutil.copy(spec.origin, self.folder.joinpath(*name.split(".")[:-1]))
+            spec, target = importlib.util.find_spec(name), self.folder.joinpath(*name.split(".")[:-1])
+            if spec is not None and spec.origin is not None and target.is_dir():
+                shutil.copy(spec.origin, target)
         (self.folder / "sitecustomize.py").write_text(HIDE_CHECKOUT, "utf-8")
-        (self.folder / "no_shrinking.py").write_text(NO_SHRINKING, "utf-8")
+        shutil.copy(PLUGIN, self.folder)
         self._environment = {
             **os.environ,
             "PYTHONPATH": str(self.folder),
             "PLANNER_SERVICE_CACHE": str(self._cache),
+            "MUTANT_JOB": str(self._job),
         }
 
-    def warm_up(self, tests: Sequence[str]) -> dict[str, float]:
-        """Seconds that each test file takes on the unchanged package."""
-        seconds = {}
-        for test in tests:
-            start = time.monotonic()
-            code, output = self._pytest([test], None)
-            if code not in (0, NO_TESTS):
-                raise BrokenInvariant(f"{test} fails without a mutant:\n{output[-2000:]}")
-            if code == 0:
-                seconds[test] = time.monotonic() - start
+    def warm_up(self) -> float:
+        """Run the tests without a mutant, for what they reach and the seconds they take; the sum of these."""
+        code, output = self._pytest({})
+        if code:
+            raise BrokenInvariant(f"the tests of {self._package.name} fail without a mutant:\n{output[-2000:]}")
         self._cache.mkdir(exist_ok=True)
         shutil.copytree(self._cache, self._warm)
-        return seconds
+        self._environment["PYTHONDONTWRITEBYTECODE"] = "1"
+        self._seconds = json.loads(self._job.with_name("seconds.json").read_text("utf-8"))
+        self._reached = CoverageData(str(self._job.with_name("coverage")))
+        self._reached.read()
+        return float(sum(self._seconds.values()))
 
-    def outcome(self, mutant: Mutant, seconds: Mapping[str, float]) -> dict[str, Any]:
+    def outcome(self, mutant: Mutant) -> dict[str, Any]:
         """Whether the tests kill a mutant, which was the first to do so, and the seconds that took."""
         file = self.folder / mutant.file
         original = file.read_text("utf-8")
@@ -189,69 +158,62 @@ class Sandbox:
         shutil.copytree(self._warm, self._cache)
         file.write_text(mutant.source, "utf-8")
         Path(importlib.util.cache_from_source(str(file))).unlink(missing_ok=True)
-        start, by = time.monotonic(), ""
-        ordered = sorted(seconds, key=lambda test: seconds[test] / (1 + self._kills[test]))
+        start, limits = time.monotonic(), self._limits(file, mutant.line)
         try:
-            for tests in (*([test] for test in ordered[:ALONE]), ordered[ALONE:]):
-                by = by or self._failure(tests, PATIENCE * sum(seconds[test] for test in tests) + GRACE)
+            for _ in range(2):  # somebody else may have ended it once, which says nothing of the mutant
+                code, output = self._pytest(limits)
+                if code not in (-signal.SIGTERM, -signal.SIGKILL):
+                    break
         finally:
             file.write_text(original, "utf-8")
-        self._kills[by.split("::")[0]] += 1
-        return {"killed": bool(by), "by": by, "seconds": round(time.monotonic() - start, 1)}
-
-    def _failure(self, tests: Sequence[str], limit: float) -> str:
-        """What fails first in test files, empty if nothing does."""
-        code, output = self._pytest(tests, limit, PYTHONDONTWRITEBYTECODE="1") if tests else (0, "")
-        while code == -signal.SIGTERM:  # somebody else ended it, which says nothing of the mutant
-            code, output = self._pytest(tests, limit, PYTHONDONTWRITEBYTECODE="1")
-        if code in (0, NO_TESTS):
-            return ""
         failure = FIRST_FAILURE.search(output)
-        return (
-            f"{tests[0]}: out of time" if code is None else failure[1] if failure else f"{tests[0]}: exit code {code}"
-        )
+        by = "out of time" if code == -signal.SIGALRM else failure[1] if failure else f"exit code {code}"
+        return {"killed": bool(code), "by": by if code else "", "seconds": round(time.monotonic() - start, 1)}
 
-    def _pytest(self, tests: Sequence[str], limit: float | None, **environment: str) -> tuple[int | None, str]:
-        """The exit code, None if the time was up, and what was printed."""
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pytest", *OPTIONS, *tests],
-            cwd=self.folder,
-            env={**self._environment, **environment},
-            start_new_session=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-        )
-        try:
-            output, _ = process.communicate(timeout=limit)
-        except subprocess.TimeoutExpired:
-            return None, ""
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # with the workers that a mutant may have left behind
-            process.wait()
-        return process.returncode, output
+    def _limits(self, file: Path, line: int) -> dict[str, float]:
+        """How long each test may take, in the order to run them: the fastest that reach the line, then the others."""
+        tests = self._reached.contexts_by_lineno(str(file))
+        at = max((reached for reached in tests if reached <= line), default=line)  # an expression may start further up
+        first = sorted(filter(None, tests.get(at, ())), key=self._seconds.__getitem__)
+        return {test: GRACE + PATIENCE * self._seconds[test] for test in (*first, *self._seconds)}
+
+    def _pytest(self, limits: Mapping[str, float]) -> tuple[int, str]:
+        """The exit code, and what was printed."""
+        self._job.write_text(json.dumps({"modules": self._package.modules, "limits": limits}), "utf-8")
+        with TemporaryFile("w+", encoding="utf-8", errors="replace") as output:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "pytest", *OPTIONS, *self._package.tests],
+                cwd=self.folder,
+                env=self._environment,
+                start_new_session=True,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+            try:
+                process.wait()
+            finally:
+                with suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)  # with the workers that a mutant may have left behind
+            output.seek(0)
+            return process.returncode, output.read()
 
 
 def study(package: Package, root: Path, count: int, seed: int, out: Path, console: Console) -> list[dict[str, Any]]:
     """The outcomes of ``count`` mutants of a package; those already in ``out`` are taken from there."""
     known = json.loads(out.read_text("utf-8")) if out.exists() else []
-    mutants = draw(package, root, count, seed)
-    descriptions = [mutant.description() for mutant in mutants]
+    mutants = {_key(mutant.description()): mutant for mutant in draw(package, root, count, seed)}
     outcomes = {_key(row): row for row in known}
-    open_ = [mutant for mutant in mutants if _key(mutant.description()) not in outcomes]
+    open_ = [mutant for key, mutant in mutants.items() if key not in outcomes]
     if open_:
         with TemporaryDirectory() as folder:
-            sandbox = Sandbox(root, Path(folder))
-            seconds = sandbox.warm_up(package.tests)
-            console.print(f"{package.name}: {sum(seconds.values()):.0f} s of tests, {len(open_)} mutants")
+            sandbox = Sandbox(root, Path(folder), package)
+            console.print(f"{package.name}: {sandbox.warm_up():.0f} s of tests, {len(open_)} mutants")
             for mutant in open_:
-                row = {**mutant.description(), **sandbox.outcome(mutant, seconds)}
+                row = {**mutant.description(), **sandbox.outcome(mutant)}
                 known.append(row)
                 outcomes[_key(row)] = row
                 write_whole(out, json.dumps(known, indent=1) + "\n")
-    return [outcomes[_key(description)] for description in descriptions]
+    return [outcomes[key] for key in mutants]
 
 
 def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -188,18 +188,12 @@ class _Finder(ast.NodeVisitor):
             text = self.raw[start:end].decode()
             self.found.append((Edit("condition negated", start, end, f"(not ({text}))"),))
 
-    def visit_If(self, node: ast.If) -> None:
+    def visit_If(self, node: ast.If | ast.While | ast.IfExp) -> None:
         if not (isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"):
             self._condition(node.test)
             self.generic_visit(node)
 
-    def visit_While(self, node: ast.While) -> None:
-        self._condition(node.test)
-        self.generic_visit(node)
-
-    def visit_IfExp(self, node: ast.IfExp) -> None:
-        self._condition(node.test)
-        self.generic_visit(node)
+    visit_While = visit_IfExp = visit_If  # noqa: N815
 
     def visit_comprehension(self, node: ast.comprehension) -> None:
         for test in node.ifs:

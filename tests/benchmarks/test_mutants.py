@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import ast
-import subprocess
 from io import StringIO
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from benchmarks.studies.mutants import PACKAGES, Package, draw, main, package_of, show, study
+from benchmarks.studies.mutants import EQUIVALENT, MAX_LIST, PACKAGES, Package, draw, main, package_of, show, study
 from benchmarks.studies.mutation import apply, lines, sites
+from planner_service.files.toml_reader import read_tables
 
 ROOT = Path(__file__).parents[2]
 
@@ -88,8 +88,6 @@ def test_a_study_tells_the_faults_that_tests_notice_from_those_they_do_not(tmp_p
     ):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(content, "utf-8")
-    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
-    subprocess.run(["git", "add", "."], cwd=tmp_path, check=True)
     package = Package("tiny", ("planner_service/tiny/sums.py",), ("tests/test_sums.py",))
     out, text = tmp_path / "out.json", StringIO()
     console = Console(file=text, width=120)
@@ -105,6 +103,11 @@ def test_a_study_tells_the_faults_that_tests_notice_from_those_they_do_not(tmp_p
     assert "sums.py:6: operator changed\n- return a * b\n+ return a / b" in text.getvalue()
     test.write_text("def test_nothing_new_is_run():\n    raise AssertionError\n", "utf-8")
     assert study(package, tmp_path, 40, 0, out, console) == rows
+
+
+def test_every_line_of_the_list_of_equivalent_mutants_is_still_there() -> None:
+    for entry in read_tables(EQUIVALENT, MAX_LIST)["mutant"]:
+        assert entry["before"] in map(str.strip, (ROOT / entry["file"]).read_text("utf-8").split("\n")), entry
 
 
 def test_an_unknown_package_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
