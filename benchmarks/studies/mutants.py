@@ -66,6 +66,9 @@ OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-p", "mutant_plugin", "-m", "n
 MAX_LIST = 1_000_000
 """Bytes of the list of equivalent mutants."""
 
+PINS = re.compile(r"/test_(pinned|reference)_")
+"""Tests that compare counts and results with stored ones: they notice changes, but not whether these are faults."""
+
 FIRST_FAILURE = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
 
 
@@ -98,8 +101,8 @@ class Mutant:
 def package_of(name: str, root: Path = ROOT) -> Package:
     """The package of this name with its own tests."""
     modules = sorted((root / "planner_service" / name).rglob("*.py"))
-    own = [file for file in (root / "tests/unit" / name).rglob("test_*.py") if "test_reference_" not in file.name]
-    tests = [*sorted(own), *(file for name in PACKAGES[name] for file in (root / "tests").rglob(f"test_{name}.py"))]
+    others = [next((root / "tests").rglob(f"test_{other}.py")) for other in PACKAGES[name]]
+    tests = [*sorted((root / "tests/unit" / name).rglob("test_*.py")), *others]
     return Package(name, *(tuple(str(file.relative_to(root)) for file in files) for files in (modules, tests)))
 
 
@@ -171,11 +174,12 @@ class Sandbox:
         return {"killed": bool(code), "by": by if code else "", "seconds": round(time.monotonic() - start, 1)}
 
     def _limits(self, file: Path, line: int) -> dict[str, float]:
-        """How long each test may take, in the order to run them: the fastest that reach the line, then the others."""
+        """How long each test may take, in order: the fastest that reach the line, then the others; pins come last."""
         tests = self._reached.contexts_by_lineno(str(file))
         at = max((reached for reached in tests if reached <= line), default=line)  # an expression may start further up
         first = sorted(filter(None, tests.get(at, ())), key=self._seconds.__getitem__)
-        return {test: GRACE + PATIENCE * self._seconds[test] for test in (*first, *self._seconds)}
+        order = sorted((*first, *self._seconds), key=lambda test: bool(PINS.search(test)))
+        return {test: GRACE + PATIENCE * self._seconds[test] for test in order}
 
     def _pytest(self, limits: Mapping[str, float]) -> tuple[int, str]:
         """The exit code, and what was printed."""
@@ -235,11 +239,12 @@ def show(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
     names = list(dict.fromkeys(row["package"] for row in rows))
     cells = []
     for title, members in [*((name, [name]) for name in names), ("all", names)]:
-        parts = (rows, [row for row in rows if row["killed"]], missed)
-        drawn, killed, survived = (sum(row["package"] in members for row in part) for part in parts)
+        dead = [row for row in rows if row["killed"]]
+        parts = (rows, dead, [row for row in dead if PINS.search(row["by"])], missed)
+        drawn, killed, pinned, survived = (sum(row["package"] in members for row in part) for part in parts)
         share = f"{100.0 * killed / (killed + survived):.0f} %" if killed + survived else "-"
-        cells.append((title, str(drawn), str(killed), str(drawn - killed - survived), str(survived), share))
-    columns = ("package", "mutants", "killed", "equivalent", "survived", "killed of those not equivalent")
+        cells.append((title, *map(str, (drawn, killed, pinned, drawn - killed - survived, survived)), share))
+    columns = ("package", "mutants", "killed", "by pins alone", "equivalent", "survived", "killed, without equivalent")
     console.print(table("Mutation study", columns, cells))
     for row in missed:
         console.print(f"\n{row['file']}:{row['line']}: {row['kind']}", markup=False, highlight=False)
