@@ -48,7 +48,8 @@ EQUIVALENT, PLUGIN = (Path(__file__).with_name(name) for name in ("equivalent_mu
 PACKAGES: dict[str, tuple[str, ...]] = {
     "collision": ("collision_laws", "crowd_laws", "mesh_laws", "name_laws", "sweep_laws", "mesh_gaps", "small_solids"),
     "certify": ("certify_laws", "proof_laws", "planted_faults", "mesh_gaps", "mesh_proofs"),
-    **dict.fromkeys(("planning", "smoothing", "timing", "roadmap", "replanning"), ()),
+    "planning": ("service",),
+    **dict.fromkeys(("smoothing", "timing", "roadmap", "replanning"), ()),
     "execute": ("simulation",),
 }
 """The packages; a package's own tests are those in its folder of tests/unit and these from other folders."""

@@ -261,6 +261,21 @@ def test_the_corner_where_a_way_out_ends_is_no_blend() -> None:
     assert path.blends[1] == 0.0
 
 
+def test_only_the_fixed_ways_out_of_a_pose_and_into_it_are_exempt() -> None:
+    wxai = load_robot("wxai")
+    (way,) = wxai.retreats
+    turned = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert not wxai.pose("sleep").any()
+    away = replace(way, to=way.to + turned)
+    robot = replace(wxai, named_poses=(("home", wxai.home), ("sleep", turned)), retreats=(away,))
+    service, length = PlannerService(robot, Scene(())), 0.08 * math.sqrt(2.0)
+    out, back = service.plan(asked(turned + 1e-7, robot.home)), service.plan(asked(robot.home, turned))
+    assert np.array([(e.s_start, e.s_end) for e in out.exempt]) == pytest.approx(np.array([[0.0, length]]), abs=1e-6)
+    assert out.notes == ("taken for the pose 'sleep', 1.0e-07 rad away",)
+    end = back.unwrap()[0].length
+    assert np.array([(e.s_start, e.s_end) for e in back.exempt]) == pytest.approx(np.array([[end - length, end]]))
+
+
 # -- timed ----------------------------------------------------------------------------------------
 
 
