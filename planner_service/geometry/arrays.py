@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,18 +16,26 @@ __all__ = [
     "BoolArray",
     "FloatArray",
     "IntArray",
+    "along",
     "as_sent",
+    "blocks",
     "cosines_and_sines",
     "cross",
     "dot",
+    "frozen",
     "product",
     "read_only",
     "rpy_matrix",
+    "set_fields",
 ]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
+AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
+
+AT_ONCE = 200_000
+"""Numbers in a temporary array: few enough for a processor's cache."""
 
 _QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)
 """A quarter turn in two parts: small multiples of the first are exact."""
@@ -35,7 +43,11 @@ _QUARTER = (1.57079632673412561417, 6.07710050650619224932e-11)
 
 def read_only(values: ArrayLike) -> FloatArray:
     """An immutable float64 copy of ``values`` that are known to be numbers; for others see ``validation.numbers``."""
-    array = np.array(values, dtype=np.float64)
+    return frozen(np.array(values, dtype=np.float64))
+
+
+def frozen(array: AnyArray) -> AnyArray:
+    """The array itself, made read-only."""
     array.flags.writeable = False
     return array
 
@@ -45,8 +57,14 @@ def as_sent(value: object, state: dict[str, Any]) -> None:
     for held in state.values():
         for array in held if isinstance(held, tuple) else (held,):
             if isinstance(array, np.ndarray):
-                array.flags.writeable = False
+                frozen(array)
     value.__dict__.update(state)
+
+
+def set_fields(value: object, **fields: object) -> None:
+    """For ``__post_init__`` of a frozen dataclass: replace these fields."""
+    for name, content in fields.items():
+        object.__setattr__(value, name, content)
 
 
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
@@ -60,9 +78,22 @@ def cross(a: FloatArray, b: FloatArray, axis: int = -1) -> FloatArray:
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=axis)
 
 
+def along(points: FloatArray, directions: FloatArray) -> FloatArray:
+    """Components of points (n, 3) along directions (..., 3), (..., n)."""
+    d = directions[..., None, :]
+    return np.asarray(d[..., 0] * points[:, 0] + d[..., 1] * points[:, 1] + d[..., 2] * points[:, 2])
+
+
 def product(A: FloatArray, B: FloatArray) -> FloatArray:
-    """The matrix product A B of two 4 x 4 matrices."""
-    return np.asarray(A[:, :1] * B[:1] + A[:, 1:2] * B[1:2] + A[:, 2:3] * B[2:3] + A[:, 3:] * B[3:])
+    """The matrix products A B of a matrix (4, 4) and matrices (..., 4, 4)."""
+    a, b, c, d = (A[:, k : k + 1] * B[..., k : k + 1, :] for k in range(4))
+    return np.asarray(a + b + c + d)
+
+
+def blocks(rows: int, width: int) -> list[slice]:
+    """Slices of rows whose products with ``width`` numbers stay small; an empty one if there are no rows."""
+    step = max(1, AT_ONCE // width)
+    return [slice(k, k + step) for k in range(0, max(rows, 1), step)]
 
 
 def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 
 from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.xml_reader import MAX_DEPTH, Malformed, parse_xml
-from planner_service.geometry.arrays import FloatArray, IntArray, product
+from planner_service.geometry.arrays import FloatArray, IntArray, along, product
 
 __all__ = ["dae_vertices"]
 
@@ -163,11 +163,8 @@ class _Document:
         if name not in self._numbers:
             self._numbers[name] = _floats(array.text)
         values = self._numbers[name]
-        count, stride, start = (
-            _count(accessor, "count"),
-            _count(accessor, "stride", "1"),
-            _count(accessor, "offset", "0"),
-        )
+        count = _count(accessor, "count")
+        stride, start = _count(accessor, "stride", "1"), _count(accessor, "offset", "0")
         names = [param.get("name", "") for param in _all(accessor, "param")]
         if names[:3] != ["X", "Y", "Z"] or stride < 3 or start + count * stride > len(values):
             raise Malformed(f"{count} positions {', '.join(names)[:80]} every {stride} of {len(values)} numbers")
@@ -220,9 +217,8 @@ def _turn(x: float, y: float, z: float, degrees: float) -> list[list[float]]:
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
-    x, y, z = (points[:, k, None] for k in range(3))
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(x * T[:3, 0] + y * T[:3, 1] + z * T[:3, 2] + T[:3, 3])
+        return along(T[:3, :3], points) + T[:3, 3]
 
 
 def _indices(faces: Element, vertices: str) -> Iterator[IntArray]:

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
-from planner_service.geometry.arrays import FloatArray, IntArray, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks, frozen, read_only, set_fields
 from planner_service.geometry.decomposition import pieces_of_file
 from planner_service.geometry.point_files import MAX_POINTS, read_array
 from planner_service.geometry.shapes import Box, Pose, Shape
-from planner_service.geometry.validation import MAX_LENGTH, items, number, numbers, points_of, vectors
+from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, items, number, numbers, points_of, vectors
 
 __all__ = ["Composite", "Compound", "HeightField", "Pieces", "PointCloud", "Solid"]
 
@@ -39,9 +39,6 @@ LEAST_CELL = 1e-4
 
 MAX_COMPOUND = 1_000
 """Pieces of a compound, made by hand or by a decomposition."""
-
-AT_ONCE = 200_000
-"""Numbers in a temporary array: few enough for a processor's cache."""
 
 TRIPLE = 3
 
@@ -82,7 +79,7 @@ class Compound:
             parts.append((shape, pose))
             if max(map(abs, pose.position)) > MAX_LENGTH:
                 raise InvalidRequest(f"parts[{k}]", pose.position, f"metres, at most {MAX_LENGTH:g} along each axis")
-        object.__setattr__(self, "parts", tuple(parts))
+        set_fields(self, parts=tuple(parts))
 
     @classmethod
     def of_mesh(
@@ -119,13 +116,12 @@ class Compound:
         farthest = []
         for shape, pose in self.parts:
             R = pose.rotation
-            local = shape.support(_row_sums(d, R.T))
-            farthest.append(_row_sums(local, R) + np.array(pose.position))
+            farthest.append(along(R, shape.support(along(R.T, d))) + np.array(pose.position))
         return _farthest(d, farthest)
 
     def distance(self, points: FloatArray) -> FloatArray:
         p = points_of(points)
-        each = [shape.distance(_row_sums(p - np.array(pose.position), pose.rotation.T)) for shape, pose in self.parts]
+        each = [shape.distance(along(pose.rotation.T, p - np.array(pose.position))) for shape, pose in self.parts]
         return np.asarray(np.min(each, axis=0))
 
 
@@ -148,7 +144,7 @@ class _Boxes:
         d = vectors("direction", direction)
         flat = d.reshape(-1, TRIPLE)
         out = np.empty(flat.shape)
-        for rows in _blocks(len(flat), TRIPLE * len(self.low)):
+        for rows in blocks(len(flat), TRIPLE * len(self.low)):
             u = flat[rows, None, :]
             corners = np.where(u < 0.0, self.low, self.high)
             best = (u[..., 0] * corners[..., 0] + u[..., 1] * corners[..., 1] + u[..., 2] * corners[..., 2]).argmax(1)
@@ -159,7 +155,7 @@ class _Boxes:
         p = points_of(points)
         flat = p.reshape(-1, TRIPLE)
         out = np.empty(len(flat))
-        for rows in _blocks(len(flat), TRIPLE * len(self.low)):
+        for rows in blocks(len(flat), TRIPLE * len(self.low)):
             x = flat[rows, None, :]
             off = np.maximum(np.maximum(self.low - x, x - self.high), 0.0)
             out[rows] = np.sqrt((off[..., 0] ** 2 + off[..., 1] ** 2 + off[..., 2] ** 2).min(axis=1))
@@ -191,11 +187,9 @@ class PointCloud:
     def __post_init__(self) -> None:
         resolution = _checked_cell("resolution", self.resolution)
         points = _checked_rows("points", self.points)
-        object.__setattr__(self, "resolution", resolution)
-        cells = np.unique(np.floor(points / resolution).astype(np.int64), axis=0)
-        cells.flags.writeable = False
-        object.__setattr__(self, "cells", cells)
-        object.__setattr__(self, "points", _checked_rows("points", read_only((cells + 0.5) * resolution)))
+        cells = frozen(np.unique(np.floor(points / resolution).astype(np.int64), axis=0))
+        points = _checked_rows("points", read_only((cells + 0.5) * resolution))
+        set_fields(self, points=points, resolution=resolution, cells=cells)
         extent = float((self._boxes.high.max(axis=0) - self._boxes.low.min(axis=0)).max())
         if extent > MAX_LENGTH:
             expected = f"a cloud no longer than {MAX_LENGTH:g} m"
@@ -213,10 +207,7 @@ class PointCloud:
         """
         file, cell = as_path("path", path), _checked_cell("resolution", resolution)
         points = read_array(file, "points", (".ply", ".npz", ".npy"))
-        try:
-            return cls(points, cell)
-        except InvalidRequest as error:
-            raise InvalidFile(file, [str(error)]) from None
+        return in_file(file, lambda: cls(points, cell))
 
     @classmethod
     def from_cells(cls, cells: ArrayLike, resolution: float) -> PointCloud:
@@ -298,9 +289,7 @@ class HeightField:
         top = float(heights.max())
         if not 0.0 < top - floor <= MAX_LENGTH:
             raise InvalidRequest("floor", floor, f"below the highest column, {top:g}, by at most {MAX_LENGTH:g}")
-        object.__setattr__(self, "heights", read_only(heights + 0.0))
-        object.__setattr__(self, "cell", cell)
-        object.__setattr__(self, "floor", floor + 0.0)
+        set_fields(self, heights=read_only(heights + 0.0), cell=cell, floor=floor + 0.0)
         _check_count("cell", cell, len(self._boxes.low))
 
     @classmethod
@@ -313,10 +302,7 @@ class HeightField:
         """
         file, edge = as_path("path", path), _checked_cell("cell", cell)
         heights = read_array(file, "heights", (".npz", ".npy"))
-        try:
-            return cls(heights, edge, floor)
-        except InvalidRequest as error:
-            raise InvalidFile(file, [str(error)]) from None
+        return in_file(file, lambda: cls(heights, edge, floor))
 
     @cached_property
     def _boxes(self) -> _Boxes:
@@ -371,15 +357,8 @@ def _checked_cell(field_name: str, value: object) -> float:
 def _checked_rows(field_name: str, values: object) -> FloatArray:
     """Finite numbers (n, 3)."""
     expected = f"1 to {MAX_POINTS:,} points (x, y, z) in metres, at most {MAX_LENGTH:g} from 0 along each axis"
-    rows = numbers(field_name, values, expected)
-    if rows.ndim != 2 or rows.shape[1:] != (TRIPLE,) or not 1 <= len(rows) <= MAX_POINTS:
-        message = f"{field_name}: got an array of shape {rows.shape}; expected {expected}"
-        raise InvalidRequest(field_name, rows, expected, message=message)
-    most = MAX_LENGTH if field_name == "points" else MAX_LENGTH / LEAST_CELL
-    bad = np.flatnonzero(~(np.abs(rows) <= most).all(axis=-1))
-    if len(bad):
-        raise InvalidRequest(f"{field_name}[{bad[0]}]", rows[bad[0]].tolist(), expected)
-    return rows
+    largest = MAX_LENGTH if field_name == "points" else MAX_LENGTH / LEAST_CELL
+    return cloud(field_name, values, expected, 1, MAX_POINTS, largest)
 
 
 def _check_count(field_name: str, cell: float, count: int) -> None:
@@ -424,19 +403,8 @@ def _along_a_curve(points: FloatArray) -> IntArray:
     return np.argsort(code, kind="stable")
 
 
-def _row_sums(v: FloatArray, R: FloatArray) -> FloatArray:
-    """Vectors (..., 3) turned by R (3, 3)."""
-    return np.asarray(v[..., 0, None] * R[:, 0] + v[..., 1, None] * R[:, 1] + v[..., 2, None] * R[:, 2])
-
-
 def _farthest(d: FloatArray, candidates: Sequence[FloatArray]) -> FloatArray:
     """Of one point (..., 3) from each solid, the one farthest along ``d``."""
     points = np.stack(candidates)
     best = (points[..., 0] * d[..., 0] + points[..., 1] * d[..., 1] + points[..., 2] * d[..., 2]).argmax(axis=0)
     return np.asarray(np.take_along_axis(points, best[None, ..., None], axis=0)[0])
-
-
-def _blocks(count: int, width: int) -> Iterable[slice]:
-    """Slices of rows whose products with ``width`` numbers stay small."""
-    step = max(1, AT_ONCE // width)
-    return [slice(k, k + step) for k in range(0, count, step)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks
 from planner_service.geometry.mesh import Mesh
 
 __all__ = ["SLACK", "covering", "longest_gap", "slack"]
@@ -30,9 +30,6 @@ MAX_WORK = 500_000
 MOST_LINES, LEAST_LINES = 100, 5
 CROSSINGS = 20_000_000
 """Lines along each axis, and pairs of a line and a triangle that are tested for a crossing."""
-
-AT_ONCE = 200_000
-"""Numbers in a temporary array: few enough for a processor's cache."""
 
 
 def slack(vertices: FloatArray) -> float:
@@ -168,29 +165,24 @@ def _heights(piece: Mesh, points: FloatArray, most: float) -> FloatArray:
     low, high = piece.vertices.min(axis=0), piece.vertices.max(axis=0)
     heights = np.maximum(low - points, points - high).max(axis=1)
     near = np.flatnonzero(heights <= most)
-    step = max(1, AT_ONCE // len(piece.normals))
-    for k in range(0, len(near), step):
-        block = near[k : k + step]
-        heights[block] = _above(piece, points[block]).max(axis=1)
+    for rows in blocks(len(near), len(piece.normals)):
+        heights[near[rows]] = _above(piece, points[near[rows]]).max(axis=1)
     return np.asarray(heights)
 
 
 def _above(piece: Mesh, points: FloatArray) -> FloatArray:
     """Heights of points (n, 3) above the faces, (n, f)."""
-    x, y, z = (points[:, k, None] for k in range(3))
-    n = piece.normals
-    return np.asarray(x * n[:, 0] + y * n[:, 1] + z * n[:, 2] - piece.offsets)
+    return along(piece.normals, points) - piece.offsets
 
 
 def _exit(piece: Mesh, inner: FloatArray, outer: FloatArray) -> FloatArray:
     """The share of each segment, from its inner end, that lies in the piece."""
     share = np.ones(len(inner))
-    step = max(1, AT_ONCE // len(piece.normals))
-    for k in range(0, len(inner), step):
-        low, high = _above(piece, inner[k : k + step]), _above(piece, outer[k : k + step])
+    for rows in blocks(len(inner), len(piece.normals)):
+        low, high = _above(piece, inner[rows]), _above(piece, outer[rows])
         rises = (high > 0.0) & (high > low)
         gone = np.maximum(-low, 0.0) / np.where(rises, high - low, 1.0)
-        share[k : k + step] = np.minimum(np.where(rises, gone, 1.0).min(axis=1), 1.0)
+        share[rows] = np.minimum(np.where(rises, gone, 1.0).min(axis=1), 1.0)
     return share
 
 

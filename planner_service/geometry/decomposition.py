@@ -15,18 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from planner_service.errors import InvalidFile, InvalidRequest, MissingDependency
+from planner_service.errors import InvalidRequest, MissingDependency
 from planner_service.files.disk_cache import DiskCache, cache_folder
 from planner_service.files.reading import as_path
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray, set_fields
 from planner_service.geometry.covering import covering, longest_gap, slack
 from planner_service.geometry.mesh import Mesh, checked_scale
-from planner_service.geometry.mesh_formats import MAX_TRIANGLES, read_triangles
-from planner_service.geometry.validation import MAX_LENGTH, number, numbers
+from planner_service.geometry.mesh_formats import read_triangles
+from planner_service.geometry.validation import MAX_LENGTH, in_file, number
 
-__all__ = ["MAX_PIECES", "convex_pieces", "hull_ratio", "pieces_of_file"]
+__all__ = ["MAX_PIECES", "hull_ratio", "pieces_of_file"]
 
 MAX_PIECES = 64
 """Each piece is checked against everything near it: more pieces cost more than a finer shape is worth."""
@@ -53,29 +52,9 @@ FORMAT = 1
 def pieces_of_file(
     path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0), *, most: int = 16, tolerance: float = 0.01
 ) -> tuple[Mesh, ...]:
-    """Convex pieces that together contain the mesh in an STL, OBJ or PLY file; see ``convex_pieces``.
+    """Convex solids that together contain the mesh in an STL, OBJ or PLY file.
 
-    Args:
-        scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
-
-    Raises:
-        InvalidFile: no such file, or one that cannot be cut into pieces.
-        InvalidRequest: ``scale``, ``most`` or ``tolerance`` out of range.
-        MissingDependency: more than the hull is needed, and coacd is not installed.
-    """
-    file = as_path("path", path)
-    settings = _Settings(most, tolerance)
-    vertices, faces = read_triangles(file, checked_scale("scale", scale))
-    try:
-        return _pieces(Mesh(vertices), vertices, faces, settings)
-    except InvalidRequest as error:
-        raise InvalidFile(file, [str(error)]) from None
-
-
-def convex_pieces(
-    vertices: ArrayLike, faces: ArrayLike, *, most: int = 16, tolerance: float = 0.01
-) -> tuple[Mesh, ...]:
-    """Convex solids that together contain a mesh, by coacd (Wei et al., ACM TOG 41(4), 2022) unless its hull is enough.
+    They come from coacd (Wei et al., ACM TOG 41(4), 2022) unless the hull of the mesh is enough.
 
     The pieces contain the whole surface, whatever coacd answers: they are grown until they contain every triangle
     (``covering.py``), each by less than 1.1 thousandths of the size of the mesh, plus the depth of whatever coacd left
@@ -86,29 +65,19 @@ def convex_pieces(
     minutes and 4 GB; its answer is kept on disk (``files/disk_cache.py``) and checked against the surface each time.
 
     Args:
-        vertices: (n, 3) in metres.
-        faces: Triangles (t, 3) as rows of ``vertices``, counter-clockwise seen from outside.
+        scale: Factors that turn the file's x, y and z into metres; a negative one mirrors.
         most: Maximum number of pieces, 1 to 64; 1 gives the hull. With fewer pieces, coacd makes thicker ones.
         tolerance: Metres by which a piece may fill what is not solid; coacd aims at it but does not guarantee it.
 
     Raises:
-        InvalidRequest: arguments of another shape or out of range, a flat mesh, or one that coacd cannot cut in time.
+        InvalidFile: no such file, or a mesh that is flat or that coacd cannot cut in time.
+        InvalidRequest: ``scale``, ``most`` or ``tolerance`` out of range.
         MissingDependency: more than the hull is needed, and coacd is not installed.
     """
+    file = as_path("path", path)
     settings = _Settings(most, tolerance)
-    return _pieces(*_checked(vertices, faces), settings)
-
-
-def hull_ratio(vertices: ArrayLike, faces: ArrayLike) -> float:
-    """Volume of a mesh's hull divided by the volume of the mesh: 1 if convex, 3 if two thirds of the hull are air.
-
-    Infinite if the triangles are not closed (some edge of one is not an edge, in the other direction, of just one
-    other) or enclose nothing. Where bodies in the mesh overlap, the overlap counts twice, and the ratio is too low.
-
-    Raises:
-        InvalidRequest: as for ``convex_pieces``.
-    """
-    return _hull_ratio(*_checked(vertices, faces))
+    vertices, faces = read_triangles(file, checked_scale("scale", scale))
+    return in_file(file, lambda: _pieces(Mesh(vertices), vertices, faces, settings))
 
 
 @dataclass(frozen=True)
@@ -120,9 +89,9 @@ class _Settings:
         expected = f"a whole number from 1 to {MAX_PIECES}"
         if not number("most", self.most, expected, 1, MAX_PIECES).is_integer():
             raise InvalidRequest("most", self.most, expected)
-        object.__setattr__(self, "most", int(self.most))
         expected = f"metres from {FINEST:g} to {MAX_LENGTH:g}"
-        object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, expected, FINEST, MAX_LENGTH))
+        tolerance = number("tolerance", self.tolerance, expected, FINEST, MAX_LENGTH)
+        set_fields(self, most=int(self.most), tolerance=tolerance)
 
     def for_coacd(self) -> dict[str, Any]:
         """Arguments of ``coacd.run_coacd``, without its repair of meshes, which makes thousands of corners."""
@@ -136,7 +105,7 @@ class _Settings:
 
 
 def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settings) -> tuple[Mesh, ...]:
-    if settings.most == 1 or _hull_ratio(hull, vertices, faces) <= TIGHT:
+    if settings.most == 1 or hull_ratio(hull, vertices, faces) <= TIGHT:
         return (hull,)
     cut = []
     for points in _cut(hull, vertices, faces, settings):
@@ -152,28 +121,12 @@ def _pieces(hull: Mesh, vertices: FloatArray, faces: IntArray, settings: _Settin
     return pieces if gap <= slack(vertices) else (hull,)
 
 
-def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Mesh, FloatArray, IntArray]:
-    """The hull, the distinct points, and the triangles that have three distinct corners."""
-    points = numbers("vertices", vertices, "points (n, 3) in metres")
-    hull = Mesh(points)  # refuses what is no solid
-    expected = f"1 to {MAX_TRIANGLES:,} triangles (t, 3) with three different corners, as rows of vertices"
-    rows = numbers("faces", faces, expected)
-    if rows.ndim != 2 or rows.shape[1:] != (3,) or not 1 <= len(rows) <= MAX_TRIANGLES:
-        message = f"faces: got an array of shape {rows.shape}; expected {expected}"
-        raise InvalidRequest("faces", faces, expected, message=message)
-    bad = np.flatnonzero(~((rows >= 0) & (rows < len(points)) & (rows == np.floor(rows))).all(axis=1))
-    if len(bad):
-        raise InvalidRequest(f"faces[{bad[0]}]", rows[bad[0]].tolist(), expected)
-    points, place = np.unique(points + 0.0, axis=0, return_inverse=True)  # + 0.0 drops the sign of -0.0
-    triangles = place.reshape(-1).astype(np.intp)[rows.astype(np.intp)]
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
-    if len(triangles) == 0:
-        raise InvalidRequest("faces", faces, expected)
-    return hull, points, triangles
+def hull_ratio(hull: Mesh, vertices: FloatArray, faces: IntArray) -> float:
+    """Volume of a mesh's hull divided by the volume of the mesh: 1 if convex, 3 if two thirds of the hull are air.
 
-
-def _hull_ratio(hull: Mesh, vertices: FloatArray, faces: IntArray) -> float:
+    Infinite if the triangles are not closed (some edge of one is not an edge, in the other direction, of just one
+    other) or enclose nothing. Where bodies in the mesh overlap, the overlap counts twice, and the ratio is too low.
+    """
     enclosed = abs(_volume(vertices, faces)) if _is_closed(faces) else 0.0
     return _volume(hull.vertices, hull.faces) / enclosed if enclosed > 0.0 else math.inf
 

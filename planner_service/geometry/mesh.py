@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.errors import InvalidRequest
 from planner_service.files.reading import as_path
-from planner_service.geometry.arrays import FloatArray, IntArray, cross, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks, cross, frozen, read_only, set_fields
 from planner_service.geometry.mesh_formats import MAX_VERTICES, read_vertices
-from planner_service.geometry.validation import MAX_LENGTH, margin_of, numbers, points_of, vectors
+from planner_service.geometry.validation import MAX_LENGTH, cloud, in_file, margin_of, numbers, points_of, vectors
 
 __all__ = ["Mesh", "checked_scale"]
 
@@ -33,9 +33,6 @@ THINNEST = 1e-6
 
 ROUNDING = 1e-9
 """Relative to the size of a mesh: far above what rounding may cut off its hull (1e-15), far below what matters."""
-
-AT_ONCE = 200_000
-"""Numbers in a temporary array: few enough for a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +64,16 @@ class Mesh:
         """Be the hull of points (n, 3), each once, sorted."""
         corners, faces, normals = _hull(points, most)
         highest, lowest = [], []
-        for block in _blocks(normals, len(corners)):
-            heights = _along(corners, block)
+        for rows in blocks(len(normals), len(corners)):
+            heights = along(corners, normals[rows])
             highest.append(heights.max(axis=-1))
             lowest.append(heights.min(axis=-1))
         offsets = np.concatenate(highest)
         if float((offsets - np.concatenate(lowest)).min()) < THINNEST:
             raise _flat(points)
         _require_inside(points, normals, offsets)
-        object.__setattr__(self, "vertices", read_only(corners))
-        faces.flags.writeable = False
-        object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "normals", read_only(normals))
-        object.__setattr__(self, "offsets", read_only(offsets))
+        vertices, normals, offsets = map(read_only, (corners, normals, offsets))
+        set_fields(self, vertices=vertices, faces=frozen(faces), normals=normals, offsets=offsets)
 
     @classmethod
     def from_file(cls, path: str | os.PathLike[str], scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Mesh:
@@ -94,10 +88,7 @@ class Mesh:
         """
         file = as_path("path", path)
         points = read_vertices(file, checked_scale("scale", scale))
-        try:
-            return cls(points)
-        except InvalidRequest as error:
-            raise InvalidFile(file, [str(error)]) from None
+        return in_file(file, lambda: cls(points))
 
     @cached_property
     def digest(self) -> str:
@@ -118,13 +109,14 @@ class Mesh:
         d = vectors("direction", direction)
         largest = np.abs(d).max(axis=-1, keepdims=True)
         flat = (d / np.where(largest > 0.0, largest, 1.0)).reshape(-1, 3)
-        best = [_along(self.vertices, rows).argmax(axis=-1) for rows in _blocks(flat, len(self.vertices))]
+        best = [along(self.vertices, flat[k]).argmax(axis=-1) for k in blocks(len(flat), len(self.vertices))]
         return np.asarray(self.vertices[np.concatenate(best)].reshape(d.shape))
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Distance from each point to the solid, 0 inside; (..., 3) in, (...) out; exact up to rounding."""
         p = points_of(points)
-        distances = [self._distances(rows) for rows in _blocks(p.reshape(-1, 3), 6 * len(self.faces))]
+        flat = p.reshape(-1, 3)
+        distances = [self._distances(flat[rows]) for rows in blocks(len(flat), 6 * len(self.faces))]
         return np.concatenate(distances).reshape(p.shape[:-1])
 
     def _distances(self, points: FloatArray) -> FloatArray:
@@ -133,14 +125,14 @@ class Mesh:
         A point on the surface may by rounding be below the face it is on and above the one beside it.
         """
         rounding = -ROUNDING * float((self.vertices.max(axis=0) - self.vertices.min(axis=0)).max())
-        above = _along(self.normals, points) - self.offsets
+        above = along(self.normals, points) - self.offsets
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         outside = np.full(above.shape, False)
         least = np.full(len(points), np.inf)
         for start, end in ((a, b), (b, c), (c, a)):
             edge = end - start
             inward = cross(self.normals, edge)
-            outside |= _along(inward, points) < (inward * start).sum(axis=-1)
+            outside |= along(inward, points) < (inward * start).sum(axis=-1)
             least = np.minimum(least, _to_segments(points, start, edge).min(axis=-1))
         onto = np.where(outside | (above < rounding), np.inf, np.maximum(above, 0.0)).min(axis=-1)
         return np.where((above <= 0.0).all(axis=-1), 0.0, np.minimum(onto, least))
@@ -196,13 +188,7 @@ def checked_scale(field_name: str, scale: Any) -> tuple[float, float, float]:
 def _checked(vertices: ArrayLike) -> FloatArray:
     """Points (n, 3), each once, sorted."""
     expected = f"4 to {MAX_VERTICES:,} points (x, y, z) in metres, at most {MAX_LENGTH:g} from 0 along each axis"
-    points = numbers("vertices", vertices, expected)
-    if points.ndim != 2 or points.shape[1:] != (3,) or not 4 <= len(points) <= MAX_VERTICES:
-        message = f"vertices: got an array of shape {points.shape}; expected {expected}"
-        raise InvalidRequest("vertices", points, expected, message=message)
-    bad = np.flatnonzero(~(np.abs(points) <= MAX_LENGTH).all(axis=-1))
-    if len(bad):
-        raise InvalidRequest(f"vertices[{bad[0]}]", points[bad[0]].tolist(), expected)
+    points = cloud("vertices", vertices, expected, 4, MAX_VERTICES, MAX_LENGTH)
     return np.unique(points + 0.0, axis=0)  # + 0.0 drops the sign of -0.0
 
 
@@ -251,21 +237,9 @@ def _flat(points: FloatArray) -> InvalidRequest:
 def _require_inside(points: FloatArray, normals: FloatArray, offsets: FloatArray) -> None:
     """Raise unless the hull holds every point, up to rounding: so no point was lost on the way."""
     allowed = ROUNDING * float((points.max(axis=0) - points.min(axis=0)).max())
-    for rows in _blocks(points, len(normals)):
-        if float((_along(normals, rows) - offsets).max()) > allowed:
+    for rows in blocks(len(points), len(normals)):
+        if float((along(normals, points[rows]) - offsets).max()) > allowed:
             raise _flat(points)
-
-
-def _blocks(rows: FloatArray, width: int) -> list[FloatArray]:
-    """Rows in blocks whose products with ``width`` others stay small; one, if empty, when there are none."""
-    step = max(1, AT_ONCE // width)
-    return [rows[k : k + step] for k in range(0, max(len(rows), 1), step)]
-
-
-def _along(points: FloatArray, directions: FloatArray) -> FloatArray:
-    """Components of points (n, 3) along directions (..., 3), (..., n)."""
-    d = directions[..., None, :]
-    return np.asarray(d[..., 0] * points[:, 0] + d[..., 1] * points[:, 1] + d[..., 2] * points[:, 2])
 
 
 def _to_segments(points: FloatArray, start: FloatArray, edge: FloatArray) -> FloatArray:

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from planner_service.errors import InvalidFile
 from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.reading import read_bytes
 from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.collada import dae_vertices
-from planner_service.geometry.validation import MAX_LENGTH
+from planner_service.geometry.validation import MAX_LENGTH, in_file
 
 __all__ = ["MAX_BYTES", "MAX_TRIANGLES", "MAX_VERTICES", "MESH_SUFFIXES", "read_triangles", "read_vertices"]
 
@@ -56,11 +55,7 @@ def read_vertices(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0
         InvalidFile: another suffix, larger than 50 MB, not what the suffix says, malformed, no vertices or too many,
             or a coordinate that is not finite or beyond 1 km.
     """
-    try:
-        rows, _ = _parsed(path)
-        return _scaled(_unique(rows)[0], scale)
-    except Malformed as error:
-        raise InvalidFile(path, [str(error)]) from None
+    return in_file(path, lambda: _scaled(_unique(_parsed(path)[0])[0], scale))
 
 
 def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[FloatArray, IntArray]:
@@ -73,22 +68,23 @@ def read_triangles(path: Path, scale: tuple[float, float, float] = (1.0, 1.0, 1.
         InvalidFile: what ``read_vertices`` refuses, a COLLADA file, no triangles or more than a million, or a corner
             that is no vertex.
     """
-    try:
-        rows, read_corners = _parsed(path)
-        corners = read_corners()
-        if len(corners) > MAX_TRIANGLES:
-            raise Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
-        if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < len(rows)):
-            raise Malformed(f"a corner of a triangle is none of the {len(rows)} vertices")
-        points, place = _unique(rows)
-        faces = place[corners]
-        a, b, c = faces.T
-        faces = faces[(a != b) & (b != c) & (c != a)]
-        if len(faces) == 0:
-            raise Malformed("no triangles")
-        vertices = _scaled(points, scale)
-    except Malformed as error:
-        raise InvalidFile(path, [str(error)]) from None
+    return in_file(path, lambda: _triangles(path, scale))
+
+
+def _triangles(path: Path, scale: tuple[float, float, float]) -> tuple[FloatArray, IntArray]:
+    rows, read_corners = _parsed(path)
+    corners = read_corners()
+    if len(corners) > MAX_TRIANGLES:
+        raise Malformed(f"{len(corners):,} triangles; expected at most {MAX_TRIANGLES:,}")
+    if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < len(rows)):
+        raise Malformed(f"a corner of a triangle is none of the {len(rows)} vertices")
+    points, place = _unique(rows)
+    faces = place[corners]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    if len(faces) == 0:
+        raise Malformed("no triangles")
+    vertices = _scaled(points, scale)
     mirrored = sum(factor < 0.0 for factor in scale) % 2 == 1
     return vertices, faces[:, ::-1].copy() if mirrored else faces
 

@@ -51,15 +51,14 @@ class MeshLoader:
         if key not in self._read:
             self._scaled += self._corners.get(key[0], 0)
             if self._scaled > MAX_SCALED:
-                raise _refused(
-                    filename, f"is used in too many scales: hulls with more than {MAX_SCALED:,} corners in all"
-                )
+                why = f"is used in too many scales: hulls with more than {MAX_SCALED:,} corners in all"
+                raise _refused(filename, why)
             self._read[key] = self._opened(filename, key[0], lambda: Mesh.from_file(*key))
             self._corners[key[0]] = len(self._read[key].vertices)
         return self._read[key]
 
     def pieces(self, filename: str, scale: Sequence[float], most: int) -> tuple[Mesh, ...]:
-        """The mesh that the file calls ``filename``, in at most ``most`` pieces (``decomposition.convex_pieces``).
+        """The mesh that the file calls ``filename``, in at most ``most`` pieces (``decomposition.pieces_of_file``).
 
         Raises:
             InvalidRequest: as for ``mesh``, or it cannot be cut into pieces.

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from planner_service.errors import InvalidFile
 from planner_service.files.reading import read_bytes
+from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
+from planner_service.geometry.validation import in_file
 
 __all__ = ["MAX_POINTS", "arrays_of", "read_array"]
 
@@ -35,10 +37,6 @@ VERSIONS = {1: 2, 2: 4, 3: 4}
 MAGIC = b"\x93NUMPY"
 
 
-class _Unreadable(Exception):
-    """The file holds no such array; the message says why."""
-
-
 def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
     """The numbers in a file: the vertices (n, 3) of a PLY file, else the array that it holds.
 
@@ -55,10 +53,7 @@ def read_array(path: Path, name: str, suffixes: Sequence[str]) -> FloatArray:
     if suffix == ".ply":
         return read_vertices(path)
     data = read_bytes(path, MAX_BYTES)
-    try:
-        array = _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data, MAX_NUMBERS)
-    except _Unreadable as error:
-        raise InvalidFile(path, [str(error)]) from None
+    array = in_file(path, lambda: _npy(_member(data, name, MAX_BYTES) if suffix == ".npz" else data, MAX_NUMBERS))
     with np.errstate(all="ignore"):  # beyond the range of floats there is infinity
         return np.asarray(array, dtype=np.float64)
 
@@ -76,10 +71,7 @@ def arrays_of(path: Path, most: int) -> Callable[[str, str], NDArray[Any]]:
     data = read_bytes(path, most)
 
     def array(name: str, kinds: str) -> NDArray[Any]:
-        try:
-            numbers = _npy(_member(data, name, most, packed=False), most)
-        except _Unreadable as error:
-            raise InvalidFile(path, [str(error)]) from None
+        numbers = in_file(path, lambda: _npy(_member(data, name, most, packed=False), most))
         if numbers.dtype.kind not in kinds:
             raise InvalidFile(path, [f"{name}: got numbers of type {numbers.dtype}; expected another kind of number"])
         return numbers
@@ -94,36 +86,36 @@ def _member(data: bytes, name: str, most: int, *, packed: bool = True) -> bytes:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             info = members.get(name) or (next(iter(members.values())) if len(members) == 1 else None)
             if info is None:
-                raise _Unreadable(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
+                raise Malformed(f"holds {', '.join(sorted(members))[:80] or 'nothing'}; expected an array {name!r}")
             if not packed and (info.compress_type != zipfile.ZIP_STORED or info.file_size > len(data)):
-                raise _Unreadable(f"{name}: compressed; expected it as numpy.savez writes it")
+                raise Malformed(f"{name}: compressed; expected it as numpy.savez writes it")
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise _Unreadable(f"compressed by method {info.compress_type}; expected what numpy writes")
+                raise Malformed(f"compressed by method {info.compress_type}; expected what numpy writes")
             with archive.open(info) as file:
                 content = file.read(most + 1)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
-        raise _Unreadable(f"not an NPZ file: {error}") from None
+        raise Malformed(f"not an NPZ file: {error}") from None
     if len(content) > most:
-        raise _Unreadable(f"unpacks to more than {most:,} bytes")
+        raise Malformed(f"unpacks to more than {most:,} bytes")
     return content
 
 
 def _npy(data: bytes, most: int) -> NDArray[Any]:
     if not data.startswith(MAGIC) or len(data) < len(MAGIC) + 2 or data[len(MAGIC)] not in VERSIONS:
-        raise _Unreadable("not an NPY file: the first bytes are wrong")
+        raise Malformed("not an NPY file: the first bytes are wrong")
     start = len(MAGIC) + 2
     width = VERSIONS[data[len(MAGIC)]]
     length = int.from_bytes(data[start : start + width], "little")
     start += width
     if length > min(MAX_HEADER, len(data) - start):
-        raise _Unreadable("an NPY header without its end")
+        raise Malformed("an NPY header without its end")
     shape, dtype, by_columns = _header(data[start : start + length])
     count = int(np.prod([1, *shape], dtype=object))
     if count > most:
-        raise _Unreadable(f"an array of shape {shape}; expected at most {most:,} numbers")
+        raise Malformed(f"an array of shape {shape}; expected at most {most:,} numbers")
     body = data[start + length :]
     if len(body) != count * dtype.itemsize:
-        raise _Unreadable(f"{len(body):,} bytes are not those of an array of shape {shape}")
+        raise Malformed(f"{len(body):,} bytes are not those of an array of shape {shape}")
     return np.frombuffer(body, dtype).reshape(shape, order="F" if by_columns else "C")
 
 
@@ -135,7 +127,7 @@ def _header(text: bytes) -> tuple[tuple[int, ...], np.dtype[np.generic], bool]:
         good = isinstance(shape, tuple) and all(type(size) is int and size >= 0 for size in shape)
         dtype = np.dtype(kind) if isinstance(kind, str) else np.dtype(object)
     except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError, IndexError):
-        raise _Unreadable("an NPY header that cannot be read") from None
+        raise Malformed("an NPY header that cannot be read") from None
     if not good or len(shape) > 4 or dtype.kind not in "iuf" or not isinstance(by_columns, bool):
-        raise _Unreadable(f"an array of {kind!r} with shape {shape!r}"[:120] + "; expected real numbers")
+        raise Malformed(f"an array of {kind!r} with shape {shape!r}"[:120] + "; expected real numbers")
     return shape, dtype, by_columns

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, dot, rpy_matrix
+from planner_service.geometry.arrays import FloatArray, dot, rpy_matrix, set_fields
 from planner_service.geometry.validation import MAX_LENGTH, finite_tuple, margin_of, number, numbers, points_of, vectors
 
 __all__ = ["Box", "Capsule", "Cylinder", "Pose", "Shape", "Sphere"]
@@ -46,8 +46,7 @@ class Pose:
             raise InvalidRequest("quaternion", quaternion, f"a unit quaternion (w, x, y, z); its norm is {norm:.6g}")
         if abs(norm - 1.0) > 1e-12:  # an already unit one stays bit for bit what it was
             quaternion = tuple(v / norm for v in quaternion)
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "quaternion", quaternion)
+        set_fields(self, position=position, quaternion=quaternion)
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Pose:
@@ -160,7 +159,7 @@ class Box:
 
     def __post_init__(self) -> None:
         x, y, z = finite_tuple("size", self.size, 3)
-        object.__setattr__(self, "size", (_length("size[0]", x), _length("size[1]", y), _length("size[2]", z)))
+        set_fields(self, size=(_length("size[0]", x), _length("size[1]", y), _length("size[2]", z)))
 
     @property
     def half(self) -> tuple[float, float, float]:
@@ -188,7 +187,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _length("radius", self.radius))
+        set_fields(self, radius=_length("radius", self.radius))
 
     def support(self, direction: FloatArray) -> FloatArray:
         return self.radius * _unit(vectors("direction", direction))
@@ -209,8 +208,7 @@ class Cylinder:
     length: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _length("radius", self.radius))
-        object.__setattr__(self, "length", _length("length", self.length))
+        set_fields(self, radius=_length("radius", self.radius), length=_length("length", self.length))
 
     def support(self, direction: FloatArray) -> FloatArray:
         d = vectors("direction", direction)
@@ -238,8 +236,7 @@ class Capsule:
     length: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", _length("radius", self.radius))
-        object.__setattr__(self, "length", _length("length", self.length))
+        set_fields(self, radius=_length("radius", self.radius), length=_length("length", self.length))
 
     def support(self, direction: FloatArray) -> FloatArray:
         d = vectors("direction", direction)

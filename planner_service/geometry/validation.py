@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from itertools import islice
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files.xml_reader import Malformed
+from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_fields
 
 __all__ = [
     "MAX_LENGTH",
+    "cloud",
     "copied_in",
     "finite_numbers",
     "finite_tuple",
     "flag",
+    "in_file",
     "instance",
     "items",
     "margin_of",
@@ -222,15 +226,40 @@ def points_of(points: object) -> FloatArray:
     return vectors("points", points, MAX_COORDINATE)
 
 
+def cloud(field: str, values: object, expected: str, least: int, most: int, largest: float) -> FloatArray:
+    """``least`` to ``most`` points that a caller gave, shape (n, 3), none of their coordinates beyond ``largest``."""
+    rows = numbers(field, values, expected)
+    if rows.ndim != 2 or rows.shape[1:] != (3,) or not least <= len(rows) <= most:
+        message = f"{field}: got an array of shape {rows.shape}; expected {expected}"
+        raise InvalidRequest(field, rows, expected, message=message)
+    bad = np.flatnonzero(~(np.abs(rows) <= largest).all(axis=-1))
+    if len(bad):
+        raise InvalidRequest(f"{field}[{bad[0]}]", rows[bad[0]].tolist(), expected)
+    return rows
+
+
 def copied_in(value: object, *names: str) -> None:
     """For ``__post_init__``: replace the fields ``names`` (arrays, lists, mappings) by private, read-only copies."""
     for name in names:
         held = getattr(value, name)
         if isinstance(held, np.ndarray):
-            held = held.copy()
-            held.flags.writeable = False
+            held = frozen(held.copy())
         elif isinstance(held, Mapping):
             held = dict(held)
         elif held is not None:
             held = items(name, held, object, "a sequence")
-        object.__setattr__(value, name, held)
+        set_fields(value, **{name: held})
+
+
+def in_file(path: Path, make: Callable[[], T]) -> T:
+    """What ``make`` returns, which is made of a file's content.
+
+    Raises:
+        InvalidFile: ``make`` refuses the content.
+    """
+    try:
+        return make()
+    except InvalidFile:
+        raise
+    except (InvalidRequest, Malformed) as error:
+        raise InvalidFile(path, [str(error)]) from None
