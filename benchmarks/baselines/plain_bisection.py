@@ -19,7 +19,7 @@ def plain_bisection_bounds(certifier: Certifier, path: JointPath, padding: float
         InvalidRequest: the path cannot be proven, so that there is nothing to compare.
     """
     tree = ProofTree(certifier.motion, path, padding + MARGIN, together=True)
-    obstruction = tree.run(*certifier.roots(path.length))
+    obstruction = tree.run(certifier.roots(path.length))
     if obstruction is not None:
         a, b = certifier.listed.names(obstruction.pair)
         raise InvalidRequest("path", f"{a} x {b}: {obstruction.detail}", "a path that can be certified")

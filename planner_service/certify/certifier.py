@@ -10,13 +10,13 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
-from planner_service.certify.interval_proof import Span
+from planner_service.certify.interval_proof import Roots, Span
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
-from planner_service.certify.prover import LIMIT_SLACK, Prover, native_prover, numpy_prover
+from planner_service.certify.prover import LIMIT_SLACK, NumpyProver, Prover, native_prover
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
@@ -188,19 +188,18 @@ class Certifier:
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
         curve = path if isinstance(path, JointPath) else JointPath(numbers("path", path, "waypoints of shape (N, n)"))
-        self._check_path(curve)
+        if curve.n != self.robot.n:
+            raise InvalidRequest("path", curve.n, f"a path of {self.robot.n} joints")
+        self._check_limits("waypoints", curve.waypoints)  # a blend stays in the triangle of its corner
         self._check_exempt(curve.length, stretches)
         checked_part = None if part is None else _part_of(curve.length, part)
         judged = checked_part or (0.0, curve.length)
         proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
-        obstruction = proof.obstruction
-        if obstruction is None:
-            return Certificate(
-                _floored(proof.proven), proof.bounds, padding, stretches, None, checked_part, self._allowed
-            )
-        names = self.listed.names(obstruction.pair)
-        refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(-math.inf, proof.bounds, padding, stretches, refusal, checked_part, self._allowed)
+        obstruction, refusal, clearance = proof.obstruction, None, _floored(proof.proven)
+        if obstruction is not None:
+            names, clearance = self.listed.names(obstruction.pair), -math.inf
+            refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
+        return Certificate(clearance, proof.bounds, padding, stretches, refusal, checked_part, self._allowed)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
@@ -216,10 +215,9 @@ class Certifier:
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         terms = (padding + MARGIN, padding - MARGIN)
         judged = self.prover.edge(q1, q2, *terms)
-        if judged is None:
-            points = np.stack([self._configuration("q1", q1), self._configuration("q2", q2)])
-            judged = self.prover.edge(points[0], points[1], *terms)
-            if judged is None:
+        if judged.verdict is None:
+            judged = self.prover.edge(self._configuration("q1", q1), self._configuration("q2", q2), *terms)
+            if judged.verdict is None:
                 raise BrokenInvariant("a configuration that was checked is not taken")
         if judged.verdict is EdgeVerdict.FREE:
             return FREE_EDGE
@@ -239,8 +237,8 @@ class Certifier:
         self._check_limits("Q", rows)
         return self.prover.clearances(rows)
 
-    def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> tuple[list[Span], NDArray[np.intp]]:
-        """What ``ProofTree`` is to prove: spans of s, and rows (k, 2), each the number of a pair and that of a span.
+    def roots(self, length: float, exempt: Sequence[ExemptInterval] = ()) -> Roots:
+        """What ``ProofTree`` is to prove of a path of that length.
 
         Raises:
             InvalidRequest: a length that is negative or not finite, or an exempt stretch that is longer.
@@ -251,7 +249,7 @@ class Certifier:
         self._check_exempt(length, stretches)
         return self._roots((0.0, length), stretches)
 
-    def _roots(self, judged: Span, exempt: Sequence[ExemptInterval]) -> tuple[list[Span], NDArray[np.intp]]:
+    def _roots(self, judged: Span, exempt: Sequence[ExemptInterval]) -> Roots:
         """The same of a part of a path."""
         spans: dict[Span, int] = {judged: 0}
         cuts: dict[frozenset[str], list[Span]] = {}
@@ -265,7 +263,7 @@ class Certifier:
             numbered = [(pair, spans.setdefault(span, len(spans))) for span in left]
             parts += [self._whole[after:row], np.array(numbered, dtype=np.intp).reshape(-1, 2)]
             after = row + 1
-        return list(spans), np.concatenate([*parts, self._whole[after:]]) if parts else self._whole
+        return Roots(list(spans), np.concatenate([*parts, self._whole[after:]]) if parts else self._whole)
 
     @cached_property
     def _rows_of(self) -> dict[frozenset[str], list[int]]:
@@ -282,11 +280,6 @@ class Certifier:
         self._check_limits(name, values[None])
         return values
 
-    def _check_path(self, path: JointPath) -> None:
-        if path.n != self.robot.n:
-            raise InvalidRequest("path", path.n, f"a path of {self.robot.n} joints")
-        self._check_limits("waypoints", path.waypoints)  # a blend stays in the triangle of its corner
-
     def _check_limits(self, name: str, rows: FloatArray) -> None:
         lower, upper = self.robot.limits.lower, self.robot.limits.upper
         inside = (rows >= lower - LIMIT_SLACK) & (rows <= upper + LIMIT_SLACK)  # False for NaN
@@ -298,8 +291,6 @@ class Certifier:
 
     def _check_exempt(self, length: float, exempt: Iterable[ExemptInterval]) -> None:
         for interval in exempt:
-            if not isinstance(interval, ExemptInterval):
-                raise InvalidRequest("exempt", interval, "a sequence of ExemptInterval(s_start, s_end, pairs, reason)")
             stretch = (interval.s_start, interval.s_end)
             if interval.s_end > length + END_SLACK:
                 raise InvalidRequest("exempt", stretch, f"0 <= s_start <= s_end <= {length:.12g}")
@@ -326,7 +317,7 @@ def _prover_of(backend: object, motion: Motion) -> Prover:
     native = None if backend == "numpy" else native_prover(motion)
     if native is None and backend == "native":
         raise InvalidRequest("backend", backend, '"auto" or "numpy": the compiled proof was not built')
-    return native or numpy_prover(motion)
+    return native or NumpyProver(motion)
 
 
 def _floored(gap: float) -> float:
@@ -335,10 +326,9 @@ def _floored(gap: float) -> float:
 
 def _part_of(length: float, part: Span) -> Span:
     """A part of a path, checked."""
-    expected = f"0 <= begin <= end <= {length:.12g}"
     begin, end = finite_numbers("part", part, 2).tolist()
     if not 0.0 <= begin <= end <= length:
-        raise InvalidRequest("part", (begin, end), expected)
+        raise InvalidRequest("part", (begin, end), f"0 <= begin <= end <= {length:.12g}")
     return begin, end
 
 

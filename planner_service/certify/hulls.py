@@ -1,4 +1,4 @@
-"""Hulls of corners, many at once: how far they extend, and the walk to the nearest points of two of them.
+"""Hulls of corners, many at once: how far they extend, and the steps of the walk to the nearest points of two.
 
 All arithmetic is elementwise and in one fixed order; of several corners equally far the first one counts.
 """
@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.geometry.arrays import FloatArray, IntArray
 
-__all__ = ["Corners", "nearest_of", "walked"]
+__all__ = ["Corners", "dot", "nearest_of"]
 
 
 AT_ONCE = 50_000
@@ -105,48 +104,8 @@ class Corners:
         return [columns[k : k + step] for k in range(0, len(columns), step)]
 
 
-class Pairs(Protocol):
-    """Pairs of solids, as ``separation.Facing`` has them."""
-
-    def take(self, rows: IntArray) -> Pairs: ...
-
-    def difference(self, n: FloatArray) -> FloatArray: ...
-
-    @property
-    def balls(self) -> FloatArray: ...
-
-
-def walked(pairs: Pairs, gaps: FloatArray, n: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """Improve bounds (p,) and directions (3, p) by walking to the nearest point of a - b over its support points.
-
-    (Gilbert, Johnson & Keerthi, IEEE J. Robotics and Automation 4(2), 1988.) Up to three support points are kept, whose
-    hull has the nearest point so far; a fourth that would enclose the origin means an overlap and ends the walk.
-    """
-    gaps, n = gaps.copy(), n.copy()
-    rows: IntArray = np.arange(len(gaps))
-    point = pairs.difference(n)
-    kept = np.repeat(point[None], 3, axis=0)
-    for _ in range(steps):
-        nearest, kept, going = nearest_of(kept, point)
-        length = np.sqrt(_dot(nearest, nearest))
-        going &= length > GAIN
-        way = np.where(going, nearest / np.where(going, length, 1.0), n[:, rows])
-        point = pairs.difference(way)
-        bounds = _dot(way, point) - pairs.balls
-        better = bounds > gaps[rows]
-        gaps[rows] = np.where(better, bounds, gaps[rows])
-        n[:, rows] = np.where(better, way, n[:, rows])
-        most = length - pairs.balls  # no bound is larger
-        going &= bounds < most - GAIN - SHARE * np.maximum(most, 0.0)
-        left = np.flatnonzero(going)
-        if not len(left):
-            break
-        if len(left) < len(rows):
-            rows, pairs, point, kept = rows[left], pairs.take(left), point[:, left], kept[:, :, left]
-    return gaps, n
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Scalar products of vectors (..., 3, p), (..., p)."""
     return np.asarray(a[..., 0, :] * b[..., 0, :] + a[..., 1, :] * b[..., 1, :] + a[..., 2, :] * b[..., 2, :])
 
 
@@ -165,19 +124,19 @@ def nearest_of(kept: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArra
     one, two, third = kept, kept[[1, 2, 0]], kept[[2, 0, 1]]
     e = one - new
     f = e[[1, 2, 0]]
-    square = _dot(e, e)
-    share = np.minimum(np.maximum(-_dot(e, new) / np.maximum(square, TINY), 0.0), 1.0)
+    square = dot(e, e)
+    share = np.minimum(np.maximum(-dot(e, new) / np.maximum(square, TINY), 0.0), 1.0)
     on_edge = new + share[:, None] * e
     normal = _cross(e, f)
-    area, height = _dot(normal, normal), _dot(normal, new)
+    area, height = dot(normal, normal), dot(normal, new)
     on_face = (height / np.maximum(area, TINY * TINY))[:, None] * normal
-    within = (_dot(_cross(e, normal), new) >= 0.0) & (_dot(_cross(normal, f), new) >= 0.0)
-    within &= _dot(_cross(two - one, normal), one) >= 0.0
+    within = (dot(_cross(e, normal), new) >= 0.0) & (dot(_cross(normal, f), new) >= 0.0)
+    within &= dot(_cross(two - one, normal), one) >= 0.0
     within &= area > THIN * square * square[[1, 2, 0]]
-    far = np.concatenate([_dot(on_edge, on_edge), np.where(within, _dot(on_face, on_face), np.inf)])
-    outside = (_dot(normal, third - new) * -height <= 0.0).any(axis=0)  # of a face with ``new``
+    far = np.concatenate([dot(on_edge, on_edge), np.where(within, dot(on_face, on_face), np.inf)])
+    outside = (dot(normal, third - new) * -height <= 0.0).any(axis=0)  # of a face with ``new``
     base = _cross(kept[1] - kept[0], kept[2] - kept[0])
-    outside |= _dot(base, new - kept[0]) * -_dot(base, kept[0]) <= 0.0
+    outside |= dot(base, new - kept[0]) * -dot(base, kept[0]) <= 0.0
     best, columns = far.argmin(axis=0), np.arange(new.shape[1])
     points = np.concatenate([on_edge, on_face])
     spans = np.concatenate([np.stack([news, news, one], axis=1), np.stack([news, one, two], axis=1)])

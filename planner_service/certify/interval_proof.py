@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.certify.motion_bounds import Motion
-from planner_service.certify.separation import Facing, refined_gaps, rough_gaps
+from planner_service.certify.motion_bounds import Motion, Nodes
+from planner_service.certify.separation import Bounds, Facing, refined_gaps, rough_gaps
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
-__all__ = ["MAX_BOUNDS", "Obstruction", "ProofTree", "Span", "no_end", "too_close"]
+__all__ = ["MAX_BOUNDS", "Obstruction", "ProofTree", "Roots", "Span", "no_end", "too_close"]
 
 FRACTION = 0.75
 """A stretch stays open while it proves less than this share of the smallest gap at any node so far: 0.5 asks 2 % fewer
@@ -60,18 +60,11 @@ class Obstruction(NamedTuple):
     spent: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class _Ends:
-    """Bounds (k,) and their directions (3, k) of some pairs at one node each."""
+class Roots(NamedTuple):
+    """What is to be proven: spans of s, and rows (k, 2), each the number of a pair and that of its span."""
 
-    gaps: FloatArray
-    n: FloatArray
-
-    def take(self, rows: IntArray) -> _Ends:
-        return _Ends(self.gaps[rows], self.n[:, rows])
-
-    def and_then(self, other: _Ends) -> _Ends:
-        return _Ends(np.concatenate([self.gaps, other.gaps]), np.concatenate([self.n, other.n], axis=1))
+    spans: list[Span]
+    rows: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +79,8 @@ class _Open:
     right: IntArray
     pair: IntArray
     stretch: IntArray
-    before: _Ends
-    after: _Ends
+    before: Bounds
+    after: Bounds
     motion: FloatArray
 
 
@@ -123,16 +116,14 @@ class ProofTree:
         self._most = MAX_BOUNDS
         self._smallest = math.inf
         self._leaf = motion.children[:, 1] == 0
-        self._poses: FloatArray = motion.fixed
-        self._s: FloatArray = np.zeros(0)
-        self._travel: FloatArray = np.zeros((0, path.n))
-        self._radii: FloatArray = np.zeros((0, motion.depth, motion.riding))
+        self._nodes = Nodes(motion, path)
 
-    def run(self, spans: Sequence[Span], roots: IntArray) -> Obstruction | None:
-        """Prove the rows of ``roots``, (k, 2) numbers of a pair and of a span; None when all are proven.
+    def run(self, task: Roots) -> Obstruction | None:
+        """Where the proof ends; None when all is proven.
 
         Of several pairs that cannot be proven the one with the smallest bound is named.
         """
+        spans, roots = task
         self._most = MAX_BOUNDS + 10 * max(len(roots), int(self._leaf.sum()))
         if not self._together and self._path.length > 0.0:
             roots = roots[~self._far(spans, roots)]
@@ -153,15 +144,13 @@ class ProofTree:
         pair, stretch = roots.T
         start, end = np.array(spans, dtype=np.float64).reshape(-1, 2).T
         count = len(spans)
-        first = self._placed(np.concatenate([start, 0.5 * (start + end), end]))
+        first = self._nodes.add(np.concatenate([start, 0.5 * (start + end), end]))
         left, middle, right = (first + np.arange(k * count, (k + 1) * count) for k in range(3))
         self._charge(len(pair))
         self.bounds += len(pair)
-        apart = self._motion.spheres_apart(self._poses, pair, middle[stretch])
-        halves = [
-            self._motion.pair_motions(self._moved(a, b), pair, stretch) for a, b in ((left, middle), (middle, right))
-        ]
-        gaps = apart - np.maximum(*halves)
+        apart = self._motion.spheres_apart(self._nodes.poses, pair, middle[stretch])
+        moved = [self._nodes.motions(*ends) for ends in ((left, middle), (middle, right))]
+        gaps = apart - np.maximum(*(self._motion.pair_motions(half, pair, stretch) for half in moved))
         far = gaps >= max(self._enough, FAR)
         self.proven = float(gaps[far].min(initial=math.inf))
         return np.asarray(far)
@@ -170,13 +159,13 @@ class ProofTree:
         """What both ends of each span leave open."""
         pair, stretch = roots.T.copy()
         s, back = np.unique(np.array(spans, dtype=np.float64).reshape(-1, 2).T, return_inverse=True)
-        left, right = self._placed(s) + back.reshape(2, -1)
-        judged: list[_Ends] = []
+        left, right = self._nodes.add(s) + back.reshape(2, -1)
+        judged: list[Bounds] = []
         for nodes in (left, right) if len(s) > 1 else (left,):  # a point has one end
             node = nodes[stretch]
             ends, bad = self._judged(pair, node, np.zeros((0, 3, len(pair))), NEAR)
             if bad is not None:
-                where = float(self._s[node[bad]])
+                where = float(self._nodes.s[node[bad]])
                 return self._obstructed(pair, ends, bad, (where, where), where)
             judged.append(ends)
         return self._kept(left, right, pair, stretch, judged[0], judged[-1])
@@ -191,9 +180,9 @@ class ProofTree:
         for nodes, known in ((open_.left, open_.before), (open_.right, open_.after)):
             bounds, bad = self._judged(pair, nodes[stretch], hints, self._close())
             if bad is not None:
-                s = float(self._s[nodes[stretch[bad]]])
+                s = float(self._nodes.s[nodes[stretch[bad]]])
                 return self._obstructed(pair, bounds, bad, (s, s), s)
-            ends.append(known.take(rest).and_then(bounds))
+            ends.append(Bounds.joined(known.take(rest), bounds))
         pairs, stretches = np.concatenate([open_.pair[rest], pair]), np.concatenate([open_.stretch[rest], stretch])
         return self._kept(open_.left, open_.right, pairs, stretches, ends[0], ends[1])
 
@@ -204,24 +193,24 @@ class ProofTree:
         """What a look at the middle of each stretch leaves open of its halves."""
         left, right, pair, stretch = open_.left, open_.right, open_.pair, open_.stretch
         middle = self._middle(open_)
-        nodes = self._placed(middle) + np.arange(len(middle))
+        nodes = self._nodes.add(middle) + np.arange(len(middle))
         before, after = open_.before, open_.after
         hints = np.stack([before.n, after.n, before.n + after.n])
         ends, bad = self._judged(pair, nodes[stretch], hints, self._close())
         if bad is not None:
             k = stretch[bad]
-            span = (float(self._s[left[k]]), float(self._s[right[k]]))
+            span = (float(self._nodes.s[left[k]]), float(self._nodes.s[right[k]]))
             return self._obstructed(pair, ends, bad, span, float(middle[k]))
         starts, stops = np.concatenate([left, nodes]), np.concatenate([nodes, right])
         pairs, stretches = np.concatenate([pair, pair]), np.concatenate([stretch, stretch + len(left)])
-        return self._kept(starts, stops, pairs, stretches, before.and_then(ends), ends.and_then(after))
+        return self._kept(starts, stops, pairs, stretches, Bounds.joined(before, ends), Bounds.joined(ends, after))
 
     def _middle(self, open_: _Open) -> FloatArray:
-        return np.asarray(0.5 * (self._s[open_.left] + self._s[open_.right]))
+        return np.asarray(0.5 * (self._nodes.s[open_.left] + self._nodes.s[open_.right]))
 
     def _stuck(self, open_: _Open) -> Obstruction | None:
         """Why the proof cannot go on, None when it can."""
-        start, end, middle = self._s[open_.left], self._s[open_.right], self._middle(open_)
+        start, end, middle = self._nodes.s[open_.left], self._nodes.s[open_.right], self._middle(open_)
         pointlike = ((middle <= start) | (middle >= end))[open_.stretch]
         spent = self.bounds + len(open_.pair) > self._most
         if not spent and not np.any(pointlike):
@@ -233,40 +222,27 @@ class ProofTree:
         span = (float(start[k]), float(end[k]))
         return Obstruction(int(open_.pair[row]), span, float(middle[k]), detail, spent)
 
-    def _placed(self, s: FloatArray) -> int:
-        """Add nodes at s (m,); the number of the first."""
-        first = len(self._s)
-        poses, radii = self._motion.nodes(self._path(s))
-        self._poses = np.concatenate([self._poses, poses], axis=2)
-        self._s = np.concatenate([self._s, s])
-        self._travel = np.concatenate([self._travel, self._path.travel(s)])
-        self._radii = np.concatenate([self._radii, radii])
-        return first
-
-    def _judged(self, pair: IntArray, node: IntArray, hints: FloatArray, close: float) -> tuple[_Ends, int | None]:
+    def _judged(self, pair: IntArray, node: IntArray, hints: FloatArray, close: float) -> tuple[Bounds, int | None]:
         """Bounds of pairs at nodes, one each, and a row without a bundle that is not far enough apart, if any.
 
         Args:
             hints: Directions to try, (k, 3, pairs).
             close: Pairs that are nearer get a tight bound.
         """
-        parts: list[_Ends] = []
+        parts: list[Bounds] = []
         for start in range(0, max(len(pair), 1), BATCH):
             rows = slice(start, start + BATCH)
             self._charge(len(pair[rows]))
             self.bounds += len(pair[rows])
-            facing = self._motion.facing(self._poses, pair[rows], node[rows])
-            gaps, n = rough_gaps(facing, hints[:, :, rows])
-            ends, bad = self._tightened(facing, _Ends(gaps, n), pair[rows], close)
+            facing = self._motion.facing(self._nodes.poses, pair[rows], node[rows])
+            rough = Bounds(*rough_gaps(facing, hints[:, :, rows]))
+            ends, bad = self._tightened(facing, rough, pair[rows], close)
             parts.append(ends)
             if bad is not None:
                 break
-        joined = _Ends(
-            np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1)
-        )
-        return joined, None if bad is None else start + bad
+        return Bounds.joined(*parts), None if bad is None else start + bad
 
-    def _tightened(self, facing: Facing, ends: _Ends, pair: IntArray, close: float) -> tuple[_Ends, int | None]:
+    def _tightened(self, facing: Facing, ends: Bounds, pair: IntArray, close: float) -> tuple[Bounds, int | None]:
         """The same with better bounds of pairs that are ``close``, and a row that is not far enough apart, if any is.
 
         Something in a bundle is no farther away than the bundle and its size: that counts for the smallest gap.
@@ -282,19 +258,15 @@ class ProofTree:
         worst = int(bad[ends.gaps[bad].argmin()])
         return ends, None if ends.gaps[worst] > self._enough else worst
 
-    def _obstructed(self, pair: IntArray, ends: _Ends, row: int, span: Span, s: float) -> Obstruction:
+    def _obstructed(self, pair: IntArray, ends: Bounds, row: int, span: Span, s: float) -> Obstruction:
         return Obstruction(int(pair[row]), span, s, too_close(s, float(ends.gaps[row]), self._enough))
 
-    def _moved(self, left: IntArray, right: IntArray) -> FloatArray:
-        travel = self._travel[right] - self._travel[left]
-        return self._motion.motions(self._radii[left], self._radii[right], travel)
-
     def _kept(
-        self, left: IntArray, right: IntArray, pair: IntArray, stretch: IntArray, before: _Ends, after: _Ends
+        self, left: IntArray, right: IntArray, pair: IntArray, stretch: IntArray, before: Bounds, after: Bounds
     ) -> _Open:
         """Accept the rows that are proven; the others, their stretches numbered anew."""
         one, two = before.gaps, after.gaps
-        motion = self._motion.pair_motions(self._moved(left, right), pair, stretch)
+        motion = self._motion.pair_motions(self._nodes.motions(left, right), pair, stretch)
         bound = np.minimum(0.5 * (one + two - motion), np.minimum(one, two))
         proven = bound >= max(self._enough, FRACTION * self._smallest)
         used = np.zeros(len(left), dtype=bool)
@@ -303,16 +275,9 @@ class ProofTree:
             proven = ~used[stretch]
         self.proven = min(self.proven, float(bound[proven].min(initial=math.inf)))
         rest = np.flatnonzero(~proven)
-        number = np.cumsum(used) - 1
-        return _Open(
-            left[used],
-            right[used],
-            pair[rest],
-            number[stretch[rest]],
-            before.take(rest),
-            after.take(rest),
-            motion[rest],
-        )
+        number = (np.cumsum(used) - 1)[stretch[rest]]
+        ends = before.take(rest), after.take(rest)
+        return _Open(left[used], right[used], pair[rest], number, *ends, motion[rest])
 
 
 def too_close(s: float, gap: float, enough: float) -> str:
@@ -327,9 +292,9 @@ def no_end(most: int | None) -> str:
     return "no shorter stretch has numbers of its own" if most is None else f"{most:,} bounds did not suffice"
 
 
-def _refined(facing: Facing, ends: _Ends, rows: IntArray, rounds: int) -> _Ends:
+def _refined(facing: Facing, ends: Bounds, rows: IntArray, rounds: int) -> Bounds:
     if not len(rows):
         return ends
     gaps, n = ends.gaps.copy(), ends.n.copy()
     gaps[rows], n[:, rows] = refined_gaps(facing.take(rows), gaps[rows], n[:, rows], rounds)
-    return _Ends(gaps, n)
+    return Bounds(gaps, n)

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from planner_service.certify.pairs import Frame, Piece, ProofPairs
 from planner_service.certify.separation import Facing, Solids, centre_of
 from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, Robot
 
-__all__ = ["Motion"]
+__all__ = ["Motion", "Nodes"]
 
 
 ROUNDING = 1e-9
@@ -171,13 +172,7 @@ class Motion:
             radii_a, radii_b: Of the nodes at both ends of m stretches, (m, depth, pieces).
             travel: What the joints of q travel in between, (m, n).
         """
-        per_body = np.where(self._moved, travel[:, self._columns], 0.0)
-        half = 0.5 * (radii_a + radii_b)
-        out = np.zeros((self.depth + 1, len(travel), self.riding))
-        for k, chain in enumerate(self._chains):
-            radius = np.minimum(half[:, k] + 0.5 * out[k], self._far[k])
-            out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
-        return out
+        return self._summed(0.5 * (radii_a + radii_b), 0.5, travel)
 
     def motions_about(self, radii: FloatArray, travel: FloatArray) -> FloatArray:
         """The same, in either direction, while each joint travels so far from a node: (depth + 1, m, pieces).
@@ -188,10 +183,14 @@ class Motion:
             radii: Of m nodes, (m, depth, pieces).
             travel: What the joints of q travel, (m, n).
         """
+        return self._summed(radii, 1.0, travel)
+
+    def _summed(self, radii: FloatArray, share: float, travel: FloatArray) -> FloatArray:
+        """The sums of radius times travel, each radius larger by that ``share`` of the sum before it."""
         per_body = np.where(self._moved, travel[:, self._columns], 0.0)
         out = np.zeros((self.depth + 1, len(travel), self.riding))
         for k, chain in enumerate(self._chains):
-            radius = np.minimum(radii[:, k] + out[k], self._far[k])
+            radius = np.minimum(radii[:, k] + share * out[k], self._far[k])
             out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
         return out
 
@@ -236,6 +235,38 @@ class Motion:
         first, second = self._in_poses(pair, node)
         a, b = self._every.take(self.first[pair]), self._every.take(self.second[pair])
         return Facing.of(a, b, poses[:, :, first], poses[:, :, second])
+
+
+class Nodes:
+    """The places on a path at which a proof looks, numbered in the order in which they are added.
+
+    Attributes:
+        poses: Of everything, as ``Motion.facing`` takes them.
+        s: Where each is, (k,).
+        travel: What the joints travel from the start of the path to each, (k, n).
+        radii: As ``Motion.nodes`` has them, (k, depth, riding).
+    """
+
+    def __init__(self, motion: Motion, path: JointPath) -> None:
+        self._motion, self._path = motion, path
+        self.poses: FloatArray = motion.fixed
+        self.s: FloatArray = np.zeros(0)
+        self.travel: FloatArray = np.zeros((0, path.n))
+        self.radii: FloatArray = np.zeros((0, motion.depth, motion.riding))
+
+    def add(self, s: FloatArray | Sequence[float]) -> int:
+        """Add nodes at s (m,); the number of the first."""
+        first = len(self.s)
+        poses, radii = self._motion.nodes(self._path(s))
+        self.poses = np.concatenate([self.poses, poses], axis=2)
+        self.s = np.concatenate([self.s, s])
+        self.travel = np.concatenate([self.travel, self._path.travel(s)])
+        self.radii = np.concatenate([self.radii, radii])
+        return first
+
+    def motions(self, left: IntArray, right: IntArray) -> FloatArray:
+        """How far points of the riding pieces move from some nodes to others; see ``Motion.motions``."""
+        return self._motion.motions(self.radii[left], self.radii[right], self.travel[right] - self.travel[left])
 
 
 def _centred(piece: Piece) -> Frame:

@@ -7,7 +7,7 @@ their tables and constants. It shares no code with the search or its kernel.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 from types import ModuleType
 from typing import NamedTuple, Protocol
@@ -20,19 +20,19 @@ from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motion
 from planner_service.certify.clearance import smallest_gaps
 from planner_service.certify.edge_proof import EdgeTree, EdgeVerdict, Judged
-from planner_service.certify.interval_proof import Obstruction, ProofTree, Span
+from planner_service.certify.interval_proof import Obstruction, ProofTree, Roots
 from planner_service.certify.motion_bounds import Motion
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 
-__all__ = ["LIMIT_SLACK", "Charge", "Proof", "Prover", "instruction_sets", "native_prover", "numpy_prover"]
+__all__ = ["LIMIT_SLACK", "Charge", "NumpyProver", "Proof", "Prover", "instruction_sets", "native_prover"]
 
 Charge = Callable[[int], None]
 
 LIMIT_SLACK = 1e-9
 """Rounding by which a waypoint may lie outside a joint limit, rad or m."""
 
-FREE = Judged(EdgeVerdict.FREE, -1, 0.0)
+FREE, NOT_TAKEN = Judged(EdgeVerdict.FREE), Judged(None)
 
 
 class Proof(NamedTuple):
@@ -46,39 +46,35 @@ class Proof(NamedTuple):
 class Prover(Protocol):
     """Proves what is asked of one robot in one scene."""
 
-    def prove(
-        self, path: JointPath, enough: float, roots: tuple[Sequence[Span], IntArray], charge: Charge | None
-    ) -> Proof:
+    def prove(self, path: JointPath, enough: float, roots: Roots, charge: Charge | None) -> Proof:
         """That the pairs of ``roots`` are more than ``enough`` metres apart on their spans, as ``ProofTree`` does."""
 
-    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
-        """The verdict on a straight edge, as ``EdgeTree`` gives it; None if an end is not n float64 within limits."""
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
+        """The verdict on a straight edge, as ``EdgeTree`` gives it; none if an end is not n float64 within limits."""
 
     def clearances(self, Q: FloatArray) -> FloatArray:
         """What ``smallest_gaps`` finds of all pairs at Q (m, n), (m,)."""
 
 
-class _Numpy:
+class NumpyProver:
     """The reference."""
 
     def __init__(self, motion: Motion) -> None:
         self._motion = motion
 
-    def prove(
-        self, path: JointPath, enough: float, roots: tuple[Sequence[Span], IntArray], charge: Charge | None
-    ) -> Proof:
+    def prove(self, path: JointPath, enough: float, roots: Roots, charge: Charge | None) -> Proof:
         proof = ProofTree(self._motion, path, enough, charge or (lambda bounds: None))
-        obstruction = proof.run(*roots)
+        obstruction = proof.run(roots)
         return Proof(proof.bounds, proof.proven, obstruction)
 
-    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
         lower, upper = self._motion.limits
         ends: list[FloatArray] = []
         for q in (q1, q2):
             if type(q) is not np.ndarray or q.dtype != np.float64 or q.shape != lower.shape:
-                return None
+                return NOT_TAKEN
             if not np.all((q >= lower - LIMIT_SLACK) & (q <= upper + LIMIT_SLACK)):
-                return None
+                return NOT_TAKEN
             ends.append(q)
         return EdgeTree(self._motion, JointPath(np.stack(ends)), enough, nearer).run(self._motion.roots)
 
@@ -90,41 +86,32 @@ class _Native:
     """The compiled code."""
 
     def __init__(self, module: ModuleType, motion: Motion, variant: str) -> None:
-        self._reference = _Numpy(motion)
+        self._reference = NumpyProver(motion)
         self._prover = module.Prover(_terms(), *motion.tables, variant)
 
-    def prove(
-        self, path: JointPath, enough: float, roots: tuple[Sequence[Span], IntArray], charge: Charge | None
-    ) -> Proof:
+    def prove(self, path: JointPath, enough: float, roots: Roots, charge: Charge | None) -> Proof:
         if type(path) is not JointPath:  # its curve may be another one
             return self._reference.prove(path, enough, roots, charge)
-        spans, rows = roots
-        table = np.array(spans, dtype=np.float64).reshape(-1, 2)
-        bounds, most, proven, end, pair, start, stop, s, gap = self._prover.prove(
-            *path.tables, table, rows, enough, charge
-        )
+        spans = np.array(roots.spans, dtype=np.float64).reshape(-1, 2)
+        outcome = self._prover.prove(*path.tables, spans, roots.rows, enough, charge)
+        bounds, most, proven, end, pair, start, stop, s, gap = outcome
         if end == PROVEN:
             return Proof(bounds, proven, None)
         detail = tree.too_close(s, gap, enough) if end == CLOSE else tree.no_end(most if end == SPENT else None)
         return Proof(bounds, proven, Obstruction(pair, (start, stop), s, detail, end == SPENT))
 
-    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged | None:
+    def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
         if type(q1) is not np.ndarray or type(q2) is not np.ndarray:  # others may hide entries
-            return None
-        found = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
-        if found is None:
-            return None
-        return FREE if found == 0 else Judged(EdgeVerdict(found[0]), found[1], found[2])
+            return NOT_TAKEN
+        answer = self._prover.edge(q1, q2, enough, nearer, LIMIT_SLACK)
+        if not answer.taken:
+            return NOT_TAKEN
+        return FREE if answer.free else Judged(EdgeVerdict(answer.verdict), answer.pair, answer.s)
 
     def clearances(self, Q: FloatArray) -> FloatArray:
         out = np.zeros(len(Q))
         self._prover.clearances(Q, out)
         return out
-
-
-def numpy_prover(motion: Motion) -> Prover:
-    """The reference."""
-    return _Numpy(motion)
 
 
 def native_prover(motion: Motion, variant: str = "") -> Prover | None:

@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner_service.certify.hulls import Corners, walked
+from planner_service.certify.hulls import GAIN, SHARE, Corners, dot, nearest_of
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
-__all__ = ["Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps"]
+__all__ = ["Bounds", "Facing", "Solids", "centre_of", "refined_gaps", "rough_gaps", "walked"]
 
 
 TINY = 1e-12
@@ -181,6 +181,23 @@ class Facing:
         return np.asarray(on_a - self.b.farthest(n))
 
 
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Bounds of the gaps of some pairs (k,), and the directions of these (3, k)."""
+
+    gaps: FloatArray
+    n: FloatArray
+
+    def take(self, rows: IntArray) -> Bounds:
+        """The bounds at ``rows``."""
+        return Bounds(self.gaps[rows], self.n[:, rows])
+
+    @classmethod
+    def joined(cls, *parts: Bounds) -> Bounds:
+        """All of them, one after the other."""
+        return cls(np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1))
+
+
 def _unit(v: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Directions of vectors (..., 3, p), and which of them have one, (..., p)."""
     u, w, z = v[..., 0, :], v[..., 1, :], v[..., 2, :]
@@ -249,6 +266,36 @@ def refined_gaps(
                 known, n = refined_gaps(chosen.without_hulls(), known, n, rounds)
             gaps[rows], directions[:, rows] = known, n
     return gaps, directions
+
+
+def walked(pairs: Facing, gaps: FloatArray, n: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Improve bounds (p,) and directions (3, p) by walking to the nearest point of a - b over its support points.
+
+    (Gilbert, Johnson & Keerthi, IEEE J. Robotics and Automation 4(2), 1988.) Up to three support points are kept, whose
+    hull has the nearest point so far; a fourth that would enclose the origin means an overlap and ends the walk.
+    """
+    gaps, n = gaps.copy(), n.copy()
+    rows: IntArray = np.arange(len(gaps))
+    point = pairs.difference(n)
+    kept = np.repeat(point[None], 3, axis=0)
+    for _ in range(steps):
+        nearest, kept, going = nearest_of(kept, point)
+        length = np.sqrt(dot(nearest, nearest))
+        going &= length > GAIN
+        way = np.where(going, nearest / np.where(going, length, 1.0), n[:, rows])
+        point = pairs.difference(way)
+        bounds = dot(way, point) - pairs.balls
+        better = bounds > gaps[rows]
+        gaps[rows] = np.where(better, bounds, gaps[rows])
+        n[:, rows] = np.where(better, way, n[:, rows])
+        most = length - pairs.balls  # no bound is larger
+        going &= bounds < most - GAIN - SHARE * np.maximum(most, 0.0)
+        left = np.flatnonzero(going)
+        if not len(left):
+            break
+        if len(left) < len(rows):
+            rows, pairs, point, kept = rows[left], pairs.take(left), point[:, left], kept[:, :, left]
+    return gaps, n
 
 
 def _ascended(facing: Facing, gaps: FloatArray, n: FloatArray, rounds: int) -> tuple[FloatArray, FloatArray]:

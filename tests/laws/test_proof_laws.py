@@ -20,7 +20,7 @@ from planner_service.certify import edge_proof as edge
 from planner_service.certify import interval_proof as tree
 from planner_service.certify import motion_bounds as motions
 from planner_service.certify import prover as proof
-from planner_service.certify.prover import Proof, Prover, instruction_sets, native_prover, numpy_prover
+from planner_service.certify.prover import NumpyProver, Proof, Prover, instruction_sets, native_prover
 from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
@@ -47,7 +47,7 @@ Told = tuple[Proof, list[int]]
 def provers(certifier: Certifier) -> list[Prover]:
     """The reference, then compiled code for each instruction set there is."""
     found = [native_prover(certifier.motion, name) for name in instruction_sets()]
-    return [numpy_prover(certifier.motion), *(prover for prover in found if prover is not None)]
+    return [NumpyProver(certifier.motion), *(prover for prover in found if prover is not None)]
 
 
 def told(
@@ -235,7 +235,7 @@ def _unlike(certifiers: Sequence[Certifier], others: Sequence[Prover | None], rn
         for certifier, other in zip(certifiers, others, strict=True):
             q = anywhere(certifier.robot, rng, 2)
             path = JointPath(q[0] + 0.1 * (q - q[0]))
-            reference = told(numpy_prover(certifier.motion), certifier, path, 0.0, ())
+            reference = told(NumpyProver(certifier.motion), certifier, path, 0.0, ())
             if other is not None and told(other, certifier, path, 0.0, ()) != reference:
                 return True
     return False
@@ -335,7 +335,7 @@ def judged(
     found = []
     for a, b in edges:
         first, *others = [prover.edge(a, b, padding + MARGIN, padding - MARGIN) for prover in provers(certifier)]
-        assert first is not None
+        assert first.verdict is not None
         assert others == [first] * len(instruction_sets())
         found.append(first.verdict)
     return found

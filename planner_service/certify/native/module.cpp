@@ -100,6 +100,12 @@ std::vector<std::size_t> outermost(const Rows& corners) {
     return {found.begin(), found.end()};
 }
 
+// The verdict on an edge, as ``Verdict`` numbers it; none if an end was not taken.
+struct EdgeAnswer {
+    bool taken = false;
+    EdgeResult result;
+};
+
 class Prover {
   public:
     Prover(const std::vector<double>& terms, std::int64_t dof, const Rows& bodies, const Rows& pieces, std::int64_t riding,
@@ -149,30 +155,25 @@ class Prover {
                               out.span.end, out.s, out.gap);
     }
 
-    // The verdict on the straight edge between two configurations; None if one is no array of n doubles within the limits.
-    nb::object edge(nb::handle q1, nb::handle q2, double enough, double nearer, double slack) const {
+    // The verdict on the straight edge between two configurations; none if one is no array of n doubles within the limits.
+    EdgeAnswer edge(nb::handle q1, nb::handle q2, double enough, double nearer, double slack) const {
         const auto n = static_cast<std::size_t>(model_.dof);
         std::vector<double> points(2 * n), tangent(n), travelled(2 * n, 0.0);
-        if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return nb::none();
+        if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return {};
         double square = 0.0;
         for (std::size_t k = 0; k < n; ++k) {
             const double step = points[n + k] - points[k];
             square += step * step;
         }
         const double length = std::sqrt(square), knots[2] = {0.0, length};
-        if (!std::isfinite(length)) return nb::none();
+        if (!std::isfinite(length)) return {};
         for (std::size_t k = 0; k < n; ++k) tangent[k] = (points[n + k] - points[k]) / length;
         const std::int64_t line = 0, blend = -1;
         const std::size_t pieces = length > 0.0 ? 1 : 0;
         const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, travelled.data(), &line,
                               &blend, nullptr});
-        EdgeResult out;
-        {
-            nb::gil_scoped_release release;
-            out = Edge(model_, *variant_, curve, enough, nearer).run(roots_);
-        }
-        if (out.verdict == Verdict::free) return nb::int_(0);
-        return nb::make_tuple(static_cast<int>(out.verdict), out.pair, out.s);
+        nb::gil_scoped_release release;
+        return {true, Edge(model_, *variant_, curve, enough, nearer).run(roots_)};
     }
 
     // Lower bounds of the smallest gap at each row of Q, into ``out``.
@@ -345,6 +346,12 @@ NB_MODULE(_proof, m) {
         for (const auto* found : variants()) names.emplace_back(found->name);
         return names;
     });
+    nb::class_<EdgeAnswer>(m, "EdgeAnswer")
+        .def_ro("taken", &EdgeAnswer::taken)
+        .def_prop_ro("free", [](const EdgeAnswer& answer) { return answer.result.verdict == Verdict::free; })
+        .def_prop_ro("verdict", [](const EdgeAnswer& answer) { return static_cast<int>(answer.result.verdict); })
+        .def_prop_ro("pair", [](const EdgeAnswer& answer) { return answer.result.pair; })
+        .def_prop_ro("s", [](const EdgeAnswer& answer) { return answer.result.s; });
     nb::class_<Prover>(m, "Prover")
         .def(nb::init<const std::vector<double>&, std::int64_t, const Rows&, const Rows&, std::int64_t, const Rows&, const WholeRows&,
                       const std::vector<Rows>&, const Rows&, const std::string&>(),
