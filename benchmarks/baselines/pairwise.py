@@ -13,29 +13,12 @@ from collections.abc import Sequence
 import fcl
 import numpy as np
 
+from planner_service.collision.fcl import geometry_of
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.composite import Solid
-from planner_service.geometry.mesh import Mesh
-from planner_service.geometry.shapes import Box, Capsule, Cylinder, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
 __all__ = ["PairwiseFcl"]
-
-
-def _geometry(shape: Solid) -> fcl.CollisionGeometry:
-    if isinstance(shape, Box):
-        return fcl.Box(*shape.size)
-    if isinstance(shape, Sphere):
-        return fcl.Sphere(shape.radius)
-    if isinstance(shape, Cylinder):
-        return fcl.Cylinder(shape.radius, shape.length)
-    if isinstance(shape, Capsule):
-        return fcl.Capsule(shape.radius, shape.length)
-    if isinstance(shape, Mesh):
-        faces = np.concatenate([np.full((len(shape.faces), 1), 3), shape.faces], axis=1)
-        return fcl.Convex(shape.vertices, len(faces), faces.astype(np.int32).ravel())
-    raise TypeError(type(shape).__name__)
 
 
 class PairwiseFcl:
@@ -44,12 +27,12 @@ class PairwiseFcl:
     def __init__(self, robot: Robot, scene: Scene) -> None:
         self._robot = robot
         shapes = robot.shapes
-        self._objects = [fcl.CollisionObject(_geometry(item.shape)) for item in shapes]
+        self._objects = [fcl.CollisionObject(geometry_of(item.shape)) for item in shapes]
         self._bodies = np.array([item.body for item in shapes])
         placements = np.array([item.pose.matrix for item in shapes])
         self._R, self._t = placements[:, :3, :3].copy(), placements[:, :3, 3].copy()
         standing = [
-            fcl.CollisionObject(_geometry(o.shape), fcl.Transform(o.pose.matrix[:3, :3], o.pose.matrix[:3, 3]))
+            fcl.CollisionObject(geometry_of(o.shape), fcl.Transform(o.pose.matrix[:3, :3], o.pose.matrix[:3, 3]))
             for o in scene.obstacles
         ]
         self.self_pairs, self.scene_pairs = pairs_of(robot, scene)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from planner_service.collision.gjk import Solid, gap_of
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray, cross
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
@@ -211,16 +211,7 @@ def _axes(a: Placed, b: Placed) -> FloatArray:
 def _edge_crosses(a: Placed, b: Placed) -> FloatArray:
     """Cross products of the axes of both solids, (9, p, 3): with the face normals all that two boxes need."""
     u = a.R.transpose(2, 0, 1)[:, None]
-    v = b.R.transpose(2, 0, 1)[None]
-    cross = np.stack(
-        [
-            u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1],
-            u[..., 2] * v[..., 0] - u[..., 0] * v[..., 2],
-            u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0],
-        ],
-        axis=-1,
-    )
-    return cross.reshape(9, len(a.t), 3)
+    return cross(u, b.R.transpose(2, 0, 1)[None]).reshape(9, len(a.t), 3)
 
 
 def rough_gaps(a: Placed, b: Placed) -> FloatArray:

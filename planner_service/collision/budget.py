@@ -120,11 +120,11 @@ class Ledger:
 
     def apart(self) -> AbstractContextManager[None]:
         """Within the block no number of states limits; what it spends does not use up the limits around it."""
-        return _Block(self._threads.own, None, None, None, apart=True)
+        return _Block(self._threads.own, apart=True)
 
     def let_go(self) -> None:
         """End what a call of this thread may have left behind when Ctrl-C came: limits, and its hold of the lock."""
-        self._threads.own.unlimited()
+        self._threads.own.hold()
         with suppress(RuntimeError):  # not held by this thread, or not any more
             while True:
                 self.lock.release()
@@ -158,19 +158,10 @@ class Ledger:
         self.states += judged
         self._threads.own.states += judged
 
-    def charge_edge(self) -> None:
-        """Record one edge."""
-        with self.lock:
-            self.edges += 1
-
     def charge_distances(self, bounds: int) -> None:
         """Record clearance bounds."""
         with self.lock:
             self.distances += bounds
-
-    def hit(self, pair: tuple[str, str]) -> None:
-        """Record which pair made a state collide."""
-        self.hits[pair] += 1
 
 
 class _Limits(NamedTuple):
@@ -190,10 +181,6 @@ class _Thread:
 
     def __init__(self) -> None:
         self.states = 0
-        self.limits = _Limits()
-
-    def unlimited(self) -> None:
-        """Forget all blocks."""
         self.limits = _Limits()
 
     def hold(self, *blocks: _Block) -> None:
@@ -236,30 +223,26 @@ class _Threads(threading.local):
         self.own = _Thread()
 
 
+@dataclass(eq=False)
 class _Block(AbstractContextManager[None]):
     """Limits while it is entered. Blocks of a thread may end in any order: each takes back its own limits alone."""
 
-    def __init__(
-        self,
-        thread: _Thread,
-        states: int | None,
-        deadline: float | None,
-        token: CancelToken | None,
-        *,
-        apart: bool = False,
-    ) -> None:
-        self._thread, self._states, self._before = thread, states, 0
-        self.deadline, self.token, self.apart = deadline, token, apart
-        self.most: int | None = None
+    thread: _Thread
+    states: int | None = None
+    deadline: float | None = None
+    token: CancelToken | None = None
+    apart: bool = False
+    most: int | None = None
+    before: int = 0
 
     def __enter__(self) -> None:
-        thread = self._thread
-        self._before = thread.states
-        self.most = None if self._states is None else thread.states + self._states
+        thread = self.thread
+        self.before = thread.states
+        self.most = None if self.states is None else thread.states + self.states
         thread.hold(*thread.living(), self)
 
     def __exit__(self, *_: object) -> None:
-        thread = self._thread
+        thread = self.thread
         if self.apart:
-            thread.states = self._before
+            thread.states = self.before
         thread.hold(*(block for block in thread.living() if block is not self))

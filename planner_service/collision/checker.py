@@ -477,7 +477,7 @@ class CollisionChecker:
     def _note(self, hit: FirstHit) -> None:
         """Remember a collision as the last, and count which pair it is of."""
         self._last = hit
-        self.ledger.hit(self._parts.names(hit.pair))
+        self.ledger.hits[self._parts.names(hit.pair)] += 1
 
     @property
     def last_hit(self) -> EdgeHit | None:

@@ -19,10 +19,11 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
-__all__ = ["FclObjects"]
+__all__ = ["FclObjects", "geometry_of"]
 
 
-def _geometry(shape: Shape) -> fcl.CollisionGeometry:
+def geometry_of(shape: object) -> fcl.CollisionGeometry:
+    """FCL's geometry of a convex shape."""
     if isinstance(shape, Box):
         return fcl.Box(*shape.size)
     if isinstance(shape, Sphere):
@@ -42,9 +43,6 @@ class FclObjects:
 
     Args:
         frames: Where each stands as long as it is not placed elsewhere, homogeneous matrices.
-
-    Attributes:
-        asked: Pair questions put to FCL so far, for reports; what is counted for the user is states.
     """
 
     def __init__(self, shapes: Sequence[Shape], frames: Sequence[FloatArray]) -> None:
@@ -52,13 +50,12 @@ class FclObjects:
         self._objects: list[fcl.CollisionObject | None] = [None] * len(self._shapes)
         self._request = fcl.CollisionRequest()
         self._result = fcl.CollisionResult()
-        self.asked = 0
 
     def _object(self, index: int) -> fcl.CollisionObject:
         made = self._objects[index]
         if made is None:
             T = self._frames[index]
-            made = fcl.CollisionObject(_geometry(self._shapes[index]), fcl.Transform(T[:3, :3], T[:3, 3]))
+            made = fcl.CollisionObject(geometry_of(self._shapes[index]), fcl.Transform(T[:3, :3], T[:3, 3]))
             self._objects[index] = made
         return made
 
@@ -70,7 +67,6 @@ class FclObjects:
 
     def collide(self, a: int, b: int) -> bool:
         """Whether objects a and b touch; gaps within a micrometre of contact are undefined."""
-        self.asked += 1
         first, second = self._objects[a] or self._object(a), self._objects[b] or self._object(b)
         if fcl.collide(first, second, self._request, self._result) == 0:
             return False

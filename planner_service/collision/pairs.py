@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, product, read_only
 from planner_service.geometry.composite import Composite, Solid
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import number
@@ -196,6 +196,4 @@ def _placed(solid: Solid, pose: Pose) -> Iterator[tuple[Shape, FloatArray]]:
     """The convex pieces of a solid at a pose, and where they are in what the pose is given in, 4 x 4."""
     if not isinstance(solid, Composite):
         return iter([(solid, read_only(pose.matrix))])
-    A, B = pose.matrix, solid.pieces.frames
-    frames = A[:, :1] * B[:, :1] + A[:, 1:2] * B[:, 1:2] + A[:, 2:3] * B[:, 2:3] + A[:, 3:] * B[:, 3:]  # without BLAS
-    return zip(solid.pieces.shapes, read_only(frames), strict=True)
+    return zip(solid.pieces.shapes, read_only(product(pose.matrix, solid.pieces.frames)), strict=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planner_service.collision.bounds import Solids, centres_of, doubt_of
 from planner_service.collision.checker import CollisionChecker
 from planner_service.collision.pairs import MANY, Part
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray, along
 
 __all__ = ["Sweep"]
 
@@ -163,7 +163,7 @@ def _balls(parts: list[Part]) -> tuple[FloatArray, FloatArray]:
         lines = [h * ((2 * np.arange(int(n)) + 1) / n - 1) for h, n in zip(core.tolist(), cuts.tolist(), strict=True)]
         cells = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3) + middle
         cell = core / cuts
-        at.append(_moved(part.T, cells))
+        at.append(along(part.T[:3, :3], cells) + part.T[:3, 3])
         radius += [float(np.sqrt(cell[0] ** 2 + cell[1] ** 2 + cell[2] ** 2)) + float(round_part)] * len(cells)
     return np.concatenate(at), np.array(radius)
 
@@ -172,17 +172,11 @@ def _boxes(parts: tuple[Part, ...]) -> list[tuple[FloatArray, FloatArray, FloatA
     """Boxes that cover the pieces of an obstacle, turned by R (3, 3) at t (3,) with half lengths (3,); of many, one."""
     shapes = [part.shape for part in parts]
     turned = [part.T[:3, :3] for part in parts]
-    at = [_moved(part.T, centre[None])[0] for part, centre in zip(parts, centres_of(shapes), strict=True)]
+    centres = zip(parts, centres_of(shapes), strict=True)
+    at = [along(part.T[:3, :3], centre[None])[0] + part.T[:3, 3] for part, centre in centres]
     halves = list(Solids.of(shapes).box)
     if len(parts) < MANY:
         return list(zip(turned, at, halves, strict=True))
-    reach = np.array([_moved(np.abs(R), half[None])[0] for R, half in zip(turned, halves, strict=True)])
+    reach = np.array([along(np.abs(R), half[None])[0] for R, half in zip(turned, halves, strict=True)])
     low, high = (np.array(at) - reach).min(axis=0), (np.array(at) + reach).max(axis=0)
     return [(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))]
-
-
-def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
-    """Points (p, 3) turned and moved by the rows of T, three by three or by four, (p, 3): no BLAS."""
-    x, y, z = points.T
-    rows = [T[k, 0] * x + T[k, 1] * y + T[k, 2] * z + (T[k, 3] if T.shape[1] > 3 else 0.0) for k in range(3)]
-    return np.array(rows).T

@@ -157,8 +157,8 @@ def inverse_kinematics(
     instance("robot", robot, Robot, "a Robot")
     whole("seed", seed, 0, 2**63 - 1)
     starts: tuple[Any, ...] = items("seeds", seeds, object, "configurations")
-    given = [_configuration(robot, f"seeds[{i}]", q) for i, q in enumerate(starts)]
-    chain = ToolChain.of(robot, robot.home if still is None else _configuration(robot, "still", still))
+    given = [finite_numbers(f"seeds[{i}]", q, robot.n) for i, q in enumerate(starts)]
+    chain = ToolChain.of(robot, robot.home if still is None else finite_numbers("still", still, robot.n))
     given = [chain.of_whole(q) for q in given]
     if robot.inverse == "wxai":
         solutions = WxaiInverse.of(chain.robot).solve(pose, [q.tolist() for q in given])
@@ -201,10 +201,6 @@ def _distance(a: Sequence[float], b: Sequence[float]) -> float:
     return math.sqrt(total)
 
 
-def _configuration(robot: Robot, field: str, values: ArrayLike) -> FloatArray:
-    return finite_numbers(field, values, robot.n)
-
-
 # --- straight tool lines
 
 
@@ -239,7 +235,7 @@ def line_deviation(robot: Robot, q1: ArrayLike, q2: ArrayLike, pose_a: Pose, pos
     The line runs from ``pose_a`` to ``pose_b``. Tool and line are compared at equal fractions, both ends, the quarters
     and the middle; the distance from the line itself is no larger.
     """
-    ends = _configuration(robot, "q1", q1).tolist(), _configuration(robot, "q2", q2).tolist()
+    ends = finite_numbers("q1", q1, robot.n).tolist(), finite_numbers("q2", q2, robot.n).tolist()
     return _deviation(robot, ends, (pose_a, pose_b), (0.0, *BETWEEN, 1.0))
 
 
@@ -282,7 +278,7 @@ def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *
     """
     instance("robot", robot, Robot, "a Robot")
     whole("points", points, 2, 10_000)
-    q = _configuration(robot, "q_start", q_start)
+    q = finite_numbers("q_start", q_start, robot.n)
     outside = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     worst = int(outside.argmax())
     if outside[worst] > LIMIT_SLACK:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, as_sent, read_only
+from planner_service.geometry.arrays import FloatArray, as_sent, read_only, set_fields
 from planner_service.geometry.validation import numbers, whole
 from planner_service.path.corner_blend import Blends
 
@@ -90,10 +90,6 @@ def _waypoints(values: Any) -> FloatArray:
         row, joint = np.argwhere(~np.isfinite(points))[0]
         raise InvalidRequest(f"waypoints[{row}][{joint}]", float(points[row, joint]), "a finite number")
     return points
-
-
-def _no_blends() -> FloatArray:
-    return np.zeros(0)
 
 
 def _widths(values: Any, count: int) -> list[float]:
@@ -245,7 +241,7 @@ class JointPath:
     """
 
     waypoints: FloatArray
-    blends: FloatArray = field(default_factory=_no_blends)
+    blends: FloatArray = field(default_factory=lambda: np.zeros(0))
     knots: FloatArray = field(init=False)
     breaks: FloatArray = field(init=False)
     blended: NDArray[np.bool_] = field(init=False)
@@ -269,26 +265,17 @@ class JointPath:
         blends = _allowed_blends(polyline, widths)
         pieces = list(_pieces(polyline.knots.tolist(), blends))
         rows = np.array([piece[2] for piece in pieces], dtype=np.intp)
-        values = {
-            "waypoints": polyline.points,
-            "blends": read_only(blends),
-            "knots": polyline.knots,
-            "breaks": read_only([*(piece[0] for piece in pieces), polyline.knots[-1]]),
-            "blended": rows >= 0,
-            "_polyline": polyline,
-            "_lines": np.array([piece[1] for piece in pieces], dtype=np.intp),
-            "_rows": rows,
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        breaks = read_only([*(piece[0] for piece in pieces), polyline.knots[-1]])
+        lines = np.array([piece[1] for piece in pieces], dtype=np.intp)
+        set_fields(self, waypoints=polyline.points, blends=read_only(blends), knots=polyline.knots, breaks=breaks)
+        set_fields(self, blended=rows >= 0, _polyline=polyline, _lines=lines, _rows=rows)
 
     @cached_property
     def _curves(self) -> Blends:
         rows = np.flatnonzero(self.blends > 0.0)
         tangents = self._polyline.tangents
-        return Blends.at(
-            self.knots[rows], self.blends[rows], self.waypoints[rows], (tangents[rows - 1], tangents[rows])
-        )
+        around = tangents[rows - 1], tangents[rows]
+        return Blends.at(self.knots[rows], self.blends[rows], self.waypoints[rows], around)
 
     @cached_property
     def _travelled(self) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, as_sent, read_only
+from planner_service.geometry.arrays import FloatArray, as_sent, read_only, set_fields
 from planner_service.geometry.validation import finite_numbers, instance, number, numbers
 from planner_service.path.joint_path import OVERSHOOT, JointPath, require_order, within
 
@@ -87,15 +87,12 @@ class Trajectory:
         if not np.all(h > 0.0):
             raise InvalidRequest("durations", float(h.min()), "positive numbers")
         if self.part is not None:
-            object.__setattr__(self, "part", _checked_part(self.part, self.path.length))
+            set_fields(self, part=_checked_part(self.part, self.path.length))
         ends = read_only([*c[1:, 0], self.end][: len(h)])
         with np.errstate(over="ignore", invalid="ignore"):  # numbers too large are refused, not warned of
             _check_law(self, h, c, ends)
-        object.__setattr__(self, "durations", h)
-        object.__setattr__(self, "coefficients", c)
-        object.__setattr__(self, "knots", read_only(list(accumulate(h.tolist(), initial=0.0))))
-        object.__setattr__(self, "geometry", _geometry(self.path, c, ends))
-        object.__setattr__(self, "_ends", ends)
+        knots, geometry = read_only(list(accumulate(h.tolist(), initial=0.0))), _geometry(self.path, c, ends)
+        set_fields(self, durations=h, coefficients=c, knots=knots, geometry=geometry, _ends=ends)
 
     def __repr__(self) -> str:
         return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"
@@ -164,9 +161,8 @@ class Trajectory:
     def _located(self, t: ArrayLike) -> _Located:
         times = within("t", t, self.duration)
         if not len(self.durations):
-            return _Located(
-                times, np.zeros(times.shape, dtype=np.intp), np.zeros(times.shape), np.zeros((*times.shape, 4))
-            )
+            none = np.zeros(times.shape)
+            return _Located(times, none.astype(np.intp), none, np.zeros((*times.shape, 4)))
         piece = np.asarray(np.minimum(self.knots.searchsorted(times, side="right"), len(self.durations)) - 1)
         x = np.minimum(np.maximum(times - self.knots[piece], 0.0), self.durations[piece])
         x = np.where(times == self.duration, self.durations[-1], x)
@@ -258,9 +254,8 @@ def _check_law(trajectory: Trajectory, h: FloatArray, c: FloatArray, ends: Float
         return
     reached, arrivals, bends = (_derivative(c, h, order) for order in range(3))
     if not all(np.isfinite(values).all() for values in (reached, arrivals, 2.0 * c[:, 2], bends)):
-        raise InvalidRequest(
-            "coefficients", float(np.abs(c).max()), "numbers whose speeds and accelerations are finite"
-        )
+        expected = "numbers whose speeds and accelerations are finite"
+        raise InvalidRequest("coefficients", float(np.abs(c).max()), expected)
     jumps = np.abs(reached - ends)
     if c[0, 0] != begin or not jumps.sum() <= OVERSHOOT + ROUNDING * path.length * len(h):  # many add up
         raise InvalidRequest("coefficients", float(c[0, 0]), f"s(t) from {begin:.9g} to {end:.9g} without a jump")

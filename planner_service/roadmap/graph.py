@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, IntArray, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, frozen, read_only
 from planner_service.geometry.validation import numbers
 from planner_service.search.problem import joint_distance
 
@@ -206,7 +206,7 @@ class Graph:
         joined = list(dict.fromkeys(step for step in steps if step not in number))
         number.update({step: len(self.edges) + k for k, step in enumerate(joined)})
         milestones = read_only(np.concatenate([self.milestones, np.array(new, dtype=np.float64).reshape(-1, self.n)]))
-        edges = _frozen(np.concatenate([self.edges, np.array(joined, dtype=np.int64).reshape(-1, 2)]))
+        edges = frozen(np.concatenate([self.edges, np.array(joined, dtype=np.int64).reshape(-1, 2)]))
         return self._longer(milestones, edges), path, [number[step] for step in steps]
 
     def _longer(self, milestones: FloatArray, edges: IntArray) -> Graph:
@@ -269,10 +269,4 @@ def checked_edges(edges: ArrayLike, count: int) -> IntArray:
         raise InvalidRequest("edges", row, f"two different milestones of {count}")
     ends = np.sort(pairs.astype(np.int64), axis=1)
     each = np.unique(ends[:, 0] * count + ends[:, 1])  # as rows, but sorted ten times as fast
-    return _frozen(np.stack(np.divmod(each, max(count, 1)), axis=1))
-
-
-def _frozen(edges: IntArray) -> IntArray:
-    edges = np.ascontiguousarray(edges, dtype=np.int64)
-    edges.flags.writeable = False
-    return edges
+    return frozen(np.stack(np.divmod(each, max(count, 1)), axis=1))

@@ -45,15 +45,12 @@ class _Grown(Settings):
         """
         require_seed(seed)
         size = (self.milestones, self.max_checks)
-        grown = ompl.grow(space, type(self).__name__, self._settings(), size=size, seed=seed, progress=progress)
+        grown = ompl.grow(space, type(self).__name__, self.for_ompl, size=size, seed=seed, progress=progress)
         return Roadmap.judged(grown.milestones, grown.free, grown.blocked, reach=space.reach)
 
     def search(self, problem: SearchProblem) -> RoadmapSearchResult:
         """Grow a roadmap for this query alone, and search it; see ``Planner``."""
         return self.grow(problem, seed=problem.seed).search(problem)
-
-    def _settings(self) -> dict[str, ompl.Setting]:
-        return {}
 
 
 @dataclass(frozen=True)
@@ -70,9 +67,6 @@ class PRM(_Grown):
     neighbours: int = 10
     max_checks: int = 2_000_000
     name: ClassVar[str] = "prm"
-
-    def _settings(self) -> dict[str, ompl.Setting]:
-        return {"setMaxNearestNeighbors": self.neighbours}
 
 
 @dataclass(frozen=True)

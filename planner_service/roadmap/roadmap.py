@@ -248,22 +248,16 @@ class Roadmap:
         if before is not None and before.same(terms):
             return self
         nearer = before is not None and terms.padding < before.padding - FCL_NOISE
+        pending, knowledge = self.pending, (self.milestone_knowledge, self.edge_knowledge)
         if before is not None and nearer and replace(before, padding=terms.padding).same(terms):
-            milestones, edges = self.milestone_knowledge.nearer(), self.edge_knowledge.nearer()
-            return replace(self, milestone_knowledge=milestones, edge_knowledge=edges, terms=terms)
-        if before is None or not before.same_but_for_obstacles(terms):
-            milestones, edges = self.milestone_knowledge.elsewhere(), self.edge_knowledge.elsewhere()
-            return replace(self, milestone_knowledge=milestones, edge_knowledge=edges, terms=terms, pending=())
-        come, gone = before.changed(terms)
-        present = {name for name, _ in terms.obstacles}
-        pending = tuple(sorted((come | set(self.pending)) & present))
-        return replace(
-            self,
-            milestone_knowledge=self.milestone_knowledge.after(come, gone, pending),
-            edge_knowledge=self.edge_knowledge.after(come, gone, pending),
-            terms=terms,
-            pending=pending,
-        )
+            milestones, edges = (known.nearer() for known in knowledge)
+        elif before is None or not before.same_but_for_obstacles(terms):
+            pending, (milestones, edges) = (), (known.elsewhere() for known in knowledge)
+        else:
+            come, gone = before.changed(terms)
+            pending = tuple(sorted((come | set(self.pending)) & {name for name, _ in terms.obstacles}))
+            milestones, edges = (known.after(come, gone, pending) for known in knowledge)
+        return replace(self, milestone_knowledge=milestones, edge_knowledge=edges, terms=terms, pending=pending)
 
     @cached_property
     def hash(self) -> str:

@@ -32,7 +32,9 @@ from planner_service.files.schema import (
     recorded,
 )
 from planner_service.files.writing import write_whole
+from planner_service.geometry.arrays import frozen
 from planner_service.geometry.point_files import arrays_of
+from planner_service.geometry.validation import in_file
 from planner_service.roadmap.graph import Graph
 from planner_service.roadmap.roadmap import Built, Roadmap
 from planner_service.roadmap.validity import Terms
@@ -94,12 +96,7 @@ def load_roadmap(path: str | os.PathLike[str]) -> Roadmap:
     array = arrays_of(source, MAX_BYTES)
     document = _document(source, array(HEAD, "u"))
     head = read_record(HeadRecord, document, source, Reading())
-    try:
-        roadmap = _roadmap(head, array)
-    except InvalidFile:
-        raise
-    except InvalidRequest as error:
-        raise InvalidFile(source, [str(error)]) from None
+    roadmap = in_file(source, lambda: _roadmap(head, array))
     if roadmap.hash != head.hash:
         raise InvalidFile(source, [f"hash: got {head.hash!r}; expected that of the content, {roadmap.hash!r}"])
     return roadmap
@@ -218,7 +215,7 @@ def _edges(found: NDArray[Any], count: int) -> NDArray[np.int64]:
     number = edges[:, 0] * count + edges[:, 1]
     if not (edges[:, 0] < edges[:, 1]).all() or len(np.unique(number)) != len(number):
         raise InvalidRequest("edges", found.shape, expected)
-    return _read_only(edges)
+    return frozen(edges)
 
 
 def _knowledge(names: tuple[str, ...], kind: str, count: int, array: Callable[[str, str], NDArray[Any]]) -> Knowledge:
@@ -231,8 +228,3 @@ def _knowledge(names: tuple[str, ...], kind: str, count: int, array: Callable[[s
         if found.shape != (count,) or not ((found >= least) & (found <= most)).all():
             raise InvalidRequest(f"{kind}_{name}", found.shape, f"{count} whole numbers in [{least}, {int(most)}]")
     return Knowledge(verdicts.astype(np.int8), blockers.astype(np.int32), names)
-
-
-def _read_only(array: NDArray[np.int64]) -> NDArray[np.int64]:
-    array.flags.writeable = False
-    return array

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, cosines_and_sines, read_only
+from planner_service.geometry.arrays import FloatArray, cosines_and_sines, read_only, set_fields
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import numbers
 
@@ -52,8 +52,7 @@ class Body:
     q_index: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "placement", read_only(self.placement))
-        object.__setattr__(self, "axis", read_only(self.axis))
+        set_fields(self, placement=read_only(self.placement), axis=read_only(self.axis))
 
 
 def chain_to_base(bodies: Sequence[Body], index: int) -> list[int]:

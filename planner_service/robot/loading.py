@@ -116,22 +116,19 @@ def _disagreements(table: RobotTable, urdf: Urdf) -> list[str]:
 
 
 def _unjudged(urdf: Urdf) -> list[str]:
-    return [] if urdf.shape_count else ["no link of the URDF has a collision shape, so nothing could ever collide"]
+    shaped = any(link.collisions for link in urdf.links)
+    return [] if shaped else ["no link of the URDF has a collision shape, so nothing could ever collide"]
 
 
 def _unaccounted(movable: Iterable[UrdfJoint], joints: Sequence[str], standing: Mapping[str, float]) -> list[str]:
     problems = []
     for joint in movable:
-        if joint.name in joints:
-            if joint.mimic is not None:
-                problems.append(
-                    f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: a moving joint cannot be mimicked"
-                )
-        elif joint.name not in standing and joint.mimic is not None:
+        moves = joint.name in joints
+        if joint.mimic is not None and (moves or joint.name not in standing):
             problems.append(
                 f"joint {joint.name!r} mimics {joint.mimic.joint!r}; lock both: a moving joint cannot be mimicked"
             )
-        elif joint.name not in standing:
+        elif not moves and joint.name not in standing:
             problems.append(f"movable joint {joint.name!r} is neither in joints, nor in the gripper, nor locked")
     return problems
 
@@ -197,10 +194,8 @@ def _require_closing(path: Path, gripper: Gripper, tool_body: int, tool: FloatAr
         if item.body == tool_body and abs(abs(u * axis[0] + v * axis[1] + w * axis[2]) - 1.0) > ALONG:
             columns = tool[:3, :3].T.tolist()
             in_tool = ", ".join(f"{a * u + b * v + c * w:.3g}" for a, b, c in columns)
-            problem = (
-                f"gripper.closing = {list(gripper.closing)}; {item.link} moves along [{in_tool}] of the tool frame"
-            )
-            raise InvalidFile(path, [problem])
+            moves = f"{item.link} moves along [{in_tool}] of the tool frame"
+            raise InvalidFile(path, [f"gripper.closing = {list(gripper.closing)}; {moves}"])
 
 
 def _downstream(urdf: Urdf, link: str) -> list[str]:
@@ -307,15 +302,12 @@ def _poses(
 
 
 def _urdf_limits(joints: Sequence[UrdfJoint]) -> JointLimits:
-    def column(values: Iterable[float]) -> FloatArray:
-        return np.array(list(values))
-
     return JointLimits(
-        lower=column(joint.lower for joint in joints),
-        upper=column(joint.upper for joint in joints),
-        velocity=column(joint.velocity for joint in joints),
-        acceleration=column(ACCELERATION[joint.kind] for joint in joints),
-        jerk=column(JERK[joint.kind] for joint in joints),
+        lower=np.array([joint.lower for joint in joints]),
+        upper=np.array([joint.upper for joint in joints]),
+        velocity=np.array([joint.velocity for joint in joints]),
+        acceleration=np.array([ACCELERATION[joint.kind] for joint in joints]),
+        jerk=np.array([JERK[joint.kind] for joint in joints]),
     )
 
 

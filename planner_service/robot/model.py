@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers, text, whole
 from planner_service.presentation.models import robot_blocks
@@ -115,7 +115,7 @@ class ExemptRetreat:
     reason: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "to", read_only(self.to))
+        set_fields(self, to=read_only(self.to))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +153,8 @@ class Robot:
     settle_time: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "named_poses", tuple((name, read_only(q)) for name, q in self.named_poses))
-        object.__setattr__(self, "tool_placement", read_only(self.tool_placement))
+        poses = tuple((name, read_only(q)) for name, q in self.named_poses)
+        set_fields(self, named_poses=poses, tool_placement=read_only(self.tool_placement))
         copied_in(self, "joint_names", "base_links", "bodies", "shapes", "allowed_contacts", "retreats")
 
     @classmethod
@@ -202,13 +202,8 @@ class Robot:
         names = None if joints is None else items("joints", joints, str, "a sequence of names")
         given_folders = items("package_dirs", package_dirs, object, "folders")
         folders = tuple(as_path("package_dirs", folder) for folder in given_folders)
-        selection = Selection(
-            tool_frame,
-            None if srdf is None else as_path("srdf", srdf),
-            names,
-            dict(locked_joints or {}),
-            dict(decompose or {}),
-        )
+        srdf_path = None if srdf is None else as_path("srdf", srdf)
+        selection = Selection(tool_frame, srdf_path, names, dict(locked_joints or {}), dict(decompose or {}))
         return robot_from_urdf(as_path("path", path), folders, selection)
 
     @property
@@ -250,7 +245,7 @@ class Robot:
             ValueError,
             LookupError,
             ArithmeticError,
-        ):  # not checked before: planners call this all the time
+        ):  # no check before: this is called all the time
             raise InvalidRequest("q", q, f"{self.n} finite numbers") from None
 
     def body_poses_batch(self, Q: ArrayLike, *, portable: bool = False) -> tuple[FloatArray, FloatArray]:
@@ -318,14 +313,15 @@ class Robot:
 
     @cached_property
     def _own_reach(self) -> FloatArray:
-        fingers = () if self.gripper is None else self.gripper.links
-        placed = [(item.body, item.shape, item.pose) for item in self.shapes if item.link in fingers]
-        return read_only(np.maximum(self._reach_without_fingers, self._reach_of(placed)))
+        return read_only(np.maximum(self._reach_without_fingers, self._reach_of(self._shapes_of(fingers=True))))
 
     @cached_property
     def _reach_without_fingers(self) -> FloatArray:
-        fingers = () if self.gripper is None else self.gripper.links
-        return self._reach_of([(item.body, item.shape, item.pose) for item in self.shapes if item.link not in fingers])
+        return self._reach_of(self._shapes_of(fingers=False))
+
+    def _shapes_of(self, *, fingers: bool) -> list[tuple[int, Shape, Pose]]:
+        links = () if self.gripper is None else self.gripper.links
+        return [(item.body, item.shape, item.pose) for item in self.shapes if (item.link in links) == fingers]
 
     def _reach_of(self, shapes: Sequence[tuple[int, Shape, Pose]]) -> FloatArray:
         travel = np.maximum(np.abs(self.limits.lower), np.abs(self.limits.upper)).tolist()

@@ -131,16 +131,11 @@ def _placement(pin: Any, joint: UrdfJoint) -> Any:
 
 
 def _joint_model(pin: Any, joint: UrdfJoint) -> Any:
-    prismatic = joint.kind == "prismatic"
-    aligned = (
-        (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
-        if prismatic
-        else (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
-    )
-    for kind, unit in zip(aligned, np.eye(3).tolist(), strict=True):
+    kind = "Prismatic" if joint.kind == "prismatic" else "Revolute"
+    for axis, unit in zip("XYZ", np.eye(3).tolist(), strict=True):
         if math.dist(joint.axis, unit) <= ALIGNED:
-            return kind()
-    return (pin.JointModelPrismaticUnaligned if prismatic else pin.JointModelRevoluteUnaligned)(*joint.axis)
+            return getattr(pin, f"JointModel{kind[0]}{axis}")()
+    return getattr(pin, f"JointModel{kind}Unaligned")(*joint.axis)
 
 
 def _exact(T: FloatArray) -> FloatArray:

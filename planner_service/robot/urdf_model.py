@@ -6,15 +6,7 @@ from dataclasses import dataclass
 
 from planner_service.geometry.shapes import Shape
 
-__all__ = [
-    "Inertial",
-    "Mimic",
-    "Urdf",
-    "UrdfCollision",
-    "UrdfJoint",
-    "UrdfLink",
-    "Vector",
-]
+__all__ = ["Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "Vector"]
 
 Vector = tuple[float, float, float]
 
@@ -82,12 +74,3 @@ class Urdf:
     root: str
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
-
-    @property
-    def shape_count(self) -> int:
-        """Collision shapes of all links."""
-        return sum(len(link.collisions) for link in self.links)
-
-    def joint_above(self, link: str) -> UrdfJoint | None:
-        """The joint whose child ``link`` is; None for the root."""
-        return next((joint for joint in self.joints if joint.child == link), None)

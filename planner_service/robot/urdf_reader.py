@@ -75,9 +75,8 @@ class _Reader:
                 return Urdf("", "", (), ())
         name = self.text(root, "name", "robot")
         links = tuple(self.link(element) for element in link_elements)
-        for link in sorted(
-            map(str, self.decompose.keys() - {each.get("name") for each in root.findall("link[collision]")})
-        ):
+        shaped = {each.get("name") for each in root.findall("link[collision]")}
+        for link in sorted(map(str, self.decompose.keys() - shaped)):
             self.problems.append(f"decompose: {link!r} is not a link with a collision shape")
         joints = tuple(self.joint(element) for element in joint_elements)
         return Urdf(name, self.tree(links, joints), links, joints)
@@ -173,9 +172,8 @@ class _Reader:
         x, y, z = self.numbers(element, "xyz", 3, f"{where} axis", (1.0, 0.0, 0.0))
         norm = math.sqrt(x * x + y * y + z * z)
         if not 1e-6 < norm < math.inf:
-            self.problems.append(
-                f"{where}: axis {x:g} {y:g} {z:g} has no direction; expected a vector that is not zero"
-            )
+            given = f"{where}: axis {x:g} {y:g} {z:g}"
+            self.problems.append(f"{given} has no direction; expected a vector that is not zero")
             return (1.0, 0.0, 0.0)
         return (x / norm, y / norm, z / norm)
 
@@ -192,7 +190,7 @@ class _Reader:
         velocity = self.number(element, "velocity", f"{where} limit", 1.0)
         if velocity <= 0.0:
             self.problems.append(f"{where}: velocity {velocity:g}; expected more than 0")
-        effort = self.number(element, "effort", f"{where} limit", 0.0) if "effort" in element.attrib else 0.0
+        effort = self.optional(element, "effort", f"{where} limit", 0.0)
         if effort < 0.0:
             self.problems.append(f"{where}: effort {effort:g}; expected at least 0")
         if kind == "continuous":
@@ -209,11 +207,9 @@ class _Reader:
         element = self.one(joint, "mimic", where)
         if element is None:
             return None
-        multiplier = (
-            self.number(element, "multiplier", f"{where} mimic", 1.0) if "multiplier" in element.attrib else 1.0
-        )
-        offset = self.number(element, "offset", f"{where} mimic", 0.0) if "offset" in element.attrib else 0.0
-        return Mimic(element.get("joint", ""), multiplier, offset)
+        where = f"{where} mimic"
+        multiplier = self.optional(element, "multiplier", where, 1.0)
+        return Mimic(element.get("joint", ""), multiplier, self.optional(element, "offset", where, 0.0))
 
     def tree(self, links: tuple[UrdfLink, ...], joints: tuple[UrdfJoint, ...]) -> str:
         """The root link; duplicate or missing names, several roots and cycles are problems."""
@@ -276,6 +272,9 @@ class _Reader:
 
     def number(self, element: ElementTree.Element, key: str, where: str, stand_in: float) -> float:
         return self.numbers(element, key, 1, where, (stand_in,))[0]
+
+    def optional(self, element: ElementTree.Element, key: str, where: str, default: float) -> float:
+        return self.number(element, key, where, default) if key in element.attrib else default
 
     def numbers(
         self, element: ElementTree.Element, key: str, count: int, where: str, stand_in: tuple[float, ...]

@@ -115,11 +115,8 @@ class _Words:
 
     def take(self, expected: str) -> str:
         """The next word."""
-        while not self._left:
-            if self.line == len(self._lines):
-                raise _Torn(f"line {self.line}: the file ends; expected {expected}")
-            self.line += 1
-            self._left = self._lines[self.line - 1].split()[::-1]
+        if not self.has_more():
+            raise _Torn(f"line {self.line}: the file ends; expected {expected}")
         return self._left.pop()
 
     def rest_of_line(self) -> str:

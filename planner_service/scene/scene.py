@@ -137,10 +137,10 @@ class Attached:
         _check_body(self.name, self.shape, self.pose)
         links = items("touch_links", self.touch_links, str, "a sequence of link names")
         object.__setattr__(self, "touch_links", links)
-        for link in self.touch_links:
+        for link in links:
             checked_name("touch_links", link)
-        if len(set(self.touch_links)) != len(self.touch_links):
-            raise InvalidRequest("touch_links", self.touch_links, "each link once")
+        if len(set(links)) != len(links):
+            raise InvalidRequest("touch_links", links, "each link once")
 
 
 @dataclass(frozen=True)
@@ -281,18 +281,18 @@ class Scene:
 
 
 def _canonical(body: Obstacle | Attached) -> list[Any]:
-    numbers = (*body.pose.position, *body.pose.quaternion)
-    return [body.name, *_canonical_shape(body.shape), *map(_bits, numbers)]
+    return [body.name, *_canonical_shape(body.shape), *_canonical_pose(body.pose)]
+
+
+def _canonical_pose(pose: Pose) -> list[str]:
+    return list(map(_bits, (*pose.position, *pose.quaternion)))
 
 
 def _canonical_shape(shape: Solid) -> list[Any]:
     """What makes a solid, to the last bit."""
     kind = _KIND_NAMES.get(type(shape), type(shape).__name__.lower())
     if isinstance(shape, Compound):
-        return [
-            kind,
-            *([*_canonical_shape(part), *map(_bits, (*pose.position, *pose.quaternion))] for part, pose in shape.parts),
-        ]
+        return [kind, *([*_canonical_shape(part), *_canonical_pose(pose)] for part, pose in shape.parts)]
     if isinstance(shape, (Mesh, PointCloud, HeightField)):
         return [kind, shape.digest]
     sizes = shape.size if isinstance(shape, Box) else vars(shape).values()

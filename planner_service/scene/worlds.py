@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from planner_service.files.reading import as_path
 from planner_service.scene.moveit_scene import read_moveit_scene
@@ -14,9 +13,7 @@ from planner_service.scene.urdf_scene import read_urdf_scene
 
 __all__ = ["load_world"]
 
-READERS: Mapping[str, Callable[[Path], Scene]] = MappingProxyType(
-    {".scene": read_moveit_scene, ".urdf": read_urdf_scene}
-)
+READERS: Mapping[str, Callable[[Path], Scene]] = {".scene": read_moveit_scene, ".urdf": read_urdf_scene}
 """Who reads the files that are not our own, by their suffix in any case."""
 
 

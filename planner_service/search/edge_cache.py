@@ -160,16 +160,12 @@ class TieredOracle:
         if second is not None:
             points.insert(-1, _between(q1, q2, 1.0 - share))
             judges.append(second)
-        parts = [(judge, a, b) for judge, a, b in zip(judges, points[:-1], points[1:], strict=True) if a != b]
-        return [
-            (
-                judge,
-                a,
-                b,
-                (known & Known.START if k == 0 else Known.NEITHER) | (known & Known.END if b == q2 else Known.NEITHER),
-            )
-            for k, (judge, a, b) in enumerate(parts)
-        ]
+        parts: list[tuple[SearchOracle, Configuration, Configuration, Known]] = []
+        for judge, a, b in zip(judges, points[:-1], points[1:], strict=True):
+            if a != b:
+                at_end = known & Known.END if b == q2 else Known.NEITHER
+                parts.append((judge, a, b, at_end if parts else at_end | known & Known.START))
+        return parts
 
 
 def _between(a: Configuration, b: Configuration, share: float) -> Configuration:

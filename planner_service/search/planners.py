@@ -12,10 +12,7 @@ from typing import ClassVar
 
 from planner_service.geometry.validation import number, whole
 from planner_service.search import ompl
-from planner_service.search.problem import (
-    SearchProblem,
-    SearchResult,
-)
+from planner_service.search.problem import SearchProblem, SearchResult
 
 __all__ = [
     "AORRTC",
@@ -48,7 +45,12 @@ _WHOLE = {
 }
 """Least and most of the settings that are whole numbers."""
 
-_SETTERS = {"range": "setRange", "goal_bias": "setGoalBias", "samples": "setSamplesPerBatch"}
+_SETTERS = {
+    "range": "setRange",
+    "goal_bias": "setGoalBias",
+    "samples": "setSamplesPerBatch",
+    "neighbours": "setMaxNearestNeighbors",
+}
 """How OMPL calls the settings that it gets."""
 
 
@@ -69,6 +71,11 @@ class Settings:
                 value = number(item.name, value, f"a number from {low:g} to {high:g}", low, high)
             object.__setattr__(self, item.name, value)
 
+    @property
+    def for_ompl(self) -> dict[str, ompl.Setting]:
+        """OMPL's setters and their arguments."""
+        return {_SETTERS[item.name]: getattr(self, item.name) for item in fields(self) if item.name in _SETTERS}
+
 
 @dataclass(frozen=True)
 class _Search(Settings):
@@ -76,9 +83,22 @@ class _Search(Settings):
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """See ``Planner``."""
-        given = {item.name: getattr(self, item.name) for item in fields(self)}
-        settings = {setter: given[field] for field, setter in _SETTERS.items() if field in given}
-        return ompl.solve(problem, type(self).__name__, settings, checks=given.get("checks"))
+        return ompl.solve(problem, type(self).__name__, self.for_ompl, checks=getattr(self, "checks", None))
+
+
+@dataclass(frozen=True)
+class _Tree(_Search):
+    """A tree, or two, with edges of at most ``range``; a restart may cut a long search short."""
+
+    range: float = 0.5
+    patience: ClassVar[int | None] = 0
+
+
+@dataclass(frozen=True)
+class _BiasedTree(_Tree):
+    """A tree that aims at a goal now and then: for the share ``goal_bias`` of its samples or extensions."""
+
+    goal_bias: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -107,7 +127,7 @@ class _Batch(Settings):
 
 
 @dataclass(frozen=True)
-class RRTConnect(_Search):
+class RRTConnect(_Tree):
     """Two trees that grow towards each other: the default, quick to a first path (Kuffner & LaValle, ICRA 2000).
 
     Attributes:
@@ -118,11 +138,10 @@ class RRTConnect(_Search):
 
     range: float = 0.7
     name: ClassVar[str] = "rrtconnect"
-    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
-class RRT(_Search):
+class RRT(_BiasedTree):
     """One tree from the start (LaValle & Kuffner, IJRR 20(5), 2001).
 
     Attributes:
@@ -130,10 +149,7 @@ class RRT(_Search):
         goal_bias: Share of the samples that are a goal.
     """
 
-    range: float = 0.5
-    goal_bias: float = 0.05
     name: ClassVar[str] = "rrt"
-    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
@@ -223,7 +239,7 @@ class BFMT(_Batch):
 
 
 @dataclass(frozen=True)
-class KPIECE1(_Search):
+class KPIECE1(_BiasedTree):
     """One tree that grows where a grid of its projection is least covered (Sucan & Kavraki, WAFR 2008).
 
     Attributes:
@@ -231,33 +247,26 @@ class KPIECE1(_Search):
         goal_bias: Share of the extensions that aim at a goal.
     """
 
-    range: float = 0.5
-    goal_bias: float = 0.05
     name: ClassVar[str] = "kpiece1"
-    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
-class BKPIECE1(_Search):
+class BKPIECE1(_Tree):
     """KPIECE1 from both ends at once.
 
     Attributes:
         range: Longest edge.
     """
 
-    range: float = 0.5
     name: ClassVar[str] = "bkpiece1"
-    patience: ClassVar[int | None] = 0
 
 
 @dataclass(frozen=True)
-class LBKPIECE1(_Search):
+class LBKPIECE1(_Tree):
     """BKPIECE1 that judges an edge only once a path needs it.
 
     Attributes:
         range: Longest edge.
     """
 
-    range: float = 0.5
     name: ClassVar[str] = "lbkpiece1"
-    patience: ClassVar[int | None] = 0

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.validation import whole
 
 __all__ = [
@@ -150,8 +150,7 @@ class SearchSpace:
 
     def __post_init__(self) -> None:
         lower, upper = _bounds(self.lower, self.upper)
-        object.__setattr__(self, "lower", lower)
-        object.__setattr__(self, "upper", upper)
+        set_fields(self, lower=lower, upper=upper)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +192,10 @@ class SearchProblem:
         for field, points in (("start", start[None]), ("goals", goals)):
             # A NaN fails both comparisons, so it is refused here too.
             if not ((points >= lower) & (points <= upper)).all():
-                raise InvalidRequest(
-                    field, points.tolist(), f"joint values within {lower.tolist()} and {upper.tolist()}"
-                )
+                expected = f"joint values within {lower.tolist()} and {upper.tolist()}"
+                raise InvalidRequest(field, points.tolist(), expected)
         require_seed(self.seed)
-        for name, array in (("start", start), ("goals", goals), ("lower", lower), ("upper", upper)):
-            object.__setattr__(self, name, array)
+        set_fields(self, start=start, goals=goals, lower=lower, upper=upper)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_fields
 from planner_service.geometry.validation import MAX_ITEMS, copied_in, numbers
 
 __all__ = ["SearchGraph", "Trace", "Tracer"]
@@ -33,10 +33,8 @@ class SearchGraph:
         given = numbers("edges", self.edges, expected)
         if given.size and (given.ndim != 2 or given.shape[1] != 2 or not (np.abs(given) < MAX_ITEMS).all()):
             raise InvalidRequest("edges", self.edges, expected)
-        edges = given.reshape(-1, 2).astype(np.intp)
-        edges.flags.writeable = False
-        object.__setattr__(self, "milestones", numbers("milestones", self.milestones, "rows of joint values"))
-        object.__setattr__(self, "edges", edges)
+        milestones = numbers("milestones", self.milestones, "rows of joint values")
+        set_fields(self, milestones=milestones, edges=frozen(given.reshape(-1, 2).astype(np.intp)))
 
 
 @dataclass(frozen=True, eq=False)

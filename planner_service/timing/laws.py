@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Protocol
 
@@ -104,14 +105,7 @@ class Trapezoidal:
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
         """The path travelled from rest to rest; see ``Timing``."""
-        return self.time_with_peaks(path, limits, speed_limit)[0]
-
-    def time_with_peaks(
-        self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
-    ) -> tuple[Trajectory, LimitPeaks]:
-        """The same trajectory, and how close it comes to the limits."""
-        require_limits(path, limits, jerk=False)
-        return _slowed(_timed(path, path_segments(path, limits, speed_limit), _trapezoids), limits)
+        return time_with_peaks(self, path, limits, speed_limit)[0]
 
 
 @dataclass(frozen=True)
@@ -138,15 +132,7 @@ class SCurve:
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
         """The path travelled from rest to rest; see ``Timing``."""
-        return self.time_with_peaks(path, limits, speed_limit)[0]
-
-    def time_with_peaks(
-        self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
-    ) -> tuple[Trajectory, LimitPeaks]:
-        """The same trajectory, and how close it comes to the limits."""
-        limits = effective_limits(self, limits)
-        require_limits(path, limits, jerk=True)
-        return _slowed(_timed(path, path_segments(path, limits, speed_limit), _s_curves), limits, jerk=True)
+        return time_with_peaks(self, path, limits, speed_limit)[0]
 
 
 @dataclass(frozen=True)
@@ -174,14 +160,7 @@ class ToppRa:
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
         """The path travelled from rest to rest; see ``Timing``."""
-        return self.time_with_peaks(path, limits, speed_limit)[0]
-
-    def time_with_peaks(
-        self, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
-    ) -> tuple[Trajectory, LimitPeaks]:
-        """The same trajectory, and how close it comes to the limits."""
-        require_limits(path, limits, jerk=False)
-        return _slowed(_timed(path, path_segments(path, limits, speed_limit), self._along), limits)
+        return time_with_peaks(self, path, limits, speed_limit)[0]
 
     def continue_to_rest(
         self,
@@ -208,10 +187,11 @@ class ToppRa:
         phases: list[Phase] = []
         with _overflow_fails():
             for segment in path_segments(path, limits, speed_limit, s_start):
-                phases += self._along(replace(segment, blend_share=blend_share), 0.0 if phases else speed)
+                phases += self.phases(replace(segment, blend_share=blend_share), 0.0 if phases else speed)
         return phases
 
-    def _along(self, segment: PathSegment, entry: float = 0.0) -> list[Phase]:
+    def phases(self, segment: PathSegment, entry: float = 0.0) -> list[Phase]:
+        """The motion along a segment from the speed ``entry`` to rest."""
         sections = segment.sections(jerk=False)
         closed_form: list[Phase] | None = None
         if not _blend_at_stop(sections, entry):
@@ -221,8 +201,10 @@ class ToppRa:
         if closed_form is not None and (straight or segment.length < SHORT_SEGMENT):
             return closed_form
         unit = min(_seconds(phases) for phases in (closed_form, _slowest(sections)) if phases is not None)
+        grids = [_grid(section, segment, self.gridpoints) for section in sections]
         try:
-            optimal = _toppra_phases(segment, sections, self.gridpoints, unit, entry)
+            speeds = _toppra_speeds(segment, sections, grids, unit, entry)
+            optimal = _constant_accelerations(sections, grids, speeds)
         except TimingFailed:
             if closed_form is None:
                 raise
@@ -267,10 +249,17 @@ def time_with_peaks(
     Raises:
         InvalidRequest, TimingFailed: as ``Timing.time_path``.
     """
-    if isinstance(timing, Trapezoidal | SCurve | ToppRa):
-        return timing.time_with_peaks(path, limits, speed_limit)
-    trajectory = timing.time_path(path, limits, speed_limit=speed_limit)
-    return trajectory, peaks(trajectory, limits)
+    jerk = isinstance(timing, SCurve)
+    if isinstance(timing, ToppRa):
+        law = timing.phases
+    elif isinstance(timing, Trapezoidal | SCurve):
+        law = partial(_constant_speed_on_blends, jerk=jerk)
+    else:
+        trajectory = timing.time_path(path, limits, speed_limit=speed_limit)
+        return trajectory, peaks(trajectory, limits)
+    limits = effective_limits(timing, limits)
+    require_limits(path, limits, jerk=jerk)
+    return within_limits(_timed(path, path_segments(path, limits, speed_limit), law), limits, jerk=jerk)
 
 
 @contextmanager
@@ -293,15 +282,8 @@ def _timed(path: JointPath, segments: Iterable[PathSegment], law: Callable[[Path
         raise TimingFailed(f"limits too extreme to compute with ({error})") from error
 
 
-def _trapezoids(segment: PathSegment) -> list[Phase]:
-    return _constant_speed_on_blends(segment, segment.sections(jerk=False))
-
-
-def _s_curves(segment: PathSegment) -> list[Phase]:
-    return _constant_speed_on_blends(segment, segment.sections(jerk=True))
-
-
-def _constant_speed_on_blends(segment: PathSegment, sections: Sequence[Section]) -> list[Phase]:
+def _constant_speed_on_blends(segment: PathSegment, *, jerk: bool) -> list[Phase]:
+    sections = segment.sections(jerk=jerk)
     if _blend_at_stop(sections):
         raise TimingFailed(f"no constant speed on a blend that reaches a stop (segment from s = {segment.start:.6g})")
     return speed_profile(sections)
@@ -325,19 +307,16 @@ def _seconds(phases: Iterable[Phase]) -> float:
     return list(accumulate(phase.duration for phase in phases))[-1]
 
 
-def within_limits(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = False) -> Trajectory:
+def within_limits(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = False) -> tuple[Trajectory, LimitPeaks]:
     """The same trajectory if it keeps the limits to a relative 1e-9, else slowed down until it just does.
 
-    ``dilation`` of the result says by how much. Jerk is checked only with ``jerk``.
+    ``dilation`` of the result says by how much; how close it comes to the limits is returned beside it. Jerk is checked
+    only with ``jerk``.
 
     Raises:
         InvalidRequest: as ``peaks``.
         TimingFailed: Jerk is checked and acceleration jumps, which slowing down cannot mend.
     """
-    return _slowed(trajectory, limits, jerk=jerk)[0]
-
-
-def _slowed(trajectory: Trajectory, limits: JointLimits, *, jerk: bool = False) -> tuple[Trajectory, LimitPeaks]:
     highest = peaks(trajectory, limits)
     ratios = [highest.velocity.ratio, highest.acceleration.ratio, *([highest.jerk.ratio] if jerk else [])]
     if max(ratios) <= 1.0 + TOLERANCE:
@@ -360,16 +339,6 @@ def _grid(section: Section, segment: PathSegment, gridpoints: int) -> FloatArray
     return sines * sines
 
 
-def _toppra_phases(
-    segment: PathSegment, sections: Sequence[Section], gridpoints: int, unit: float, entry: float
-) -> list[Phase]:
-    """TOPP-RA's motion from the speed ``entry``; ``unit`` is about its duration in seconds."""
-    grids = [_grid(section, segment, gridpoints) for section in sections]
-    speeds = _toppra_speeds(segment, sections, grids, unit, entry)
-    speeds[0][0] = entry
-    return _constant_accelerations(sections, grids, speeds)
-
-
 def _constant_accelerations(
     sections: Sequence[Section], grids: Sequence[FloatArray], speeds: Sequence[FloatArray]
 ) -> list[Phase]:
@@ -389,7 +358,7 @@ def _constant_accelerations(
 def _toppra_speeds(
     segment: PathSegment, sections: Sequence[Section], grids: Sequence[FloatArray], unit: float, entry: float
 ) -> list[FloatArray]:
-    """ds/dt at each grid point of each section, by TOPP-RA."""
+    """ds/dt at each grid point of each section, by TOPP-RA; ``unit`` is about the motion's duration in seconds."""
     length = segment.length
     shares = [
         (section.start - segment.start) / length + grid[:-1] * (section.length / length)
@@ -402,5 +371,6 @@ def _toppra_speeds(
         speeds = path_speeds(segment, points, unit, entry)
     except NoSolution as error:
         raise TimingFailed(f"TOPP-RA on the segment from s = {segment.start:.6g}: {error}") from error
+    speeds[0] = entry
     ends = np.cumsum([0, *(len(grid) - 1 for grid in grids)])
     return [speeds[a : b + 1] for a, b in pairwise(ends.tolist())]

@@ -130,7 +130,7 @@ def speed_profile(sections: Sequence[Section], entry: float = 0.0) -> list[Phase
         start, length, limits, _ = sections[0]
         at_rest = trapezoid(length, *limits[:2]) if limits.jerk == math.inf else s_curve(length, *limits)
         return [phase._replace(position=start + phase.position) for phase in at_rest]
-    speeds = [entry, *_junction_speeds(sections), 0.0]
+    speeds = [entry, *(min(one.limits.speed, two.limits.speed) for one, two in pairwise(sections)), 0.0]
     for k, section in enumerate(sections):
         speeds[k + 1] = min(speeds[k + 1], _reachable_speed(section, speeds[k]))
     for k, section in reversed(list(enumerate(sections))):
@@ -147,11 +147,6 @@ def speed_profile(sections: Sequence[Section], entry: float = 0.0) -> list[Phase
             straight = _between(section.length, v0, v1, section.limits)
             phases.extend(phase._replace(position=section.start + phase.position) for phase in straight)
     return phases
-
-
-def _junction_speeds(sections: Sequence[Section]) -> list[float]:
-    """The largest speed where each section meets the next, by the speed limits of both."""
-    return [min(before.limits.speed, after.limits.speed) for before, after in pairwise(sections)]
 
 
 def _reachable_speed(section: Section, speed: float) -> float:

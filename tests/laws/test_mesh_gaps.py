@@ -44,7 +44,7 @@ def coal_shape(shape: Shape) -> Any:
 
 
 def fcl_shape(shape: Shape) -> Any:
-    return judge._geometry(shape)
+    return judge.geometry_of(shape)
 
 
 class Two:

@@ -158,14 +158,14 @@ def mirrored(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def blunt(monkeypatch: pytest.MonkeyPatch) -> None:
     """FCL gets a hull without the corner that is farthest out."""
-    whole = judge._geometry
+    whole = judge.geometry_of
 
     def cut(shape: Shape) -> Any:
         if not isinstance(shape, Mesh):
             return whole(shape)
         return whole(Mesh(np.delete(shape.vertices, shape.vertices[:, 0].argmax(), axis=0)))
 
-    monkeypatch.setattr(judge, "_geometry", cut)
+    monkeypatch.setattr(judge, "geometry_of", cut)
 
 
 @pytest.mark.parametrize("fault", [shrunk, uncentred, loose, mirrored, blunt])

@@ -22,7 +22,7 @@ from planner_service import (
     Pose,
     Reason,
     Sphere,
-    Trapezoidal,
+    ToppRa,
     service,
 )
 from planner_service.certify import Certifier
@@ -164,16 +164,11 @@ def test_a_checker_that_a_call_did_not_wait_for_serves_the_next(
 def test_following_is_left_while_a_law_times_a_long_path(gate: threading.Event) -> None:
     token = CancelToken()
 
-    class Slow(Trapezoidal):
-        def time_path(self, *given: Any, **named: Any) -> Any:
+    class Slow(ToppRa):
+        def phases(self, *given: Any, **named: Any) -> Any:
             token.cancel()
             gate.wait(WAIT)
-            return super().time_path(*given, **named)
-
-        def time_with_peaks(self, *given: Any, **named: Any) -> Any:
-            token.cancel()
-            gate.wait(WAIT)
-            return super().time_with_peaks(*given, **named)
+            return super().phases(*given, **named)
 
     here = PlannerService("planar2", "discs")
     waypoints = np.array(START) + np.stack([np.linspace(0.0, 0.1, 300), 0.001 * np.sin(np.arange(300))], axis=1)

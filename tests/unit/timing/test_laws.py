@@ -414,26 +414,26 @@ def hasty(speed: float, acceleration: float) -> Trajectory:
 
 
 def test_a_planted_overshoot_of_speed_is_dilated() -> None:
-    trajectory = within_limits(hasty(3.14, 1.0), limits(1))
+    trajectory, _ = within_limits(hasty(3.14, 1.0), limits(1))
     assert trajectory.dilation == pytest.approx(2.0, rel=1e-12)
     assert peaks(trajectory, limits(1)).velocity.ratio == pytest.approx(1.0, rel=1e-12)
 
 
 def test_a_planted_overshoot_of_acceleration_is_dilated_by_its_root() -> None:
-    trajectory = within_limits(hasty(1.0, 20.0), limits(1))
+    trajectory, _ = within_limits(hasty(1.0, 20.0), limits(1))
     assert trajectory.dilation == pytest.approx(2.0, rel=1e-12)
     assert peaks(trajectory, limits(1)).acceleration.ratio == pytest.approx(1.0, rel=1e-12)
 
 
 def test_a_planted_overshoot_of_jerk_is_dilated_by_its_cube_root() -> None:
     fast = SCurve(400.0).time_path(line(0.01), limits(1))
-    trajectory = within_limits(fast, limits(1, jerk=50.0), jerk=True)
+    trajectory, _ = within_limits(fast, limits(1, jerk=50.0), jerk=True)
     assert trajectory.dilation == pytest.approx(2.0, rel=1e-12)
 
 
 def test_a_trajectory_within_its_limits_is_left_alone() -> None:
     trajectory = hasty(1.0, 5.0)
-    assert within_limits(trajectory, limits(1)) is trajectory
+    assert within_limits(trajectory, limits(1))[0] is trajectory
 
 
 def test_a_jump_of_acceleration_cannot_be_dilated_into_a_jerk_limit() -> None:

@@ -117,7 +117,7 @@ def test_a_jump_of_acceleration_on_a_blend_is_infinite_jerk() -> None:
 def test_a_motion_through_blends_is_slowed_down_until_it_just_holds_its_limits(seed: int) -> None:
     path = rounded_corners(seed)
     given_limits = limits(path.n, 0.3, 0.5, 2.0)
-    trajectory = within_limits(s_curve_through(path, 1.0, 3.0, 20.0), given_limits, jerk=True)
+    trajectory, _ = within_limits(s_curve_through(path, 1.0, 3.0, 20.0), given_limits, jerk=True)
     found = peaks(trajectory, given_limits)
     assert trajectory.dilation > 1.0
     assert 1 - 1e-9 <= max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= HELD

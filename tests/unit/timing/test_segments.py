@@ -395,5 +395,5 @@ def test_a_speed_limit_of_another_shape_is_refused(law: Timing) -> None:
 
 def test_a_planted_overshoot_on_a_blend_is_dilated() -> None:
     fast = Trapezoidal().time_path(right_angle(0.2), limits(2, 10.0, 12.0))
-    trajectory = within_limits(fast, limits(2, 10.0, 3.0))
+    trajectory, _ = within_limits(fast, limits(2, 10.0, 3.0))
     assert trajectory.dilation == pytest.approx(2.0, rel=1e-9)
