@@ -9,7 +9,6 @@ import numpy as np
 
 from planner_service.planning.roadmap_work import RoadmapUpdate
 from planner_service.presentation.plans import counts_text
-from planner_service.records.result import counts_record
 from planner_service.roadmap import Roadmap, Terms, Verdict
 from planner_service.roadmap.verdicts import Knowledge
 
@@ -203,7 +202,7 @@ def roadmap_record(roadmap: Roadmap, file_bytes: int) -> dict[str, Any]:
             "planner": built.planner,
             "settings": dict(built.settings),
             "seed": built.seed,
-            "counts": counts_record(built.counts),
+            "counts": asdict(built.counts),
         },
         "fallback": roadmap.fallback,
         "remember": roadmap.remember,
@@ -221,4 +220,4 @@ def _verdict_record(known: Knowledge) -> dict[str, int]:
 def update_record(update: RoadmapUpdate) -> dict[str, Any]:
     """An update of a roadmap as a JSON object."""
     edges = {name: getattr(update, name) for name in ("kept", "judged", "fell", "rose")}
-    return {"changed": list(update.changed), **edges, "counts": counts_record(update.counts)}
+    return {"changed": list(update.changed), **edges, "counts": asdict(update.counts)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from planner_service.parallel import Lost
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason
-from planner_service.records.result import certificate_record, counts_record
+from planner_service.records.result import certificate_record
 from planner_service.robot.model import JointLimits, Robot
 from planner_service.scene.scene import Obstacle
 from planner_service.service import PlannerService
@@ -138,7 +138,7 @@ class EpisodeWork:
 def lost_episode(index: int, answer: Lost) -> Episode:
     """The failure of a request whose workers died or took too long."""
     reason = Reason.TIMED_OUT if answer.over_limit else Reason.WORKER_LOST
-    nothing = counts_record(CheckCounts())
+    nothing = asdict(CheckCounts())
     request = {"request_index": index, "ok": False, "frames": 0, "motion_s": 0.0, **nothing}
     failure = {"request_index": index, "reason": reason.value, "detail": answer.detail}
     return Episode({**{name: [] for name in TABLES}, "requests": [request], "failures": [failure]}, None)
@@ -183,7 +183,7 @@ def _stats(values: Any) -> dict[str, list[float]]:
 
 
 def _rows(index: int, drawn: EpisodeWorld, solved: TaskResult) -> Rows:
-    counts = counts_record(solved.counts)
+    counts = asdict(solved.counts)
     request = {
         "request_index": index,
         "ok": False,
@@ -201,7 +201,7 @@ def _rows(index: int, drawn: EpisodeWorld, solved: TaskResult) -> Rows:
         "requests": [request],
         "scenes": [_obstacle_row(index, k, obstacle) for k, obstacle in enumerate(drawn.scene.obstacles)],
         "counts": [row for k, segment in numbered for row in _count_rows(index, k, segment)]
-        + [_count_row(index, -1, "choosing", None, counts_record(solved.choosing))],
+        + [_count_row(index, -1, "choosing", None, asdict(solved.choosing))],
         "certificates": [row for k, segment in numbered for row in _certificate_rows(index, k, segment)],
         "failures": [],
         "motions": [],
@@ -227,10 +227,10 @@ def _obstacle_row(index: int, position: int, obstacle: Obstacle) -> dict[str, An
 
 def _count_rows(index: int, k: int, segment: Segment) -> Iterator[dict[str, Any]]:
     if segment.gripper is not None:
-        counts = counts_record(segment.counts - segment.result.counts)
+        counts = asdict(segment.counts - segment.result.counts)
         yield _count_row(index, k, segment.name, "gripper", counts)
     for report in segment.result.stages:
-        yield _count_row(index, k, segment.name, report.stage.value, counts_record(report.counts))
+        yield _count_row(index, k, segment.name, report.stage.value, asdict(report.counts))
 
 
 def _count_row(index: int, k: int, motion: str, stage: str | None, counts: Mapping[str, int]) -> dict[str, Any]:

@@ -1,22 +1,24 @@
 """Models of files: what each field of a file is, declared once for reading and for writing.
 
 A model is a pydantic class. ``X.of(value)`` makes it from a value of this package, and ``model.value`` is that value
-again. ``read_record`` reads a document strictly: a text is never taken for a number, NaN and infinity are refused, and
-so is a key that the model does not have. Every problem is reported, each with its place as the file has it, the value
-found there and what would be right.
+again: where a field has the name of the attribute, nothing more need be said. ``read_record`` reads a document
+strictly: a text is never taken for a number, NaN and infinity are refused, and so is a key that the model does not
+have. Every problem is reported, each with its place as the file has it, the value found there and what would be right.
 """
 
 from __future__ import annotations
 
+import enum
 import re
 import reprlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -40,6 +42,7 @@ __all__ = [
     "Joints",
     "NamePair",
     "Numbers",
+    "Prose",
     "Reading",
     "Record",
     "Rows",
@@ -50,6 +53,7 @@ __all__ = [
     "as_text",
     "at_most",
     "of_length",
+    "plain",
     "read_record",
     "recorded",
 ]
@@ -95,14 +99,43 @@ class Reading:
 
 
 class Record(BaseModel):
-    """A part of a file: an object with the keys that the class declares, and no others."""
+    """A part of a file: an object with the keys that the class declares, and no others.
+
+    Attributes:
+        makes: The class of ``value``, called with ``arguments``; None if there is no value.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+
+    makes: ClassVar[Callable[..., Any] | None] = None
+
+    @classmethod
+    def of(cls: type[R], value: Any) -> R:
+        """The record of a value."""
+        return cls.model_validate(value)
+
+    @classmethod
+    def fields_of(cls, value: Any) -> dict[str, Any]:
+        """The fields of a value's record: its attributes of these names, or the entries of a sequence in order."""
+        names = {name: field.alias or name for name, field in cls.model_fields.items()}
+        if isinstance(value, list):
+            return dict(zip(names.values(), value, strict=True))
+        return {key: plain(getattr(value, name)) for name, key in names.items() if hasattr(value, name)}
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The fields by name, records as their values and lists as tuples."""
+        return {name: _as_value(getattr(self, name)) for name in type(self).model_fields}
 
     @cached_property
     def value(self) -> Any:
         """What this package makes of it; InvalidRequest if it makes no sense."""
-        return None
+        makes = type(self).makes
+        return None if makes is None else makes(**self.arguments)
+
+    def document(self) -> dict[str, Any]:
+        """The JSON object."""
+        return self.model_dump(by_alias=True)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -110,7 +143,7 @@ class Record(BaseModel):
         """While a file is read, make the value at once, so that its problems are found with all others."""
         reading = info.context
         if not isinstance(reading, Reading):
-            return handler(data)
+            return handler(data if isinstance(data, dict | Record) else cls.fields_of(data))
         if reading.problems > MAX_PROBLEMS:
             raise PydanticCustomError(UNREAD, "not read")
         before = reading.problems
@@ -122,6 +155,23 @@ class Record(BaseModel):
             reading.problems = before + error.error_count()
             raise
         return record
+
+
+def plain(value: Any) -> Any:
+    """What JSON has in place of an array, a tuple, a mapping or an enum; a record is made of anything else."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, tuple | list):
+        return [plain(entry) for entry in value]
+    if isinstance(value, Mapping):
+        return dict(value)
+    return value.value if isinstance(value, enum.Enum) else value
+
+
+def _as_value(field: Any) -> Any:
+    if isinstance(field, list):
+        return tuple(_as_value(entry) for entry in field)
+    return field.value if isinstance(field, Record) else field
 
 
 def read_record(model: type[R], document: Any, path: Path, reading: Reading) -> R:
@@ -146,6 +196,9 @@ def recorded(field: str, make: Callable[[], T]) -> T:
         return make()
     except ValidationError as error:
         entry = error.errors(include_url=False)[0]
+        cause = entry.get("ctx", {}).get("error")
+        if isinstance(cause, InvalidRequest):
+            raise cause from None
         where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in entry["loc"])
         raise InvalidRequest(f"{field}{where}", entry["input"], _expected(entry)) from None
 
@@ -299,6 +352,10 @@ def as_text(value: str) -> str:
     return text[:MAX_TEXT]
 
 
+def _escaped(value: Any, info: ValidationInfo) -> Any:
+    return as_text(value) if isinstance(value, str) and not isinstance(info.context, Reading) else value
+
+
 def _one_per_joint(values: Any, info: ValidationInfo) -> Any:
     joints = info.context.joints if isinstance(info.context, Reading) else None
     if joints is not None and isinstance(values, list) and len(values) != joints:
@@ -340,6 +397,9 @@ def at_most(count: int) -> BeforeValidator:
 
 Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(_printable)]
 """Without control characters, escapes and half surrogates: a terminal may print it."""
+
+Prose = Annotated[Text, BeforeValidator(_escaped)]
+"""A text for people, which is written as ``as_text`` has it."""
 
 Count = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Numbers = Annotated[list[float], FirstOnly()]

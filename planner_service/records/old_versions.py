@@ -12,9 +12,8 @@ __all__ = ["command_of"]
 
 def command_of(content: Mapping[str, Any]) -> str:
     """How to plan again what an old file says, as far as it can be told."""
-    told = {key: content[key] if isinstance(content.get(key), dict) else {} for key in ("robot", "scene", "request")}
-    options = [(f"--{key}", told[key].get("name")) for key in ("robot", "scene")]
-    request = told["request"]
+    robot, scene, request = (_object(content.get(key)) for key in ("robot", "scene", "request"))
+    options = [("--robot", robot.get("name")), ("--scene", scene.get("name"))]
     if content.get("format") == "planner-service/task":
         words = re.fullmatch(r"pick (\S{1,64}) from .{1,64}, place on (\S{1,64})", str(content.get("task"))[:300])
         if words is None:
@@ -23,10 +22,12 @@ def command_of(content: Mapping[str, Any]) -> str:
     goals = request.get("goals")
     options += [("--start", _values(request.get("start")))]
     options += [("--goal", _goal(goal)) for goal in (goals if isinstance(goals, list) else [None])[:10]]
-    for key in ("planner", "timing"):
-        choice = request.get(key)
-        options.append((f"--{key}", choice.get("name") if isinstance(choice, dict) else None))
+    options += [(f"--{key}", _object(request.get(key)).get("name")) for key in ("planner", "timing")]
     return _line("plan", [*options, ("--seed", request.get("seed"))])
+
+
+def _object(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
 
 
 def _line(command: str, options: Sequence[tuple[str, Any]]) -> str:
@@ -42,10 +43,8 @@ def _values(numbers: Any) -> str | None:
 
 
 def _goal(goal: Any) -> str | None:
-    if not isinstance(goal, dict):
-        return None
-    pose = goal.get("pose")
+    pose = _object(goal).get("pose")
     if not isinstance(pose, dict):
-        return _values(goal.get("joints"))
+        return _values(_object(goal).get("joints"))
     position, turn = _values(pose.get("position")), _values(pose.get("quaternion_wxyz"))
     return None if position is None or turn is None else f"pose:{position},{turn}"

@@ -28,7 +28,7 @@ from planner_service.collision import CheckCounts, EdgeStep, JointStep, MotionSt
 from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import MAX_BYTES, read_json
 from planner_service.files.reading import as_path
-from planner_service.files.schema import Record, Text, as_text, at_most, read_record, recorded
+from planner_service.files.schema import Prose, Record, Text, at_most, read_record, recorded
 from planner_service.files.writing import write_whole
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult
@@ -45,7 +45,6 @@ from planner_service.records.result import (
     GripperMotionRecord,
     PairList,
     ResultRecord,
-    name_pairs,
 )
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord, WorldRecord
@@ -191,7 +190,7 @@ class SavedPlan(_Saved):
         return cls(result.origin.world, result.origin.request, result)
 
     def document(self) -> dict[str, Any]:
-        return recorded("plan", lambda: PlanRecord.of(self)).model_dump()
+        return recorded("plan", lambda: PlanRecord.of(self)).document()
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +261,7 @@ class SavedTask(_Saved):
         return show(self.made_for, self, port=port, block=block)
 
     def document(self) -> dict[str, Any]:
-        return recorded("task", lambda: TaskRecord.of(self)).model_dump()
+        return recorded("task", lambda: TaskRecord.of(self)).document()
 
 
 def _carried_over(scene: Scene, first: Scene, other: Scene) -> Scene:
@@ -288,11 +287,11 @@ class StepRecord(Record):
     size: float
 
     @classmethod
-    def of(cls, step: EdgeStep | None) -> StepRecord | None:
+    def find(cls, value: EdgeStep | None) -> StepRecord | None:
         """Its record, None of a rule of the caller's own."""
-        if type(step) is MotionStep:
-            return cls(kind="motion", size=step.distance)
-        return cls(kind="joint", size=step.angle) if type(step) is JointStep else None
+        if type(value) is MotionStep:
+            return cls(kind="motion", size=value.distance)
+        return cls(kind="joint", size=value.angle) if type(value) is JointStep else None
 
     @cached_property
     def value(self) -> MotionStep | JointStep:
@@ -322,22 +321,19 @@ class _Head(Record):
     allowed: PairList
     edge_step: StepRecord | None
 
-    @cached_property
-    def made_for(self) -> World:
-        """What it was made for."""
-        step = None if self.edge_step is None else self.edge_step.value
-        return World(self.robot.value, self.scene.value, name_pairs(self.allowed), step)
+    @classmethod
+    def fields_of(cls, value: SavedPlan | SavedTask) -> dict[str, Any]:
+        request = None if value.request is None else RequestRecord.find(value.request)
+        step = StepRecord.find(value.made_for.edge_step)
+        return super().fields_of(value) | {"version": VERSION, "edge_step": step, "request": request}
 
-
-def _head(made_for: World, made_with: Mapping[str, str]) -> dict[str, Any]:
-    return {
-        "version": VERSION,
-        "made_with": dict(made_with),
-        "robot": RobotRecord.of(made_for.robot),
-        "scene": SceneRecord.of(made_for.scene),
-        "allowed": [list(pair) for pair in made_for.allowed],
-        "edge_step": StepRecord.of(made_for.edge_step),
-    }
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Those of a ``SavedPlan`` or a ``SavedTask`` that both have."""
+        arguments = super().arguments
+        world = World(*(arguments.pop(name) for name in ("robot", "scene", "allowed", "edge_step")))
+        del arguments["version"], arguments["format"]
+        return arguments | {"made_for": world, "made_with": MappingProxyType(self.made_with)}
 
 
 Sections = Annotated[dict[str, JsonValue], AfterValidator(_shallow)]
@@ -351,20 +347,11 @@ class PlanRecord(_Head):
     result: ResultRecord
     sections: Sections
 
-    @classmethod
-    def of(cls, plan: SavedPlan) -> PlanRecord:
-        return cls(
-            format="planner-service/plan",
-            **_head(plan.made_for, plan.made_with),
-            request=None if plan.request is None else RequestRecord.of(plan.request),
-            result=ResultRecord.of(plan.result),
-            sections=dict(plan.sections),
-        )
+    makes = SavedPlan
 
-    @cached_property
-    def value(self) -> SavedPlan:
-        request = None if self.request is None else self.request.value
-        return SavedPlan(self.made_for, request, self.result.value, MappingProxyType(self.made_with), self.sections)
+    @classmethod
+    def fields_of(cls, value: SavedPlan | SavedTask) -> dict[str, Any]:
+        return super().fields_of(value) | {"format": PLAN_FORMAT}
 
 
 class SegmentRecord(Record):
@@ -382,48 +369,28 @@ class TaskRecord(_Head):
     """A task file."""
 
     format: Literal["planner-service/task"]
-    task: Text
+    task: Prose
     request: RequestRecord | None
     ok: bool
     failure: FailureRecord | None
     counts: CountsRecord
     choosing: CountsRecord
     seconds: float
-    notes: Annotated[list[Text], at_most(MAX_SEGMENTS)]
+    notes: Annotated[list[Prose], at_most(MAX_SEGMENTS)]
     segments: Annotated[list[SegmentRecord], at_most(MAX_SEGMENTS)]
     sections: Sections
 
     @classmethod
-    def of(cls, task: SavedTask) -> TaskRecord:
-        return cls(
-            format="planner-service/task",
-            **_head(task.made_for, task.made_with),
-            task=as_text(task.task),
-            request=None if task.request is None else RequestRecord.of(task.request),
-            ok=task.failure is None,
-            failure=None if task.failure is None else FailureRecord.of(task.failure),
-            counts=CountsRecord.of(task.counts),
-            choosing=CountsRecord.of(task.choosing),
-            seconds=task.seconds,
-            notes=[as_text(note) for note in task.notes[:MAX_SEGMENTS]],
-            segments=_segment_records(task),
-            sections=dict(task.sections),
-        )
+    def fields_of(cls, value: SavedPlan | SavedTask) -> dict[str, Any]:
+        assert isinstance(value, SavedTask)
+        own = {"format": TASK_FORMAT, "ok": value.failure is None, "segments": _segment_fields(value)}
+        return super().fields_of(value) | own | {"notes": list(value.notes[:MAX_SEGMENTS])}
 
     @cached_property
     def value(self) -> SavedTask:
-        task = SavedTask(
-            self.made_for,
-            self.task,
-            self._segments(),
-            self.choosing.value,
-            self.seconds,
-            None if self.failure is None else self.failure.value,
-            tuple(self.notes),
-            None if self.request is None else self.request.value,
-            MappingProxyType(self.made_with),
-            self.sections,
-        )
+        arguments = self.arguments
+        del arguments["ok"], arguments["counts"]
+        task = SavedTask(**arguments | {"segments": self._segments()})
         if self.ok != (task.failure is None):
             raise InvalidRequest("ok", self.ok, "false with a failure, true without")
         if task.counts != self.counts.value:
@@ -451,23 +418,23 @@ class TaskRecord(_Head):
         return tuple(found)
 
 
-def _segment_records(task: SavedTask) -> list[SegmentRecord]:
+def _segment_fields(task: SavedTask) -> list[dict[str, Any]]:
     first = scene = task.made_for.scene
-    records = []
+    segments = []
     for segment in task.segments:
         origin, before = segment.result.origin, scene
         scene = (segment.scene or scene) if origin is None else origin.world.scene
-        records.append(
-            SegmentRecord(
-                name=segment.name,
-                gripper_width=None if math.isnan(segment.width) else segment.width,
-                gripper=None if segment.gripper is None else GripperMotionRecord.of(segment.gripper),
-                timing=None if segment.timing is None else TimingRecord.of(segment.timing),
-                scene=None if scene == before else WorldRecord.of(scene, first),
-                result=ResultRecord.of(segment.result),
-            )
+        segments.append(
+            {
+                "name": segment.name,
+                "gripper_width": None if math.isnan(segment.width) else segment.width,
+                "gripper": segment.gripper,
+                "timing": None if segment.timing is None else TimingRecord.find(segment.timing),
+                "scene": None if scene == before else WorldRecord.since(first, scene),
+                "result": segment.result,
+            }
         )
-    return records
+    return segments
 
 
 # Writing and reading.

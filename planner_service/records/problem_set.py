@@ -24,6 +24,7 @@ the format in which problems of MotionBenchMaker (Chamzas et al., RA-L 2022) are
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -136,16 +137,18 @@ def _each_once(names: list[str]) -> list[str]:
 
 
 class BodyEntry(Record):
-    """What the obstacles of all types have."""
+    """An obstacle; each type has the sizes of its shape."""
 
     name: Text
+    type: str
     position: Vector3
     quaternion_xyzw: Vector4 = Field([0.0, 0.0, 0.0, 1.0])
 
-    def at_pose(self, shape: Shape) -> Obstacle:
-        """The obstacle with a shape."""
+    @cached_property
+    def value(self) -> Obstacle:
         (x, y, z), (qx, qy, qz, qw) = self.position, self.quaternion_xyzw
-        return Obstacle(self.name, shape, Pose((x, y, z), (qw, qx, qy, qz)))
+        sizes = {key: size for key, size in self.arguments.items() if key not in BodyEntry.model_fields}
+        return Obstacle(self.name, SHAPES[self.type](**sizes), Pose((x, y, z), (qw, qx, qy, qz)))
 
 
 class BoxEntry(BodyEntry):
@@ -153,11 +156,6 @@ class BoxEntry(BodyEntry):
 
     type: Literal["box"]
     size: Vector3
-
-    @cached_property
-    def value(self) -> Obstacle:
-        x, y, z = self.size
-        return self.at_pose(Box((x, y, z)))
 
 
 class CylinderEntry(BodyEntry):
@@ -167,10 +165,6 @@ class CylinderEntry(BodyEntry):
     radius: float
     length: float
 
-    @cached_property
-    def value(self) -> Obstacle:
-        return self.at_pose(Cylinder(self.radius, self.length))
-
 
 class SphereEntry(BodyEntry):
     """A sphere."""
@@ -178,11 +172,8 @@ class SphereEntry(BodyEntry):
     type: Literal["sphere"]
     radius: float
 
-    @cached_property
-    def value(self) -> Obstacle:
-        return self.at_pose(Sphere(self.radius))
 
-
+SHAPES: Mapping[str, Callable[..., Shape]] = {"box": Box, "cylinder": Cylinder, "sphere": Sphere}
 Entry = Annotated[BoxEntry | CylinderEntry | SphereEntry, Discriminator("type")]
 
 

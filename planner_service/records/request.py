@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import cached_property
 from types import MappingProxyType
@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Discriminator, Field, JsonValue, Tag
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.files.schema import Count, Joints, Record, Text, Vector3, at_most
+from planner_service.files.schema import Count, Joints, Record, Text, Vector3, at_most, plain
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import METHODS, Optimise
@@ -38,6 +38,10 @@ class JointGoal(Record):
 
     joints: Joints
 
+    @classmethod
+    def fields_of(cls, value: Any) -> dict[str, Any]:
+        return {"joints": plain(value)}
+
     @cached_property
     def value(self) -> tuple[float, ...]:
         return tuple(self.joints)
@@ -58,22 +62,19 @@ class ToolGoal(Record):
     pose: PoseRecord
     room: RoomRecord | None
 
+    @classmethod
+    def fields_of(cls, value: Pose | PoseGoal) -> dict[str, Any]:
+        return {"pose": value, "room": None} if isinstance(value, Pose) else {"pose": value.pose, "room": value}
+
     @cached_property
     def value(self) -> Pose | PoseGoal:
-        if self.room is None:
-            return self.pose.value
-        axis = None if self.room.free_axis is None else _triple(self.room.free_axis)
-        room = self.room
-        return PoseGoal(self.pose.value, room.position_tolerance, room.orientation_tolerance, axis, room.candidates)
-
-
-def _triple(values: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = values
-    return (x, y, z)
+        pose: Pose = self.pose.value
+        return pose if self.room is None else PoseGoal(pose, **self.room.arguments)
 
 
 def _goal_kind(goal: Any) -> str:
-    return "tool" if isinstance(goal, ToolGoal) or (isinstance(goal, dict) and "pose" in goal) else "joints"
+    tool = "pose" in goal if isinstance(goal, dict) else isinstance(goal, ToolGoal | Pose | PoseGoal)
+    return "tool" if tool else "joints"
 
 
 GoalRecord = Annotated[
@@ -107,15 +108,15 @@ class PlannerRecord(ChoiceRecord):
     """A planner; an optimisation has its method among its settings, a roadmap its hash."""
 
     @classmethod
-    def of(cls, planner: Any) -> PlannerRecord | None:
+    def find(cls, planner: Any) -> PlannerRecord | None:
         """Its record, None if it is not one that a name and settings make."""
         if isinstance(planner, Optimise):
-            told, method = _settings(planner, {planner.name: Optimise}), _settings(planner.method, METHODS)
-            if told is None or method is None:
+            choice, method = _choice(planner, {planner.name: Optimise}), _choice(planner.method, METHODS)
+            if choice is None or method is None:
                 return None
-            return cls(name=planner.name, settings={**told["settings"], "method": method})
-        told = _settings(RoadmapReference(planner.hash) if isinstance(planner, Roadmap) else planner, _PLANNERS)
-        return None if told is None else cls(**told)
+            return cls(name=planner.name, settings={**choice["settings"], "method": method})
+        choice = _choice(RoadmapReference(planner.hash) if isinstance(planner, Roadmap) else planner, _PLANNERS)
+        return None if choice is None else cls(**choice)
 
     @cached_property
     def value(self) -> Any:
@@ -130,17 +131,17 @@ class TimingRecord(ChoiceRecord):
     """A timing law."""
 
     @classmethod
-    def of(cls, timing: Any) -> TimingRecord | None:
+    def find(cls, timing: Any) -> TimingRecord | None:
         """Its record, None if it is not one that a name and settings make."""
-        told = _settings(timing, TIMINGS)
-        return None if told is None else cls(**told)
+        choice = _choice(timing, TIMINGS)
+        return None if choice is None else cls(**choice)
 
     @cached_property
     def value(self) -> Any:
         return self.made("timing law", TIMINGS)
 
 
-def _settings(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | None:
+def _choice(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | None:
     if type(chosen) is not known.get(getattr(chosen, "name", "")):
         return None
     return {"name": chosen.name, "settings": {item.name: getattr(chosen, item.name) for item in fields(chosen)}}
@@ -166,55 +167,21 @@ class RequestRecord(Record):
     max_tool_speed: float | None
 
     @classmethod
-    def of(cls, request: PlanRequest) -> RequestRecord | None:
+    def find(cls, request: PlanRequest) -> RequestRecord | None:
         """The record of a request, None if its planner or timing law has no name to be made from."""
-        planner, timing = PlannerRecord.of(request.planner), TimingRecord.of(request.timing)
-        polish = None if request.polish is None else PlannerRecord.of(request.polish)
+        planner, timing = PlannerRecord.find(request.planner), TimingRecord.find(request.timing)
+        polish = None if request.polish is None else PlannerRecord.find(request.polish)
         if planner is None or timing is None or (polish is None) != (request.polish is None):
             return None
-        return cls(
-            start=_list(request.start),
-            goals=[_goal(goal) for goal in _goals(request.goal)],
-            planner=planner,
-            timing=timing,
-            polish=polish,
-            seed=int(request.seed),
-            max_checks=int(request.max_checks),
-            retries=None if request.retries is None else int(request.retries),
-            padding=float(request.padding),
-            velocity_scale=float(request.velocity_scale),
-            acceleration_scale=float(request.acceleration_scale),
-            blend=float(request.blend),
-            start_tolerance=float(request.start_tolerance),
-            time_limit=None if request.time_limit is None else float(request.time_limit),
-            max_tool_speed=None if request.max_tool_speed is None else float(request.max_tool_speed),
-        )
+        goals = plain(_goals(request.goal))
+        choices = {"planner": planner, "timing": timing, "polish": polish, "goals": goals}
+        return cls.model_validate(cls.fields_of(request) | choices)
 
     @cached_property
     def value(self) -> PlanRequest:
-        goals = tuple(goal.value for goal in self.goals)
-        return PlanRequest(
-            tuple(self.start),
-            goals[0] if len(goals) == 1 else goals,
-            self.planner.value,
-            self.timing.value,
-            seed=self.seed,
-            max_checks=self.max_checks,
-            time_limit=self.time_limit,
-            retries=self.retries,
-            padding=self.padding,
-            velocity_scale=self.velocity_scale,
-            acceleration_scale=self.acceleration_scale,
-            max_tool_speed=self.max_tool_speed,
-            blend=self.blend,
-            start_tolerance=self.start_tolerance,
-            polish=None if self.polish is None else self.polish.value,
-        )
-
-
-def _list(values: Any) -> list[float]:
-    numbers: list[float] = np.asarray(values, dtype=np.float64).tolist()
-    return numbers
+        arguments = self.arguments
+        goals = arguments.pop("goals")
+        return PlanRequest(goal=goals[0] if len(goals) == 1 else goals, **arguments)
 
 
 def _goals(goal: Any) -> list[Any]:
@@ -222,17 +189,3 @@ def _goals(goal: Any) -> list[Any]:
         return [goal]
     several = any(isinstance(entry, Pose | PoseGoal) or np.ndim(entry) > 0 for entry in goal)
     return list(goal) if several else [goal]
-
-
-def _goal(goal: Any) -> JointGoal | ToolGoal:
-    if isinstance(goal, Pose):
-        return ToolGoal(pose=PoseRecord.of(goal), room=None)
-    if isinstance(goal, PoseGoal):
-        room = RoomRecord(
-            position_tolerance=goal.position_tolerance,
-            orientation_tolerance=goal.orientation_tolerance,
-            free_axis=None if goal.free_axis is None else list(goal.free_axis),
-            candidates=goal.candidates,
-        )
-        return ToolGoal(pose=PoseRecord.of(goal.pose), room=room)
-    return JointGoal(joints=_list(goal))

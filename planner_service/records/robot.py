@@ -17,16 +17,16 @@ from planner_service.files.schema import (
     Joints,
     NamePair,
     Numbers,
+    Prose,
     Record,
     Text,
     Vector3,
-    as_text,
     at_most,
 )
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
-from planner_service.records.scene import PoseRecord, ShapeRecord, shape_record
+from planner_service.records.scene import PoseRecord, ShapeRecord
 from planner_service.robot.kinematic_tree import Body, LinkShape
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 
@@ -66,26 +66,13 @@ def _require_unit(field: str, values: list[float]) -> None:
 class LimitsRecord(Record):
     """``JointLimits``."""
 
+    makes = JointLimits
+
     lower: Joints
     upper: Joints
     velocity: Joints
     acceleration: Joints
     jerk: Joints
-
-    @classmethod
-    def of(cls, limits: JointLimits) -> LimitsRecord:
-        return cls(
-            lower=limits.lower.tolist(),
-            upper=limits.upper.tolist(),
-            velocity=limits.velocity.tolist(),
-            acceleration=limits.acceleration.tolist(),
-            jerk=limits.jerk.tolist(),
-        )
-
-    @cached_property
-    def value(self) -> JointLimits:
-        given = (self.lower, self.upper, self.velocity, self.acceleration, self.jerk)
-        return JointLimits(*(np.array(values, dtype=np.float64) for values in given))
 
 
 class NamedPoseRecord(Record):
@@ -93,6 +80,10 @@ class NamedPoseRecord(Record):
 
     name: Text
     q: Joints
+
+    @cached_property
+    def value(self) -> tuple[str, FloatArray]:
+        return self.name, np.array(self.q)
 
 
 class BodyRecord(Record):
@@ -105,17 +96,6 @@ class BodyRecord(Record):
     prismatic: bool
     q_index: Annotated[int, Field(ge=-1, le=MAX_JOINTS)]
 
-    @classmethod
-    def of(cls, body: Body) -> BodyRecord:
-        return cls(
-            name=body.name,
-            parent=body.parent,
-            placement=body.placement.tolist(),
-            axis=body.axis.tolist(),
-            prismatic=body.prismatic,
-            q_index=body.q_index,
-        )
-
     @cached_property
     def value(self) -> Body:
         if self.parent >= 0:
@@ -127,30 +107,21 @@ class BodyRecord(Record):
 class LinkShapeRecord(Record):
     """A ``LinkShape``."""
 
+    makes = LinkShape
+
     link: Text
     body: Count
     shape: ShapeRecord
     pose: PoseRecord
 
-    @classmethod
-    def of(cls, item: LinkShape) -> LinkShapeRecord:
-        return cls(link=item.link, body=item.body, shape=shape_record(item.shape), pose=PoseRecord.of(item.pose))
-
-    @cached_property
-    def value(self) -> LinkShape:
-        return LinkShape(self.link, self.body, self.shape.value, self.pose.value)
-
 
 class ContactRecord(Record):
     """An ``AllowedContact``."""
 
-    links: NamePair
-    reason: Text
+    makes = AllowedContact
 
-    @cached_property
-    def value(self) -> AllowedContact:
-        a, b = self.links
-        return AllowedContact((a, b), self.reason)
+    links: NamePair
+    reason: Prose
 
 
 class GripperRecord(Record):
@@ -165,19 +136,6 @@ class GripperRecord(Record):
     approach: Vector3
     closing: Vector3
 
-    @classmethod
-    def of(cls, gripper: Gripper) -> GripperRecord:
-        return cls(
-            joints=list(gripper.joints),
-            links=list(gripper.links),
-            lower=gripper.lower,
-            upper=gripper.upper,
-            closed=[LinkShapeRecord.of(item) for item in gripper.closed],
-            directions=[list(direction) for direction in gripper.directions],
-            approach=list(gripper.approach),
-            closing=list(gripper.closing),
-        )
-
     @cached_property
     def value(self) -> Gripper:
         if not 0.0 <= self.lower <= self.upper <= MAX_LENGTH:
@@ -190,28 +148,18 @@ class GripperRecord(Record):
         _require_unit("closing", self.closing)
         if abs(math.fsum(a * b for a, b in zip(self.approach, self.closing, strict=True))) > UNIT:
             raise InvalidRequest("closing", self.closing, f"square to approach = {self.approach}")
-        closed, directions = tuple(item.value for item in self.closed), tuple((x, y, z) for x, y, z in self.directions)
-        (x, y, z), (u, v, w) = self.approach, self.closing
-        names, extent = (tuple(self.joints), tuple(self.links)), (self.lower, self.upper)
-        return Gripper(*names, *extent, closed, directions, (x, y, z), (u, v, w))
+        return Gripper(**self.arguments)
 
 
 class RetreatRecord(Record):
     """An ``ExemptRetreat``."""
 
+    makes = ExemptRetreat
+
     pose: Text
     to: Joints
     pairs: Pairs
-    reason: Text
-
-    @classmethod
-    def of(cls, retreat: ExemptRetreat) -> RetreatRecord:
-        pairs = [list(pair) for pair in retreat.pairs]
-        return cls(pose=retreat.pose, to=retreat.to.tolist(), pairs=pairs, reason=as_text(retreat.reason))
-
-    @cached_property
-    def value(self) -> ExemptRetreat:
-        return ExemptRetreat(self.pose, np.array(self.to), tuple((a, b) for a, b in self.pairs), self.reason)
+    reason: Prose
 
 
 class RobotRecord(Record):
@@ -235,51 +183,11 @@ class RobotRecord(Record):
     inverse: Literal["numeric", "wxai"]
     settle_time: Annotated[float, Field(ge=0.0, le=3600.0)]
 
-    @classmethod
-    def of(cls, robot: Robot) -> RobotRecord:
-        return cls(
-            name=robot.name,
-            hash=robot.hash,
-            joint_names=list(robot.joint_names),
-            limits=LimitsRecord.of(robot.limits),
-            named_poses=[NamedPoseRecord(name=name, q=q.tolist()) for name, q in robot.named_poses],
-            base_links=list(robot.base_links),
-            tool_frame=robot.tool_frame,
-            tool_body=robot.tool_body,
-            tool_placement=robot.tool_placement.tolist(),
-            bodies=[BodyRecord.of(body) for body in robot.bodies],
-            shapes=[LinkShapeRecord.of(item) for item in robot.shapes],
-            allowed_contacts=[
-                ContactRecord(links=list(contact.links), reason=as_text(contact.reason))
-                for contact in robot.allowed_contacts
-            ],
-            gripper=None if robot.gripper is None else GripperRecord.of(robot.gripper),
-            gripper_width=robot.gripper_width,
-            retreats=[RetreatRecord.of(retreat) for retreat in robot.retreats],
-            inverse="wxai" if robot.inverse == "wxai" else "numeric",
-            settle_time=robot.settle_time,
-        )
-
     @cached_property
     def value(self) -> Robot:
-        robot = Robot(
-            self.name,
-            tuple(self.joint_names),
-            self.limits.value,
-            tuple((pose.name, np.array(pose.q)) for pose in self.named_poses),
-            tuple(self.base_links),
-            self.tool_frame,
-            self.tool_body,
-            _placement("tool_placement", self.tool_placement),
-            tuple(body.value for body in self.bodies),
-            tuple(item.value for item in self.shapes),
-            tuple(contact.value for contact in self.allowed_contacts),
-            None if self.gripper is None else self.gripper.value,
-            self.gripper_width,
-            tuple(retreat.value for retreat in self.retreats),
-            self.inverse,
-            self.settle_time,
-        )
+        arguments = self.arguments | {"tool_placement": _placement("tool_placement", self.tool_placement)}
+        del arguments["hash"]
+        robot = Robot(**arguments)
         for field, found, expected in _contradictions(robot):
             raise InvalidRequest(field, found, expected)
         if robot.hash != self.hash:

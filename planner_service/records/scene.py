@@ -12,17 +12,17 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Count, Reading, Record, Text, Vector3, Vector4, at_most
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
+from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import MAX_HULL, Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene
 
-__all__ = ["ObstacleRecord", "PlanReading", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord", "shape_record"]
+__all__ = ["ObstacleRecord", "PlanReading", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord"]
 
 CORNER = 32
 """Characters of a hull's corner in base64: three numbers of eight bytes."""
@@ -72,64 +72,56 @@ def unpacked(field: str, text: str, kind: str, columns: int) -> FloatArray:
 class PoseRecord(Record):
     """A ``Pose``."""
 
+    makes = Pose
+
     position: Vector3
-    quaternion_wxyz: Vector4
-
-    @classmethod
-    def of(cls, pose: Pose) -> PoseRecord:
-        return cls(position=list(pose.position), quaternion_wxyz=list(pose.quaternion))
-
-    @cached_property
-    def value(self) -> Pose:
-        (x, y, z), (w, i, j, k) = self.position, self.quaternion_wxyz
-        return Pose((x, y, z), (w, i, j, k))
+    quaternion: Vector4 = Field(alias="quaternion_wxyz")
 
 
-class BoxRecord(Record):
+class KindRecord(Record):
+    """What a solid is, by its ``kind``."""
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        return {name: value for name, value in super().arguments.items() if name != "kind"}
+
+
+class BoxRecord(KindRecord):
     """A ``Box``."""
 
-    kind: Literal["box"]
+    makes = Box
+
+    kind: Literal["box"] = "box"
     size: Vector3
 
-    @cached_property
-    def value(self) -> Box:
-        x, y, z = self.size
-        return Box((x, y, z))
 
-
-class SphereRecord(Record):
+class SphereRecord(KindRecord):
     """A ``Sphere``."""
 
-    kind: Literal["sphere"]
+    makes = Sphere
+
+    kind: Literal["sphere"] = "sphere"
     radius: float
 
-    @cached_property
-    def value(self) -> Sphere:
-        return Sphere(self.radius)
 
-
-class CylinderRecord(Record):
+class CylinderRecord(KindRecord):
     """A ``Cylinder``."""
 
-    kind: Literal["cylinder"]
+    makes = Cylinder
+
+    kind: Literal["cylinder"] = "cylinder"
     radius: float
     length: float
 
-    @cached_property
-    def value(self) -> Cylinder:
-        return Cylinder(self.radius, self.length)
 
-
-class CapsuleRecord(Record):
+class CapsuleRecord(KindRecord):
     """A ``Capsule``."""
 
-    kind: Literal["capsule"]
+    makes = Capsule
+
+    kind: Literal["capsule"] = "capsule"
     radius: float
     length: float
-
-    @cached_property
-    def value(self) -> Capsule:
-        return Capsule(self.radius, self.length)
 
 
 def _within_reason(vertices: str, info: ValidationInfo) -> str:
@@ -148,8 +140,12 @@ def _within_reason(vertices: str, info: ValidationInfo) -> str:
 class MeshRecord(Record):
     """A ``Mesh``: the corners of its hull, packed."""
 
-    kind: Literal["mesh"]
+    kind: Literal["mesh"] = "mesh"
     vertices: Annotated[Packed, AfterValidator(_within_reason)]
+
+    @classmethod
+    def fields_of(cls, value: Mesh) -> dict[str, Any]:
+        return {"vertices": packed(value.vertices, "<f8")}
 
     @cached_property
     def value(self) -> Mesh:
@@ -162,8 +158,33 @@ def _hull(vertices: str) -> Mesh:
     return Mesh(unpacked("vertices", vertices, "<f8", 3))
 
 
+CONVEX: dict[type, type[Record]] = {
+    Box: BoxRecord,
+    Sphere: SphereRecord,
+    Cylinder: CylinderRecord,
+    Capsule: CapsuleRecord,
+    Mesh: MeshRecord,
+}
+
+
+def _recorded_as(records: dict[type, type[Record]]) -> BeforeValidator:
+    """For a solid: its record by its class, which has to be one of these."""
+
+    def record(solid: Any, info: ValidationInfo) -> Any:
+        if isinstance(solid, dict | Record) or isinstance(info.context, Reading):
+            return solid
+        for kind, model in records.items():
+            if isinstance(solid, kind):
+                return model.of(solid)
+        raise InvalidRequest("shape", solid, "a Box, Sphere, Cylinder, Capsule or Mesh: others have no place in a file")
+
+    return BeforeValidator(record)
+
+
 ShapeRecord = Annotated[
-    BoxRecord | SphereRecord | CylinderRecord | CapsuleRecord | MeshRecord, Field(discriminator="kind")
+    BoxRecord | SphereRecord | CylinderRecord | CapsuleRecord | MeshRecord,
+    Field(discriminator="kind"),
+    _recorded_as(CONVEX),
 ]
 """A convex shape."""
 
@@ -174,24 +195,30 @@ class PartRecord(Record):
     shape: ShapeRecord
     pose: PoseRecord
 
+    @cached_property
+    def value(self) -> tuple[Shape, Pose]:
+        return self.shape.value, self.pose.value
 
-class CompoundRecord(Record):
+
+class CompoundRecord(KindRecord):
     """A ``Compound``."""
 
-    kind: Literal["compound"]
-    parts: Annotated[list[PartRecord], at_most(1_000)]
+    makes = Compound
 
-    @cached_property
-    def value(self) -> Compound:
-        return Compound(tuple((part.shape.value, part.pose.value) for part in self.parts))
+    kind: Literal["compound"] = "compound"
+    parts: Annotated[list[PartRecord], at_most(1_000)]
 
 
 class CloudRecord(Record):
     """A ``PointCloud``: its cells, packed."""
 
-    kind: Literal["cloud"]
+    kind: Literal["cloud"] = "cloud"
     resolution: float
     cells: Packed
+
+    @classmethod
+    def fields_of(cls, value: PointCloud) -> dict[str, Any]:
+        return {"resolution": value.resolution, "cells": packed(value.cells, "<i8")}
 
     @cached_property
     def value(self) -> PointCloud:
@@ -201,11 +228,16 @@ class CloudRecord(Record):
 class HeightsRecord(Record):
     """A ``HeightField``: its heights row by row, packed."""
 
-    kind: Literal["heights"]
+    kind: Literal["heights"] = "heights"
     cell: float
     floor: float
     columns: Annotated[Count, Field(ge=1, le=1_000_000)]
     heights: Packed
+
+    @classmethod
+    def fields_of(cls, value: HeightField) -> dict[str, Any]:
+        heights = {"columns": value.heights.shape[1], "heights": packed(value.heights, "<f8")}
+        return {"cell": value.cell, "floor": value.floor, **heights}
 
     @cached_property
     def value(self) -> HeightField:
@@ -222,73 +254,30 @@ SolidRecord = Annotated[
     | CloudRecord
     | HeightsRecord,
     Field(discriminator="kind"),
+    _recorded_as(CONVEX | {Compound: CompoundRecord, PointCloud: CloudRecord, HeightField: HeightsRecord}),
 ]
 """What an obstacle or an attached object may be."""
-
-
-def shape_record(shape: Shape) -> Any:
-    """The record of a convex shape.
-
-    Raises:
-        InvalidRequest: it is of a kind of the caller's own.
-    """
-    if isinstance(shape, Box):
-        return BoxRecord(kind="box", size=list(shape.size))
-    if isinstance(shape, Sphere):
-        return SphereRecord(kind="sphere", radius=shape.radius)
-    if isinstance(shape, Cylinder):
-        return CylinderRecord(kind="cylinder", radius=shape.radius, length=shape.length)
-    if isinstance(shape, Capsule):
-        return CapsuleRecord(kind="capsule", radius=shape.radius, length=shape.length)
-    if isinstance(shape, Mesh):
-        return MeshRecord(kind="mesh", vertices=packed(shape.vertices, "<f8"))
-    raise InvalidRequest("shape", shape, "a Box, Sphere, Cylinder, Capsule or Mesh: others have no place in a file")
-
-
-def _solid_record(solid: Solid) -> Any:
-    if isinstance(solid, Compound):
-        parts = [PartRecord(shape=shape_record(shape), pose=PoseRecord.of(pose)) for shape, pose in solid.parts]
-        return CompoundRecord(kind="compound", parts=parts)
-    if isinstance(solid, PointCloud):
-        return CloudRecord(kind="cloud", resolution=solid.resolution, cells=packed(solid.cells, "<i8"))
-    if isinstance(solid, HeightField):
-        columns, heights = solid.heights.shape[1], packed(solid.heights, "<f8")
-        return HeightsRecord(kind="heights", cell=solid.cell, floor=solid.floor, columns=columns, heights=heights)
-    return shape_record(solid)
 
 
 class ObstacleRecord(Record):
     """An ``Obstacle``."""
 
+    makes = Obstacle
+
     name: Text
     shape: SolidRecord
     pose: PoseRecord
-
-    @classmethod
-    def of(cls, obstacle: Obstacle) -> ObstacleRecord:
-        return cls(name=obstacle.name, shape=_solid_record(obstacle.shape), pose=PoseRecord.of(obstacle.pose))
-
-    @cached_property
-    def value(self) -> Obstacle:
-        return Obstacle(self.name, self.shape.value, self.pose.value)
 
 
 class AttachedRecord(Record):
     """An ``Attached`` object."""
 
+    makes = Attached
+
     name: Text
     shape: SolidRecord
     pose: PoseRecord
     touch_links: Annotated[list[Text], at_most(1_000)]
-
-    @classmethod
-    def of(cls, held: Attached) -> AttachedRecord:
-        shape, pose = _solid_record(held.shape), PoseRecord.of(held.pose)
-        return cls(name=held.name, shape=shape, pose=pose, touch_links=list(held.touch_links))
-
-    @cached_property
-    def value(self) -> Attached:
-        return Attached(self.name, self.shape.value, self.pose.value, tuple(self.touch_links))
 
 
 class SceneRecord(Record):
@@ -300,20 +289,11 @@ class SceneRecord(Record):
     obstacles: Annotated[list[ObstacleRecord], at_most(MAX_OBJECTS)]
     attached: Annotated[list[AttachedRecord], at_most(MAX_OBJECTS)]
 
-    @classmethod
-    def of(cls, scene: Scene) -> SceneRecord:
-        return cls(
-            name=scene.name,
-            description=scene.description,
-            hash=scene.hash,
-            obstacles=[ObstacleRecord.of(obstacle) for obstacle in scene.obstacles],
-            attached=[AttachedRecord.of(held) for held in scene.attached],
-        )
-
     @cached_property
     def value(self) -> Scene:
-        obstacles = tuple(record.value for record in self.obstacles)
-        scene = Scene(obstacles, tuple(record.value for record in self.attached), self.name, self.description)
+        arguments = self.arguments
+        del arguments["hash"]
+        scene = Scene(**arguments)
         if scene.hash != self.hash:
             raise InvalidRequest("hash", self.hash, f"that of the content, {scene.hash}")
         return scene
@@ -335,13 +315,11 @@ class WorldRecord(Record):
     attached: Annotated[list[AttachedRecord], at_most(MAX_OBJECTS)]
 
     @classmethod
-    def of(cls, scene: Scene, first: Scene) -> WorldRecord:
-        """A scene, told by what it has in common with the first one."""
+    def since(cls, first: Scene, scene: Scene) -> WorldRecord:
+        """What has become of the first scene."""
         before = {obstacle.name: obstacle for obstacle in first.obstacles}
-        return cls(
-            obstacles=[o.name if before.get(o.name) == o else ObstacleRecord.of(o) for o in scene.obstacles],
-            attached=[AttachedRecord.of(held) for held in scene.attached],
-        )
+        obstacles = [o.name if before.get(o.name) == o else o for o in scene.obstacles]
+        return cls.model_validate({"obstacles": obstacles, "attached": list(scene.attached)})
 
     def scene(self, first: Scene, before: Mapping[str, Obstacle]) -> Scene:
         """The scene; ``before`` are the obstacles of the first one, by name.

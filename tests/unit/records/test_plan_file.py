@@ -394,7 +394,7 @@ def test_a_refused_plan_leaves_the_old_file_as_it_was(there: Path) -> None:
     there.write_text("old")
     bad = SavedPlan(MADE_FOR, request(), planned())
     object.__setattr__(bad.result, "padding", float("nan"))
-    with pytest.raises(InvalidRequest, match=r"plan.padding: got nan; expected a finite number"):
+    with pytest.raises(InvalidRequest, match=r"plan.result.padding: got nan; expected a finite number"):
         save_plan(bad, there)
     assert there.read_text() == "old"
 
