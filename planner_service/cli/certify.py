@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from planner_service.certify import Certificate
+from planner_service.cli import options
 from planner_service.cli.arguments import pairs_of_texts, reopened
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits
-from planner_service.cli.options import Allow, AsJson
 from planner_service.cli.output import emit, json_text, render
 from planner_service.presentation.plans import clearance_text
 from planner_service.records.plan_file import load_plan_or_task
@@ -21,12 +21,12 @@ __all__ = ["certify"]
 
 
 def certify(
-    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan or task saved with --out.")],
-    scene: Annotated[str | None, typer.Option(metavar="NAME", help="Use this scene, not the one in FILE.")] = None,
-    robot: Annotated[str | None, typer.Option(metavar="NAME", help="Use this robot, not the one in FILE.")] = None,
+    plan_file: options.PlanFile,
+    scene: options.OtherScene = None,
+    robot: options.OtherRobot = None,
     padding: Annotated[float, typer.Option(metavar="METRES", help="Distance that every pair must keep.")] = 0.0,
-    allow: Allow = None,
-    as_json: AsJson = False,
+    allow: options.Allow = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Prove again that a saved plan or task is collision-free, between samples too, and keeps its limits.
 

@@ -15,48 +15,11 @@ import typer
 
 from planner_service import __version__
 from planner_service.certify import Certifier
-from planner_service.cli import listings
-from planner_service.cli.arguments import (
-    configuration,
-    from_file,
-    goals,
-    load_libraries,
-    optimise,
-    planner_or_optimise,
-    require_obstacles,
-    require_outputs,
-    require_proven,
-    service_for,
-    time_limit_of,
-    timing_by_name,
-)
+from planner_service.cli import arguments, listings, options
 from planner_service.cli.certify import certify
 from planner_service.cli.episodes import episodes
 from planner_service.cli.exit_codes import NO_PLAN, OUR_BUG, bad_input_exits, finish, report_error
 from planner_service.cli.import_report import import_record, import_table, locks, to_check
-from planner_service.cli.options import (
-    DEFAULT,
-    SECONDS,
-    Allow,
-    AsJson,
-    Blend,
-    Clearance,
-    Goals,
-    MaxChecks,
-    Out,
-    Padding,
-    Picture,
-    PlannerName,
-    Plot,
-    Polish,
-    RobotName,
-    SceneName,
-    Seed,
-    Start,
-    TimeLimit,
-    TimingName,
-    ToolSpeed,
-)
 from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.cli.plot import write_clearance_plot
 from planner_service.cli.roadmaps import roadmaps
@@ -98,43 +61,43 @@ Name = Annotated[str | None, typer.Argument(metavar="NAME", help="Show this one 
 
 
 def plan(
-    start: Start,
-    goal: Goals,
-    scene: SceneName,
-    robot: RobotName = "wxai",
-    planner: PlannerName = "rrtconnect",
-    timing: TimingName = "toppra",
-    seed: Seed = DEFAULT.seed,
-    max_checks: MaxChecks = DEFAULT.max_checks,
-    time_limit: TimeLimit = SECONDS,
-    padding: Padding = DEFAULT.padding,
-    blend: Blend = DEFAULT.blend,
-    max_tool_speed: ToolSpeed = None,
-    polish: Polish = False,
-    clearance: Clearance = None,
-    plot: Plot = None,
-    png: Picture = None,
-    out: Out = None,
-    as_json: AsJson = False,
+    start: options.Start,
+    goal: options.Goals,
+    scene: options.SceneName,
+    robot: options.RobotName = "wxai",
+    planner: options.PlannerName = "rrtconnect",
+    timing: options.TimingName = "toppra",
+    seed: options.Seed = options.DEFAULT.seed,
+    max_checks: options.MaxChecks = options.DEFAULT.max_checks,
+    time_limit: options.TimeLimit = options.SECONDS,
+    padding: options.Padding = options.DEFAULT.padding,
+    blend: options.Blend = options.DEFAULT.blend,
+    max_tool_speed: options.ToolSpeed = None,
+    polish: options.Polish = False,
+    clearance: options.Clearance = None,
+    plot: options.Plot = None,
+    png: options.Picture = None,
+    out: options.Out = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Plan a motion from a configuration to a goal and print what each stage did and cost."""
     with bad_input_exits():
-        require_outputs({"--out": out, "--plot": plot, "--png": png})
-        service = service_for(robot, scene)
+        arguments.require_outputs({"--out": out, "--plot": plot, "--png": png})
+        service = arguments.service_for(robot, scene)
         request = PlanRequest(
-            configuration("--start", start, service.robot),
-            goals(goal, service.robot),
-            planner_or_optimise(planner, clearance, polish=polish),
-            timing_by_name(timing),
+            arguments.configuration("--start", start, service.robot),
+            arguments.goals(goal, service.robot),
+            arguments.planner_or_optimise(planner, clearance, polish=polish),
+            arguments.timing_by_name(timing),
             seed=seed,
             max_checks=max_checks,
-            time_limit=time_limit_of(time_limit),
+            time_limit=arguments.time_limit_of(time_limit),
             padding=padding,
             blend=blend,
             max_tool_speed=max_tool_speed,
-            polish=optimise(clearance) if polish else None,
+            polish=arguments.optimise(clearance) if polish else None,
         )
-        load_libraries(request, service.robot)
+        arguments.load_libraries(request, service.robot)
         result = service.plan(request)
         saved = SavedPlan.of(result)
         if out is not None:
@@ -152,40 +115,40 @@ def plan(
 
 
 def pick_place(
-    robot: RobotName = "wxai",
-    scene: SceneName = "bin",
-    target: Annotated[str, typer.Option("--object", metavar="NAME", help="The obstacle to pick up.")] = "blue_block",
-    onto: Annotated[str, typer.Option(metavar="NAME", help="The obstacle to place it on, in the middle.")] = "tray",
-    planner: PlannerName = "rrtconnect",
-    timing: TimingName = "toppra",
-    seed: Seed = DEFAULT.seed,
-    max_checks: MaxChecks = DEFAULT.max_checks,
-    time_limit: TimeLimit = DEFAULT.time_limit or math.inf,
-    padding: Padding = DEFAULT.padding,
-    blend: Blend = DEFAULT.blend,
-    max_tool_speed: ToolSpeed = None,
-    png: Picture = None,
-    out: Out = None,
-    as_json: AsJson = False,
+    robot: options.RobotName = "wxai",
+    scene: options.SceneName = "bin",
+    target: options.Target = "blue_block",
+    onto: options.Onto = "tray",
+    planner: options.PlannerName = "rrtconnect",
+    timing: options.TimingName = "toppra",
+    seed: options.Seed = options.DEFAULT.seed,
+    max_checks: options.MaxChecks = options.DEFAULT.max_checks,
+    time_limit: options.TimeLimit = options.SECONDS,
+    padding: options.Padding = options.DEFAULT.padding,
+    blend: options.Blend = options.DEFAULT.blend,
+    max_tool_speed: options.ToolSpeed = None,
+    png: options.Picture = None,
+    out: options.Out = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Plan a pick-and-place from home and back to home, and print what each motion did and cost."""
     with bad_input_exits():
-        require_outputs({"--out": out, "--png": png})
-        service = service_for(robot, scene)
-        require_obstacles(service.scene, {"--object": target, "--onto": onto})
+        arguments.require_outputs({"--out": out, "--png": png})
+        service = arguments.service_for(robot, scene)
+        arguments.require_obstacles(service.scene, {"--object": target, "--onto": onto})
         request = PlanRequest(
             service.robot.home,
             service.robot.home,
-            planner_or_optimise(planner, None, polish=False),
-            timing_by_name(timing),
+            arguments.planner_or_optimise(planner, None, polish=False),
+            arguments.timing_by_name(timing),
             seed=seed,
             max_checks=max_checks,
-            time_limit=time_limit_of(time_limit),
+            time_limit=arguments.time_limit_of(time_limit),
             padding=padding,
             blend=blend,
             max_tool_speed=max_tool_speed,
         )
-        load_libraries(request, service.robot)
+        arguments.load_libraries(request, service.robot)
         task = SavedTask.of(plan_pick_place(service, target, onto, request))
         if out is not None:
             save_plan(task, out)
@@ -198,16 +161,16 @@ def pick_place(
 
 def check(
     q: Annotated[str, typer.Option("--q", metavar="Q", help="A named pose, or comma-separated joint values.")],
-    scene: SceneName,
-    robot: RobotName = "wxai",
-    png: Picture = None,
-    as_json: AsJson = False,
+    scene: options.SceneName,
+    robot: options.RobotName = "wxai",
+    png: options.Picture = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Say whether a configuration is collision-free, which pairs touch, and how much clearance is proven."""
     with bad_input_exits():
-        require_outputs({"--png": png})
+        arguments.require_outputs({"--png": png})
         arm, world = load_robot(robot), load_world(scene)
-        values = configuration("--q", q, arm)
+        values = arguments.configuration("--q", q, arm)
         checker = CollisionChecker(arm, world)
         contacts, clearance = checker.contacts(values), checker.clearance(values)
         if png is not None:
@@ -227,7 +190,7 @@ def check(
 
 
 def export(
-    plan_file: Annotated[str, typer.Argument(metavar="FILE", help="A plan or task saved with --out.")],
+    plan_file: options.PlanFile,
     form: Annotated[
         str,
         typer.Option("--format", metavar="FORMAT", help="joint-trajectory (JSON like the ROS message) or csv."),
@@ -236,7 +199,7 @@ def export(
         float, typer.Option(metavar="SECONDS", help="Time between points; the exact end is always one.")
     ] = 0.01,
     out: Annotated[str | None, typer.Option(metavar="FILE", help="Write to this file instead of printing.")] = None,
-    allow: Allow = None,
+    allow: options.Allow = None,
 ) -> None:
     """Write a saved trajectory as points in time: positions, velocities and accelerations of all joints.
 
@@ -254,22 +217,22 @@ def export(
         names = saved.robot.joint_names
         if (saved.result if isinstance(saved, SavedPlan) else saved).failure is not None:
             raise InvalidRequest("FILE", plan_file, "a file that holds a plan, not a failure")
-        require_proven(saved, allow)
+        arguments.require_proven(saved, allow)
         if isinstance(saved, SavedTask):
-            motions = saved.segments
-            as_csv, as_messages = task_csv_text, task_trajectories
-            text = as_csv(motions, names, dt) if form == "csv" else json_text(as_messages(motions, names, dt))
+            motions, as_csv = saved.segments, form == "csv"
+            text = task_csv_text(motions, names, dt) if as_csv else json_text(task_trajectories(motions, names, dt))
+        elif form == "csv":
+            text = csv_text(saved.result, names, dt)
         else:
-            motion = saved.result
-            text = csv_text(motion, names, dt) if form == "csv" else json_text(joint_trajectory(motion, names, dt))
+            text = json_text(joint_trajectory(saved.result, names, dt))
         if out is not None:
             write_whole(Path(out), text, OURS)
-    report_error(f"note: {from_file(saved)}")
+    report_error(f"note: {arguments.from_file(saved)}")
     if out is None:
         emit(text)
 
 
-def robots(name: Name = None, as_json: AsJson = False) -> None:
+def robots(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
     with bad_input_exits():
         found, missing = listings.shipped_robots() if name is None else ([load_robot(name)], {})
@@ -284,7 +247,7 @@ def robots(name: Name = None, as_json: AsJson = False) -> None:
         emit(render(Table(("robot", "joints", "shapes", "poses"), rows, numeric=("joints", "shapes"))))
 
 
-def scenes(name: Name = None, as_json: AsJson = False) -> None:
+def scenes(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
     with bad_input_exits():
         found = [load_world(entry) for entry in ([name] if name is not None else scene_names())]
@@ -299,11 +262,11 @@ def scenes(name: Name = None, as_json: AsJson = False) -> None:
 
 
 def doctor(
-    robot: RobotName = "wxai",
-    scene: SceneName = "bin",
+    robot: options.RobotName = "wxai",
+    scene: options.SceneName = "bin",
     states: Annotated[int, typer.Option(metavar="N", help="Random configurations to compare them on.")] = 1000,
-    seed: Seed = 0,
-    as_json: AsJson = False,
+    seed: options.Seed = 0,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show which compiled kernels collision checks and proofs use, and compare them with their references."""
     with bad_input_exits():
@@ -334,7 +297,7 @@ def import_robot_(
         list[str] | None, typer.Option(metavar="JOINT", help="A joint that moves; all others are fixed. Repeatable.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write a robot.toml from a URDF: limits with their sources, and the self-collisions to allow, with reasons.
 

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from planner_service.cli import options
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits, report_error
-from planner_service.cli.options import AsJson, RobotName, Seed
 from planner_service.cli.output import emit, json_text, render
 from planner_service.datasets import EPISODE_TASKS, EpisodesSummary, EpisodeWork, episode_task, write_episodes
 from planner_service.parallel.named import engine_named
@@ -25,14 +25,14 @@ def episodes(
     count: Annotated[
         int, typer.Option(metavar="N", help="Worlds to draw in all; to continue, more than before.")
     ] = 1000,
-    seed: Seed = 0,
-    robot: RobotName = "wxai",
+    seed: options.Seed = 0,
+    robot: options.RobotName = "wxai",
     fps: Annotated[int, typer.Option(metavar="HZ", help="Frames per second.")] = 30,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Worker processes; default: one per core.")] = None,
     engine: Annotated[
         str, typer.Option(metavar="NAME", help="processes, ray (this machine) or ray=ADDRESS.")
     ] = "processes",
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write a data set of planned motions: in each of many random worlds a task is planned, proven, timed and sampled.
 

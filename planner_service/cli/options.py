@@ -24,9 +24,13 @@ __all__ = [
     "Clearance",
     "Goals",
     "MaxChecks",
+    "Onto",
+    "OtherRobot",
+    "OtherScene",
     "Out",
     "Padding",
     "Picture",
+    "PlanFile",
     "PlannerName",
     "Plot",
     "Polish",
@@ -34,6 +38,7 @@ __all__ = [
     "SceneName",
     "Seed",
     "Start",
+    "Target",
     "TimeLimit",
     "TimingName",
     "ToolSpeed",
@@ -98,11 +103,16 @@ Clearance = Annotated[
     float | None,
     typer.Option(metavar="METRES", help="Clearance an optimised path keeps where there is room.  [default: 0.02]"),
 ]
+OtherRobot = Annotated[str | None, typer.Option("--robot", metavar="NAME", help="Use this robot, not the one in FILE.")]
+OtherScene = Annotated[str | None, typer.Option("--scene", metavar="NAME", help="Use this scene, not the one in FILE.")]
+Target = Annotated[str, typer.Option("--object", metavar="NAME", help="The obstacle to pick up.")]
+Onto = Annotated[str, typer.Option(metavar="NAME", help="The obstacle to place it on, in the middle.")]
 Plot = Annotated[
     str | None,
     typer.Option(metavar="FILE", help="Plot the clearance along the path as SVG; with --polish, before and after."),
 ]
 Picture = Annotated[str | None, typer.Option("--png", metavar="FILE", help="Draw a PNG picture.")]
+PlanFile = Annotated[str, typer.Argument(metavar="FILE", help="A plan or task saved with --out.")]
 Out = Annotated[str | None, typer.Option(metavar="FILE", help="Save the plan, or the failure, as a JSON file.")]
 Allow = Annotated[
     list[str] | None,

@@ -5,54 +5,16 @@ from __future__ import annotations
 import math
 import os
 import time
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from planner_service.cli.arguments import (
-    configuration,
-    goals,
-    load_libraries,
-    optimise,
-    require_outputs,
-    service_of_terms,
-    time_limit_of,
-    timing_by_name,
-)
+from planner_service.cli import arguments, options, roadmap_text
 from planner_service.cli.exit_codes import bad_input_exits, finish
-from planner_service.cli.options import (
-    DEFAULT,
-    SECONDS,
-    AsJson,
-    Blend,
-    Clearance,
-    Goals,
-    MaxChecks,
-    Padding,
-    Polish,
-    RobotName,
-    SceneName,
-    Seed,
-    Start,
-    TimeLimit,
-    TimingName,
-    ToolSpeed,
-)
 from planner_service.cli.output import emit, json_text, labelled, render, wrapped
-from planner_service.cli.roadmap_text import (
-    Learned,
-    built_by_text,
-    difference,
-    edges_text,
-    milestones_text,
-    roadmap_facts,
-    roadmap_record,
-    size_text,
-    update_record,
-)
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable
@@ -64,8 +26,6 @@ from planner_service.presentation.tables import CostTable
 from planner_service.records.plan_file import SavedPlan, save_plan
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.roadmap.roadmap_file import OURS, SUFFIX
-from planner_service.robot.model import load_robot
-from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 
 __all__ = ["roadmaps"]
@@ -85,15 +45,13 @@ roadmaps = typer.Typer(
 )
 
 File = Annotated[str, typer.Argument(metavar="FILE", help="A roadmap saved by build, query or update.")]
-OtherRobot = Annotated[str | None, typer.Option("--robot", metavar="NAME", help="Use this robot, not the one in FILE.")]
-OtherScene = Annotated[str | None, typer.Option("--scene", metavar="NAME", help="Use this scene, not the one in FILE.")]
 
 
 @roadmaps.command(short_help="Build a roadmap and save it.", epilog=_example("build --scene bin --out bin.npz"))
 def build(
     out: Annotated[str, typer.Option(metavar="FILE", help="The roadmap's file, an .npz file.")],
-    scene: SceneName,
-    robot: RobotName = "wxai",
+    scene: options.SceneName,
+    robot: options.RobotName = "wxai",
     planner: Annotated[str, typer.Option(metavar="NAME", help=f"One of {', '.join(_GROWERS)}.")] = "prm",
     milestones: Annotated[
         int | None, typer.Option(metavar="N", help="Configurations to sample.  [default: 1000]")
@@ -104,30 +62,30 @@ def build(
     max_checks: Annotated[
         int | None, typer.Option(metavar="N", help="States that may be checked.  [default: 2000000]")
     ] = None,
-    seed: Seed = 0,
-    padding: Padding = DEFAULT.padding,
-    as_json: AsJson = False,
+    seed: options.Seed = 0,
+    padding: options.Padding = options.DEFAULT.padding,
+    as_json: options.AsJson = False,
 ) -> None:
     """Build a roadmap of the free space, save it, and print its size and cost."""
     with bad_input_exits():
         _require_roadmap_path("--out", out)
         grower = _grower(planner, {"milestones": milestones, "neighbours": neighbours, "max_checks": max_checks})
-        service = PlannerService(load_robot(robot), load_world(scene))
+        service = arguments.service_for(robot, scene)
         began = time.perf_counter()
         roadmap = service.build_roadmap(grower, seed=seed, padding=padding)
         seconds = time.perf_counter() - began
         roadmap.save(out)
     size = os.path.getsize(out)
     if as_json:
-        emit(json_text({"file": out, "seconds": seconds, **roadmap_record(roadmap, size)}))
+        emit(json_text({"file": out, "seconds": seconds, **roadmap_text.roadmap_record(roadmap, size)}))
         return
     counts = CheckCounts() if roadmap.built is None else roadmap.built.counts
     rows = [
-        ("built by", built_by_text(roadmap)),
-        ("milestones", milestones_text(roadmap)),
-        ("edges", edges_text(roadmap)),
+        ("built by", roadmap_text.built_by_text(roadmap)),
+        ("milestones", roadmap_text.milestones_text(roadmap)),
+        ("edges", roadmap_text.edges_text(roadmap)),
         ("cost", f"{counts_text(counts)}, {seconds:.1f} s"),
-        ("size", size_text(roadmap, size)),
+        ("size", roadmap_text.size_text(roadmap, size)),
     ]
     rows += [("note", _cut_short(roadmap))] if _cut_short(roadmap) else []
     emit(render(*wrapped([f"built: {robot} in {scene}, written to {out}"]), *labelled(rows)))
@@ -138,27 +96,27 @@ def build(
 )
 def query(
     roadmap_file: File,
-    start: Start,
-    goal: Goals,
-    scene: OtherScene = None,
-    robot: OtherRobot = None,
+    start: options.Start,
+    goal: options.Goals,
+    scene: options.OtherScene = None,
+    robot: options.OtherRobot = None,
     learn: Annotated[bool, typer.Option("--learn", help="Save what was learned, in FILE or --out.")] = False,
     remember: Annotated[bool, typer.Option("--remember", help="Add the path found to the roadmap.")] = False,
     out: Annotated[str | None, typer.Option(metavar="NPZ", help="Save what was learned in this file.")] = None,
     no_fallback: Annotated[bool, typer.Option("--no-fallback", help="Fail if the roadmap has no path.")] = False,
-    timing: TimingName = "toppra",
-    seed: Seed = DEFAULT.seed,
-    max_checks: MaxChecks = DEFAULT.max_checks,
-    time_limit: TimeLimit = SECONDS,
+    timing: options.TimingName = "toppra",
+    seed: options.Seed = options.DEFAULT.seed,
+    max_checks: options.MaxChecks = options.DEFAULT.max_checks,
+    time_limit: options.TimeLimit = options.SECONDS,
     padding: Annotated[
         float | None, typer.Option(metavar="METRES", help="Distance to keep from everything; default: the roadmap's.")
     ] = None,
-    blend: Blend = DEFAULT.blend,
-    max_tool_speed: ToolSpeed = None,
-    polish: Polish = False,
-    clearance: Clearance = None,
+    blend: options.Blend = options.DEFAULT.blend,
+    max_tool_speed: options.ToolSpeed = None,
+    polish: options.Polish = False,
+    clearance: options.Clearance = None,
     plan_out: Annotated[str | None, typer.Option("--plan", metavar="JSON", help="Save the plan in this file.")] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Plan a motion over a roadmap and print what each stage did and cost.
 
@@ -175,19 +133,19 @@ def query(
         service, notes = _service(kept, robot, scene, own)
         planner = replace(kept, fallback=kept.fallback and not no_fallback, remember=kept.remember or remember)
         request = PlanRequest(
-            configuration("--start", start, service.robot),
-            goals(goal, service.robot),
+            arguments.configuration("--start", start, service.robot),
+            arguments.goals(goal, service.robot),
             planner,
-            timing_by_name(timing),
+            arguments.timing_by_name(timing),
             seed=seed,
             max_checks=max_checks,
-            time_limit=time_limit_of(time_limit),
+            time_limit=arguments.time_limit_of(time_limit),
             padding=own,
             blend=blend,
             max_tool_speed=max_tool_speed,
-            polish=optimise(clearance) if polish else None,
+            polish=arguments.optimise(clearance) if polish else None,
         )
-        load_libraries(request, service.robot)
+        arguments.load_libraries(request, service.robot)
         result = service.plan(request)
         saved = SavedPlan.of(result)
         if plan_out is not None:
@@ -199,21 +157,28 @@ def query(
     title = f"{'planned' if result.ok else 'no plan'}: {service.robot.name} in {service.scene.name}, "
     title += f"{start} -> {' or '.join(goal)}, over {os.path.basename(roadmap_file)}"
     table = CostTable(title, plan_rows(result), length_unit(service.robot))
-    answer = _Answer(roadmap_file, kept, learned, tuple(notes), written)
-    lines = [*plan_lines(result), *answer.lines]
-    finish({**saved.document(), "roadmap": answer.record}, table, lines, result.failure, as_json=as_json)
+    lines = [*plan_lines(result), *(f"note: {note}" for note in notes), _learned_line(kept, learned, written)]
+    answer = {
+        "file": roadmap_file,
+        "hash": kept.hash,
+        "learned_hash": learned.hash,
+        "differs": notes,
+        "learned": asdict(roadmap_text.Learned.of(kept, learned)),
+        "written": written,
+    }
+    finish({**saved.document(), "roadmap": answer}, table, lines, result.failure, as_json=as_json)
 
 
 @roadmaps.command(short_help="Show what is in a saved roadmap.", epilog=_example("info bin.npz"))
-def info(roadmap_file: File, as_json: AsJson = False) -> None:
+def info(roadmap_file: File, as_json: options.AsJson = False) -> None:
     """Show which robot and scene a roadmap was built for, how it was built, and what is known of its edges."""
     with bad_input_exits():
         roadmap = Roadmap.load(roadmap_file)
     size = os.path.getsize(roadmap_file)
     if as_json:
-        emit(json_text({"file": roadmap_file, **roadmap_record(roadmap, size)}))
+        emit(json_text({"file": roadmap_file, **roadmap_text.roadmap_record(roadmap, size)}))
     else:
-        emit(render(f"roadmap: {roadmap_file}", *labelled(roadmap_facts(roadmap, size))))
+        emit(render(f"roadmap: {roadmap_file}", *labelled(roadmap_text.roadmap_facts(roadmap, size))))
 
 
 @roadmaps.command(
@@ -221,10 +186,10 @@ def info(roadmap_file: File, as_json: AsJson = False) -> None:
 )
 def update(
     roadmap_file: File,
-    scene: OtherScene = None,
-    robot: OtherRobot = None,
+    scene: options.OtherScene = None,
+    robot: options.OtherRobot = None,
     out: Annotated[str | None, typer.Option(metavar="NPZ", help="Save it in this file; default: FILE.")] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Check again everything in a roadmap that a change of the scene may affect, and save it.
 
@@ -243,16 +208,21 @@ def update(
             updated.roadmap.save(target)
     if as_json:
         size = os.path.getsize(target)
-        facts = {"differs": notes, "update": update_record(updated), "seconds": seconds, "written": written}
-        emit(json_text({"file": target, **facts, **roadmap_record(updated.roadmap, size)}))
+        facts = {
+            "differs": notes,
+            "update": roadmap_text.update_record(updated),
+            "seconds": seconds,
+            "written": written,
+        }
+        emit(json_text({"file": target, **facts, **roadmap_text.roadmap_record(updated.roadmap, size)}))
         return
     title = f"updated: {service.robot.name} in {service.scene.name}, "
     title += f"written to {target}" if written else "nothing to update, the file is unchanged"
     rows = [
         ("update", str(updated)),
         ("cost", f"{counts_text(updated.counts)}, {seconds:.1f} s"),
-        ("milestones", milestones_text(updated.roadmap)),
-        ("edges", edges_text(updated.roadmap)),
+        ("milestones", roadmap_text.milestones_text(updated.roadmap)),
+        ("edges", roadmap_text.edges_text(updated.roadmap)),
     ]
     emit(render(*wrapped([title]), *labelled(rows), *wrapped([f"note: {note}" for note in notes])))
 
@@ -276,8 +246,7 @@ def _grower(name: str, given: dict[str, int | None]) -> Grower:
     for field, value in settings.items():
         if field not in known:
             raise InvalidRequest(f"--{field.replace('_', '-')}", value, f"no such option with {kind.name}")
-    grower: Any = kind(**settings)
-    return grower  # type: ignore[no-any-return]
+    return kind(**settings)
 
 
 def _require_roadmap_path(option: str, path: str) -> None:
@@ -303,7 +272,7 @@ def _require_plan_path(path: str | None, taken: tuple[str | None, ...]) -> None:
         return
     if any(_same_file(other, path) for other in taken):
         raise InvalidRequest("--plan", path, "a different file from the roadmap")
-    require_outputs({"--plan": path})
+    arguments.require_outputs({"--plan": path})
 
 
 def _same_file(one: str | None, other: str) -> bool:
@@ -317,9 +286,9 @@ def _service(
     terms = roadmap.terms
     if terms is None:
         return _service_for_any(roadmap, robot, scene), []
-    service, notes = service_of_terms(terms, robot, scene)
+    service, notes = arguments.service_of_terms(terms, robot, scene)
     require_robot(roadmap, service.robot)
-    differs = difference(terms, Terms.of(service.checker.variant(padding=padding)))
+    differs = roadmap_text.difference(terms, Terms.of(service.checker.variant(padding=padding)))
     return service, ["; ".join([*notes, differs])] if differs else notes
 
 
@@ -328,46 +297,18 @@ def _service_for_any(roadmap: Roadmap, robot: str | None, scene: str | None) -> 
     if robot is None or scene is None:
         option = "--robot" if robot is None else "--scene"
         raise InvalidRequest(option, None, "a name: the file does not say what the roadmap was built for")
-    service = PlannerService(load_robot(robot), load_world(scene))
+    service = arguments.service_for(robot, scene)
     require_robot(roadmap, service.robot)
     return service
 
 
 def _own_padding(roadmap: Roadmap) -> float:
-    return DEFAULT.padding if roadmap.terms is None else roadmap.terms.padding
+    return options.DEFAULT.padding if roadmap.terms is None else roadmap.terms.padding
 
 
-@dataclass(frozen=True)
-class _Answer:
-    """What a query says about the roadmap itself.
-
-    Attributes:
-        file: The roadmap's file.
-        kept: The roadmap in it.
-        learned: The roadmap with what was learned.
-        notes: How robot, scene or settings differ from those it was built for.
-        written: The file that ``learned`` was saved in; None if it was not saved.
-    """
-
-    file: str
-    kept: Roadmap
-    learned: Roadmap
-    notes: tuple[str, ...]
-    written: str | None
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """As a JSON object."""
-        news = asdict(Learned.of(self.kept, self.learned))
-        hashes = {"hash": self.kept.hash, "learned_hash": self.learned.hash}
-        return {"file": self.file, **hashes, "differs": list(self.notes), "learned": news, "written": self.written}
-
-    @property
-    def lines(self) -> list[str]:
-        """As lines of text."""
-        if self.learned.hash == self.kept.hash:
-            news, unsaved = "nothing new", ""
-        else:
-            news, unsaved = str(Learned.of(self.kept, self.learned)), "; not saved, as --learn was not given"
-        where = unsaved if self.written is None else f"; written to {self.written}"
-        return [*(f"note: {note}" for note in self.notes), f"learned: {news}{where}"]
+def _learned_line(kept: Roadmap, learned: Roadmap, written: str | None) -> str:
+    """What a query learned, and the file that it was saved in, if any."""
+    news, unsaved = "nothing new", ""
+    if learned.hash != kept.hash:
+        news, unsaved = str(roadmap_text.Learned.of(kept, learned)), "; not saved, as --learn was not given"
+    return f"learned: {news}{unsaved if written is None else f'; written to {written}'}"

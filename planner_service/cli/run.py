@@ -11,16 +11,8 @@ from typing import Annotated, Any
 
 import typer
 
-from planner_service.cli.arguments import (
-    differences,
-    from_file,
-    load_libraries,
-    pairs_of_texts,
-    require_obstacles,
-    service_for,
-)
+from planner_service.cli import arguments, options
 from planner_service.cli.exit_codes import BAD_INPUT, NO_PLAN, bad_input_exits, finish, report_error
-from planner_service.cli.options import DEFAULT, Allow, AsJson, Seed
 from planner_service.cli.output import emit, json_text, render, wrapped
 from planner_service.errors import InvalidRequest
 from planner_service.execute import (
@@ -87,11 +79,11 @@ def run(
             metavar="NAME", help="Scene to plan in; with FILE, your own, which must equal FILE's.  [default: bin]"
         ),
     ] = None,
-    allow: Allow = None,
-    target: Annotated[str, typer.Option("--object", metavar="NAME", help="The obstacle to pick up.")] = "blue_block",
-    onto: Annotated[str, typer.Option(metavar="NAME", help="The obstacle to place it on, in the middle.")] = "tray",
-    seed: Seed = DEFAULT.seed,
-    as_json: AsJson = False,
+    allow: options.Allow = None,
+    target: options.Target = "blue_block",
+    onto: options.Onto = "tray",
+    seed: options.Seed = options.DEFAULT.seed,
+    as_json: options.AsJson = False,
 ) -> None:
     """Execute a plan motion by motion, and compare the measured motion with the planned one.
 
@@ -126,7 +118,7 @@ def run(
         finish(plan.document(), None, (), plan.failure if isinstance(plan, SavedTask) else None, as_json=as_json)
     else:
         if plan_file is not None and scene is None:
-            report_error(f"note: {from_file(plan)}")
+            report_error(f"note: {arguments.from_file(plan)}")
         _report(done, plan, as_json=as_json)
 
 
@@ -154,10 +146,10 @@ def _opened(
         if robot is None or scene is None:
             option = "--robot" if robot is None else "--scene"
             raise InvalidRequest(option, None, "both --robot and --scene: your own, to compare with those in FILE")
-        service = service_for(robot, scene)
-    for note in differences(plan.robot) if service is None else []:
+        service = arguments.service_for(robot, scene)
+    for note in arguments.differences(plan.robot) if service is None else []:
         report_error(f"note: {note}")
-    allowed = pairs_of_texts("--allow", allow or ())
+    allowed = arguments.pairs_of_texts("--allow", allow or ())
     proven = recertify(plan, service, allowed=allowed, squeeze=streaming.squeeze)
     return _Opened(plan, service, allowed, proven.required())
 
@@ -174,11 +166,11 @@ def _planned(
 ) -> tuple[SavedPlan | SavedTask, Rehearsal | None]:
     """A pick-and-place for the scene seen in simulation, and how it went; None if there is no plan."""
     world = load_world(scene)
-    require_obstacles(world, {"--object": target, "--onto": onto})
+    arguments.require_obstacles(world, {"--object": target, "--onto": onto})
     with SimulatedArm(robot, world, loose=(target,)) as arm:
         service = PlannerService(robot, arm.seen())
         request = PlanRequest(robot.home, robot.home, seed=seed, padding=PADDING)
-        load_libraries(request, robot)
+        arguments.load_libraries(request, robot)
         task = SavedTask.of(plan_pick_place(service, target, onto, request))
         return task, None if task.failure is not None else rehearse(arm, task, robot, streaming)
 

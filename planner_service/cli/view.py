@@ -11,9 +11,9 @@ from typing import Annotated
 
 import typer
 
+from planner_service.cli import options
 from planner_service.cli.arguments import reopened, require_proven
 from planner_service.cli.exit_codes import bad_input_exits
-from planner_service.cli.options import Allow
 from planner_service.cli.output import emit
 from planner_service.errors import InvalidRequest
 from planner_service.planning.result import Origin
@@ -35,7 +35,7 @@ def view(
     robot: Annotated[str | None, typer.Option(metavar="NAME", help="As for plan; default: the one in FILE.")] = None,
     port: Annotated[int, typer.Option(metavar="N", help="The first port to try; 0 for any.")] = PORT,
     host: Annotated[str, typer.Option(help="Address to serve the page at. Anyone who reaches it can use it.")] = (HOST),
-    allow: Allow = None,
+    allow: options.Allow = None,
     keep: Annotated[bool, typer.Option("--keep", help="Keep serving after the last window is closed.")] = False,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the page's address.")] = False,
 ) -> None:
