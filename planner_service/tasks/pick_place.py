@@ -17,7 +17,7 @@ from planner_service.grasping.grasps import middle_of, top_grasps
 from planner_service.planning.request import PlanRequest
 from planner_service.scene.scene import Obstacle, Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import pick, place
+from planner_service.tasks.primitives import picked, placed
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
 __all__ = ["places_on", "plan_pick_place", "standing_on"]
@@ -50,17 +50,17 @@ def plan_pick_place(
     if target == onto:
         raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
     picking = Handling(support=standing_on(scene, target), request=request, cancel=cancel)
-    done = pick(service, request.start, target, top_grasps(service.robot, obstacle), picking)
+    done, carrying = picked(service, request.start, target, top_grasps(service.robot, obstacle), picking)
     notes, segments, choosing = [f"pick: {note}" for note in done.notes], list(done.segments), done.choosing
     if done.ok:
         segments[0] = replace(segments[0], name="home -> pregrasp")
         placing = Handling(support=onto, request=request, cancel=cancel)
-        done = place(PlannerService.of(done.world), done.q, target, places_on(obstacle, support), placing)
+        done, after = placed(carrying, done.q, target, places_on(obstacle, support), placing)
         notes += [f"place: {note}" for note in done.notes]
         segments += done.segments
         choosing += done.choosing
         if done.ok:
-            home = PlannerService.of(done.world).plan(replace(request, start=done.q, goal=request.start), cancel=cancel)
+            home = after.plan(replace(request, start=done.q, goal=request.start), cancel=cancel)
             segments.append(Segment("retreat -> home", home, done.world.robot.gripper_width, done.world.scene))
             done = replace(done, failure=home.failure, q=np.asarray(request.start) if home.ok else done.q)
     return replace(

@@ -37,7 +37,7 @@ from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
-__all__ = ["move_linear", "pick", "place"]
+__all__ = ["move_linear", "pick", "picked", "place", "placed"]
 
 USUAL_APPROACHES = (LONGEST_APPROACH, 0.09, 0.08)
 SHORT_APPROACHES = (0.06, 0.04, 0.02)
@@ -107,6 +107,13 @@ def pick(
         UnknownName: There is no such obstacle or support.
         InvalidRequest: No grasp is given, the robot has no gripper, or the object is too wide for it.
     """
+    return picked(service, q, target, grasps, handling)[0]
+
+
+def picked(
+    service: PlannerService, q: ArrayLike, target: str, grasps: Sequence[Pose], handling: Handling | None
+) -> tuple[TaskResult, PlannerService]:
+    """The same, with the service that plans for what follows."""
     instance("service", service, PlannerService, "a PlannerService")
     handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     obstacle = service.scene.obstacle(target)
@@ -131,6 +138,13 @@ def place(
         UnknownName: There is no such carried object or support.
         InvalidRequest: No pose is given, or the robot has no gripper.
     """
+    return placed(service, q, carried, poses, handling)[0]
+
+
+def placed(
+    service: PlannerService, q: ArrayLike, carried: str, poses: Sequence[Pose], handling: Handling | None
+) -> tuple[TaskResult, PlannerService]:
+    """The same, with the service that plans for what follows."""
     instance("service", service, PlannerService, "a PlannerService")
     handling = Handling() if handling is None else instance("handling", handling, Handling, "a Handling, or None")
     text("carried", carried)
@@ -285,8 +299,8 @@ class _Task:
         self._grips: dict[tuple[bytes, float, float], GripperMotion] = {}
         self._ended: Failure | None = None
 
-    def result(self, contacts: Sequence[_Contact]) -> TaskResult:
-        """The first contact whose motions all have a plan, with the longest approach that has one."""
+    def result(self, contacts: Sequence[_Contact]) -> tuple[TaskResult, PlannerService]:
+        """The first contact whose motions all have a plan, with the longest approach that has one, and its service."""
         start = self._start_trouble()
         if start is not None:
             return self._failed(start)
@@ -305,7 +319,7 @@ class _Task:
         detail = f"none of {len(contacts)} ways has a plan: {'; '.join(self._tried[:6])}"
         return self._failed(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
 
-    def _failed(self, failure: Failure) -> TaskResult:
+    def _failed(self, failure: Failure) -> tuple[TaskResult, PlannerService]:
         return self._result((), self._service, self._start, failure, self._spent, tuple(self._tried))
 
     def _result(
@@ -316,9 +330,9 @@ class _Task:
         failure: Failure | None,
         choosing: CheckCounts,
         notes: tuple[str, ...],
-    ) -> TaskResult:
-        seconds = time.perf_counter() - self._began
-        return TaskResult(segments, service.world, q, failure, choosing, notes, self._template, self._task, seconds)
+    ) -> tuple[TaskResult, PlannerService]:
+        world, request, seconds = service.world, self._template, time.perf_counter() - self._began
+        return TaskResult(segments, world, q, failure, choosing, notes, request, self._task, seconds), service
 
     def _start_trouble(self) -> Failure | None:
         """Why no motion can begin where the robot stands: this is checked before any grasp."""
