@@ -54,8 +54,9 @@ def test_the_wheel_puts_nothing_but_the_package_into_site_packages(wheel: Path) 
     assert {name for name in top if not name.endswith(".dist-info")} == {"planner_service"}
 
 
-def test_the_wheel_carries_every_robot_and_scene(wheel: Path) -> None:
+def test_the_wheel_carries_the_template_of_the_data_card_and_every_robot_and_scene(wheel: Path) -> None:
     inside = set(zipfile.ZipFile(wheel).namelist())
+    assert "planner_service/datasets/card.md" in inside
     for kind in ("robots", "scenes"):
         files = [path.relative_to(ROOT) for path in (ROOT / kind).rglob("*") if path.is_file()]
         assert files
