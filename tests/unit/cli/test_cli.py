@@ -577,7 +577,8 @@ def test_a_robot_is_imported_and_can_be_planned_with(tmp_path: Path) -> None:
     assert (result.exit_code, result.stderr) == (0, "")
     words = " ".join(result.stdout.split())
     assert "imported: planar2, written to" in words
-    assert "links 4 links with shapes 2 shapes 2 joints 2 pairs allowed, adjacent 1 second reader: yourdfpy sees all 3 frames" in words
+    assert "links 4 links with shapes 2 shapes 2 joints 2 pairs allowed, adjacent 1" in words
+    assert "second reader: yourdfpy sees all 3 frames" in words
     assert "tool_frame tip is a guess" in words
     assert run("robots", str(out / "robot.toml")).exit_code == 0
     planned = run("plan", "--robot", str(out / "robot.toml"), "--scene", "discs", "--start", "home", "--goal", "0.1,0")
