@@ -206,7 +206,7 @@ def _distance(a: Sequence[float], b: Sequence[float]) -> float:
 
 def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
     """The speed (m/s) of the tool frame's origin at configurations Q (m, n) with velocities Qd (m, n), shape (m,)."""
-    R, t = robot.body_poses_batch(Q)
+    R, t = robot.body_poses_batch(Q, portable=True)
     x, y, z = robot.tool_placement[:3, 3].tolist()
     at = t[:, robot.tool_body] + _turned(R[:, robot.tool_body], (x, y, z))
     chain = chain_to_base(robot.bodies, robot.tool_body)

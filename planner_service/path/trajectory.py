@@ -9,7 +9,7 @@ import math
 import sys
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,6 +96,16 @@ class Trajectory:
 
     def __repr__(self) -> str:
         return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"
+
+    @property
+    def tables(self) -> tuple[NDArray[Any], ...]:
+        """The path's tables and those of s(t), for compiled code that computes the same bits.
+
+        As ``JointPath.tables`` without the distances travelled; then durations (m,), coefficients (m, 4), knots
+        (m + 1,), where each piece ends (m,), and the piece of the path on which it runs (m,).
+        """
+        *path, _, blends = self.path.tables
+        return (*path, blends, self.durations, self.coefficients, self.knots, self._ends, self.geometry)
 
     @property
     def begin(self) -> float:

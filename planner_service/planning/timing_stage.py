@@ -14,6 +14,7 @@ import numpy as np
 from planner_service.concurrency.polling import waited
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics.inverse import tool_speeds
+from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import NoPlan, PlanAccounting
@@ -103,6 +104,17 @@ def _stopping(path: JointPath, pace: Pace, robot: Robot, limits: JointLimits) ->
 
 def peak_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
     """The largest speed in m/s of the tool frame's origin, to about six digits."""
+    core = load_core()
+    if core is None:
+        return reference_tool_speed(robot, trajectory)
+    speed: float = core.TrajectoryTables(*trajectory.tables).peak_tool_speed(
+        robot.body_table, robot.tool_body, robot.tool_placement[:3, 3].tolist()
+    )
+    return speed
+
+
+def reference_tool_speed(robot: Robot, trajectory: Trajectory) -> float:
+    """``peak_tool_speed`` in Python: the same bits."""
     if not len(trajectory.durations):
         return 0.0
     t, best, missed = _instants(trajectory), 0.0, _MISSED

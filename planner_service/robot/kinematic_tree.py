@@ -90,12 +90,20 @@ class _Step:
     before: Matrix | None
     after: Matrix | None
 
+    def row(self) -> list[float]:
+        """All fields in a row of 30 numbers; a 1 comes before each rotation, and 0 in place of none."""
+        before, after = ([0.0] * 10 if matrix is None else [1.0, *matrix] for matrix in (self.before, self.after))
+        return [self.parent, self.q_index, self.kind, self.sign, *self.offset, *self.slide, *before, *after]
+
 
 class BodyTree:
     """Poses of the bodies of one robot.
 
     Args:
         bodies: Parents before children; the first is the fixed base.
+
+    Attributes:
+        table: What compiled code needs to compute the same bits, a row of 30 numbers for each body but the base.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
@@ -106,6 +114,7 @@ class BodyTree:
         self._n = len(self._steps)
         self._offsets = read_only([step.offset for step in self._steps]).reshape(-1, 3).T[:, :, None, None]
         self._slides = read_only([step.slide for step in self._steps]).reshape(-1, 3)[:, :, None, None, None]
+        self.table = read_only([step.row() for step in self._steps]).reshape(-1, 30)
         parents = [step.parent for step in self._steps]
         self._parents = slice(0, -1) if parents == list(range(self._n)) else parents
 

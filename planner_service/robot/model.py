@@ -236,6 +236,11 @@ class Robot:
     def _tree(self) -> BodyTree:
         return BodyTree(self.bodies)
 
+    @property
+    def body_table(self) -> FloatArray:
+        """``BodyTree.table``, (bodies - 1, 30), for compiled code."""
+        return self._tree.table
+
     def body_poses(self, q: Sequence[float] | FloatArray) -> list[BodyPose]:
         """World pose of every body as (r00, r01, r02, r10, ..., r22, x, y, z); q (n,) must be finite."""
         try:

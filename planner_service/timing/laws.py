@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
@@ -26,7 +26,8 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, peaks, require_limits
 from planner_service.timing.profiles import Phase, Section, TooFast, speed_profile, trapezoid
 from planner_service.timing.segments import PathSegment, SpeedLimit, path_segments, straight_sections
-from planner_service.timing.toppra_backend import NoSolution, path_speeds
+from planner_service.timing.time_optimal import GridLimits, grid_limits, two_passes
+from planner_service.timing.toppra_backend import toppra_passes
 
 if TYPE_CHECKING:
     from planner_service.robot.model import JointLimits
@@ -146,17 +147,22 @@ class ToppRa:
 
     Args:
         gridpoints: Intervals between two stops, shared by the straight sections; each blend has 24 of its own.
+        backend: Who solves the linear programs: "own" (compiled, closed form) or "toppra", the library, 60 times more
+            slowly. Durations agree to 1e-9.
 
     Raises:
-        InvalidRequest: ``gridpoints`` is not an integer from 2 to 10,000.
+        InvalidRequest: ``gridpoints`` is not an integer from 2 to 10,000, or there is no such backend.
     """
 
     gridpoints: int = 50
+    backend: Literal["own", "toppra"] = "own"
 
     name = "toppra"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gridpoints", whole("gridpoints", self.gridpoints, 2, MAX_GRIDPOINTS))
+        if self.backend not in ("own", "toppra"):
+            raise InvalidRequest("backend", self.backend, "'own' or 'toppra'")
 
     def time_path(self, path: JointPath, limits: JointLimits, *, speed_limit: SpeedLimit | None = None) -> Trajectory:
         """The path travelled from rest to rest; see ``Timing``."""
@@ -203,7 +209,8 @@ class ToppRa:
         unit = min(_seconds(phases) for phases in (closed_form, _slowest(sections)) if phases is not None)
         grids = [_grid(section, segment, self.gridpoints) for section in sections]
         try:
-            speeds = _toppra_speeds(segment, sections, grids, unit, entry)
+            passes = toppra_passes if self.backend == "toppra" else two_passes
+            speeds = _optimal_speeds(passes, segment, sections, grids, unit, entry)
             optimal = _constant_accelerations(sections, grids, speeds)
         except TimingFailed:
             if closed_form is None:
@@ -355,8 +362,13 @@ def _constant_accelerations(
     return phases
 
 
-def _toppra_speeds(
-    segment: PathSegment, sections: Sequence[Section], grids: Sequence[FloatArray], unit: float, entry: float
+def _optimal_speeds(
+    passes: Callable[[GridLimits, float], FloatArray | None],
+    segment: PathSegment,
+    sections: Sequence[Section],
+    grids: Sequence[FloatArray],
+    unit: float,
+    entry: float,
 ) -> list[FloatArray]:
     """ds/dt at each grid point of each section, by TOPP-RA; ``unit`` is about the motion's duration in seconds."""
     length = segment.length
@@ -367,10 +379,12 @@ def _toppra_speeds(
     points = np.concatenate([*shares, [1.0]])
     if not np.all(points[1:] > points[:-1]):
         raise TimingFailed(f"TOPP-RA on the segment from s = {segment.start:.6g}: grid points of a tiny blend coincide")
-    try:
-        speeds = path_speeds(segment, points, unit, entry)
-    except NoSolution as error:
-        raise TimingFailed(f"TOPP-RA on the segment from s = {segment.start:.6g}: {error}") from error
+    scaled = entry * (unit / length)
+    speeds = passes(grid_limits(segment, points, unit, scaled), scaled)
+    if speeds is None or not np.all(np.isfinite(speeds)):
+        start = f"s = {segment.start:.6g} at ds/dt = {entry:.6g}"
+        raise TimingFailed(f"TOPP-RA: no motion from {start} to rest keeps the limits")
+    speeds = speeds * (length / unit)
     speeds[0] = entry
     ends = np.cumsum([0, *(len(grid) - 1 for grid in grids)])
     return [speeds[a : b + 1] for a, b in pairwise(ends.tolist())]

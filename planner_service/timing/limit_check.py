@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import instance
+from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from planner_service.robot.model import JointLimits
 
-__all__ = ["MIN_SHARE", "TOLERANCE", "LimitPeaks", "Peak", "peaks", "require_limits"]
+__all__ = ["MIN_SHARE", "TOLERANCE", "LimitPeaks", "Peak", "peaks", "reference_peaks", "require_limits"]
 
 TOLERANCE = 1e-9
 """How far a ratio to a limit may exceed 1 by rounding: six orders of magnitude below what an encoder resolves."""
@@ -93,7 +94,6 @@ def require_limits(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
         raise InvalidRequest("limits.jerk", limits.jerk.shape, f"one number for each of the path's {path.n} joints")
 
 
-@np.errstate(over="ignore")  # a rate that overflows exceeds every limit
 def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     """The largest velocity, acceleration and jerk of any joint relative to its limit.
 
@@ -108,6 +108,16 @@ def peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
             that is not positive and finite for a joint that moves.
     """
     require_limits(trajectory.path, limits, jerk=False)
+    core = load_core()
+    if core is None:
+        return reference_peaks(trajectory, limits)
+    rows = map(np.ascontiguousarray, (limits.velocity, limits.acceleration, limits.jerk))
+    return LimitPeaks(*(Peak(*peak) for peak in core.TrajectoryTables(*trajectory.tables).peaks(*rows)))
+
+
+@np.errstate(over="ignore")  # a rate that overflows exceeds every limit
+def reference_peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
+    """``peaks`` in Python: the same bits."""
     if not len(trajectory.durations):
         return LimitPeaks(NONE, NONE, NONE)
     jump = _jump(trajectory)

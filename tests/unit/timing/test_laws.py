@@ -350,8 +350,8 @@ def test_a_path_toppra_cannot_time_is_a_typed_failure(monkeypatch: pytest.Monkey
         return None, None, None
 
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", uncontrollable)
-    law, path, given_limits = ToppRa(), QUARTER, limits(2)
-    with pytest.raises(TimingFailed, match=r"segment from s = 0: FailUncontrollable"):
+    law, path, given_limits = ToppRa(backend="toppra"), QUARTER, limits(2)
+    with pytest.raises(TimingFailed, match=r"no motion from s = 0 at ds/dt = 0 to rest keeps the limits"):
         law.time_path(path, given_limits)
 
 
@@ -364,9 +364,10 @@ def test_an_overshoot_of_toppra_is_dilated_away(monkeypatch: pytest.MonkeyPatch)
         accelerations, speeds, _ = honest(self, start, end)
         return accelerations, speeds * 1.44, None
 
-    usual = ToppRa().time_path(QUARTER, limits(2))
+    law = ToppRa(backend="toppra")
+    usual = law.time_path(QUARTER, limits(2))
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", hasty)
-    trajectory = ToppRa().time_path(QUARTER, limits(2))
+    trajectory = law.time_path(QUARTER, limits(2))
     assert trajectory.dilation == pytest.approx(1.44 * usual.dilation, rel=1e-9)
     assert trajectory.duration == pytest.approx(usual.duration, rel=1e-9)
 
@@ -376,7 +377,8 @@ def test_toppra_is_not_asked_about_a_straight_line(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", None)
     path, given_limits = mixed_case(1)
-    assert ToppRa().time_path(path, given_limits).duration == Trapezoidal().time_path(path, given_limits).duration
+    law = ToppRa(backend="toppra")
+    assert law.time_path(path, given_limits).duration == Trapezoidal().time_path(path, given_limits).duration
 
 
 @pytest.mark.slow
@@ -389,13 +391,16 @@ def test_timing_without_toppra_imports_neither_it_nor_matplotlib() -> None:
 
 
 def test_toppra_is_silent() -> None:
-    ToppRa().time_path(QUARTER, limits(2))
+    ToppRa(backend="toppra").time_path(QUARTER, limits(2))
     assert not logging.getLogger("toppra.algorithm").isEnabledFor(logging.WARNING)
 
 
 @pytest.mark.slow
 def test_importing_toppra_and_matplotlib_prints_nothing_where_no_cache_can_be_written() -> None:
-    code = "from tests.unit.timing.test_laws import QUARTER, ToppRa, limits; ToppRa().time_path(QUARTER, limits(2))"
+    code = (
+        "from tests.unit.timing.test_laws import QUARTER, ToppRa, limits; "
+        "ToppRa(backend='toppra').time_path(QUARTER, limits(2))"
+    )
     environment = os.environ | {"MPLCONFIGDIR": "/dev/null/none"}
     command = [sys.executable, "-W", "error", "-c", code]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)

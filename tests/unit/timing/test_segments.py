@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +17,6 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration, within_limits
 from planner_service.timing.limit_check import peaks
-from planner_service.timing.profiles import Phase, Section, speed_profile, trapezoid
-from planner_service.timing.segments import path_segments
 from tests.unit.timing.test_laws import HELD, law_cases, limits, line
 from tests.unit.timing.test_limit_check import blended, rounded_corners
 
@@ -265,36 +261,21 @@ def test_toppra_hardly_exceeds_limits_between_grid_points(width: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_our_passes_of_toppra_give_what_its_own_give(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_our_passes_give_what_toppra_gives_for_the_same_limits(seed: int) -> None:
     import toppra
 
     path = rounded_corners(seed)
     given_limits = mixed_limits(path, seed)
-    told: dict[str, Any] = {}
-    honest = toppra.algorithm.TOPPRA.compute_parameterization
-
-    def recorded(self: Any, start: float, end: float) -> Any:
-        told["points"], told["speeds"] = self.gridpoints, honest(self, start, end)
-        return told["speeds"]
-
-    monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", recorded)
-    (segment,) = path_segments(path, given_limits, None)
-    ToppRa().time_path(path, given_limits)
-    monkeypatch.undo()
-    sections = segment.sections(jerk=False)
-    unit = min(sum(phase.duration for phase in phases) for phases in (speed_profile(sections), slowest(sections)))
+    trajectory = ToppRa().time_path(path, given_limits)
+    points = np.append(trajectory.coefficients[:, 0], path.length) / path.length
+    unit = trajectory.duration / trajectory.dilation
+    speeds = np.append(trajectory.coefficients[:, 1], 0.0) * trajectory.dilation * (unit / path.length)
     bounds = [
         toppra.constraint.JointVelocityConstraint(given_limits.velocity * unit),
         toppra.constraint.JointAccelerationConstraint(given_limits.acceleration * unit * unit),
     ]
-    own = toppra.algorithm.TOPPRA(bounds, UnitCurve(path), gridpoints=told["points"], solver_wrapper="seidel")
-    np.testing.assert_allclose(told["speeds"][1], own.compute_parameterization(0.0, 0.0)[1], rtol=1e-6)
-
-
-def slowest(sections: Sequence[Section]) -> Sequence[Phase]:
-    """A trapezoid over the whole length under the lowest limits of any section."""
-    speed, acceleration = (min(section.limits[k] for section in sections) for k in range(2))
-    return trapezoid(sum(section.length for section in sections), speed, acceleration)
+    theirs = toppra.algorithm.TOPPRA(bounds, UnitCurve(path), gridpoints=points, solver_wrapper="seidel")
+    np.testing.assert_allclose(speeds, theirs.compute_parameterization(0.0, 0.0)[1], rtol=1e-6)
 
 
 class UnitCurve:
@@ -326,8 +307,8 @@ def test_where_toppra_fails_on_blends_trapezoids_take_over(monkeypatch: pytest.M
         return None, None, None
 
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", fails)
-    path = right_angle(0.3)
-    assert ToppRa().time_path(path, limits(2)).duration == Trapezoidal().time_path(path, limits(2)).duration
+    law, path = ToppRa(backend="toppra"), right_angle(0.3)
+    assert law.time_path(path, limits(2)).duration == Trapezoidal().time_path(path, limits(2)).duration
 
 
 def test_where_toppra_fails_and_no_trapezoid_helps_the_failure_is_typed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -337,7 +318,7 @@ def test_where_toppra_fails_and_no_trapezoid_helps_the_failure_is_typed(monkeypa
         return np.zeros(1), np.zeros(1000), None
 
     monkeypatch.setattr(toppra.algorithm.TOPPRA, "compute_parameterization", stands)
-    law, path, given_limits = ToppRa(), right_angle(1.0), limits(2)
+    law, path, given_limits = ToppRa(backend="toppra"), right_angle(1.0), limits(2)
     with pytest.raises(TimingFailed, match="speed 0 from s = "):
         law.time_path(path, given_limits)
 

@@ -1,0 +1,126 @@
+// Timing as Python sees it (_core.pyi).
+#include "timing.hpp"
+
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/tuple.h>
+
+#include <memory>
+#include <stdexcept>
+#include <tuple>
+
+#include "peaks.hpp"
+#include "tool_speed.hpp"
+#include "two_passes.hpp"
+
+namespace nb = nanobind;
+
+namespace timing {
+
+namespace {
+
+using Rows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Row = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Numbers = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Out = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
+
+void require(bool condition, const char* what) {
+    if (!condition) throw std::invalid_argument(what);
+}
+
+Out array_of(const std::vector<double>& values) {
+    auto held = std::make_unique<double[]>(values.size());
+    std::copy(values.begin(), values.end(), held.get());
+    double* data = held.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+    return Out(data, {values.size()}, owner);
+}
+
+Out passes(const Rows& first, const Rows& second, const Row& acceleration, const Row& squares, const Row& points, double entry) {
+    const std::size_t count = points.shape(0), joints = acceleration.shape(0);
+    require(count >= 2 && squares.shape(0) == count, "a square for each of at least two points");
+    for (const Rows* rows : {&first, &second})
+        require(rows->shape(0) == count && rows->shape(1) == joints, "a row for each point, a column for each joint");
+    const Grid grid{joints, count, first.data(), second.data(), acceleration.data(), squares.data(), points.data()};
+    nb::gil_scoped_release released;
+    std::vector<double> speeds = two_passes(grid, entry);
+    nb::gil_scoped_acquire acquired;
+    return array_of(speeds);
+}
+
+// The tables of a path and of a motion along it; checked, so that no index leads outside them.
+struct Trajectory {
+    Path path;
+    Motion motion;
+    std::vector<Rows> kept_rows;  // the tables live as long as this
+    std::vector<Row> kept_columns;
+    std::vector<Numbers> kept_numbers;
+
+    Trajectory(const Rows& waypoints, const Row& knots, const Rows& tangents, const Row& breaks, const Numbers& lines,
+               const Numbers& rows, const Rows& blends, const Row& durations, const Rows& coefficients, const Row& times,
+               const Row& ends, const Numbers& geometry) {
+        const std::size_t n = waypoints.shape(1), points = waypoints.shape(0), pieces = lines.shape(0), count = durations.shape(0);
+        require(points >= 1 && knots.shape(0) == points && tangents.shape(0) + 1 == points && tangents.shape(1) == n,
+                "a knot for each waypoint, a tangent for each line");
+        require(breaks.shape(0) == pieces + 1 && rows.shape(0) == pieces && blends.shape(1) == 2 + 4 * n, "tables of a path");
+        for (std::size_t k = 0; k < pieces; ++k) {
+            require(lines.data()[k] >= 0 && lines.data()[k] + 1 < static_cast<std::int64_t>(points), "no such line");
+            require(rows.data()[k] < static_cast<std::int64_t>(blends.shape(0)), "no such blend");
+        }
+        require(coefficients.shape(0) == count && coefficients.shape(1) == 4 && times.shape(0) == count + 1 &&
+                    ends.shape(0) == count && geometry.shape(0) == count,
+                "tables of a motion");
+        for (std::size_t k = 0; k < count; ++k)
+            require(geometry.data()[k] >= 0 && geometry.data()[k] < static_cast<std::int64_t>(pieces), "no such piece");
+        path = {n, points, pieces, waypoints.data(), knots.data(), tangents.data(), breaks.data(), lines.data(), rows.data(), blends.data()};
+        for (const auto* table : {&waypoints, &tangents, &blends, &coefficients}) kept_rows.push_back(*table);
+        for (const auto* table : {&knots, &breaks, &durations, &times, &ends}) kept_columns.push_back(*table);
+        for (const auto* table : {&lines, &rows, &geometry}) kept_numbers.push_back(*table);
+        motion = {count, durations.data(), coefficients.data(), times.data(), ends.data(), geometry.data()};
+    }
+};
+
+Arm arm_of(const Rows& table, std::size_t tool_body, const std::array<double, 3>& tool, std::size_t joints) {
+    require(table.shape(1) == Arm::width && tool_body <= table.shape(0), "a robot's table of bodies");
+    for (std::size_t k = 0; k < table.shape(0); ++k) {
+        const double* row = table.data() + k * Arm::width;
+        require(row[0] >= 0.0 && row[0] <= static_cast<double>(k), "parents before children");
+        require(row[1] >= 0.0 && row[1] < static_cast<double>(joints), "no such joint");
+    }
+    return {table.shape(0), table.data(), tool_body, {tool[0], tool[1], tool[2]}};
+}
+
+std::tuple<double, std::size_t, double> as_tuple(const Peak& peak) { return {peak.ratio, peak.joint, peak.time}; }
+
+}  // namespace
+
+void bind(nb::module_& m) {
+    m.def("two_passes", &passes);
+    nb::class_<Trajectory>(m, "TrajectoryTables")
+        .def(nb::init<const Rows&, const Row&, const Rows&, const Row&, const Numbers&, const Numbers&, const Rows&, const Row&,
+                      const Rows&, const Row&, const Row&, const Numbers&>())
+        .def("peaks",
+             [](const Trajectory& self, const Row& velocity, const Row& acceleration, const Row& jerk) {
+                 for (const Row* row : {&velocity, &acceleration, &jerk})
+                     require(row->shape(0) == self.path.joints, "a limit for each joint");
+                 const Limits limits{velocity.data(), acceleration.data(), jerk.data()};
+                 std::array<Peak, 3> peaks;
+                 {
+                     nb::gil_scoped_release released;
+                     peaks = trajectory_peaks(self.path, self.motion, limits);
+                 }
+                 return std::make_tuple(as_tuple(peaks[0]), as_tuple(peaks[1]), as_tuple(peaks[2]));
+             })
+        .def("peak_tool_speed", [](const Trajectory& self, const Rows& table, std::size_t tool_body, const std::array<double, 3>& tool) {
+            const Arm arm = arm_of(table, tool_body, tool, self.path.joints);
+            nb::gil_scoped_release released;
+            return peak_tool_speed(arm, self.path, self.motion);
+        });
+    m.def("tool_speeds", [](const Rows& table, std::size_t tool_body, const std::array<double, 3>& tool, const Rows& Q, const Rows& Qd) {
+        require(Q.shape(0) == Qd.shape(0) && Q.shape(1) == Qd.shape(1), "a velocity for each configuration");
+        const Arm arm = arm_of(table, tool_body, tool, Q.shape(1));
+        return array_of(tool_speeds(arm, Q.shape(1), Q.shape(0), Q.data(), Qd.data()));
+    });
+}
+
+}  // namespace timing
