@@ -8,20 +8,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from auditor.checker import IndependentChecker
 from benchmarks.attack.domain import GAPS, LONGEST, SPEEDS
 from benchmarks.attack.harness import Case, Part, Wrong
-from benchmarks.attack.worlds import World, draw_world, random_states
+from benchmarks.attack.worlds import World, draw_world
+from benchmarks.studies.agreement import random_states
 from planner_service import CollisionChecker, JointPath, SCurve, ToppRa, Trapezoidal
 from planner_service.certify import Certifier, EdgeVerdict
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
 
 __all__ = ["Attack"]
 

@@ -35,10 +35,21 @@ from planner_service.tasks.pick_place import plan_pick_place
 
 __all__ = ["Attack"]
 
+TAKEN = "blue_block"
+
 PROVEN = 0.004
 """Part of the inputs that are forged plans, each driven by an arm that only writes down what it is told."""
 
-PLACES = ("folder", "fifo", "device", "link to itself", "link", "nothing", "not ours to read")
+PLACES: dict[str, Callable[[Path], object]] = {
+    "folder": Path.mkdir,
+    "fifo": os.mkfifo,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "link to itself": lambda path: path.symlink_to(path),
+    "link": lambda path: path.symlink_to(path.with_name("scene.toml")),
+    "nothing": lambda path: None,
+    "not ours to read": lambda path: path.symlink_to("/proc/1/mem"),
+}
+"""What may be where a file was, and how it is put there."""
 
 STEP = 4
 """Every so many commands are judged by Coal."""
@@ -53,12 +64,10 @@ KEY = "0" * 64
 
 
 def _ply(points: FloatArray) -> bytes:
-    head = (
-        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
-    )
     faces = [f"3 {k} {k + 1} {k + 2}" for k in range(len(points) - 2)]
-    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    return (head + "\n".join([" ".join(map(repr, p)) for p in points.tolist()] + faces) + "\n").encode()
+    head = ["ply", "format ascii 1.0", f"element vertex {len(points)}", *(f"property float {axis}" for axis in "xyz")]
+    head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    return "\n".join([*head, *(" ".join(map(repr, p)) for p in points.tolist()), *faces, ""]).encode()
 
 
 def _obj(points: FloatArray) -> bytes:
@@ -80,6 +89,12 @@ def _stl_text(points: FloatArray) -> bytes:
     return "\n".join([*lines, "endsolid s"]).encode()
 
 
+def _stored(save: Callable[..., None], *arrays: FloatArray, **named: FloatArray) -> bytes:
+    file = io.BytesIO()
+    save(file, *arrays, **named)
+    return file.getvalue()
+
+
 DAE = """<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
 <asset><unit name="meter" meter="1"/><up_axis>Z_UP</up_axis></asset><library_geometries><geometry id="g"><mesh>
 <source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 1 0 0 0 1</float_array><technique_common>
@@ -96,44 +111,15 @@ WORLD = """<robot name="w"><link name="world"/><link name="t"><collision><geomet
 rpy="0 0 1"/></joint></robot>"""
 
 MOVEIT = """(noname)+
-* table
-0.5 0 0.1
-0 0 0 1
-2
-box
-0.4 0.6 0.2
-0 0 0
-0 0 0 1
-0 0 0 0
-mesh
-4 4
-0 0 0
-1 0 0
-0 1 0
-0 0 1
-0 1 2
-0 1 3
-0 2 3
-1 2 3
-0 0 0
-0 0 0 1
-0 0 0 0
-1
-corner
-0.2 0.3 0.1
-0 0 0 1
-* ball
-0.1 0.2 0.3
-0 0 0 1
-1
-sphere
-0.2
-0 0 0
-0 0 0 1
-0 0 0 0
+* table; 0.5 0 0.1; 0 0 0 1; 2
+box; 0.4 0.6 0.2; 0 0 0; 0 0 0 1; 0 0 0 0
+mesh; 4 4; 0 0 0; 1 0 0; 0 1 0; 0 0 1; 0 1 2; 0 1 3; 0 2 3; 1 2 3; 0 0 0; 0 0 0 1; 0 0 0 0
+1; corner; 0.2 0.3 0.1; 0 0 0 1
+* ball; 0.1 0.2 0.3; 0 0 0 1; 1
+sphere; 0.2; 0 0 0; 0 0 0 1; 0 0 0 0
 0
 .
-"""
+""".replace("; ", "\n")
 
 SRDF = """<robot name="drawn"><group name="arm"><chain base_link="l0" tip_link="l1"/></group>
 <group_state name="up" group="arm"><joint name="j1" value="0.01"/></group_state>
@@ -141,16 +127,10 @@ SRDF = """<robot name="drawn"><group name="arm"><chain base_link="l0" tip_link="
 
 _MACHINE = {"python": "3", "platform": "p", "cpu": "c", "cores": 1, "versions": {}, "commit": None}
 _HEADER = {"version": 1, "suite": "s", "environment": _MACHINE, "command": []}
-_ROW: dict[str, Any] = {
-    "suite": "s",
-    "problem": "p",
-    "kind": "k",
-    "robot": "r",
-    "tool": "planner_service",
-    "planner": "a",
-}
-_ROW |= {"seed": 0, "ok": True, "failure": None, "detail": "", "seconds": {}, "total_seconds": 0.1, "cpu_seconds": 0.1}
-_ROW |= {"checks": {"search": {"states": 100, "edges": 10, "distances": 0}}, "raw_length": 3.0, "length": 2.0}
+_ROW: dict[str, Any] = {"suite": "s", "problem": "p", "kind": "k", "robot": "r", "tool": "planner_service"}
+_ROW |= {"planner": "a", "seed": 0, "ok": True, "failure": None, "detail": "", "seconds": {}, "total_seconds": 0.1}
+_ROW |= {"cpu_seconds": 0.1, "checks": {"search": {"states": 100, "edges": 10, "distances": 0}}}
+_ROW |= {"raw_length": 3.0, "length": 2.0}
 _ROW |= {"duration": 1.0, "clearance": 0.001, "peaks": None, "path_hash": "x"}
 _ROW |= {"audit": {"step": 0.01, "verdict": "free", "depth": None, "pair": None}}
 
@@ -166,27 +146,20 @@ class _Stock:
         goal = ps.Pose((0.20, 0.28, 0.15), (0.5**0.5, 0.0, 0.5**0.5, 0.0))
         request = ps.PlanRequest(home, goal, seed=7, time_limit=None)
         self.result = service.plan(request)
-        self._saved("plan", self.result)
-        self.task = plan_pick_place(service, "blue_block", "tray", request)
-        self._saved("task", self.task)
+        self.task = plan_pick_place(service, TAKEN, "tray", request)
+        for kind, made in (("plan", self.result), ("task", self.task)):
+            made.save(folder / f"{kind}.json")
+            self._tree(kind, (folder / f"{kind}.json").read_bytes())
         memory = ps.PlannerService("wxai", "table").path_memory()
         memory.save(folder / "memory.npz")
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
         points = rng.normal(size=(8, 3)) * 0.1
         self.contents |= {"ply": _ply(points), "obj": _obj(points), "stl": _stl(points), "stl text": _stl_text(points)}
-        self.contents |= {
-            "dae": DAE.encode(),
-            "world": WORLD.encode(),
-            "moveit": MOVEIT.encode(),
-            "srdf": SRDF.encode(),
-        }
-        for kind, array in (("npy", points), ("heights", np.abs(points[:3]))):
-            file = io.BytesIO()
-            np.save(file, array)
-            self.contents[kind] = file.getvalue()
-        file = io.BytesIO()
-        np.savez_compressed(file, points=points)
-        self.contents["npz"] = file.getvalue()
+        for kind, text in (("dae", DAE), ("world", WORLD), ("moveit", MOVEIT), ("srdf", SRDF)):
+            self.contents[kind] = text.encode()
+        self.contents["npy"] = _stored(np.save, points)
+        self.contents["heights"] = _stored(np.save, np.abs(points[:3]))
+        self.contents["npz"] = _stored(np.savez_compressed, points=points)
         ps.save_scene(scene_of(draw_scene(rng, 0.5, 6)), folder / "scene.toml")
         self.contents["scene"] = (folder / "scene.toml").read_bytes()
         drawn = draw_robot(np.random.default_rng(3))
@@ -199,20 +172,21 @@ class _Stock:
                 (folder / beside.name).write_bytes(beside.read_bytes())
         problem = {"id": "a", "start": [0.0] * 6, "goals": [[0.1] * 6], "obstacles": []}
         problem["obstacles"] = [{"name": "o", "type": "box", "size": [0.1, 0.1, 0.1], "position": [0, 0, 1.0]}]
-        self._tree("problems", {"robot": "r", "joints": [f"j{k}" for k in range(6)], "problems": [problem]})
+        problems = {"robot": "r", "joints": [f"j{k}" for k in range(6)], "problems": [problem]}
+        self._tree("problems", json.dumps(problems).encode())
         cache = DiskCache(folder / "cache")
         cache.put(KEY, points.tobytes())
         self.contents["cache"] = (folder / "cache" / f"{KEY}.bin").read_bytes()
         self.contents["results"] = (rows.line_of({"header": _HEADER}) + rows.line_of(_ROW)).encode()
 
-    def _saved(self, kind: str, made: Any) -> None:
-        file = self.folder / f"{kind}.json"
-        made.save(file)
-        self.contents[kind] = file.read_bytes()
-        self.trees[kind] = json.loads(self.contents[kind])
+    def _tree(self, kind: str, content: bytes) -> None:
+        self.contents[kind], self.trees[kind] = content, json.loads(content)
 
-    def _tree(self, kind: str, tree: Any) -> None:
-        self.contents[kind], self.trees[kind] = json.dumps(tree).encode(), tree
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Every link with every obstacle."""
+        links = dict.fromkeys(shape.link for shape in self.service.robot.shapes)
+        return tuple((link, obstacle.name) for link in links for obstacle in self.service.scene.obstacles)
 
     def readers(self) -> dict[str, tuple[str, Callable[[Path], Any]]]:
         """By kind: a file's name, and what reads it."""
@@ -239,8 +213,6 @@ class _Stock:
         return out
 
 
-TAKEN = "blue_block"
-
 WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, "robot": 0.7}
 """How often kinds that take more time are drawn; the others 1."""
 
@@ -249,9 +221,7 @@ TEXTS = frozenset({"plan", "task", "obj", "stl text", "dae", "scene", "urdf", "r
 
 class Attack(Part):
     name = "files"
-    what = (
-        "files of 20 kinds with bytes, words, lines and structure mutated; forged plans driven by an arm that records"
-    )
+    what = "files of 20 kinds, bytes, words, lines and structure mutated; forged plans driven by an arm that records"
     lists = ("data",)
 
     def __init__(self) -> None:
@@ -272,7 +242,7 @@ class Attack(Part):
         weights = np.array([WEIGHTS.get(kind, 1.0) for kind in kinds])
         kind = str(rng.choice(kinds, p=weights / weights.sum()))
         if rng.random() < 0.01:
-            return {"kind": kind, "place": str(rng.choice(PLACES))}
+            return {"kind": kind, "place": str(rng.choice(list(PLACES)))}
         text = kind in TEXTS or kind in self._stock.trees or kind in ("ply", "results")
         data = changed(self._stock.contents[kind], rng, self._stock.trees.get(kind), text=text)
         return {"kind": kind, "data": packed(data)}
@@ -286,7 +256,7 @@ class Attack(Part):
         path = stock.folder / name
         path.unlink(missing_ok=True)
         if "place" in case:
-            _put(path, case["place"])
+            PLACES[case["place"]](path)
         else:
             path.write_bytes(unpacked(case["data"]))
         try:
@@ -313,21 +283,18 @@ class Attack(Part):
         path = stock.folder / "forged.json"
         path.write_text(json.dumps(tree))
         plan = plan_file.load_plan_or_task(path)
-        task = isinstance(plan, plan_file.SavedTask)
+        taken = TAKEN if isinstance(plan, plan_file.SavedTask) else ""
         motion = (plan.segments[0].result if isinstance(plan, plan_file.SavedTask) else plan.result).trajectory
         if motion is None:
             return
-        arm = FakeArm(motion(0.0), stone=0.045 if task else 0.0)
+        arm = FakeArm(motion(0.0), stone=0.045 if taken else 0.0)
         self.counted["forged plans"] += 1
-        with (
-            patch("planner_service.execute.stream.time", FakeTime()),
-            contextlib.suppress(PlannerServiceError),
-        ):
+        with patch("planner_service.execute.stream.time", FakeTime()), contextlib.suppress(PlannerServiceError):
             execute(plan, arm, stock.service.robot, Streaming(speed=1.0, settle=0.2))
         if not arm.told:
             return
         self.counted["forged plans driven"] += 1
-        judge = self._judge_of(TAKEN if task else "")
+        judge = self._judge_of(taken)
         limits = stock.service.robot.limits
         for k, (q, qd, qdd) in enumerate(arm.told):
             if k % STEP == 0 and not judge.free(q):
@@ -348,21 +315,6 @@ class Attack(Part):
             tables = tables_of(scene.without(taken) if taken else scene)
             self._judges[taken] = IndependentChecker(folder, tables, gripper_width=0.045 if taken else None)
         return self._judges[taken]
-
-
-def _put(path: Path, place: str) -> None:
-    if place == "folder":
-        path.mkdir()
-    elif place == "fifo":
-        os.mkfifo(path)
-    elif place == "device":
-        path.symlink_to("/dev/zero")
-    elif place == "link to itself":
-        path.symlink_to(path)
-    elif place == "link":
-        path.symlink_to(path.with_name("scene.toml"))
-    elif place == "not ours to read":
-        path.symlink_to("/proc/1/mem")
 
 
 def _remove(path: Path) -> None:
@@ -397,10 +349,8 @@ def _forged(stock: _Stock, rng: np.random.Generator) -> Any:
     result["trajectory"] |= law
     proof = result["certificate"]
     if how == "exempt":
-        links = dict.fromkeys(shape.link for shape in stock.service.robot.shapes)
-        pairs = [[link, obstacle.name] for link in links for obstacle in stock.service.scene.obstacles]
         reason = str(rng.choice(("grasp", "start", "goal", "support")))
-        proof["exempt"] = [{"s_start": 0.0, "s_end": curve.length, "pairs": pairs, "reason": reason}]
+        proof["exempt"] = [{"s_start": 0.0, "s_end": curve.length, "pairs": stock.pairs, "reason": reason}]
     elif how == "part":
         proof["part"] = [0.0, float(rng.uniform(0.0, 0.2)) * curve.length]
     elif how == "padding":
@@ -431,9 +381,7 @@ def _forged_task(stock: _Stock, rng: np.random.Generator) -> Any:
     else:
         curve = ps.JointPath(path.waypoints[[0, -1]])
         if how == "exempt" and proof is not None:
-            links = dict.fromkeys(shape.link for shape in stock.service.robot.shapes)
-            pairs = tuple((link, obstacle.name) for link in links for obstacle in stock.service.scene.obstacles)
-            proof = replace(proof, exempt=(ExemptInterval(0.0, curve.length, pairs, "grasp"),))
+            proof = replace(proof, exempt=(ExemptInterval(0.0, curve.length, stock.pairs, "grasp"),))
         law = ps.Trapezoidal().time_path(curve, limits)
         parts[k] = replace(parts[k], result=replace(parts[k].result, path=curve, trajectory=law, certificate=proof))
     return plan_file.SavedTask.of(replace(task, segments=tuple(parts))).document()

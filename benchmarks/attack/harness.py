@@ -15,7 +15,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -24,19 +24,7 @@ import numpy as np
 
 from planner_service.errors import BrokenInvariant, PlannerServiceError
 
-__all__ = [
-    "Case",
-    "Finding",
-    "Law",
-    "Part",
-    "Wrong",
-    "further",
-    "judged",
-    "packed",
-    "read_finding",
-    "rng_of",
-    "unpacked",
-]
+__all__ = ["Case", "Finding", "Part", "Wrong", "further", "judged", "packed", "read_finding", "rng_of", "unpacked"]
 
 Case = dict[str, Any]
 
@@ -50,10 +38,6 @@ class Wrong(Exception):
     def __init__(self, law: str, detail: str = "") -> None:
         super().__init__(f"{law}: {detail}" if detail else law)
         self.law = law
-
-
-Law = Callable[[Any], None]
-"""Raises ``Wrong`` for an answer that cannot be right."""
 
 
 @dataclass(frozen=True)

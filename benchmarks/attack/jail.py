@@ -21,8 +21,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks.attack.harness import Case, Outcome, Part, judged, rng_of
 
 __all__ = ["MEMORY", "Jail"]
@@ -281,8 +279,3 @@ def _group(group: int) -> list[int]:
 def rss() -> int:
     """Bytes of memory that this process has in use."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def random_bytes(rng: np.random.Generator, count: int) -> bytes:
-    """Any bytes."""
-    return rng.integers(0, 256, count, dtype=np.uint8).tobytes()

@@ -10,7 +10,8 @@ import numpy as np
 
 from benchmarks.attack.domain import HISTORY
 from benchmarks.attack.harness import Case, Part, Wrong
-from benchmarks.attack.worlds import World, draw_obstacle, draw_robot, draw_scene, random_states, scene_of
+from benchmarks.attack.worlds import World, draw_obstacle, draw_robot, draw_scene, scene_of
+from benchmarks.studies.agreement import random_states
 from planner_service import PRM, CollisionChecker, LazyPRM, PlannerService, PlanRequest, Roadmap
 from planner_service.errors import InvalidRequest
 from planner_service.roadmap import Verdict

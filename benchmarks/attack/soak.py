@@ -9,22 +9,11 @@ from typing import Any
 
 import numpy as np
 
+import planner_service as ps
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.jail import rss
 from benchmarks.attack.threads import alone, digest, requests
-from planner_service import (
-    Box,
-    CollisionChecker,
-    LazyPRM,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    Pose,
-    Scene,
-    inverse_kinematics,
-    load_scene,
-    save_scene,
-)
+from benchmarks.studies.agreement import random_states
 from planner_service.records.plan_file import load_plan
 
 __all__ = ["Attack"]
@@ -46,18 +35,18 @@ class Attack(Part):
     def __init__(self) -> None:
         super().__init__()
         self._calls, self._base = 0, 0
-        self._made: tuple[PlannerService, list[PlanRequest], list[tuple[Any, ...]]] | None = None
+        self._made: tuple[ps.PlannerService, list[ps.PlanRequest], list[tuple[Any, ...]]] | None = None
 
     def draw(self, rng: np.random.Generator) -> Case:
         return {"what": str(rng.choice(WHAT, p=SHARES)), "seed": int(rng.integers(2**31))}
 
     def run(self, case: Case) -> None:
         if self._made is None:
-            service = PlannerService("wxai", "bin")
+            service = ps.PlannerService("wxai", "bin")
             asked = requests(service)
             self._made = service, asked, alone(service, asked)
         service, asked, known = self._made
-        self._call(case["what"], service, asked, np.random.default_rng(case["seed"]))
+        self._call(case["what"], service, asked, case["seed"])
         self._calls += 1
         if self._calls % EVERY:
             return
@@ -76,10 +65,9 @@ class Attack(Part):
                 self._base = now
                 raise Wrong("memory stays flat", f"{grown / 1e6:.0f} MB more after {self._calls} calls")
 
-    def _call(self, what: str, service: PlannerService, asked: list[PlanRequest], rng: np.random.Generator) -> None:
-        robot, checker = service.robot, service.checker
-        lower, upper = robot.limits.lower, robot.limits.upper
-        Q = lower + (upper - lower) * rng.random((4, robot.n))
+    def _call(self, what: str, service: ps.PlannerService, asked: list[ps.PlanRequest], seed: int) -> None:
+        robot, checker, rng = service.robot, service.checker, np.random.default_rng(seed)
+        Q = random_states(robot, 4, rng)
         request = asked[int(rng.integers(len(asked)))]
         if what == "check":
             checker.states_are_free(Q)
@@ -91,19 +79,19 @@ class Attack(Part):
         elif what == "certify":
             service.certify(Q[:2])
         elif what == "kinematics":
-            inverse_kinematics(robot, Pose.from_matrix(robot.tool_pose(Q[0])))
+            ps.inverse_kinematics(robot, ps.Pose.from_matrix(robot.tool_pose(Q[0])))
         elif what == "plan":
             service.plan(request)
         elif what == "scene":
-            box = Obstacle("new", Box((0.1, 0.1, 0.1)), Pose(tuple(rng.uniform(0.5, 1.0, 3))))
-            CollisionChecker(robot, Scene((*service.scene.obstacles, box))).state_is_free(Q[0])
+            box = ps.Obstacle("new", ps.Box((0.1, 0.1, 0.1)), ps.Pose(tuple(rng.uniform(0.5, 1.0, 3))))
+            ps.CollisionChecker(robot, ps.Scene((*service.scene.obstacles, box))).state_is_free(Q[0])
         elif what == "service":
-            PlannerService(robot, service.scene).certify(Q[:2])
+            ps.PlannerService(robot, service.scene).certify(Q[:2])
         elif what == "file":
             with tempfile.TemporaryDirectory() as name:
-                save_scene(service.scene, Path(name) / "s.toml")
-                load_scene(Path(name) / "s.toml")
+                ps.save_scene(service.scene, Path(name) / "s.toml")
+                ps.load_scene(Path(name) / "s.toml")
                 service.plan(request).save(Path(name) / "p.json")
                 load_plan(Path(name) / "p.json")
         else:
-            service.build_roadmap(LazyPRM(30, 4), seed=int(rng.integers(100)), progress=False)
+            service.build_roadmap(ps.LazyPRM(30, 4), seed=int(rng.integers(100)), progress=False)

@@ -8,17 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.attack.harness import Case, Part, Wrong
-from benchmarks.attack.worlds import World, between, draw_world, random_states
-from benchmarks.studies.agreement import WITHIN
+from benchmarks.attack.worlds import World, draw_world
+from benchmarks.studies.agreement import JITTERS, WITHIN, first_contacts, random_states
 from planner_service import CollisionChecker
+from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["Attack"]
 
 EACH = 250
 """Configurations of one world, half of them around contact."""
-
-JITTERS = (2e-6, 1e-5, 1e-4, 1e-3)
-"""Metres that any point may be moved from contact."""
 
 
 class Attack(Part):
@@ -58,14 +56,14 @@ class Attack(Part):
         del case["Q"]
         return len(Q)
 
-    def _states(self, checker: CollisionChecker, rng: np.random.Generator) -> np.ndarray:  # type: ignore[type-arg]
+    def _states(self, checker: CollisionChecker, rng: np.random.Generator) -> FloatArray:
         robot = checker.robot
         Q = random_states(robot, EACH // 2, rng)
         good = checker.states_are_free(Q)
         count = min(int(good.sum()), int((~good).sum()), 8)
         if not count:
             return Q
-        contacts = between(Q[good][:count], Q[~good][:count], checker.states_are_free)
+        contacts = first_contacts(checker, Q[good][:count], Q[~good][:count])
         near = np.repeat(contacts, (EACH - len(Q)) // count, axis=0)
         ways = rng.normal(size=near.shape)
         sizes = rng.choice(JITTERS, len(near)) * rng.random(len(near))

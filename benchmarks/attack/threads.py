@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.attack.harness import Case, Part, Wrong
+from benchmarks.studies.agreement import random_states
 from planner_service import CancelToken, PlannerService, PlanRequest, PlanResult
 
 __all__ = ["Attack", "alone", "digest", "requests"]
@@ -20,7 +21,7 @@ WHAT = ("plan", "check", "certify", "limit", "cancel")
 def requests(service: PlannerService, count: int = 8) -> list[PlanRequest]:
     """Requests whose answers the clock has no say in."""
     rng, robot = np.random.default_rng(5), service.robot
-    Q = robot.limits.lower + (robot.limits.upper - robot.limits.lower) * rng.random((400, robot.n))
+    Q = random_states(robot, 400, rng)
     goals = Q[service.checker.states_are_free(Q)][:count]
     return [PlanRequest(robot.home, goal, seed=k, time_limit=None, max_checks=6_000) for k, goal in enumerate(goals)]
 

@@ -6,20 +6,18 @@ import copy
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from auditor.checker import IndependentChecker, tables_of
 from benchmarks.attack.domain import JOINTS, LENGTHS, OBSTACLES, ROBOTS
 from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Shape
 
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
-
-__all__ = ["World", "between", "draw_obstacle", "draw_robot", "draw_scene", "draw_world", "random_states", "written"]
+__all__ = ["World", "draw_obstacle", "draw_robot", "draw_scene", "draw_world", "scene_of", "written"]
 
 Plain = dict[str, Any]
 
@@ -173,8 +171,6 @@ class World:
 
     def independent(self, scene: Scene | None = None) -> IndependentChecker:
         """The judge that shares no code with the package."""
-        from auditor.checker import IndependentChecker, tables_of
-
         return IndependentChecker(self._table, tables_of(self.scene if scene is None else scene))
 
 
@@ -183,18 +179,3 @@ def scene_of(obstacles: Sequence[Plain]) -> Scene:
     return Scene(
         tuple(Obstacle(o["name"], _solid(o), Pose(tuple(o["xyz"]), tuple(o["quaternion"]))) for o in obstacles)
     )
-
-
-def random_states(robot: Robot, count: int, rng: np.random.Generator) -> FloatArray:
-    """Configurations (count, n) anywhere within the joint limits."""
-    lower, upper = robot.limits.lower, robot.limits.upper
-    return np.asarray(lower + (upper - lower) * rng.random((count, robot.n)))
-
-
-def between(free: FloatArray, hit: FloatArray, is_free: Any) -> FloatArray:
-    """Configurations (k, n) where straight ways from free ones to others meet something first, or thereabouts."""
-    for _ in range(45):
-        middle = 0.5 * (free + hit)
-        good = is_free(middle)[:, None]
-        free, hit = np.where(good, middle, free), np.where(good, hit, middle)
-    return np.asarray(hit)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.studies.agreement import random_states
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
 from planner_service import CollisionChecker, JointPath, PlannerService, Pose, RRTConnect, ToppRa
@@ -50,8 +51,7 @@ def test_state_check_free(benchmark: Benchmark, service: PlannerService) -> None
 
 
 def test_state_check_of_uniform_states(benchmark: Benchmark, service: PlannerService) -> None:
-    limits = service.robot.limits
-    Q = limits.lower + (limits.upper - limits.lower) * np.random.default_rng(0).random((200, service.robot.n))
+    Q = random_states(service.robot, 200, np.random.default_rng(0))
     assert 0 < sum(benchmark(lambda: [service.checker.state_is_free(q) for q in Q])) < 200
 
 

@@ -22,7 +22,7 @@ from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import load_robot, robot_names
 
-__all__ = ["JITTERS", "WITHIN", "around_contacts", "compared", "crowded_table", "random_states", "run"]
+__all__ = ["JITTERS", "WITHIN", "around_contacts", "first_contacts", "random_states", "run"]
 
 SEED = 2026
 
@@ -96,12 +96,16 @@ def _contacts(checker: CollisionChecker, count: int, rng: np.random.Generator) -
         if not len(free) and not len(hit) and (good.all() or not good.any()):
             raise AssertionError(f"{checker.robot.name}: of {len(Q)} configurations all are free, or none")
         free, hit = np.concatenate([free, Q[good]]), np.concatenate([hit, Q[~good]])
-    free, hit = free[:count], hit[:count]
+    return first_contacts(checker, free[:count], hit[:count])
+
+
+def first_contacts(checker: CollisionChecker, free: FloatArray, hit: FloatArray) -> FloatArray:
+    """Configurations (m, n) at which straight ways from free ones to colliding ones first are in contact."""
     for _ in range(HALVINGS):
         middle = 0.5 * (free + hit)
         good = checker.states_are_free(middle)[:, None]
-        free, hit = np.asarray(np.where(good, middle, free)), np.asarray(np.where(good, hit, middle))
-    return hit
+        free, hit = np.where(good, middle, free), np.where(good, hit, middle)
+    return np.asarray(hit)
 
 
 def compared(checker: CollisionChecker, second: IndependentChecker, Q: FloatArray) -> Row:

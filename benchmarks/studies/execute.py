@@ -16,26 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.audit import Auditor, between
 from benchmarks.harness.report import Promise, Report, Row, table
-from planner_service import (
-    Box,
-    Handling,
-    JointPath,
-    Obstacle,
-    PlannerService,
-    PlanRequest,
-    Pose,
-    Scene,
-    TaskResult,
-    Trajectory,
-    Trapezoidal,
-    load_robot,
-    load_scene,
-    pick,
-    place,
-    top_grasps,
-)
 from planner_service.execute import (
     ArmLimits,
     Driver,
@@ -72,29 +55,28 @@ class Errand:
 
     name: str
     task: SavedTask
-    scenes: tuple[Scene, ...]
-    end: Pose
+    scenes: tuple[ps.Scene, ...]
+    end: ps.Pose
 
 
 def errand(name: str, arm: SimulatedArm) -> Errand:
     """Out of the bin round the post onto the tray, or from place to place on the board inside the shelf."""
-    service = PlannerService("wxai", arm.seen())
+    service = ps.PlannerService("wxai", arm.seen())
     home = service.robot.home
-    request = PlanRequest(home, home, padding=PADDING, time_limit=None)
+    request = ps.PlanRequest(home, home, padding=PADDING, time_limit=None)
     if name == "bin":
         block, under, onto = service.scene.obstacle("blue_block"), "bin_floor", "tray"
-        grasps, places = top_grasps(service.robot, block), places_on(block, service.scene.obstacle(onto))
+        grasps, places = ps.top_grasps(service.robot, block), places_on(block, service.scene.obstacle(onto))
     else:
         block, under, onto = service.scene.obstacle("block"), "shelf_board", "shelf_board"
         x, y, z = block.pose.position
-        grasps = (Pose.from_rpy((x, y, z), (0.0, math.radians(15.0), 0.0)),)  # reaching in, a little downwards
-        places = (Pose((x, -y, z + 0.001), block.pose.quaternion),)
-    taking = Handling(support=under, request=request)
-    picked = _done(pick(service, home, block.name, grasps, taking))
-    placed = _done(
-        place(PlannerService.of(picked.world), picked.q, block.name, places, Handling(support=onto, request=request))
-    )
-    back = PlannerService.of(placed.world).plan(PlanRequest(placed.q, home, padding=PADDING, time_limit=None))
+        grasps = (ps.Pose.from_rpy((x, y, z), (0.0, math.radians(15.0), 0.0)),)  # reaching in, a little downwards
+        places = (ps.Pose((x, -y, z + 0.001), block.pose.quaternion),)
+    taking = ps.Handling(support=under, request=request)
+    picked = _done(ps.pick(service, home, block.name, grasps, taking))
+    putting = ps.Handling(support=onto, request=request)
+    placed = _done(ps.place(ps.PlannerService.of(picked.world), picked.q, block.name, places, putting))
+    back = ps.PlannerService.of(placed.world).plan(ps.PlanRequest(placed.q, home, padding=PADDING, time_limit=None))
     back.unwrap()
     home_again = Segment("home", back, placed.world.robot.gripper_width)
     to, into, lift, transfer, lower, away = (*picked.segments, *placed.segments)
@@ -104,18 +86,17 @@ def errand(name: str, arm: SimulatedArm) -> Errand:
     return Errand(name, task, worlds, placed.world.scene.obstacle(block.name).pose)
 
 
-def _done(result: TaskResult) -> TaskResult:
+def _done(result: ps.TaskResult) -> ps.TaskResult:
     if result.failure is not None:
         raise RuntimeError(str(result.failure))
     return result
 
 
+BLOCK = ps.Obstacle("block", ps.Box((0.045, 0.045, 0.045)), ps.Pose((0.43, 0.08, 0.1935)))
+
 ERRANDS = {
-    "bin": (load_scene("bin"), "blue_block"),
-    "shelf": (
-        load_scene("shelf").with_obstacle(Obstacle("block", Box((0.045, 0.045, 0.045)), Pose((0.43, 0.08, 0.1935)))),
-        "block",
-    ),
+    "bin": (ps.load_scene("bin"), "blue_block"),
+    "shelf": (ps.load_scene("shelf").with_obstacle(BLOCK), BLOCK.name),
 }
 """Scenes, and what is taken in them."""
 
@@ -131,19 +112,19 @@ def audited(work: Errand, done: Rehearsal) -> list[str]:
     return told
 
 
-def control() -> tuple[Trajectory, Rehearsal]:
+def control() -> tuple[ps.Trajectory, Rehearsal]:
     """The straight joint motion from above the bin to above the tray, through the post, which nobody planned."""
-    scene = load_scene("bin").without("blue_block")
-    robot = load_robot("wxai")
-    service = PlannerService(robot, scene)
+    scene = ps.load_scene("bin").without("blue_block")
+    robot = ps.load_robot("wxai")
+    service = ps.PlannerService(robot, scene)
     over_bin, over_tray = (
-        service.plan(PlanRequest(robot.home, Pose(at, (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)))).unwrap()[0]
+        service.plan(ps.PlanRequest(robot.home, ps.Pose(at, (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)))).unwrap()[0]
         for at in ((0.33, 0.0, 0.13), (0.2, 0.28, 0.13))
     )
-    path = JointPath(np.array([over_bin.waypoints[-1], over_tray.waypoints[-1]]))
+    path = ps.JointPath(np.array([over_bin.waypoints[-1], over_tray.waypoints[-1]]))
     if service.checker.edge_is_free(*path.waypoints):
         raise RuntimeError("the control is free: it shows nothing")
-    motion = Trapezoidal().time_path(path, robot.limits)
+    motion = ps.Trapezoidal().time_path(path, robot.limits)
     with SimulatedArm(robot, scene, path.waypoints[0]) as arm:
         return motion, rehearse(arm, motion, robot, STREAMING, allow_unproven=True)
 
@@ -186,10 +167,10 @@ class Cut:
 
 def stop_rows() -> list[Row]:
     """A fast motion cut off at its fastest: how far the tool goes on, and how far off its path, by where it holds."""
-    robot = load_robot("wxai")
-    service = PlannerService(robot, "empty")
+    robot = ps.load_robot("wxai")
+    service = ps.PlannerService(robot, "empty")
     off = np.array([1.2, 0.0, 0.0, 0.2, 0.8, 0.0])
-    plan = service.plan(PlanRequest(robot.home - off, robot.home + off))
+    plan = service.plan(ps.PlanRequest(robot.home - off, robot.home + off))
     motion = plan.unwrap()[1]
     points = motion.sample(0.004)
     fastest = float(points.t[np.abs(points.qd).max(axis=1).argmax()])
@@ -206,15 +187,10 @@ def stop_rows() -> list[Row]:
                 seen.append(robot.tool_pose(driver.positions())[:3, 3])
                 time.sleep(0.002)
         begun = robot.tool_pose(cut.stood)[:3, 3]
-        rows.append(
-            {
-                "holds": "where it was told to be" if where_told else "where it is",
-                "speed": float(np.abs(motion(fastest, 1)).max()),
-                "on_mm": 1000.0 * max(math.dist(begun, at) for at in seen),
-                "rest_mm": 1000.0 * math.dist(begun, seen[-1]),
-                "off_mm": 1000.0 * max(float(np.sqrt(((path - at) ** 2).sum(axis=1)).min()) for at in seen),
-            }
-        )
+        on, off = [math.dist(begun, at) for at in seen], [np.sqrt(((path - at) ** 2).sum(axis=1)).min() for at in seen]
+        row: Row = {"holds": "where it was told to be" if where_told else "where it is"}
+        row |= {"speed": float(np.abs(motion(fastest, 1)).max()), "on_mm": 1000.0 * max(on)}
+        rows.append(row | {"rest_mm": 1000.0 * on[-1], "off_mm": 1000.0 * float(max(off))})
     return rows
 
 
@@ -222,9 +198,9 @@ def run() -> Report:
     """All of it, about a minute and a half of real time."""
     rows: list[Row] = []
     for name, (scene, taken) in ERRANDS.items():
-        with SimulatedArm(load_robot("wxai"), scene, loose=(taken,)) as arm:
+        with SimulatedArm(ps.load_robot("wxai"), scene, loose=(taken,)) as arm:
             work = errand(name, arm)
-            done = rehearse(arm, work.task, load_robot("wxai"), STREAMING)
+            done = rehearse(arm, work.task, ps.load_robot("wxai"), STREAMING)
         verdicts = audited(work, done)
         placed = math.dist(done.loose[taken].position, work.end.position)
         for motion, verdict in zip(done.report.motions, verdicts, strict=True):
@@ -245,25 +221,18 @@ def promises(rows: Sequence[Row], control_contacts: Sequence[str]) -> tuple[Prom
     final = max(max(row["final_error"]) for row in rows)
     colliding = [f"{row['scene']} {row['name']}: {row['coal']}" for row in rows if row["coal"] != "free"]
     placed = max(row["placed"] for row in rows)
+    ended = len(rows) >= 8 and not stops and all(row["completed"] for row in rows)
+    legs = "at least 8 pick-and-place legs over bin and shelf are executed to their ends"
+    contact = "no contact between arm and scene that was not meant, in the simulator's stream"
+    post = "the straight motion through the post does report one"
+    carried = f"what was carried lies within {NEAR * 1e3:g} mm of its place"
     return (
-        Promise(
-            "at least 8 pick-and-place legs over bin and shelf are executed to their ends",
-            f"{len(rows)}; {'; '.join(stops) or 'none stopped'}",
-            len(rows) >= 8 and not stops and all(row["completed"] for row in rows),
-        ),
-        Promise(
-            "no contact between arm and scene that was not meant, in the simulator's stream",
-            "; ".join(contacts) or "0",
-            not contacts,
-        ),
-        Promise(
-            "the straight motion through the post does report one", f"{len(control_contacts)}", bool(control_contacts)
-        ),
+        Promise(legs, f"{len(rows)}; {'; '.join(stops) or 'none stopped'}", ended),
+        Promise(contact, "; ".join(contacts) or "0", not contacts),
+        Promise(post, f"{len(control_contacts)}", bool(control_contacts)),
         Promise(f"final error after settling below {FINAL * 1e3:g} mrad", f"{final * 1e3:.2f} mrad", final < FINAL),
         Promise("Coal: the recorded joint paths are free", "; ".join(colliding) or "all", not colliding),
-        Promise(
-            f"what was carried lies within {NEAR * 1e3:g} mm of its place", f"{placed * 1e3:.2f} mm", placed < NEAR
-        ),
+        Promise(carried, f"{placed * 1e3:.2f} mm", placed < NEAR),
     )
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from benchmarks.harness.report import Promise, Report, Row, table
+from benchmarks.harness.report import Promise, Report, Row, merged, table, table_of
 from benchmarks.worlds import queries
 from planner_service import PlannerService, PlanRequest, PlanResult
 from planner_service.parallel import Engine, Processes, Ray, Sequential
@@ -81,16 +81,12 @@ def same() -> Report:
         seconds = time.perf_counter() - began
         differ = sum(_digest(result) != other for result, other in zip(found, alone, strict=True))
         rows.append({"part": "same", "engine": repr(engine), "plans": len(found), "differ": differ, "seconds": seconds})
-    cells = [[row["engine"], str(row["plans"]), str(row["differ"]), f"{row['seconds']:.1f}"] for row in rows]
+    cells = [(row["engine"], row["plans"], row["differ"], f"{row['seconds']:.1f}") for row in rows]
     caption = "Next to service.plan one by one: all of a result but wall times. Seconds with starting the workers."
     shown = table(f"The same plans, {SCENE}", ("engine", "plans", "that differ", "s"), cells, caption=caption)
-    kept = all(row["differ"] == 0 for row in rows)
-    promise = Promise(
-        f"{SAME} requests: Sequential, Processes and Ray give the paths and counts of one by one",
-        "; ".join(f"{row['differ']} differ" for row in rows),
-        kept,
-    )
-    return Report("many", tuple(rows), (shown,), (promise,))
+    text = f"{SAME} requests: Sequential, Processes and Ray give the paths and counts of one by one"
+    told = "; ".join(f"{row['differ']} differ" for row in rows)
+    return Report("many", tuple(rows), (shown,), (Promise(text, told, not any(row["differ"] for row in rows)),))
 
 
 # --- how fast
@@ -166,13 +162,10 @@ def speed() -> Report:
     return Report("many", tuple(rows), (_speed_table(rows),), _speed_promises(rows))
 
 
-def _row(rows: Sequence[Row], scene: str, way: str) -> Row:
-    return next(row for row in rows if (row["scene"], row["way"]) == (scene, way))
-
-
 def _speed_promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
-    one, two, most = (_row(rows, SCENE, way)["ms"] for way in ("a loop", "Processes(2)", "two loops side by side"))
-    alone, engine = (_row(rows, EASY_SCENE, way) for way in ("a loop", "Processes(1)"))
+    at = {(row["scene"], row["way"]): row for row in rows}
+    one, two, most = (at[SCENE, way]["ms"] for way in ("a loop", "Processes(2)", "two loops side by side"))
+    alone, engine = (at[EASY_SCENE, way] for way in ("a loop", "Processes(1)"))
     added = engine["here"] + engine["there"] - alone["here"]
     return (
         Promise(
@@ -189,17 +182,17 @@ def _speed_promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
 
 
 def _speed_table(rows: Sequence[Row]) -> Any:
-    cells = [
-        [row["scene"], row["way"], f"{row['ms']:.2f}", f"{1e3 / row['ms']:.0f}"]
-        + [f"{row[key]:.2f}" if row[key] else "" for key in ("here", "there", "start")]
+    times = {"CPU ms here": "here", "CPU ms there": "there", "start s": "start"}
+    lines = (
+        {"scene": row["scene"], "": row["way"], "ms a plan": f"{row['ms']:.2f}", "plans/s": f"{1e3 / row['ms']:.0f}"}
+        | {name: f"{row[key]:.2f}" if row[key] else "" for name, key in times.items()}
         for row in rows
-    ]
+    )
     caption = (
         f"{SPEED:,} plans, medians of {TURNS} turns, from the first result on: wall time, CPU of the process that asks "
         "and of its workers; start: seconds to the first result."
     )
-    columns = ("scene", "", "ms a plan", "plans/s", "CPU ms here", "CPU ms there", "start s")
-    return table("How fast", columns, cells, caption=caption)
+    return table_of("How fast", lines, caption=caption)
 
 
 # --- how it grows
@@ -233,20 +226,23 @@ def growth() -> Report:
             pass
         wall, cpu = time.perf_counter() - began, max(_cpu_seconds(workers) - spent, CPU_TICK)
         memory = {"here_mb": _megabytes(os.getpid()), "worker_mb": max(map(_megabytes, workers))}
-        rows.append(
-            {"part": "growth", "plans": mark, "per_second": mark / wall, "per_core_second": mark / cpu, **memory}
-        )
+        rate = {"per_second": mark / wall, "per_core_second": mark / cpu}
+        rows.append({"part": "growth", "plans": mark, **rate, **memory})
     stream.close()
     first, last = rows[0], rows[-1]
     ratio = last["per_core_second"] / first["per_core_second"]
     grown = max(last[key] - first[key] for key in ("here_mb", "worker_mb"))
-    cells = [
-        [f"{row['plans']:,}", f"{row['per_second']:.1f}", f"{row['per_core_second']:.1f}"]
-        + [f"{row[key]:.0f}" for key in ("here_mb", "worker_mb")]
+    lines = (
+        {
+            "the next ... plans": f"{row['plans']:,}",
+            "plans/s": f"{row['per_second']:.1f}",
+            "plans per CPU second of a worker": f"{row['per_core_second']:.1f}",
+            "MB here": f"{row['here_mb']:.0f}",
+            "MB of a worker": f"{row['worker_mb']:.0f}",
+        }
         for row in rows
-    ]
-    columns = ("the next ... plans", "plans/s", "plans per CPU second of a worker", "MB here", "MB of a worker")
-    shown = table(f"One stream, Processes(2), {SCENE}", columns, cells)
+    )
+    shown = table_of(f"One stream, Processes(2), {SCENE}", lines)
     promises = (
         Promise(
             f"plans per second of a core stay the same from {MARKS[0]:,} plans to {MARKS[-1]:,}, within {DRIFT:.0%}",
@@ -349,10 +345,4 @@ PARTS: Mapping[str, Callable[[], Report]] = {"same": same, "speed": speed, "grow
 
 def run(part: str | None = None) -> Report:
     """Measure a part, or all; that takes about five minutes."""
-    reports = [measured() for name, measured in PARTS.items() if part in (None, name)]
-    return Report(
-        "many",
-        tuple(row for report in reports for row in report.rows),
-        tuple(table for report in reports for table in report.tables),
-        tuple(promise for report in reports for promise in report.promises),
-    )
+    return merged("many", [measured() for name, measured in PARTS.items() if part in (None, name)])

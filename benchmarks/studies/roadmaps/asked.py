@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from unittest import mock
 
@@ -15,7 +15,7 @@ from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, PlanResult, Roadmap, Stage
 from planner_service.search.problem import Planner
 
-__all__ = ["TRAINING_SEED", "asked", "built_states", "experienced", "fell_back", "search_states", "timed"]
+__all__ = ["TRAINING_SEED", "asked", "built_states", "chained", "experienced", "fell_back", "search_states", "timed"]
 
 TRAINING_SEED = 77
 """Of the queries that a roadmap has planned before it is asked the stored ones."""
@@ -25,13 +25,25 @@ PROVEN = (Stage.CERTIFY, Stage.TIMING)
 
 def asked(service: PlannerService, planner: Planner, some: Iterable[Query], *, turns: int) -> Row:
     """Each query planned ``turns`` times: states of the search with those of growing, ms the least of the turns."""
-    row: Row = {"states": [], "search_ms": [], "before_ms": [], "fell_back": 0, "solved": 0, "asked": 0}
+    return _row([timed(service, planner, query) for _ in range(turns)] for query in some)
+
+
+def chained(service: PlannerService, roadmap: Roadmap, some: Iterable[Query]) -> tuple[Row, Roadmap]:
+    """The same, each query asked once of the roadmap that the one before left, and what the last one leaves."""
+    found = []
     for query in some:
-        found = [timed(service, planner, query) for _ in range(turns)]
-        result = found[0][0]
+        found.append([timed(service, roadmap, query)])
+        roadmap = found[-1][0][0].roadmap or roadmap
+    return _row(found), roadmap
+
+
+def _row(found: Iterable[Sequence[tuple[PlanResult, float, float]]]) -> Row:
+    row: Row = {"states": [], "search_ms": [], "before_ms": [], "fell_back": 0, "solved": 0, "asked": 0}
+    for turns in found:
+        result = turns[0][0]
         row["states"].append(search_states(result))
-        row["search_ms"].append(min(ms for _, ms, _ in found))
-        row["before_ms"].append(min(ms for _, _, ms in found))
+        row["search_ms"].append(min(ms for _, ms, _ in turns))
+        row["before_ms"].append(min(ms for _, _, ms in turns))
         row["fell_back"] += fell_back(result)
         row["solved"] += result.ok
         row["asked"] += 1

@@ -6,21 +6,18 @@ import json
 import os
 import subprocess
 import sys
-import time
 import tracemalloc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
 
 from rich.table import Table
 
 from benchmarks.harness.environment import ROOT
-from benchmarks.harness.report import Promise, Report, Row, p50, spread, table
-from benchmarks.studies.roadmaps.asked import TRAINING_SEED, asked, fell_back, search_states, timed
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, p50, spread, table_of
+from benchmarks.studies.roadmaps.asked import TRAINING_SEED, asked, chained
 from benchmarks.worlds import queries
-from benchmarks.worlds.queries import Query
 from planner_service import LazyPRM, PlannerService, Roadmap
 from planner_service.errors import BrokenInvariant
 
@@ -32,8 +29,6 @@ OTHERS = 20
 """Other queries that are planned before the stored ones."""
 
 LOAD_SECONDS, WARM_MS = 2.0, 20.0
-
-T = TypeVar("T")
 
 CHILD = """\
 import json, sys, time
@@ -62,24 +57,17 @@ print(json.dumps({"load": seconds, "loaded": loaded - empty, "asked": resident()
 def large_rows(scenes: Sequence[str] = SCENES, milestones: int = MILESTONES, others: int = OTHERS) -> Iterator[Row]:
     """A row of sizes, then one for each scene and kind of query."""
     first, planner = PlannerService(queries.ROBOT, scenes[0]), LazyPRM(milestones=milestones, neighbours=10)
-    seconds, built = _seconds(lambda: first.build_roadmap(planner, progress=False))
-    yield {"part": "size", "build": seconds} | size_row(built)
+    ms, built = cpu_ms(lambda: first.build_roadmap(planner, progress=False))
+    yield {"part": "size", "build": ms / 1e3} | size_row(built)
     for scene in scenes:
         service = first.with_scene(scene)  # nothing is judged yet: it serves all
         roadmap = replace(built, remember=True)
         before, stored = queries.draw(scene, others, seed=TRAINING_SEED), queries.load(scene)
         for what, some in (("first of all", before), ("others", stored)):
-            row, roadmap = _chained(service, roadmap, some)
+            row, roadmap = chained(service, roadmap, some)
             yield {"part": "query", "scene": scene, "what": what} | row
         again = replace(roadmap, remember=False)
         yield {"part": "query", "scene": scene, "what": "again"} | asked(service, again, stored, turns=2)
-
-
-def _seconds(work: Callable[[], T]) -> tuple[float, T]:
-    """CPU seconds, and what came of them."""
-    clock = time.process_time()
-    found = work()
-    return time.process_time() - clock, found
 
 
 def size_row(roadmap: Roadmap) -> Row:
@@ -87,7 +75,7 @@ def size_row(roadmap: Roadmap) -> Row:
     count = len(roadmap.milestones)
     with TemporaryDirectory() as folder:
         file = Path(folder) / "large.roadmap.npz"
-        save, _ = _seconds(lambda: roadmap.save(file))
+        save, _ = cpu_ms(lambda: roadmap.save(file))
         told = _child(file)
         tracemalloc.start()
         loaded = Roadmap.load(file)
@@ -98,7 +86,7 @@ def size_row(roadmap: Roadmap) -> Row:
         return {
             "milestones": count,
             "edges": len(roadmap.edges),
-            "save": save,
+            "save": save / 1e3,
             "load": told["load"],
             "file": file.stat().st_size / count,
             "traced": kept / count,
@@ -117,20 +105,6 @@ def _child(file: Path) -> dict[str, float]:
     return told
 
 
-def _chained(service: PlannerService, roadmap: Roadmap, some: Sequence[Query]) -> tuple[Row, Roadmap]:
-    """Each query asked of what the one before left, and what the last one leaves."""
-    row: Row = {"states": [], "search_ms": [], "before_ms": [], "fell_back": 0, "solved": 0, "asked": len(some)}
-    for query in some:
-        result, search, before = timed(service, roadmap, query)
-        row["states"].append(search_states(result))
-        row["search_ms"].append(search)
-        row["before_ms"].append(before)
-        row["fell_back"] += fell_back(result)
-        row["solved"] += result.ok
-        roadmap = result.roadmap or roadmap
-    return row, roadmap
-
-
 def measured() -> Report:
     """Measure."""
     rows = tuple(large_rows())
@@ -141,49 +115,42 @@ def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
     """What a large roadmap was to take."""
     size, again = rows[0], [row for row in rows if row.get("what") == "again"]
     ms = [p50(row["search_ms"]) for row in again]
+    load = f"{size['milestones']:,} milestones load in less than {LOAD_SECONDS:g} s"
+    warm = f"{size['milestones']:,} milestones: a warm query takes less than {WARM_MS:g} ms p50"
+    told = "; ".join(f"{row['scene']} {value:.1f}" for row, value in zip(again, ms, strict=True))
     return (
-        Promise(
-            f"{size['milestones']:,} milestones load in less than {LOAD_SECONDS:g} s",
-            f"{size['load']:.2f} s",
-            size["load"] < LOAD_SECONDS,
-        ),
-        Promise(
-            f"{size['milestones']:,} milestones: a warm query takes less than {WARM_MS:g} ms p50",
-            "; ".join(f"{row['scene']} {value:.1f}" for row, value in zip(again, ms, strict=True)),
-            max(ms) < WARM_MS,
-        ),
+        Promise(load, f"{size['load']:.2f} s", size["load"] < LOAD_SECONDS),
+        Promise(warm, told, max(ms) < WARM_MS),
     )
 
 
 def _size_table(row: Row) -> Table:
-    cells = [
-        f"{row['milestones']:,}",
-        f"{row['edges']:,}",
-        *(f"{row[key]:.2f}" for key in ("build", "save", "load")),
-        *(f"{row[key]:.0f}" for key in ("file", "traced", "resident", "resident_asked")),
-    ]
-    columns = (
-        *("milestones", "edges", "build s", "save s", "load s"),
-        *("file B", "arrays B", "resident B", "asked, resident B"),
-    )
+    line = {key: f"{row[key]:,}" for key in ("milestones", "edges")}
+    line |= {f"{key} s": f"{row[key]:.2f}" for key in ("build", "save", "load")}
+    sizes = {"file": "file", "arrays": "traced", "resident": "resident", "asked, resident": "resident_asked"}
+    line |= {f"{name} B": f"{row[key]:.0f}" for name, key in sizes.items()}
     caption = (
         f"LazyPRM({MILESTONES}, 10). CPU seconds; bytes per milestone, six joints. Arrays: what the load allocates and "
         "keeps; resident: by how much its process grows; asked: after its first query."
     )
-    return table("A large roadmap", columns, [cells], caption=caption)
+    return table_of("A large roadmap", [line], caption=caption)
 
 
 def _query_table(rows: Sequence[Row]) -> Table:
-    cells = (
-        [
-            *(row["scene"], row["what"], spread(row["states"]), spread(row["search_ms"], 1)),
-            *(spread(row["before_ms"], 1), str(row["fell_back"]), f"{row['solved']}/{row['asked']}"),
-        ]
+    lines = (
+        {
+            "scene": row["scene"],
+            "asked": row["what"],
+            "search states": spread(row["states"]),
+            "search ms": spread(row["search_ms"], 1),
+            "before proof ms": spread(row["before_ms"], 1),
+            "fell back": row["fell_back"],
+            "solved": f"{row['solved']}/{row['asked']}",
+        }
         for row in rows
     )
-    columns = ("scene", "asked", "search states", "search ms", "before proof ms", "fell back", "solved")
     caption = (
         "p50 / p95, CPU ms. Each query is asked of the roadmap that the one before left, paths remembered. First of "
         f"all: {OTHERS} drawn ones; others: the stored ones; again: these once more."
     )
-    return table("Queries of a large roadmap", columns, cells, caption=caption)
+    return table_of("Queries of a large roadmap", lines, caption=caption)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, p50, spread, table
+from benchmarks.harness.report import Promise, Report, Row, p50, spread, table_of
 from benchmarks.studies.roadmaps.asked import asked
 from benchmarks.worlds import queries
 from planner_service import LazyPRM, PlannerService, RRTConnect
@@ -42,27 +42,20 @@ def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
     found = []
     for scene in PROMISED:
         middle = {row["what"]: p50(row["states"]) for row in rows if row["scene"] == scene}
-        found.append(
-            Promise(
-                f"lazy build and query of a single problem, {scene}: no more states p50 than RRTConnect",
-                f"{middle[LAZY]:.0f}; RRTConnect {middle[TREE]:.0f}",
-                middle[LAZY] <= middle[TREE],
-            )
-        )
+        text = f"lazy build and query of a single problem, {scene}: no more states p50 than RRTConnect"
+        told = f"{middle[LAZY]:.0f}; RRTConnect {middle[TREE]:.0f}"
+        found.append(Promise(text, told, middle[LAZY] <= middle[TREE]))
     return tuple(found)
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    cells = (
-        [
-            *(row["scene"], row["what"], spread(row["states"]), spread(row["search_ms"], 2)),
-            f"{row['asked'] - row['solved']} of {row['asked']}",
-        ]
+    lines = (
+        {"scene": row["scene"], "planner": row["what"], "roadmap and search states": spread(row["states"])}
+        | {"search ms": spread(row["search_ms"], 2), "not solved": f"{row['asked'] - row['solved']} of {row['asked']}"}
         for row in rows
     )
     caption = (
         f"Stored queries, each with {len(ROUNDS)} seeds; p50 / p95. States of growing (none) and of the search; "
         "failures with what they spent: there is no fallback here."
     )
-    columns = ("scene", "planner", "roadmap and search states", "search ms", "not solved")
-    return table("A single problem", columns, cells, caption=caption)
+    return table_of("A single problem", lines, caption=caption)

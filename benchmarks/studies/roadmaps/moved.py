@@ -15,23 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+import planner_service as ps
 from benchmarks.harness.audit import JOINT_STEP, NOT_ASKED, Auditor, along
 from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table
 from benchmarks.studies.roadmaps.asked import built_states, fell_back, search_states
 from benchmarks.worlds import queries
 from benchmarks.worlds.drawn import draw_objects
-from planner_service import (
-    PRM,
-    CollisionChecker,
-    PlannerService,
-    PlanRequest,
-    PlanResult,
-    Pose,
-    Roadmap,
-    RRTConnect,
-    Scene,
-    Stage,
-)
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.planning.roadmap_work import RoadmapUpdate
@@ -57,7 +46,7 @@ DRAWS = 100_000
 """Draws in vain after which a scene leaves no room."""
 
 
-def ten_obstacles() -> Scene:
+def ten_obstacles() -> ps.Scene:
     """A table and nine things on and above it."""
     scene = load_scene("table")
     for obstacle in draw_objects(random.Random(f"{queries.SEED} ten obstacles"), OBJECTS):
@@ -65,36 +54,36 @@ def ten_obstacles() -> Scene:
     return scene
 
 
-def moved_scene(scene: Scene, number: int, distance: float) -> Scene:
+def moved_scene(scene: ps.Scene, number: int, distance: float) -> ps.Scene:
     """The scene with one of the nine things moved by so many metres, in a direction of its own."""
     angle = random.Random(f"{queries.SEED} moved {number} {distance}").uniform(-math.pi, math.pi)
     pose = scene.obstacle(f"object_{number}").pose
     x, y, z = pose.position
     there = (x + distance * math.cos(angle), y + distance * math.sin(angle), z)
-    return scene.moved(f"object_{number}", Pose(there, pose.quaternion))
+    return scene.moved(f"object_{number}", ps.Pose(there, pose.quaternion))
 
 
 @dataclass(frozen=True, eq=False)
 class _Case:
     """A scene with something moved, and the roadmap before and after it was told."""
 
-    service: PlannerService
-    before: Roadmap
+    service: ps.PlannerService
+    before: ps.Roadmap
     update: RoadmapUpdate
     distance: float
     seconds: float
 
 
-def _cases(roadmap: Roadmap, scene: Scene) -> Iterator[_Case]:
+def _cases(roadmap: ps.Roadmap, scene: ps.Scene) -> Iterator[_Case]:
     for distance in DISTANCES:
         for number in range(OBJECTS):
-            service = PlannerService(queries.ROBOT, moved_scene(scene, number, distance))
+            service = ps.PlannerService(queries.ROBOT, moved_scene(scene, number, distance))
             clock = time.process_time()
             update = service.update_roadmap(roadmap)
             yield _Case(service, roadmap, update, distance, time.process_time() - clock)
 
 
-def untrue(roadmap: Roadmap, checker: CollisionChecker, edges: NDArray[np.int64] | None = None) -> int:
+def untrue(roadmap: ps.Roadmap, checker: ps.CollisionChecker, edges: NDArray[np.int64] | None = None) -> int:
     """Of edges, all if not given, those of which a roadmap says what a judge with the same padding does not.
 
     What the roadmap leaves open is not told.
@@ -124,7 +113,7 @@ def _update_row(case: _Case, build: int) -> Row:
     }
 
 
-def _free_ends(checker: CollisionChecker, chance: random.Random) -> Iterator[tuple[FloatArray, FloatArray]]:
+def _free_ends(checker: ps.CollisionChecker, chance: random.Random) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Pairs of free configurations, uniform in the joint limits, that no straight line joins."""
     limits = checker.robot.limits
     ranges = list(zip(limits.lower.tolist(), limits.upper.tolist(), strict=True))
@@ -146,31 +135,33 @@ def _query_rows(cases: Sequence[_Case], count: int) -> Iterator[Row]:
         service, auditor = case.service, Auditor(queries.ROBOT, case.service.scene)
         some = _free_ends(service.checker, random.Random(f"{queries.SEED} ends {k}"))
         told = replace(case.update.roadmap, remember=True)
-        asked: dict[str, Planner] = {"told": told, "not told": case.before, TREE: RRTConnect()}
+        asked: dict[str, Planner] = {"told": told, "not told": case.before, TREE: ps.RRTConnect()}
         for _, ends in zip(range(k, count, len(cases)), some, strict=False):
             for what, planner in asked.items():
                 row, result = _asked(service, ends, planner)
                 yield {"part": "query", "what": what} | row | _judged(service.checker, auditor, planner, result)
 
 
-def _asked(service: PlannerService, ends: tuple[FloatArray, FloatArray], planner: Planner) -> tuple[Row, PlanResult]:
+def _asked(
+    service: ps.PlannerService, ends: tuple[FloatArray, FloatArray], planner: Planner
+) -> tuple[Row, ps.PlanResult]:
     clock = time.process_time()
-    result = service.plan(PlanRequest(*ends, planner=planner, seed=0, time_limit=None))
+    result = service.plan(ps.PlanRequest(*ends, planner=planner, seed=0, time_limit=None))
     row: Row = {
         "ms": (time.process_time() - clock) * 1e3,
         "ok": result.ok,
         "fell_back": fell_back(result),
         "states": search_states(result),
-        "distances": result.stage(Stage.SEARCH).counts.distances,
+        "distances": result.stage(ps.Stage.SEARCH).counts.distances,
     }
     return row, result
 
 
-def _judged(checker: CollisionChecker, auditor: Auditor, before: Planner, result: PlanResult) -> Row:
+def _judged(checker: ps.CollisionChecker, auditor: Auditor, before: Planner, result: ps.PlanResult) -> Row:
     """What the independent checker says of a path, and how much of what the query learned is untrue."""
     told = NOT_ASKED if result.path is None else auditor.judge(along(result.path, 0.0, result.path.length))
     after = result.roadmap
-    if after is None or not isinstance(before, Roadmap):
+    if after is None or not isinstance(before, ps.Roadmap):
         return {"verdict": told["verdict"], "untrue": 0}
     old = np.concatenate([before.verdicts, np.zeros(len(after.edges) - len(before.edges), dtype=np.int8)])
     return {"verdict": told["verdict"], "untrue": untrue(after, checker, np.flatnonzero(after.verdicts != old))}
@@ -179,9 +170,9 @@ def _judged(checker: CollisionChecker, auditor: Auditor, before: Planner, result
 def measured() -> Report:
     """Build, move, tell, ask."""
     scene = ten_obstacles()
-    service = PlannerService(queries.ROBOT, scene)
+    service = ps.PlannerService(queries.ROBOT, scene)
     clock = time.process_time()
-    roadmap = service.build_roadmap(PRM(milestones=1000, neighbours=10), seed=0, progress=False)
+    roadmap = service.build_roadmap(ps.PRM(milestones=1000, neighbours=10), seed=0, progress=False)
     built: Row = {"part": "build", "seconds": time.process_time() - clock, "states": built_states(roadmap)}
     built["edges"] = len(roadmap.edges)
     roadmap = replace(roadmap, remember=True)

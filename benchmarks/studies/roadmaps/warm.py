@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, p50, spread, table
+from benchmarks.harness.report import Promise, Report, Row, p50, spread, table_of
 from benchmarks.studies.roadmaps.asked import asked, built_states, experienced
 from benchmarks.worlds import queries
 from planner_service import PRM, PlannerService, RRTConnect
@@ -97,29 +97,23 @@ def _listed(values: Iterable[float], digits: int) -> str:
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    def cells(row: Row) -> list[str]:
-        tree = _tree(rows, row["scene"])
-        share = f"{p50(row['states']) / p50(tree['states']):.2f}"
-        return [
-            row["scene"],
-            row["what"],
-            str(row["seed"]) if "build" in row else "-",
-            f"{row['build']:,}" if "build" in row else "-",
-            spread(row["states"]),
-            share,
-            spread(row["search_ms"], 2),
-            spread(row["before_ms"], 2),
-            str(row["fell_back"]) if row["what"] != RRTCONNECT else "-",
-            f"{row['solved']}/{row['asked']}",
-        ]
+    def line(row: Row) -> Row:
+        return {
+            "scene": row["scene"],
+            "roadmap": row["what"],
+            "seed": row["seed"] if "build" in row else "-",
+            "build states": f"{row['build']:,}" if "build" in row else "-",
+            "search states": spread(row["states"]),
+            "share": f"{p50(row['states']) / p50(_tree(rows, row['scene'])['states']):.2f}",
+            "search ms": spread(row["search_ms"], 2),
+            "before proof ms": spread(row["before_ms"], 2),
+            "fell back": row["fell_back"] if row["what"] != RRTCONNECT else "-",
+            "solved": f"{row['solved']}/{row['asked']}",
+        }
 
-    columns = (
-        *("scene", "roadmap", "seed", "build states", "search states", "share", "search ms", "before proof ms"),
-        *("fell back", "solved"),
-    )
     caption = (
         "PRM(1000, 10); 20 stored queries, p50 / p95, default edge step. Share: of RRTConnect's p50. Before proof: "
         f"ends, straight line, search, shortcut and blends. CPU ms, the less of {TURNS} turns, caches warm. after N: "
         "has planned N other queries and remembers their paths; memory of N: of nothing but N such paths."
     )
-    return table("Warm queries", columns, map(cells, rows), caption=caption)
+    return table_of("Warm queries", map(line, rows), caption=caption)
