@@ -78,13 +78,10 @@ def _section(sheet: Sheet) -> Iterator[str]:
 
 
 def _item(sentence: tables.Sentence) -> str:
-    first, point, rest = sentence.text.partition(": ")
-    strong = (
-        f"<strong>{html.escape(first)}</strong>{point}{html.escape(rest)}"
-        if sentence.theirs
-        else html.escape(sentence.text)
-    )
-    return f"<li{' class=theirs' if sentence.theirs else ''}>{strong}</li>\n"
+    if not sentence.theirs:
+        return f"<li>{html.escape(sentence.text)}</li>\n"
+    first, point, rest = map(html.escape, sentence.text.partition(": "))
+    return f"<li class=theirs><strong>{first}</strong>{point}{rest}</li>\n"
 
 
 # --- Markdown
@@ -118,12 +115,7 @@ def _markdown(sheet: Sheet) -> str:
     parts.append(tables.overall(sheet).markdown())
     if len(sheet.kinds) > 1:
         parts.append(tables.by_kind(sheet).markdown())
-    apart = builds(sheet)
-    if apart is not None:
-        parts.append(apart.markdown())
-    lost = tables.failures_in_short(sheet)
-    if lost is not None:
-        parts.append(lost.markdown())
+    parts += [table.markdown() for table in (builds(sheet), tables.failures_in_short(sheet)) if table is not None]
     return "\n".join(part for part in parts if part)
 
 

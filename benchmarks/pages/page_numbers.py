@@ -15,19 +15,8 @@ from benchmarks.harness.rows import Results, Row, states_of
 from benchmarks.harness.statistics import FEW, Estimate
 from planner_service import Stage
 
-__all__ = [
-    "OURS",
-    "Group",
-    "Pace",
-    "Sheet",
-    "paces",
-    "planning_seconds",
-    "rejected",
-    "seconds",
-    "sheets_of",
-    "stage_order",
-    "states",
-]
+__all__ = ["OURS", "Group", "Pace", "Sheet", "paces", "planning_seconds", "rejected", "seconds", "sheets_of"]
+__all__ += ["stage_order", "stage_seconds", "states"]
 
 OURS = "planner_service"
 ABSENT = "not_installed"
@@ -99,11 +88,7 @@ class Group:
 
     def quantile(self, measure: Measure, share: float, *, charged: bool = False) -> Estimate | None:
         """A quantile of ``values`` with its interval, None of none."""
-        by_problem: dict[str, list[float]] = {}
-        for row in self.rows if charged else self.done:
-            value = measure(row)
-            if value is not None:
-                by_problem.setdefault(row["problem"], []).append(value)
+        by_problem = _values(self.rows if charged else self.done, measure, _problem)
         return statistics.quantile(by_problem, share) if by_problem else None
 
 
@@ -260,12 +245,17 @@ def _ratios(ours: Group, peer: Group, measure: Measure, key: Callable[[Row], str
 
 
 def _medians(rows: Sequence[Row], measure: Measure, key: Callable[[Row], str]) -> dict[str, float]:
+    return {unit: float(np.median(found)) for unit, found in _values(rows, measure, key).items()}
+
+
+def _values(rows: Iterable[Row], measure: Measure, key: Callable[[Row], str]) -> dict[str, list[float]]:
+    """The values of the rows that have one, by problem or by run."""
     values: dict[str, list[float]] = {}
     for row in rows:
         value = measure(row)
         if value is not None:
             values.setdefault(key(row), []).append(value)
-    return {unit: float(np.median(found)) for unit, found in values.items()}
+    return values
 
 
 def _median(ratios: Mapping[str, float]) -> Estimate:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,18 +14,8 @@ from benchmarks.harness.rows import Row
 from benchmarks.harness.statistics import Estimate
 from benchmarks.pages.page_numbers import OURS, Group, Pace, Sheet, paces, planning_seconds, rejected, seconds, states
 
-__all__ = [
-    "Cell",
-    "Sentence",
-    "Sheaf",
-    "by_kind",
-    "environments",
-    "failures",
-    "failures_in_short",
-    "overall",
-    "rejects",
-    "statements",
-]
+__all__ = ["Cell", "Sentence", "Sheaf", "by_kind", "environments", "explained", "failures", "failures_in_short"]
+__all__ += ["overall", "rejects", "statements"]
 
 NOTHING = "–"
 
@@ -51,6 +41,10 @@ class Cell:
         return f"**{text}**" if self.bad else text
 
 
+Line = Mapping[Cell | str, Cell | str]
+"""The cells of a row by their heads."""
+
+
 @dataclass(frozen=True)
 class Sheaf:
     """A table: its heads and rows, the first column being names."""
@@ -59,6 +53,12 @@ class Sheaf:
     heads: tuple[Cell, ...]
     rows: tuple[tuple[Cell, ...], ...]
     caption: str = ""
+
+    @classmethod
+    def of(cls, title: str, lines: Iterable[Line], caption: str = "") -> Sheaf | None:
+        """A table of lines that all have the same heads; None of none."""
+        found = [{_cell(head): _cell(cell) for head, cell in line.items()} for line in lines]
+        return cls(title, tuple(found[0]), tuple(tuple(line.values()) for line in found), caption) if found else None
 
     def html(self) -> str:
         """As a figure that can be scrolled sideways."""
@@ -74,6 +74,10 @@ class Sheaf:
         lines += [[cell.markdown() for cell in row] for row in self.rows]
         caption = f"\n{html.escape(self.caption, quote=False)}\n" if self.caption else ""
         return "".join(f"| {' | '.join(line)} |\n" for line in lines) + caption
+
+
+def _cell(content: Cell | str) -> Cell:
+    return Cell(content) if isinstance(content, str) else content
 
 
 @dataclass(frozen=True)
@@ -112,15 +116,9 @@ def _versions(found: Mapping[str, Any]) -> str:
 def overall(sheet: Sheet) -> Sheaf:
     """A row for each contender."""
     heads = (
-        Cell(sheet.suite, "95 % intervals in brackets"),
-        Cell("solved", "Wilson"),
-        Cell("refused", "by the auditor"),
-        Cell("states", "p50 / p95"),
-        Cell("ms", "p50 / p95"),
-        Cell("ms, path alone", "p50"),
-        Cell("rad", "raw → final, p50"),
-        Cell("motion s", "p50"),
-        Cell("clearance mm", "p50, least"),
+        *(Cell(sheet.suite, "95 % intervals in brackets"), Cell("solved", "Wilson"), Cell("refused", "by the auditor")),
+        *(Cell("states", "p50 / p95"), Cell("ms", "p50 / p95"), Cell("ms, path alone", "p50")),
+        *(Cell("rad", "raw → final, p50"), Cell("motion s", "p50"), Cell("clearance mm", "p50, least")),
     )
     caption = (
         "States and ms: failures with what they spent; path alone: without proof and timing; the rest: rows with a "
@@ -193,21 +191,15 @@ def _millimetres(metres: float) -> str:
 
 def by_kind(sheet: Sheet) -> Sheaf:
     """For each kind of problem and contender: how many are solved, and the median time."""
-    kinds = sheet.kinds
-    rows = []
-    for group in sheet.present:
-        cells = []
-        for kind in kinds:
-            here = group.of_kind(kind)
-            middle = here.quantile(lambda row: 1e3 * seconds(row), 0.5, charged=True)
-            missed = len(here.done) < len(here.rows)
-            told = NOTHING if middle is None else f"{_short(middle.value)} ms"
-            cells.append(Cell(f"{len(here.done)}/{len(here.rows)}", told, bad=missed))
-        rows.append((Cell(group.name), *cells))
-    heads = (Cell("", "solved, ms p50"), *(Cell(kind) for kind in kinds))
-    return Sheaf(
-        "By kind of problem", heads, tuple(rows), "Processor time of the whole call, failures with what they spent."
-    )
+
+    def cell(here: Group) -> Cell:
+        middle = here.quantile(lambda row: 1e3 * seconds(row), 0.5, charged=True)
+        told = NOTHING if middle is None else f"{_short(middle.value)} ms"
+        return Cell(f"{len(here.done)}/{len(here.rows)}", told, bad=len(here.done) < len(here.rows))
+
+    heads = (Cell("", "solved, ms p50"), *map(Cell, sheet.kinds))
+    rows = tuple((Cell(each.name), *(cell(each.of_kind(kind)) for kind in sheet.kinds)) for each in sheet.present)
+    return Sheaf("By kind of problem", heads, rows, "Processor time of the whole call, failures with what they spent.")
 
 
 def statements(sheet: Sheet) -> list[Sentence]:
@@ -263,58 +255,49 @@ def _number(count: int, what: str) -> str:
 
 def failures(sheet: Sheet) -> Sheaf | None:
     """Every row without a path, with its reason; alike ones of one contender together."""
-    found: dict[tuple[str, str, str], list[str]] = {}
+    lines: list[Line] = []
+    for (who, why, detail), lost in _lost(sheet, "failure", "detail").items():
+        where = Cell(_listed(list(map(_where, lost))), f"{len(lost)} in all" if len(lost) > 1 else "")
+        lines.append({"who": who, "why": why, "detail": detail, "where": where})
+    return Sheaf.of("Without a path", lines)
+
+
+def _lost(sheet: Sheet, *keys: str) -> dict[tuple[str, ...], list[Row]]:
+    """The rows without a path, by whose they are and by some of their values."""
+    found: dict[tuple[str, ...], list[Row]] = {}
     for group in sheet.groups:
         for row in group.rows:
             if not row["ok"]:
-                where = f"{row['problem']} seed {row['seed']}"
-                found.setdefault((group.name, str(row["failure"]), row["detail"]), []).append(where)
-    if not found:
-        return None
-    heads = (Cell("who"), Cell("why"), Cell("detail"), Cell("where"))
-    rows = tuple(
-        (Cell(who), Cell(why), Cell(detail), Cell(_listed(where), f"{len(where)} in all" if len(where) > 1 else ""))
-        for (who, why, detail), where in found.items()
-    )
-    return Sheaf("Without a path", heads, rows)
+                found.setdefault((group.name, *(str(row[key]) for key in keys)), []).append(row)
+    return found
+
+
+def _where(row: Row) -> str:
+    return f"{row['problem']} seed {row['seed']}"
 
 
 def failures_in_short(sheet: Sheet) -> Sheaf | None:
     """How many rows of whom have no path for which reason, with one example each."""
-    found: dict[tuple[str, str], list[Row]] = {}
-    for group in sheet.groups:
-        for row in group.rows:
-            if not row["ok"]:
-                found.setdefault((group.name, str(row["failure"])), []).append(row)
-    heads = (Cell("without a path"), Cell("rows"), Cell("why"), Cell("such as"))
-    rows = [
-        (
-            Cell(who),
-            Cell(str(len(lost))),
-            Cell(why),
-            Cell(f"{lost[0]['problem']} seed {lost[0]['seed']}: {lost[0]['detail']}"),
-        )
-        for (who, why), lost in found.items()
-    ]
-    return Sheaf("Without a path", heads, tuple(rows)) if rows else None
+    lines: list[Line] = []
+    for (who, why), lost in _lost(sheet, "failure").items():
+        such = f"{_where(lost[0])}: {lost[0]['detail']}"
+        lines.append({"without a path": who, "rows": str(len(lost)), "why": why, "such as": such})
+    return Sheaf.of("Without a path", lines)
 
 
 def rejects(sheet: Sheet) -> Sheaf | None:
     """What the independent checker refuses: whose, who touches whom, how deep."""
-    rows = []
+    lines: list[Line] = []
     for group in sheet.groups:
         for row in sorted(group.rejects, key=lambda row: -(row["audit"]["depth"] or 0.0)):
             audit = row["audit"]
             pair = " × ".join(audit["pair"] or ())
             depth = NOTHING if audit["depth"] is None else f"{1e3 * audit['depth']:.2f}"
             refused = [name for name, each in row.get("audits", {}).items() if rejected({"audit": each})]
-            what = " and ".join(refused) or "path or motion"
-            where = f"{row['problem']} seed {row['seed']}"
-            rows.append(
-                (Cell(group.name), Cell(where), Cell(what), Cell(pair), Cell(depth, bad=True), Cell(f"{audit['step']}"))
-            )
-    heads = (Cell("whose"), Cell("where"), Cell("what"), Cell("who touches whom"), Cell("mm deep"), Cell("step, rad"))
-    return Sheaf("Refused by the independent checker", heads, tuple(rows)) if rows else None
+            line = {"whose": group.name, "where": _where(row), "what": " and ".join(refused) or "path or motion"}
+            deep = {"mm deep": Cell(depth, bad=True), "step, rad": f"{audit['step']}"}
+            lines.append({**line, "who touches whom": pair, **deep})
+    return Sheaf.of("Refused by the independent checker", lines)
 
 
 def _listed(where: Sequence[str], most: int = 70) -> str:

@@ -42,47 +42,38 @@ def pictures_of(sheet: Sheet) -> Iterator[tuple[str, str, str]]:
     """Name, caption and SVG of each picture that the rows of a suite allow."""
     groups, counting = sheet.present, [group for group in sheet.present if group.counts]
     colours = {group.name: COLOURS[k % len(COLOURS)] for k, group in enumerate(sheet.groups)}
-    drawn: list[tuple[str, str, Callable[[Any], bool]]] = []
-
-    def add(name: str, caption: str, draw: Callable[[Any], bool]) -> None:
-        drawn.append((name, caption, draw))
-
-    whiskers = "Box: quartiles; line: median; whiskers: 5 % and 95 %."
-    boxes = {
-        "states": ("States judged per query, failures included.", counting, states, "states"),
-        "ms": ("Processor milliseconds per query, failures included.", groups, _ms, "ms"),
-        "length": ("Length of the final path.", groups, _of("length"), "rad"),
-        "duration": ("Duration of the motion, where it is timed.", groups, _of("duration"), "s"),
-    }
-    for name, (caption, who, measure, unit) in boxes.items():
-        add(f"box-{name}", f"{caption} {whiskers}", _boxes(who, measure, colours, unit))
-    add(
-        "ecdf-states",
-        "Share of the queries solved within so many states.",
-        _shares(counting, states, colours, "states"),
-    )
-    add(
-        "ecdf-ms",
-        "Share of the queries solved within so many milliseconds of processor time.",
-        _shares(groups, _ms, colours, "ms"),
-    )
+    boxes = "{} Box: quartiles; line: median; whiskers: 5 % and 95 %."
+    within = "Share of the queries solved within so many {}."
     profile = (
         "Performance profile (Dolan and Moré, 2002): share of the problems solved within a multiple of the best {}."
     )
-    add("profile-states", profile.format("count of states"), _profiles(counting, states, colours))
-    add("profile-ms", profile.format("time"), _profiles(groups, _ms, colours))
-    add("stages-states", "States judged per query by stage, mean.", _stages(counting, "checks"))
-    add(
-        "stages-ms",
-        "Processor milliseconds per query by stage, mean.",
-        _stages(groups, "seconds"),
-    )
-    caption = "Smallest clearance against length of the final path; crosses: refused by the independent checker."
-    add("clearance-length", caption, _scatter(groups, colours))
-    for name, caption, draw in drawn:
+    mean = "{} per query by stage, mean."
+    clearance = "Smallest clearance against length of the final path; crosses: refused by the independent checker."
+    drawn: dict[str, tuple[str, str, Callable[[Any], bool]]] = {
+        "box-states": (
+            boxes,
+            "States judged per query, failures included.",
+            _boxes(counting, states, colours, "states"),
+        ),
+        "box-ms": (boxes, "Processor milliseconds per query, failures included.", _boxes(groups, _ms, colours, "ms")),
+        "box-length": (boxes, "Length of the final path.", _boxes(groups, _of("length"), colours, "rad")),
+        "box-duration": (
+            boxes,
+            "Duration of the motion, where it is timed.",
+            _boxes(groups, _of("duration"), colours, "s"),
+        ),
+        "ecdf-states": (within, "states", _shares(counting, states, colours, "states")),
+        "ecdf-ms": (within, "milliseconds of processor time", _shares(groups, _ms, colours, "ms")),
+        "profile-states": (profile, "count of states", _profiles(counting, states, colours)),
+        "profile-ms": (profile, "time", _profiles(groups, _ms, colours)),
+        "stages-states": (mean, "States judged", _stages(counting, "checks")),
+        "stages-ms": (mean, "Processor milliseconds", _stages(groups, "seconds")),
+        "clearance-length": (clearance, "", _scatter(groups, colours)),
+    }
+    for name, (caption, what, draw) in drawn.items():
         picture = drawn_as_svg(f"{sheet.suite}-{name}", draw)
         if picture is not None:
-            yield name, caption, picture
+            yield name, caption.format(what), picture
 
 
 def _ms(row: Row) -> float | None:
@@ -102,8 +93,7 @@ def _boxes(
     log = unit in ("states", "ms")  # which span decades, and which failures cost, too
 
     def draw(figure: Any) -> bool:
-        found = [(group, group.values(measure, charged=log)) for group in groups]
-        found = [(group, [v for v in values if v > 0.0 or not log]) for group, values in found]
+        found = [(g, [v for v in g.values(measure, charged=log) if v > 0.0 or not log]) for g in groups]
         found = [(group, values) for group, values in found if values]
         if not found:
             return False
@@ -138,8 +128,7 @@ def _shares(
     groups: Sequence[Group], measure: Callable[[Row], float | None], colours: Mapping[str, str], unit: str
 ) -> Callable[[Any], bool]:
     def draw(figure: Any) -> bool:
-        found = [(group, sorted(group.values(measure))) for group in groups]
-        found = [(group, [value for value in values if value > 0.0]) for group, values in found]
+        found = [(group, sorted(value for value in group.values(measure) if value > 0.0)) for group in groups]
         found = [(group, values) for group, values in found if values]
         if not found:
             return False
