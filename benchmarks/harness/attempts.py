@@ -289,10 +289,7 @@ def _toy(problem: ToyQuery, ask: Ask) -> Row:
         "ok": True,
         "raw_length": length_of(raw),
         "length": length_of(short),
-        "raw_duration": stop_and_go_seconds(raw),
         "duration": stop_and_go_seconds(short),
-        "raw_waypoints": len(raw),
-        "waypoints": len(short),
         "path_hash": hashlib.sha256(np.array(short).tobytes()).hexdigest(),
         "audit": {**NOT_ASKED, "step": JOINT_STEP, **hit},
     }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,15 +10,13 @@ from pathlib import Path
 from rich.console import Console, RenderableType
 from rich.table import Table
 
-from benchmarks.baselines.lesson import STEP
 from benchmarks.harness import rows
-from benchmarks.harness.report import p50, p95, spread, table
+from benchmarks.harness.report import p50, spread, table
 from benchmarks.harness.rows import Results, Row, states_of
 from benchmarks.harness.statistics import Comparison, compared, exact_sign, holm, quantile, wilson
-from benchmarks.harness.suite import LESSON
 from planner_service.errors import InvalidRequest, UnknownName
 
-__all__ = ["MEASURES", "compare", "exercise", "main", "overview"]
+__all__ = ["MEASURES", "compare", "main", "overview"]
 
 Contender = tuple[str, str]
 """Tool and planner."""
@@ -181,58 +178,6 @@ def _solved_line(pairs: Pairs) -> list[str]:
     verdict = ("second less" if only[1] < only[0] else "second more") if p < 0.05 else "not significant"
     shown = [wilson(count, len(pairs)).text(0, 100.0) + " %" for count in counts]
     return ["solved", *shown, f"only one: {only[0]} : {only[1]}", str(len(pairs)), f"{p:.2g}", "", verdict]
-
-
-# --- the lesson's exercise
-
-
-def exercise(results: Results) -> list[RenderableType]:
-    """The lesson's table with its explanation; nothing if it was not run."""
-    shown: list[RenderableType] = []
-    toys = _by_contender(row for row in results.rows if row["kind"] == "toy" and row["ok"])
-    for contender, found in toys.items() if (LESSON, LESSON) in toys else ():
-        shown.append(_exercise_table(contender, found))
-        if contender[1] == LESSON:
-            shown.append(_explained(found))
-    return shown
-
-
-_EXERCISE: Mapping[str, tuple[Callable[[Row], float], int]] = {
-    "growth checks": (lambda row: states_of(row, "search"), 0),
-    "shortcut checks": (lambda row: states_of(row, "shortcut"), 0),
-    "all checks": (states_of, 0),
-    "raw length rad": (lambda row: row["raw_length"], 3),
-    "shortcut length rad": (lambda row: row["length"], 3),
-    "raw motion s": (lambda row: row["raw_duration"], 3),
-    "shortcut motion s": (lambda row: row["duration"], 3),
-    "raw waypoints": (lambda row: row["raw_waypoints"], 0),
-    "waypoints": (lambda row: row["waypoints"], 0),
-}
-
-
-def _exercise_table(contender: Contender, found: Sequence[Row]) -> Table:
-    def cells(name: str) -> tuple[str, str, str]:
-        read, digits = _EXERCISE[name]
-        values = [read(row) for row in found]
-        return name, f"{p50(values):,.{digits}f}", f"{p95(values):,.{digits}f}"
-
-    title = f"The lesson's exercise: {_named(contender)}, {len(found)} seeds"
-    return table(title, ("", "p50", "p95"), map(cells, _EXERCISE))
-
-
-def _explained(found: Sequence[Row]) -> str:
-    """Why motion time improves more than length, in the figures at hand."""
-    length = p50(row["length"] / row["raw_length"] for row in found)
-    motion = p50(row["duration"] / row["raw_duration"] for row in found)
-    stops = [p50(row[key] - 1 for row in found) for key in ("raw_waypoints", "waypoints")]
-    halting, passing = 2.0 * math.sqrt(STEP / 5.0), STEP / 1.57
-    return (
-        f"Shortcutting leaves {length:.0%} of the length but {motion:.0%} of the motion time, because the motion stops "
-        f"at every waypoint: {stops[0]:.0f} pieces become {stops[1]:.0f}. A piece of {STEP:g} rad takes up to "
-        f"{halting:.2f} s from stop to stop, all of it gaining and losing speed, and {passing:.2f} s in passing "
-        "at 1.57 rad/s: the raw path's time is that of its stops, of which shortcutting removes nearly all; its length "
-        "was never the cost."
-    )
 
 
 # --- the command

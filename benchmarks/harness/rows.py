@@ -259,8 +259,7 @@ class _Audit(_Open):
 
 
 class RowRecord(_Open):
-    """A row. Some tools alone have what it may lack: what building a planner cost, versions of a peer's packages, its
-    audits one by one, and what the lesson's exercise says besides."""
+    """A row. It may lack what some tools alone have: what building a planner cost, a peer's versions and single audits."""
 
     suite: Words
     problem: Words
@@ -286,6 +285,3 @@ class RowRecord(_Open):
     built: _Built | None = None
     versions: dict[str, Words] = Field({})
     audits: dict[str, _Audit] = Field({})
-    raw_duration: float = 0.0
-    raw_waypoints: float = 0.0
-    waypoints: float = 0.0

@@ -182,7 +182,7 @@ def _require_same(old: dict[str, Any], new: dict[str, Any], out: Path) -> None:
 def _printed(sheaf: Sheaf) -> Table:
     """A table of the page for a console."""
     heads = [" ".join(filter(None, (cell.text, cell.under))) for cell in sheaf.heads]
-    return table(sheaf.title, heads, [[cell.text for cell in row] for row in sheaf.rows], caption=sheaf.caption)
+    return table(sheaf.title, heads, ([cell.text for cell in row] for row in sheaf.rows), caption=sheaf.caption)
 
 
 def main(arguments: Sequence[str], console: Console) -> int:
@@ -211,12 +211,12 @@ def main(arguments: Sequence[str], console: Console) -> int:
         count = len(rows.read(out).rows) if out.exists() else 0
         console.print(f"interrupted: {count} finished rows are in {out}; the same command goes on from there")
         return INTERRUPTED
-    from benchmarks.harness.comparison import exercise, overview
+    from benchmarks.harness.comparison import overview
     from benchmarks.pages.page_builds import builds
     from benchmarks.pages.page_numbers import sheets_of
 
     told = [builds(sheet) for sheet in sheets_of([results])]
     apart = [_printed(sheaf) for sheaf in told if sheaf is not None]
-    console.print(*overview(results), *apart, *exercise(results), sep="\n\n")
+    console.print(*overview(results), *apart, sep="\n\n")
     console.print(f"{len(results.rows)} rows in {out}")
     return 0

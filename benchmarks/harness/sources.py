@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import random
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +15,9 @@ from pydantic import AfterValidator, Field
 
 from benchmarks.baselines.lesson import Toy
 from benchmarks.worlds import queries
-from benchmarks.worlds.growing import MOST_JOINTS, MOST_OBSTACLES, blocked_ends, crowd, planar_robot
+from benchmarks.worlds.drawn import blocked_ends
+from benchmarks.worlds.growing import MOST_JOINTS, MOST_OBSTACLES, crowd, planar_robot
+from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import Record, Text, at_most, of_length
 from planner_service.geometry.arrays import FloatArray
@@ -231,7 +235,9 @@ class DrawnTable(Record):
             for text in self.robots:
                 name = _path_of(text)
                 robot = load_robot(name)
-                for k, (start, goal) in enumerate(blocked_ends(robot, scene, self.count)):
+                chance = random.Random(f"{queries.SEED} ends {robot.name} {scene.name}")
+                ends = blocked_ends(CollisionChecker(robot, scene), chance)
+                for k, (start, goal) in enumerate(islice(ends, self.count)):
                     yield Motion(f"{text}/{k}", f"{robot.n} joints", name, scene, start, (goal,))
 
         return make

@@ -20,9 +20,6 @@ __all__ = ["LEVEL", "Comparison", "Estimate", "compared", "exact_sign", "holm", 
 LEVEL = 0.95
 """Of every interval; tests are at one minus it."""
 
-Z = 1.959963984540054
-"""Of the normal distribution, two-sided at ``LEVEL``."""
-
 DRAWS = 2000
 SEED = 2026
 
@@ -80,11 +77,10 @@ def wilson(successes: int, runs: int) -> Estimate:
     """A share with Wilson's score interval (JASA 22, 1927), which is right near 0 and 1 too."""
     if runs == 0:
         return Estimate(math.nan, 0.0, 1.0)
-    share, square = successes / runs, Z * Z
-    middle = (share + square / (2 * runs)) / (1 + square / runs)
-    half = Z / (1 + square / runs) * math.sqrt(share * (1 - share) / runs + square / (4 * runs * runs))
-    low, high = (share if share == end else middle + side for end, side in ((0.0, -half), (1.0, half)))
-    return Estimate(share, low, high)
+    from scipy.stats import binomtest
+
+    interval = binomtest(successes, runs).proportion_ci(LEVEL, method="wilson")
+    return Estimate(successes / runs, float(interval.low), float(interval.high))
 
 
 @dataclass(frozen=True)

@@ -294,9 +294,9 @@ def rejects(sheet: Sheet) -> Sheaf | None:
             pair = " × ".join(audit["pair"] or ())
             depth = NOTHING if audit["depth"] is None else f"{1e3 * audit['depth']:.2f}"
             refused = [name for name, each in row.get("audits", {}).items() if rejected({"audit": each})]
-            line = {"whose": group.name, "where": _where(row), "what": " and ".join(refused) or "path or motion"}
-            deep = {"mm deep": Cell(depth, bad=True), "step, rad": f"{audit['step']}"}
-            lines.append({**line, "who touches whom": pair, **deep})
+            line: dict[Cell | str, Cell | str] = {"whose": group.name, "where": _where(row)}
+            line |= {"what": " and ".join(refused) or "path or motion", "who touches whom": pair}
+            lines.append(line | {"mm deep": Cell(depth, bad=True), "step, rad": f"{audit['step']}"})
     return Sheaf.of("Refused by the independent checker", lines)
 
 

@@ -43,25 +43,17 @@ def pictures_of(sheet: Sheet) -> Iterator[tuple[str, str, str]]:
     groups, counting = sheet.present, [group for group in sheet.present if group.counts]
     colours = {group.name: COLOURS[k % len(COLOURS)] for k, group in enumerate(sheet.groups)}
     boxes = "{} Box: quartiles; line: median; whiskers: 5 % and 95 %."
-    within = "Share of the queries solved within so many {}."
+    within, mean = "Share of the queries solved within so many {}.", "{} per query by stage, mean."
     profile = (
         "Performance profile (Dolan and Moré, 2002): share of the problems solved within a multiple of the best {}."
     )
-    mean = "{} per query by stage, mean."
     clearance = "Smallest clearance against length of the final path; crosses: refused by the independent checker."
+    failures, length, duration = "per query, failures included.", _of("length"), _of("duration")
     drawn: dict[str, tuple[str, str, Callable[[Any], bool]]] = {
-        "box-states": (
-            boxes,
-            "States judged per query, failures included.",
-            _boxes(counting, states, colours, "states"),
-        ),
-        "box-ms": (boxes, "Processor milliseconds per query, failures included.", _boxes(groups, _ms, colours, "ms")),
-        "box-length": (boxes, "Length of the final path.", _boxes(groups, _of("length"), colours, "rad")),
-        "box-duration": (
-            boxes,
-            "Duration of the motion, where it is timed.",
-            _boxes(groups, _of("duration"), colours, "s"),
-        ),
+        "box-states": (boxes, f"States judged {failures}", _boxes(counting, states, colours, "states")),
+        "box-ms": (boxes, f"Processor milliseconds {failures}", _boxes(groups, _ms, colours, "ms")),
+        "box-length": (boxes, "Length of the final path.", _boxes(groups, length, colours, "rad")),
+        "box-duration": (boxes, "Duration of the motion, where it is timed.", _boxes(groups, duration, colours, "s")),
         "ecdf-states": (within, "states", _shares(counting, states, colours, "states")),
         "ecdf-ms": (within, "milliseconds of processor time", _shares(groups, _ms, colours, "ms")),
         "profile-states": (profile, "count of states", _profiles(counting, states, colours)),

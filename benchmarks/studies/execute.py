@@ -187,10 +187,8 @@ def stop_rows() -> list[Row]:
                 seen.append(robot.tool_pose(driver.positions())[:3, 3])
                 time.sleep(0.002)
         begun = robot.tool_pose(cut.stood)[:3, 3]
-        on, aside = (
-            [math.dist(begun, at) for at in seen],
-            [np.sqrt(((path - at) ** 2).sum(axis=1)).min() for at in seen],
-        )
+        on = [math.dist(begun, at) for at in seen]
+        aside = [np.sqrt(((path - at) ** 2).sum(axis=1)).min() for at in seen]
         row: Row = {"holds": "where it was told to be" if where_told else "where it is"}
         row |= {"speed": float(np.abs(motion(fastest, 1)).max()), "on_mm": 1000.0 * max(on)}
         rows.append(row | {"rest_mm": 1000.0 * on[-1], "off_mm": 1000.0 * float(max(aside))})

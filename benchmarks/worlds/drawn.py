@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator
+from itertools import islice
 
 from benchmarks.worlds.queries import ROBOT, SEED, Query
 from planner_service.collision import CollisionChecker
@@ -14,7 +15,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 
-__all__ = ["COUNT", "PER_SCENE", "draw_objects", "draw_queries", "draw_scene", "turned"]
+__all__ = ["COUNT", "PER_SCENE", "blocked_ends", "draw_objects", "draw_queries", "draw_scene", "turned"]
 
 COUNT, PER_SCENE = 20, 10
 """Scenes, and queries in each."""
@@ -52,23 +53,29 @@ def draw_objects(chance: random.Random, count: int) -> Iterator[Obstacle]:
 
 def draw_queries(number: int, scene: Scene) -> Iterator[Query]:
     """Pairs of free configurations, uniform in the joint limits, that no straight line joins."""
-    robot = load_robot(ROBOT)
-    checker = CollisionChecker(robot, scene)
-    chance = random.Random(f"{SEED} drawn ends {number}")
-
-    def end() -> FloatArray:
-        ranges = list(zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True))
-        for _ in range(DRAWS):
-            q = [chance.uniform(low, high) for low, high in ranges]
-            if checker.state_is_free(q):
-                return read_only(q)
-        raise BrokenInvariant(f"no free configuration in drawn scene {number}")
-
-    for k in range(PER_SCENE):
-        start, goal = end(), end()
-        while checker.edge_is_free(start, goal):
-            start, goal = end(), end()
+    ends = blocked_ends(CollisionChecker(load_robot(ROBOT), scene), random.Random(f"{SEED} drawn ends {number}"))
+    for k, (start, goal) in enumerate(islice(ends, PER_SCENE)):
         yield Query(f"drawn-{number:02d}", k, start, goal, straight=False)
+
+
+def blocked_ends(checker: CollisionChecker, chance: random.Random) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Pairs of free configurations, uniform in the joint limits, that no straight line joins; without end."""
+    limits = checker.robot.limits
+    ranges = list(zip(limits.lower.tolist(), limits.upper.tolist(), strict=True))
+    free: list[FloatArray] = []
+    vain = 0
+    while vain < DRAWS:
+        vain += 1
+        q = read_only([chance.uniform(low, high) for low, high in ranges])
+        if checker.state_is_free(q):
+            free.append(q)
+        if len(free) == 2:
+            if not checker.edge_is_free(*free):
+                vain = 0
+                yield free[0], free[1]
+            free = []
+    name = f"{checker.robot.name} in {checker.scene.name or 'a drawn scene'}"
+    raise BrokenInvariant(f"{name}: no two free configurations with something in between")
 
 
 def turned(chance: random.Random) -> tuple[float, float, float, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,12 +15,11 @@ from benchmarks.worlds.drawn import turned
 from benchmarks.worlds.queries import SEED, Query
 from planner_service.collision import CollisionChecker
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.shapes import Box, Cylinder, Pose, Shape, Sphere
-from planner_service.robot.model import Robot, load_robot
+from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 
-__all__ = ["MOST_JOINTS", "MOST_OBSTACLES", "blocked_ends", "crowd", "planar_robot"]
+__all__ = ["MOST_JOINTS", "MOST_OBSTACLES", "crowd", "planar_robot"]
 
 MOST_JOINTS = 30
 MOST_OBSTACLES = 1000
@@ -38,8 +36,8 @@ ROOM = 0.02
 WAY_STEP = 0.05
 """Radians between configurations of the known way at which that is judged."""
 
-DRAWS, SEEDS = 100_000, 20
-"""Draws in vain after which there is no room, and seeds in vain after which there is no way."""
+SEEDS = 20
+"""Seeds in vain after which there is no way."""
 
 
 @cache
@@ -88,26 +86,6 @@ def _limits(joints: int) -> str:
     tables = [f"[limits.position]\nlower = {[-math.pi] * joints}\nupper = {[math.pi] * joints}\nsource = 'as planar2'"]
     tables += [f"[limits.{kind}]\nvalues = {[value] * joints}\nsource = 'as planar2'" for kind, value in kinds.items()]
     return "\n".join(tables) + "\n"
-
-
-def blocked_ends(robot: Robot, scene: Scene, count: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Pairs of free configurations, uniform in the joint limits, that no straight line joins."""
-    checker = CollisionChecker(robot, scene)
-    chance = random.Random(f"{SEED} ends {robot.name} {scene.name}")
-    ranges = list(zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True))
-    ends: list[FloatArray] = []
-    for _ in range(DRAWS):
-        q = read_only([chance.uniform(low, high) for low, high in ranges])
-        if count == 0:
-            return
-        if checker.state_is_free(q):
-            ends.append(q)
-        if len(ends) == 2:
-            if not checker.edge_is_free(*ends):
-                yield ends[0], ends[1]
-                count -= 1
-            ends = []
-    raise BrokenInvariant(f"{robot.name} in {scene.name}: no two free configurations with something in between")
 
 
 @cache

@@ -20,9 +20,8 @@ from benchmarks.harness.audit import JOINT_STEP, NOT_ASKED, Auditor, along
 from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table
 from benchmarks.studies.roadmaps.asked import built_states, fell_back, search_states
 from benchmarks.worlds import queries
-from benchmarks.worlds.drawn import draw_objects
-from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, read_only
+from benchmarks.worlds.drawn import blocked_ends, draw_objects
+from planner_service.geometry.arrays import FloatArray
 from planner_service.planning.roadmap_work import RoadmapUpdate
 from planner_service.roadmap import Verdict
 from planner_service.scene.scene import load_scene
@@ -41,9 +40,6 @@ SHARE = 0.15
 """Of the states of the build that telling it of one moved obstacle may take."""
 
 TREE = "rrtconnect"
-
-DRAWS = 100_000
-"""Draws in vain after which a scene leaves no room."""
 
 
 def ten_obstacles() -> ps.Scene:
@@ -113,27 +109,11 @@ def _update_row(case: _Case, build: int) -> Row:
     }
 
 
-def _free_ends(checker: ps.CollisionChecker, chance: random.Random) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Pairs of free configurations, uniform in the joint limits, that no straight line joins."""
-    limits = checker.robot.limits
-    ranges = list(zip(limits.lower.tolist(), limits.upper.tolist(), strict=True))
-    free: list[FloatArray] = []
-    for _ in range(DRAWS):
-        q = read_only([chance.uniform(low, high) for low, high in ranges])
-        if checker.state_is_free(q):
-            free.append(q)
-        if len(free) == 2:
-            if not checker.edge_is_free(free[0], free[1]):
-                yield free[0], free[1]
-            free = []
-    raise BrokenInvariant("no free configurations in a drawn scene")
-
-
 def _query_rows(cases: Sequence[_Case], count: int) -> Iterator[Row]:
     """Random queries of the roadmap that was told, of the one that was not, and of RRTConnect."""
     for k, case in enumerate(cases):
         service, auditor = case.service, Auditor(queries.ROBOT, case.service.scene)
-        some = _free_ends(service.checker, random.Random(f"{queries.SEED} ends {k}"))
+        some = blocked_ends(service.checker, random.Random(f"{queries.SEED} ends {k}"))
         told = replace(case.update.roadmap, remember=True)
         asked: dict[str, Planner] = {"told": told, "not told": case.before, TREE: ps.RRTConnect()}
         for _, ends in zip(range(k, count, len(cases)), some, strict=False):
