@@ -259,7 +259,7 @@ class _Audit(_Open):
 
 
 class RowRecord(_Open):
-    """A row. It may lack what some tools alone have: what building a planner cost, a peer's versions and single audits."""
+    """A row. It may lack what some tools alone have: what building cost, a peer's versions and its single audits."""
 
     suite: Words
     problem: Words

@@ -7,30 +7,27 @@ lower bounds at many places of a curve, tight where pieces are apart.
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, p50, spread, table
+from benchmarks.harness.audit import independent, touch_on_curve
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, p50, spread, table_of
 from benchmarks.studies import problems
 from benchmarks.studies.agreement import random_states
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
 from planner_service import CollisionChecker, Optimise, PlannerService, PlanResult, Reason, Stage, load_robot
 from planner_service.certify import Certifier
-from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.optimize import Chomp
 from planner_service.path.joint_path import JointPath
 from planner_service.scene.scene import load_scene
-
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
 
 __all__ = ["SCENES", "gradient_rows", "hybrid_rows", "promises", "run", "warning_rows"]
 
@@ -96,12 +93,6 @@ def _motion(result: PlanResult, certifier: Certifier) -> Row:
     }
 
 
-def _touch(second: IndependentChecker, path: JointPath) -> str | None:
-    """What the independent checker finds on a curve, in words."""
-    touch = second.curve_touch(path, path.length, MOTION_STEP)
-    return None if touch is None else f"{touch.a} x {touch.b}"
-
-
 def _best_of_long_runs(service: PlannerService, certifier: Certifier, query: queries.Query) -> float:
     found = (plan(service, query, seed=seed, polish=LONG, max_checks=500_000) for seed in range(LONG_RUNS))
     return max((float(_clearances(certifier, one.path).min()) for one in found if one.path is not None), default=0.0)
@@ -111,25 +102,16 @@ def hybrid_rows(
     scenes: Sequence[str] = SCENES, count: int = queries.PER_SCENE, polish: Optimise = POLISH, **changes: Any
 ) -> Iterator[Row]:
     """Each query that has to be searched, by shortcutting alone and optimised."""
-    from auditor.checker import IndependentChecker, tables_of
-
     for scene in scenes:
         service = PlannerService(queries.ROBOT, scene)
         certifier = Certifier(service.robot, service.scene)
-        second = IndependentChecker(data_folder("robots") / queries.ROBOT, tables_of(service.scene))
+        second = independent(queries.ROBOT, service.scene)
         plan(service, queries.load(scene)[0], polish=polish)  # libraries load, a field is made
         for query in queries.load(scene)[:count]:
-            clock = time.process_time()
-            plain = plan(service, query, **changes)
-            between = time.process_time()
-            result = plan(service, query, polish=polish, **changes)
-            ms = (time.process_time() - between - (between - clock)) * 1e3
-            row: Row = {
-                "scene": scene,
-                "query": query.name,
-                "method": polish.method.name,
-                "searched": plain.attempts > 0,
-            }
+            plain_ms, plain = cpu_ms(lambda: plan(service, query, **changes))  # noqa: B023
+            ms, result = cpu_ms(lambda: plan(service, query, polish=polish, **changes))  # noqa: B023
+            row: Row = {"scene": scene, "query": query.name, "method": polish.method.name}
+            row["searched"] = plain.attempts > 0
             if result.polish is None or not plain.ok or not result.ok:
                 yield row | {"failure": str(result.failure or plain.failure), "certified": False, "kept": False}
                 continue
@@ -139,16 +121,16 @@ def hybrid_rows(
                 wanted = min(wanted, _best_of_long_runs(service, certifier, query))
             yield row | {
                 "failure": None,
-                "certified": result.certificate is not None and result.certificate.certified,
+                "certified": _certified(result),
                 "kept": result.polish.kept,
-                "touch": _touch(second, result.unwrap()[0]),
+                "touch": touch_on_curve(second, result.unwrap()[0], MOTION_STEP),
                 "before": before,
                 "after": after,
                 "wanted": wanted,
                 "iterations": result.polish.iterations,
                 "distances": result.stage(Stage.POLISH).counts.distances,
                 "gradients": result.polish.gradients,
-                "polish_ms": ms,
+                "polish_ms": ms - plain_ms,
             }
 
 
@@ -159,11 +141,11 @@ def panda_rows(count: int | None = None) -> Iterator[Row]:
         service = PlannerService(robot, problem.scene)
         row: Row = {"problem": problem.id}
         for name, polish in PANDA.items():
-            clock = time.process_time()
-            result = service.plan(replace(problems.asked(robot, problem), polish=polish))
+            request = replace(problems.asked(robot, problem), polish=polish)
+            ms, result = cpu_ms(lambda: service.plan(request))  # noqa: B023
             row[name] = {
-                "ms": (time.process_time() - clock) * 1e3,
-                "certified": result.certificate is not None and result.certificate.certified,
+                "ms": ms,
+                "certified": _certified(result),
                 "kept": result.polish is None or result.polish.kept,
                 "length": math.nan if result.path is None else _length(result.path),
                 "duration": math.nan if result.motion is None else result.motion.duration,
@@ -194,7 +176,11 @@ def warning_rows(scenes: Sequence[str] = WARNING_SCENES, count: int = queries.PE
 def _outcome(result: PlanResult) -> str:
     if result.failure is not None:
         return result.failure.reason.value
-    return "certified" if result.certificate is not None and result.certificate.certified else "UNCERTIFIED"
+    return "certified" if _certified(result) else "UNCERTIFIED"
+
+
+def _certified(result: PlanResult) -> bool:
+    return result.certificate is not None and result.certificate.certified
 
 
 def gradient_rows(scene: str = "clutter", states: int = STATES) -> Iterator[Row]:
@@ -280,7 +266,7 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
     """What these figures were to be."""
     rows = [row for row in hybrids if row["searched"]]
     clear = _clear(rows)
-    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    by_scene = grouped(rows, "scene")
     caught = [row for row in warnings if row["straight"] == Reason.OPTIMUM_IN_COLLISION.value]
     solved = [row for row in caught if row["hybrid"] == "certified" and row["where"]]
     uncertified = sum(row["failure"] is None and not row["certified"] for row in rows)
@@ -290,14 +276,14 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
     for row in gradients:
         total.update({key: value for key, value in row.items() if key not in ("scene", "worst")})
 
-    def medians(values: dict[str, list[float]], most: float, text: str) -> Promise:
-        told = "; ".join(f"{scene} {spread(some, 2)}" for scene, some in values.items())
-        return Promise(text, told, all(p50(some) <= most for some in values.values()))
+    def medians(values: Callable[[Sequence[Row]], list[float]], most: float, text: str) -> Promise:
+        told = {scene: values(here) for scene, here in by_scene.items()}
+        shown = "; ".join(f"{scene} {spread(some, 2)}" for scene, some in told.items())
+        return Promise(text, shown, all(p50(some) <= most for some in told.values()))
 
-    def by_scene(what: str) -> dict[str, list[float]]:
-        return {scene: _ratios([row for row in rows if row["scene"] == scene], what) for scene in scenes}
-
-    equal = {scene: _at_equal_time([row for row in rows if row["scene"] == scene]) for scene in scenes}
+    length, duration, acceleration = (partial(_ratios, what=what) for what in ("length", "duration", "acceleration"))
+    own_pace = "integral of squared acceleration at most 1/3, each at its own pace"
+    equal = "integral of squared acceleration at most 1/3 in the same motion time"
     step = [row["polish_ms"] / row["iterations"] for row in rows if row["failure"] is None]
     return (
         Promise(
@@ -305,12 +291,10 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
             f"{sum(clear)} of {len(clear)}",
             sum(clear) >= CLEAR_SHARE * len(clear),
         ),
-        medians(by_scene("length"), LENGTH, "length at most 1.05 x at p50 in each scene"),
-        medians(by_scene("duration"), DURATION, "motion time at most 0.85 x at p50 in each scene"),
-        medians(
-            by_scene("acceleration"), ACCELERATION, "integral of squared acceleration at most 1/3, each at its own pace"
-        ),
-        medians(equal, ACCELERATION, "integral of squared acceleration at most 1/3 in the same motion time"),
+        medians(length, LENGTH, "length at most 1.05 x at p50 in each scene"),
+        medians(duration, DURATION, "motion time at most 0.85 x at p50 in each scene"),
+        medians(acceleration, ACCELERATION, own_pace),
+        medians(_at_equal_time, ACCELERATION, equal),
         Promise("no result without a proof", f"{uncertified} uncertified", uncertified == 0),
         Promise(
             "the independent checker, at every millimetre of motion, rejects no optimum",
@@ -334,65 +318,54 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
 
 
 def _hybrid_table(title: str, rows: Sequence[Row]) -> Table:
-    def cells(scene: str) -> list[str]:
-        here = [row for row in rows if row["scene"] == scene and row["searched"]]
+    def line(scene: str, all_: Sequence[Row]) -> Row:
+        here = [row for row in all_ if row["searched"]]
         good = [row for row in here if row["failure"] is None]
-        millimetres = [[row[side]["clearance"] * 1e3 for row in good] for side in ("before", "after")]
-        return [
-            scene,
-            str(len(here)),
-            *(spread(_ratios(here, what), 2) for what in ("length", "duration", "acceleration")),
-            spread(_at_equal_time(here), 2),
-            *(f"{p50(side):.1f}" for side in millimetres),
-            f"{sum(_clear(here))}/{len(here)}",
-            *(spread([float(row[what]) for row in good]) for what in ("iterations", "distances", "gradients")),
-            spread([row["polish_ms"] for row in good]),
-            f"{sum(row['kept'] for row in here)}/{sum(row['certified'] for row in here)}",
-        ]
+        ratios = {"length x": "length", "time x": "duration", "accel. x": "acceleration"}
+        clearances = {"clear before": "before", "after mm": "after"}
+        return {
+            "scene": scene,
+            "queries": len(here),
+            **{name: spread(_ratios(here, what), 2) for name, what in ratios.items()},
+            "same time x": spread(_at_equal_time(here), 2),
+            **{name: f"{p50(row[side]['clearance'] * 1e3 for row in good):.1f}" for name, side in clearances.items()},
+            "clear": f"{sum(_clear(here))}/{len(here)}",
+            **{what: spread([float(row[what]) for row in good]) for what in ("iterations", "distances", "gradients")},
+            "polish ms": spread([row["polish_ms"] for row in good]),
+            "kept/certified": f"{sum(row['kept'] for row in here)}/{sum(row['certified'] for row in here)}",
+        }
 
-    columns = ("scene", "queries", "length x", "time x", "accel. x", "same time x", "clear before", "after mm", "clear")
-    more = ("iterations", "distances", "gradients", "polish ms", "kept/certified")
-    scenes = dict.fromkeys(row["scene"] for row in rows)
     caption = (
         "p50 / p95, ratios to shortcutting alone. Accel.: integral of squared joint acceleration over time, each at "
         "its own time-optimal pace, which always uses some joint's acceleration fully; same time: the optimum slowed "
         "down to the time of the shortcut. Clear: queries that keep 20 mm, or what their ends or the best of 10 long "
         "runs allow. Polish: CPU."
     )
-    return table(title, (*columns, *more), (cells(scene) for scene in scenes), caption=caption)
+    return table_of(title, (line(*each) for each in grouped(rows, "scene").items()), caption=caption)
 
 
 def _warning_table(rows: Sequence[Row]) -> Table:
-    def cells(scene: str) -> list[str]:
-        here = [row for row in rows if row["scene"] == scene]
-        counts = [Counter(row[what] for row in here) for what in ("straight", "several", "hybrid")]
-        told = next((row["told"] for row in here if row["told"]), "")
-        return [scene, str(len(here)), *(f"{count['certified']}" for count in counts), told]
-
-    columns = (
-        "scene",
-        "queries",
-        "certified from the straight line",
-        "from 4 lines",
-        "hybrid",
-        "an optimum that is none",
+    kinds = {"certified from the straight line": "straight", "from 4 lines": "several", "hybrid": "hybrid"}
+    lines = (
+        {"scene": scene, "queries": len(here)}
+        | {name: sum(row[what] == "certified" for row in here) for name, what in kinds.items()}
+        | {"an optimum that is none": next((row["told"] for row in here if row["told"]), "")}
+        for scene, here in grouped(rows, "scene").items()
     )
-    scenes = dict.fromkeys(row["scene"] for row in rows)
     caption = "Converged is not collision-free: every other query was reported as OPTIMUM_IN_COLLISION, with where."
-    return table("What a straight line converges to", columns, (cells(scene) for scene in scenes), caption=caption)
+    return table_of("What a straight line converges to", lines, caption=caption)
 
 
 def _panda_table(rows: Sequence[Row]) -> Table:
-    def cells(name: str) -> list[str]:
+    def line(name: str) -> Row:
         own = [row[name] for row in rows]
-        counted = [f"{sum(one[what] for one in own)}/{len(own)}" for what in ("certified", "kept")]
-        return [
-            name,
-            *counted,
-            *(spread([one[key] for one in own], 2) for key in ("length", "duration")),
-            spread([one["ms"] for one in own]),
-        ]
+        return {
+            "": name,
+            **{what: f"{sum(one[what] for one in own)}/{len(own)}" for what in ("certified", "kept")},
+            "length rad": spread([one["length"] for one in own], 2),
+            "motion s": spread([one["duration"] for one in own], 2),
+            "CPU ms": spread([one["ms"] for one in own]),
+        }
 
-    columns = ("", "certified", "kept", "length rad", "motion s", "CPU ms")
     caption = "70 problems of MotionBenchMaker, seed 0, p50 / p95; CPU of whole plans."
-    return table("Public Panda problems", columns, (cells(name) for name in PANDA), caption=caption)
+    return table_of("Public Panda problems", map(line, PANDA), caption=caption)

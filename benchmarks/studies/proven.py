@@ -10,11 +10,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from auditor.checker import IndependentChecker
 from benchmarks.baselines.plain_bisection import plain_bisection_bounds
+from benchmarks.harness.audit import independent, touch_on_curve
 from benchmarks.harness.report import Report, Row
 from benchmarks.studies.proven_tables import DRAWN, GAP_STEP, INSTANTS, KINDS, MOTION_STEP, all_promises, all_tables
 from benchmarks.studies.states import plan
@@ -22,7 +24,6 @@ from benchmarks.worlds import drawn, queries, sheets
 from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, PlanResult, Scene, SCurve, Stage, ToppRa
 from planner_service.certify import Certifier
-from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -30,9 +31,6 @@ from planner_service.robot.model import JointLimits
 from planner_service.scene.scene import load_scene
 from planner_service.timing.laws import Timing, stop_duration
 from planner_service.timing.limit_check import peaks
-
-if TYPE_CHECKING:
-    from auditor.checker import IndependentChecker
 
 __all__ = ["World", "measured", "planted", "rates", "run", "sampled_peaks", "worlds"]
 
@@ -56,14 +54,8 @@ class World:
     @classmethod
     def of(cls, name: str, scene: Scene, asked: Sequence[Query]) -> World:
         """The benchmark's robot in a scene."""
-        service = PlannerService(queries.ROBOT, scene)
-        return cls(name, scene, tuple(asked), service, Certifier(service.robot, scene), _second(scene))
-
-
-def _second(scene: Scene) -> IndependentChecker:
-    from auditor import checker as independent
-
-    return independent.IndependentChecker(data_folder("robots") / queries.ROBOT, independent.tables_of(scene))
+        service, second = PlannerService(queries.ROBOT, scene), independent(queries.ROBOT, scene)
+        return cls(name, scene, tuple(asked), service, Certifier(service.robot, scene), second)
 
 
 def worlds() -> Iterator[World]:
@@ -104,15 +96,10 @@ def measured(world: World, query: Query) -> tuple[Row, PlanResult]:
 def _judged(second: IndependentChecker, path: JointPath, clearance: float) -> Row:
     """The curve by the independent checker."""
     started = time.perf_counter()
-    touch = second.curve_touch(path, path.length, MOTION_STEP)
+    touch = touch_on_curve(second, path, MOTION_STEP)
     seconds = time.perf_counter() - started
     gap = min(min(second.gaps(q).values()) for q in second.along(path, path.length, GAP_STEP))
-    return {
-        "touch": None if touch is None else f"{touch.a} x {touch.b}",
-        "judging_seconds": seconds,
-        "clearance": clearance,
-        "sampled_gap": gap,
-    }
+    return {"touch": touch, "judging_seconds": seconds, "clearance": clearance, "sampled_gap": gap}
 
 
 def _off_path(trajectory: Trajectory) -> float:
@@ -171,7 +158,7 @@ def planted(world: World, query: Query, path: JointPath) -> Iterator[Row]:
         def stretch(s: Any) -> FloatArray:
             return path(start + s)
 
-        return _second(scene).curve_touch(stretch, end - start, MOTION_STEP) is not None
+        return independent(queries.ROBOT, scene).curve_touch(stretch, end - start, MOTION_STEP) is not None
 
     site = sheets.Site(query.name, world.service.robot, world.scene, path, touches)
     for step in sheets.STEPS:

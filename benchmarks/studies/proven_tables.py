@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Row, p50, p95, spread, table
+from benchmarks.harness.report import Promise, Row, p50, p95, spread, table, table_of
 from benchmarks.worlds import queries, sheets
 from planner_service.planning.result import Stage
 
@@ -51,15 +51,8 @@ THICKNESS_MM = sheets.THICKNESS * 1e3
 
 def all_tables(rows: Sequence[Row], planting: Sequence[Row]) -> tuple[Table, ...]:
     """All tables."""
-    return (
-        _free_table(rows),
-        _mended_table(rows),
-        _limits_table(rows),
-        _duration_table(rows),
-        _bounds_table(rows),
-        _stages_table(rows),
-        _sheet_table(planting),
-    )
+    tables = (_free_table, _mended_table, _limits_table, _duration_table, _bounds_table, _stages_table)
+    return (*(made(rows) for made in tables), _sheet_table(planting))
 
 
 def all_promises(rows: Sequence[Row], planting: Sequence[Row]) -> tuple[Promise, ...]:
@@ -77,37 +70,26 @@ def _done(rows: Sequence[Row]) -> list[Row]:
 
 
 def _free_table(rows: Sequence[Row]) -> Table:
-    def cells(name: str) -> list[str]:
+    def line(name: str) -> Row:
         here, all_ = _of(rows, name), [row for row in rows if row["world"] == name]
-        return [
-            name,
-            f"{len(here)}/{len(all_)}",
-            str(sum(row["touch"] is not None for row in here)),
-            f"{min(row['clearance'] for row in here) * 1e3:.2f}",
-            f"{p50(row['clearance'] for row in here) * 1e3:.2f}",
-            f"{p50(row['sampled_gap'] for row in here) * 1e3:.2f}",
-            f"{p50(_tightness(row) for row in here):.2f}",
-            str(sum(_overstated(row) for row in here)),
-            f"{max(row['off_path'] for row in here):.0e}",
-        ]
+        return {
+            "scene": name,
+            "planned": f"{len(here)}/{len(all_)}",
+            "curves that touch": sum(row["touch"] is not None for row in here),
+            "least proven mm": f"{min(row['clearance'] for row in here) * 1e3:.2f}",
+            "proven mm p50": f"{p50(row['clearance'] for row in here) * 1e3:.2f}",
+            "sampled mm p50": f"{p50(row['sampled_gap'] for row in here) * 1e3:.2f}",
+            "proven / sampled p50": f"{p50(_tightness(row) for row in here):.2f}",
+            "overstated": sum(_overstated(row) for row in here),
+            "off path rad": f"{max(row['off_path'] for row in here):.0e}",
+        }
 
-    columns = (
-        "scene",
-        "planned",
-        "curves that touch",
-        "least proven mm",
-        "proven mm p50",
-        "sampled mm p50",
-        "proven / sampled p50",
-        "overstated",
-        "off path rad",
-    )
     caption = (
         f"Curves that touch: by Coal at {MOTION_STEP * 1e3:g} mm motion steps along the blended curve. Proven: the "
         f"certificate's clearance. Sampled: Coal's smallest distance at {GAP_STEP * 1e3:g} mm steps. Off path: "
         "trajectory(t) from path(s(t))."
     )
-    return table("The whole curve, judged independently", columns, (cells(name) for name in NAMES), caption=caption)
+    return table_of("The whole curve, judged independently", map(line, NAMES), caption=caption)
 
 
 def _tightness(row: Row) -> float:
@@ -119,23 +101,22 @@ def _overstated(row: Row) -> bool:
 
 
 def _mended_table(rows: Sequence[Row]) -> Table:
-    def cells(name: str) -> list[str]:
+    def line(name: str) -> Row:
         all_ = [row for row in rows if row["world"] == name]
         here = _done(all_)
         failures = sorted(row["failure"] for row in all_ if row["failure"] is not None)
         before, after = (sum(row["corners"][k] for row in here) for k in (0, 1))
         again = sum(row["searched_again"] for row in here)
-        return [
-            name,
-            f"{before - after}/{before}",
-            str(sum(row["first_refused"] for row in here) - again),
-            str(again),
-            ", ".join(f"{failures.count(f)} {f}" for f in dict.fromkeys(failures)) or "none",
-        ]
+        return {
+            "scene": name,
+            "corners blended": f"{before - after}/{before}",
+            "narrower blends": sum(row["first_refused"] for row in here) - again,
+            "searched again": again,
+            "no plan": ", ".join(f"{failures.count(f)} {f}" for f in dict.fromkeys(failures)) or "none",
+        }
 
-    columns = ("scene", "corners blended", "narrower blends", "searched again", "no plan")
     caption = "Narrower blends, searched again: paths that were refused at first, and how they were mended."
-    return table("Refused at first", columns, (cells(name) for name in NAMES), caption=caption)
+    return table_of("Refused at first", map(line, NAMES), caption=caption)
 
 
 def _worst(rows: Sequence[Row], law: str, by: str, kind: str) -> float:
@@ -198,36 +179,34 @@ def _bounds_share(rows: Sequence[Row]) -> float:
 
 
 def _bounds_table(rows: Sequence[Row]) -> Table:
-    def cells(name: str) -> list[str]:
+    def line(name: str) -> Row:
         here = _of(rows, name)
         ratios = [row["distances"] / row["plain"] for row in here]
-        return [
-            name,
-            spread([row["distances"] for row in here]),
-            spread([row["plain"] for row in here]),
-            f"{_bounds_share(here):.2f}",
-            f"{p50(ratios):.2f}",
-            f"{max(ratios):.2f}",
-        ]
+        return {
+            "scene": name,
+            "certificate": spread([row["distances"] for row in here]),
+            "plain bisection": spread([row["plain"] for row in here]),
+            "ratio of sums": f"{_bounds_share(here):.2f}",
+            "p50 of ratios": f"{p50(ratios):.2f}",
+            "worst": f"{max(ratios):.2f}",
+        }
 
-    columns = ("scene", "certificate", "plain bisection", "ratio of sums", "p50 of ratios", "worst")
     caption = "(configuration, pair) bounds asked for the same curve, p50 / p95. Plain: every stretch for all pairs."
-    return table("Bounds of a certificate", columns, (cells(name) for name in NAMES), caption=caption)
+    return table_of("Bounds of a certificate", map(line, NAMES), caption=caption)
 
 
 def _stages_table(rows: Sequence[Row]) -> Table:
-    def cells(name: str) -> list[str]:
+    def line(name: str) -> Row:
         here = _of(rows, name)
-        spent = [spread([row["ms"].get(stage.value, 0.0) for row in here], 1) for stage in STAGES]
-        laws = [spread([row[law]["ms"] for row in here], 1) for law in KINDS]
-        return [name, *spent, *laws, f"{sum(row['judging_seconds'] for row in here):.0f}"]
+        spent = {stage.value: spread([row["ms"].get(stage.value, 0.0) for row in here], 1) for stage in STAGES}
+        laws = {law: spread([row[law]["ms"] for row in here], 1) for law in KINDS}
+        return {"scene": name, **spent, **laws, "judging s": f"{sum(row['judging_seconds'] for row in here):.0f}"}
 
-    columns = ("scene", *(stage.value for stage in STAGES), *KINDS, "judging s")
     caption = (
         "Milliseconds, p50 / p95. Timing: TOPP-RA with its peaks, tool speed and stops; each law alone has a column. "
         "Judging: seconds in all of the independent checker's samples."
     )
-    return table("Milliseconds by stage", columns, (cells(name) for name in NAMES), caption=caption)
+    return table_of("Milliseconds by stage", map(line, NAMES), caption=caption)
 
 
 def _sheet_table(planting: Sequence[Row]) -> Table:
@@ -256,18 +235,12 @@ def _free_promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
     overstated = [row for row in done if _overstated(row)]
     lost = [row for row in stored if row["failure"] == "NOT_CERTIFIED"]
     off = max(row["off_path"] for row in done)
+    free = f"0 of {len(done)} curves in collision at {MOTION_STEP * 1e3:g} mm motion steps"
+    ratio = f"{_named(overstated)}; p50 of the ratio {p50(map(_tightness, done)):.2f}"
     return (
-        Promise(
-            f"0 of {len(done)} curves in collision at {MOTION_STEP * 1e3:g} mm motion steps",
-            _named(touching, lambda row: str(row["touch"])),
-            not touching,
-        ),
+        Promise(free, _named(touching, lambda row: str(row["touch"])), not touching),
         Promise("the timed curve is the certified one", f"{off:g} rad off", off == 0.0),
-        Promise(
-            "no certificate states more than Coal's smallest distance",
-            f"{_named(overstated)}; p50 of the ratio {p50(map(_tightness, done)):.2f}",
-            not overstated,
-        ),
+        Promise("no certificate states more than Coal's smallest distance", ratio, not overstated),
         Promise("stored queries: none NOT_CERTIFIED", _named(lost), not lost),
     )
 
@@ -295,10 +268,8 @@ def _proof_promises(rows: Sequence[Row], planting: Sequence[Row]) -> Iterator[Pr
     for name in NAMES:
         here = _of(rows, name)
         text = f"{name}: at most {BOUNDS_SHARE:g} x the bounds of plain bisection"
-        share = _bounds_share(here)
-        yield Promise(
-            text, f"{share:.2f} (p95 {p95(row['distances'] / row['plain'] for row in here):.2f})", share <= BOUNDS_SHARE
-        )
+        share, high = _bounds_share(here), p95(row["distances"] / row["plain"] for row in here)
+        yield Promise(text, f"{share:.2f} (p95 {high:.2f})", share <= BOUNDS_SHARE)
     for step in sheets.STEPS:
         here = [row for row in planting if row["step"] == step]
         touched, missed, caught = (sum(row[key] for row in here) for key in ("touched", "missed", "caught"))
