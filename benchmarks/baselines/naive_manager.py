@@ -25,15 +25,13 @@ def _geometry(shape: Solid) -> Any:
         return coal.Box(*shape.size)
     if isinstance(shape, Sphere):
         return coal.Sphere(shape.radius)
-    if isinstance(shape, Cylinder):
-        return coal.Cylinder(shape.radius, shape.length)
-    if isinstance(shape, Capsule):
-        return coal.Capsule(shape.radius, shape.length)
-    if isinstance(shape, Mesh):
-        points = coal.StdVec_Vec3s()
-        points.extend([np.array(row) for row in shape.vertices])
-        return coal.Convex.convexHull(points, False, "")
-    raise TypeError(type(shape).__name__)
+    if isinstance(shape, Cylinder | Capsule):
+        return getattr(coal, type(shape).__name__)(shape.radius, shape.length)
+    if not isinstance(shape, Mesh):
+        raise TypeError(type(shape).__name__)
+    points = coal.StdVec_Vec3s()
+    points.extend([np.array(row) for row in shape.vertices])
+    return coal.Convex.convexHull(points, False, "")
 
 
 def models_of(robot: Robot, scene: Scene) -> tuple[Any, Any, list[int]]:
@@ -46,18 +44,13 @@ def models_of(robot: Robot, scene: Scene) -> tuple[Any, Any, list[int]]:
         where = pin.SE3(np.array(body.placement))
         joints.append(model.addJoint(joints[body.parent], kind(np.array(body.axis)), where, body.name))
     world = pin.GeometryModel()
-    riding = [
-        world.addGeometryObject(
-            pin.GeometryObject(f"link {k}", joints[s.body], pin.SE3(np.array(s.pose.matrix)), _geometry(s.shape))
-        )
-        for k, s in enumerate(robot.shapes)
-    ]
-    standing = [
-        world.addGeometryObject(
-            pin.GeometryObject(f"scene {k}", 0, pin.SE3(np.array(o.pose.matrix)), _geometry(o.shape))
-        )
-        for k, o in enumerate(scene.obstacles)
-    ]
+
+    def added(name: str, joint: int, item: Any) -> int:
+        where = pin.SE3(np.array(item.pose.matrix))
+        return int(world.addGeometryObject(pin.GeometryObject(name, joint, where, _geometry(item.shape))))
+
+    riding = [added(f"link {k}", joints[shape.body], shape) for k, shape in enumerate(robot.shapes)]
+    standing = [added(f"scene {k}", 0, obstacle) for k, obstacle in enumerate(scene.obstacles)]
     own, with_scene = pairs_of(robot, scene)
     for i, j in own:
         world.addCollisionPair(pin.CollisionPair(riding[i], riding[j]))

@@ -9,6 +9,7 @@ from the product's checker.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import fcl
 import numpy as np
@@ -18,7 +19,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["PairwiseFcl"]
+__all__ = ["PairwiseFcl", "pairs_of"]
 
 
 class PairwiseFcl:

@@ -12,7 +12,7 @@ from functools import lru_cache, singledispatch
 import numpy as np
 
 from benchmarks.baselines.lesson import Toy, length_of, stop_and_go_seconds
-from benchmarks.harness.audit import JOINT_STEP, NOT_ASKED, Auditor, along, between, worst
+from benchmarks.harness.audit import JOINT_STEP, NOT_ASKED, Auditor, along, between, inside, stretches, worst
 from benchmarks.harness.built import ready
 from benchmarks.harness.rows import Row
 from benchmarks.harness.suite import LESSON, Motion, Problem, Task, ToyQuery, planner_of
@@ -33,9 +33,6 @@ from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
 __all__ = ["Ask", "attempt", "unplanned", "warm"]
-
-INSIDE = 1e-9
-"""Path length left out on both sides of where pairs begin to be allowed to touch."""
 
 
 @dataclass(frozen=True)
@@ -162,14 +159,11 @@ def _audit(robot: str, scene: Scene, result: PlanResult, width: float | None = N
     path = result.path
     if path is None:
         return dict(NOT_ASKED)
-    cuts = sorted({0.0, path.length, *(end for e in result.exempt for end in (e.s_start, e.s_end))})
+    exempt = ((each.s_start, each.s_end, each.pairs) for each in result.exempt)
     told = []
-    for start, end in zip(cuts, cuts[1:] or cuts, strict=False):
-        middle = (start + end) / 2
-        pairs = [pair for e in result.exempt if e.s_start <= middle <= e.s_end for pair in e.pairs]
-        first = start + (INSIDE if start > 0.0 else 0.0)
-        last = max(first, end - (INSIDE if end < path.length else 0.0))
-        told.append(_auditor(robot, scene, width, tuple(pairs)).judge(along(path, first, last)))
+    for start, end, pairs in stretches(exempt, path.length):
+        Q = along(path, *inside(start, end, path.length))
+        told.append(_auditor(robot, scene, width, pairs).judge(Q))
     return worst(told)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,16 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.scene.scene import Scene
 
-__all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "along", "between", "independent", "instants", "touch_in_time"]
-__all__ += ["touch_on_curve", "worst"]
+__all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "Pair", "along", "between", "independent", "inside", "instants"]
+__all__ += ["stretches", "touch_in_time", "touch_on_curve", "worst"]
 
 JOINT_STEP = 0.01
 """Radians (metres of a slide) that any joint moves from one audited configuration to the next, at most."""
+
+INSIDE = 1e-9
+"""Path length left out on both sides of where pairs begin to be allowed to touch."""
+
+Pair = tuple[str, str]
 
 NOT_ASKED: Mapping[str, Any] = {"step": None, "verdict": "not_asked", "depth": None, "pair": None}
 """The audit of a run without a path."""
@@ -127,6 +132,27 @@ def touch_on_curve(second: IndependentChecker, path: JointPath, motion_step: flo
 
 def _in_words(touch: Touch | None) -> str | None:
     return None if touch is None else f"{touch.a} x {touch.b}"
+
+
+def stretches(
+    exempt: Iterable[tuple[float, float, Iterable[Pair]]], length: float
+) -> Iterator[tuple[float, float, tuple[Pair, ...]]]:
+    """A curve from cut to cut, with the pairs that may touch there.
+
+    Args:
+        exempt: From where to where on the curve which pairs may touch.
+    """
+    listed = [(start, end, tuple(pairs)) for start, end, pairs in exempt]
+    cuts = sorted({0.0, length, *(cut for start, end, _ in listed for cut in (start, end))})
+    for first, last in zip(cuts, cuts[1:] or cuts, strict=False):
+        middle = (first + last) / 2
+        yield first, last, tuple(pair for start, end, pairs in listed if start <= middle <= end for pair in pairs)
+
+
+def inside(first: float, last: float, length: float) -> tuple[float, float]:
+    """A stretch without the very places at which pairs begin, or cease, to be allowed to touch."""
+    start = first + (INSIDE if first > 0.0 else 0.0)
+    return start, max(start, last - (INSIDE if last < length else 0.0))
 
 
 def worst(audits: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

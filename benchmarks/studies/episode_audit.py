@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness.audit import Auditor, along
+from benchmarks.harness.audit import Auditor, Pair, along, inside, stretches
 from planner_service import Box, Capsule, Cylinder, Obstacle, Pose, Scene, Sphere
 from planner_service.datasets.folder import DATA_PATH
 from planner_service.geometry.arrays import FloatArray
@@ -20,9 +20,6 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.scene.scene import Attached
 
 __all__ = ["Audit", "EpisodeAudit", "Stored"]
-
-INSIDE = 1e-9
-"""Path length left out on both sides of where pairs begin to be allowed to touch."""
 
 ROUNDING = 2.0**-22
 """By how much a float32 of a few radians may be off."""
@@ -34,7 +31,7 @@ SHAPES: dict[str, Any] = {
     "capsule": Capsule,
 }
 
-Pairs = tuple[tuple[str, str], ...]
+Pairs = tuple[Pair, ...]
 Row = dict[str, Any]
 
 
@@ -166,9 +163,7 @@ class _Judge:
         """The exact curve, pairs being allowed to touch where that is meant."""
         path = trajectory.path
         for start, end, pairs in _stretches(exempt, path.length):
-            first = start + (INSIDE if start > 0.0 else 0.0)
-            last = max(first, end - (INSIDE if end < path.length else 0.0))
-            Q = along(path, first, last)
+            Q = along(path, *inside(start, end, path.length))
             self._ask(f"{row['motion']}, s = {start:.3g} to {end:.3g}", Q, scene, (row["gripper_width"], pairs))
 
     def _frames(self, row: Row, exempt: Sequence[Row], trajectory: Trajectory, scenes: tuple[Scene, Scene]) -> int:
@@ -223,11 +218,7 @@ def _trajectory(row: Row) -> Trajectory:
 
 
 def _stretches(exempt: Sequence[Row], length: float) -> Iterator[tuple[float, float, Pairs]]:
-    """A curve from cut to cut, with the pairs that may touch there."""
-    cuts = sorted({0.0, length, *(end for e in exempt for end in (e["s_start"], e["s_end"]))})
-    for start, end in zip(cuts, cuts[1:] or cuts, strict=False):
-        middle = (start + end) / 2
-        yield start, end, tuple((e["a"], e["b"]) for e in exempt if e["s_start"] <= middle <= e["s_end"])
+    return stretches(((each["s_start"], each["s_end"], [(each["a"], each["b"])]) for each in exempt), length)
 
 
 def _pose(row: Row) -> Pose:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, p95, spread, table
+from benchmarks.harness.report import Promise, Report, Row, p95, spread, table_of
 from benchmarks.worlds import queries
 from planner_service import Obstacle, PlannerService, PlanRequest, PlanResult, Pose, Scene, Sphere
 from planner_service.geometry.arrays import FloatArray
@@ -221,9 +221,7 @@ def _to_and_fro(
 ) -> Setting | None:
     """The first plan and what follows, if in all of the scenes both ends are free, the wide ones included."""
     ends, (scenes, soon) = np.array([query.start, query.goal]), worlds
-    if not all(service.with_scene(scene).checker.states_are_free(ends).all() for scene in wide[::SPARSE]):
-        return None
-    if not all(service.with_scene(scene).checker.states_are_free(ends).all() for scene in scenes):
+    if not all(service.with_scene(scene).checker.states_are_free(ends).all() for scene in (*wide[::SPARSE], *scenes)):
         return None
     first = service.with_scene(scenes[0]).plan(_request(query.start, query.goal, query.number))
     turns = [query.goal]
@@ -308,46 +306,38 @@ def promises(found: Sequence[Row]) -> tuple[Promise, ...]:
     wrong = [sum(row[name] for row in found) for name in ("uncertified", "touching")]
     announced = [row for row in found if row["kind"] != UNANNOUNCED]
     unsafe = sum(row["outcomes"][Outcome.UNSAFE.name] for row in announced)
+    times = "; ".join(f"{row['scene']} {spread(row['ms'], 1)}" for row in found)
+    in_time = all(p95(row["ms"]) <= MOST_MS for row in found)
+    stops = "; ".join(f"{row['scene']} {max(row['stops'])}" for row in found)
+    few_stops = all(max(row["stops"]) <= MOST_STOPS for row in found)
+    told = ", ".join(f"{jump:.1e}" for jump in jumps)
     return (
-        Promise(
-            f"{STEPS} steps in a row, each inside {MOST_MS:g} ms at p95",
-            "; ".join(f"{row['scene']} {spread(row['ms'], 1)}" for row in found),
-            all(p95(row["ms"]) <= MOST_MS for row in found),
-        ),
+        Promise(f"{STEPS} steps in a row, each inside {MOST_MS:g} ms at p95", times, in_time),
         Promise("every motion certified, and nothing touched", f"{wrong[0]} and {wrong[1]} samples", not any(wrong)),
         Promise("a certified motion at every step, if what moves is announced", f"{unsafe} without", not unsafe),
-        Promise(
-            "at the splice q, qd and qdd go on without a jump",
-            ", ".join(f"{jump:.1e}" for jump in jumps),
-            max(jumps) <= MOST_JUMP,
-        ),
-        Promise(
-            f"at most {MOST_STOPS} full stops in {STEPS} steps",
-            "; ".join(f"{row['scene']} {max(row['stops'])}" for row in found),
-            all(max(row["stops"]) <= MOST_STOPS for row in found),
-        ),
+        Promise("at the splice q, qd and qdd go on without a jump", told, max(jumps) <= MOST_JUMP),
+        Promise(f"at most {MOST_STOPS} full stops in {STEPS} steps", stops, few_stops),
     )
 
 
 def _table(found: Sequence[Row]) -> Table:
-    columns = ("", "scene", "steps", "ms", "states", *(o.name for o in Outcome), "full stops", "arrivals", "peak")
-    cells = [
-        [
-            row["kind"],
-            row["scene"],
-            str(len(row["ms"])),
-            spread(row["ms"], 1),
-            spread(row["states"]),
-            *(str(row["outcomes"][o.name]) for o in Outcome),
-            " ".join(map(str, row["stops"])),
-            str(sum(row["arrivals"])),
-            f"{row['peak']:.9f}",
-        ]
+    lines = (
+        {
+            "": row["kind"],
+            "scene": row["scene"],
+            "steps": len(row["ms"]),
+            "ms": spread(row["ms"], 1),
+            "states": spread(row["states"]),
+            **row["outcomes"],
+            "full stops": " ".join(map(str, row["stops"])),
+            "arrivals": sum(row["arrivals"]),
+            "peak": f"{row['peak']:.9f}",
+        }
         for row in found
-    ]
+    )
     caption = (
         f"p50 / p95 of CPU ms and states of each step, the new scene's checkers included; {RUNS} runs of {STEPS} steps "
         f"each, which end where nothing is safe. Where what moves will be in {LATER[-1]} steps is part of the scene, "
         f"unless it comes unannounced. Full stops short of a goal, run by run; peak: the largest share of a limit."
     )
-    return table("Replanning at 10 Hz", columns, cells, caption=caption)
+    return table_of("Replanning at 10 Hz", lines, caption=caption)

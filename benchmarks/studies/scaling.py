@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import heapq
 import math
-import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from typing import Any
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from benchmarks.harness.report import Promise, Report, Row, least_seconds, p50, table
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, least_ms, least_seconds, p50, table_of
 from benchmarks.studies.agreement import random_states
 from benchmarks.studies.speed import AskedEdge, asked_edges
 from benchmarks.worlds import queries
@@ -137,29 +136,24 @@ def _halves(whole: Obstacle) -> Iterator[Obstacle]:
     for way in (-0.5, 0.5):
         offset = [0.0, 0.0, 0.0]
         offset[axis] = way * size[axis]
-        yield Obstacle(
-            whole.name, Box((size[0], size[1], size[2])), whole.pose @ Pose((offset[0], offset[1], offset[2]))
-        )
+        pose = whole.pose @ Pose((offset[0], offset[1], offset[2]))
+        yield Obstacle(whole.name, Box((size[0], size[1], size[2])), pose)
 
 
 def _built(robot: Robot, scene: Scene, **settings: Any) -> tuple[CollisionChecker, float]:
     """A checker, and the milliseconds of CPU it took to build."""
-    clock = time.process_time()
-    checker = CollisionChecker(robot, scene, edge_step=STEP, **settings)
-    return checker, (time.process_time() - clock) * 1e3
+    ms, checker = cpu_ms(lambda: CollisionChecker(robot, scene, edge_step=STEP, **settings))
+    return checker, ms
 
 
 def _planned(service: PlannerService, asked: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[float, list[Any]]:
     """Milliseconds of CPU of a plan, p50 of some, each the least of two, and counts and bits of all."""
     took, told = [], []
     for k, (start, goal) in enumerate(asked):
-        best = math.inf
-        for _ in range(2):
-            clock = time.process_time()
-            result = service.plan(PlanRequest(start, goal, seed=k, time_limit=None))
-            best = min(best, (time.process_time() - clock) * 1e3)
+        request = PlanRequest(start, goal, seed=k, time_limit=None)
+        ms, (*_, result) = least_ms(lambda: service.plan(request), 2)  # noqa: B023
         path = None if result.path is None else result.path.waypoints.tolist()
-        took.append(best)
+        took.append(ms)
         told.append((path, result.counts.states, result.counts.edges))
     return p50(took), told
 
@@ -248,59 +242,54 @@ def promises(spread: Sequence[Row], pieces: Sequence[Row]) -> tuple[Promise, ...
     first, thousand = (next(row for row in spread if row["boxes"] == size) for size in (10, 1_000))
     ratios = [thousand["us"][k] / first["us"][k] for k in (0, 1)]
     other = [str(row["boxes"]) for row in pieces if not row["same"]]
+    spread_ = f"1,000 boxes spread over the workspace cost at most {MOST:g} times as much as 10, along edges"
+    same = "the bin in any number of pieces: the same verdicts, counts, paths"
     return (
-        Promise(
-            f"1,000 boxes spread over the workspace cost at most {MOST:g} times as much as 10, along edges",
-            f"{ratios[0]:.2f}; single free states {ratios[1]:.2f}",
-            ratios[0] <= MOST,
-        ),
-        Promise(
-            "the bin in any number of pieces: the same verdicts, counts, paths", ", ".join(other) or "all", not other
-        ),
+        Promise(spread_, f"{ratios[0]:.2f}; single free states {ratios[1]:.2f}", ratios[0] <= MOST),
+        Promise(same, ", ".join(other) or "all", not other),
     )
 
 
 def _spread_table(rows: Sequence[Row]) -> Table:
-    columns = (
-        *("boxes", "pairs", "build ms", "edges us", "x 10 boxes", "free states us", "random states us", "colliding"),
-        *("numpy: edges us", "states us", "plan ms"),
-    )
-
-    def cells(row: Row) -> list[str]:
+    def line(row: Row) -> Row:
         edge, state, chance, slow_edge, slow_state = row["us"]
-        return [
-            *(f"{row['boxes']:,}", f"{row['pairs']:,}", f"{row['build']:.0f}"),
-            *(
-                f"{edge:.2f}",
-                f"{edge / rows[0]['us'][0]:.2f}",
-                f"{state:.1f}",
-                f"{chance:.1f}",
-                f"{row['colliding']:.0%}",
-            ),
-            *(f"{slow_edge:.0f}", f"{slow_state:.0f}", "-" if row["plan"] is None else f"{row['plan']:.0f}"),
-        ]
+        return {
+            **{key: f"{row[key]:,}" for key in ("boxes", "pairs")},
+            "build ms": f"{row['build']:.0f}",
+            "edges us": f"{edge:.2f}",
+            "x 10 boxes": f"{edge / rows[0]['us'][0]:.2f}",
+            "free states us": f"{state:.1f}",
+            "random states us": f"{chance:.1f}",
+            "colliding": f"{row['colliding']:.0%}",
+            "numpy: edges us": f"{slow_edge:.0f}",
+            "states us": f"{slow_state:.0f}",
+            "plan ms": "-" if row["plan"] is None else f"{row['plan']:.0f}",
+        }
 
     caption = (
         f"wxai, JointStep({STEP.angle:g}); CPU microseconds per configuration, the least of {TURNS} turns. The cubes "
         f"of every scene have {VOLUME * 1e3:.0f} litres in all; {EDGES} edges of about {LONGEST:g} rad and their ends "
         "are free in all scenes. Plan: p50 of some of these edges, proof and timing included."
     )
-    return table("Boxes spread over the workspace", columns, map(cells, rows), caption=caption)
+    return table_of("Boxes spread over the workspace", map(line, rows), caption=caption)
 
 
 def _bin_table(rows: Sequence[Row]) -> Table:
-    columns = ("pieces", "pairs", "build ms", "edges us", "x first", "random states us", "plan ms", "same")
-
-    def cells(row: Row) -> list[str]:
+    def line(row: Row) -> Row:
         edge, chance = row["us"]
-        return [
-            *(f"{row['boxes']:,}", f"{row['pairs']:,}", f"{row['build']:.0f}"),
-            *(f"{edge:.2f}", f"{edge / rows[0]['us'][0]:.2f}", f"{chance:.1f}", f"{row['plan']:.0f}"),
-            "yes" if row["same"] else "no",
-        ]
+        return {
+            "pieces": f"{row['boxes']:,}",
+            "pairs": f"{row['pairs']:,}",
+            "build ms": f"{row['build']:.0f}",
+            "edges us": f"{edge:.2f}",
+            "x first": f"{edge / rows[0]['us'][0]:.2f}",
+            "random states us": f"{chance:.1f}",
+            "plan ms": f"{row['plan']:.0f}",
+            "same": "yes" if row["same"] else "no",
+        }
 
     caption = (
         f"Edges: those that searches of stored queries ask for. Plan: p50 of {QUERIES} such queries, search, proof and "
         "timing included, by a service that has planned before. Same: verdicts, counts and paths as in the first row."
     )
-    return table("The bin scene in pieces", columns, map(cells, rows), caption=caption)
+    return table_of("The bin scene in pieces", map(line, rows), caption=caption)
