@@ -9,6 +9,7 @@ import weakref
 from collections.abc import Callable, Mapping
 from decimal import Decimal
 from fractions import Fraction
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -112,15 +113,9 @@ class Attack(Part):
     name = "api"
     what = "public callables with one or two arguments replaced, whole or in part, by hostile values"
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._made: dict[str, Call] = {}
-
-    @property
+    @cached_property
     def _known(self) -> dict[str, Call]:
-        if not self._made:
-            self._made = _calls(Path(tempfile.mkdtemp()))
-        return self._made
+        return _calls(Path(tempfile.mkdtemp()))
 
     def draw(self, rng: np.random.Generator) -> Case:
         weights = np.array([DEAR.get(name, 1.0) for name in self._known])

@@ -9,6 +9,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -226,14 +227,11 @@ class Attack(Part):
 
     def __init__(self) -> None:
         super().__init__()
-        self._made: _Stock | None = None
         self._judges: dict[str, Any] = {}
 
-    @property
+    @cached_property
     def _stock(self) -> _Stock:
-        if self._made is None:
-            self._made = _Stock(Path(tempfile.mkdtemp()))
-        return self._made
+        return _Stock(Path(tempfile.mkdtemp()))
 
     def draw(self, rng: np.random.Generator) -> Case:
         if rng.random() < PROVEN:

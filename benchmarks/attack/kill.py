@@ -8,14 +8,15 @@ import signal
 import tempfile
 import threading
 import time
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.attack.harness import Case, Part, Wrong
-from benchmarks.attack.threads import alone, digest, requests
-from planner_service import PlannerService, PlanRequest, Roadmap, load_scene, save_scene
+from benchmarks.attack.threads import Reference, digest
+from planner_service import Roadmap, load_scene, save_scene
 from planner_service.parallel import Processes
 from planner_service.records.plan_file import load_plan
 
@@ -30,29 +31,27 @@ class Attack(Part):
     what = "KeyboardInterrupt while planning and certifying; SIGKILL of processes that write files and of workers"
     limit = 60.0
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._made: tuple[PlannerService, list[PlanRequest], list[tuple[Any, ...]], float] | None = None
+    @cached_property
+    def _known(self) -> tuple[Reference, float]:
+        """What plans are to be, and the seconds that one takes."""
+        known = Reference.of("post")
+        clock = time.perf_counter()
+        known.service.plan(known.requests[0])
+        return known, time.perf_counter() - clock
 
     def draw(self, rng: np.random.Generator) -> Case:
         what = str(rng.choice(("plan", "certify", "check", "write", "worker"), p=(0.5, 0.15, 0.1, 0.23, 0.02)))
         return {"what": what, "when": float(rng.random()), "number": int(rng.integers(8))}
 
     def run(self, case: Case) -> None:
-        if self._made is None:
-            service = PlannerService("wxai", "post")
-            asked = requests(service)
-            known = alone(service, asked)
-            clock = time.perf_counter()
-            service.plan(asked[0])
-            self._made = service, asked, known, time.perf_counter() - clock
-        service, asked, known, seconds = self._made
+        known, seconds = self._known
+        service, asked = known.service, known.requests
         number = case["number"] % len(asked)
         if case["what"] == "write":
             self._write(case["when"])
             return
         if case["what"] == "worker":
-            self._workers(service, asked, known, case["when"])
+            self._workers(case["when"])
             return
         path = service.plan(asked[number]).path
         works = {
@@ -62,16 +61,14 @@ class Attack(Part):
         }
         self.counted["interrupted" if _interrupted(works[case["what"]], 1.5 * seconds * case["when"]) else "done"] += 1
         clock = time.perf_counter()
-        if digest(service.plan(asked[number])) != known[number]:
-            raise Wrong("after an interrupt a plan is the same")
+        known.require_same(number, "after an interrupt a plan is the same")
         if time.perf_counter() - clock > SAFE:
             raise Wrong("after an interrupt a plan takes no longer")
 
     def _write(self, when: float) -> None:
         """A child writes files without end, and is killed; each is whole, or absent, and is read."""
-        service = self._made[0] if self._made else PlannerService("wxai", "post")
-        assert self._made is not None
-        result = service.plan(self._made[1][0])
+        service = self._known[0].service
+        result = service.plan(self._known[0].requests[0])
         memory = service.path_memory()
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
@@ -95,9 +92,9 @@ class Attack(Part):
                     except Exception as error:
                         raise Wrong("a file is whole or absent", f"{file}: {error}") from None
 
-    def _workers(self, service: PlannerService, asked: Any, known: Any, when: float) -> None:
+    def _workers(self, when: float) -> None:
         """A worker of a batch is killed; the batch is the same."""
-        before = set(_children())
+        (known, _), before = self._known, set(_children())
 
         def shoot() -> None:
             time.sleep(1.0 + 2.0 * when)
@@ -108,9 +105,9 @@ class Attack(Part):
 
         thread = threading.Thread(target=shoot, daemon=True)
         thread.start()
-        found = service.plan_many(asked * 3, engine=Processes(2), progress=False)
+        found = known.service.plan_many(known.requests * 3, engine=Processes(2), progress=False)
         thread.join()
-        if [digest(result) for result in found] != known * 3:
+        if [digest(result) for result in found] != known.digests * 3:
             raise Wrong("a batch whose worker was killed is the same")
 
 

@@ -167,26 +167,21 @@ def _attack(asked: argparse.Namespace, console: Console) -> int:
     out.mkdir(parents=True, exist_ok=True)
     whole_share, bad = sum(PARTS[name] for name in names), 0
     most = asked.inputs or 2**62
-    for old in [out / f"{name}.json" for name in names] + [
-        f for name in names for f in out.glob(f"finding-{name}-*.json")
-    ]:
-        old.unlink(missing_ok=True)
+    for name in names:
+        for old in (*out.glob(f"{name}.json"), *out.glob(f"finding-{name}-*.json")):
+            old.unlink()
     for name in names:
         seconds = 60.0 * asked.minutes * PARTS[name] / whole_share
         summary, findings = run_part(name, asked.seed, seconds, most)
-        _write(out / f"{name}.json", json.dumps(asdict(summary), indent=1) + "\n")
+        (out / f"{name}.json").write_text(json.dumps(asdict(summary), indent=1) + "\n", "utf-8")
         for k, finding in enumerate(findings):
             file = out / f"finding-{name}-{k}.json"
-            _write(file, finding.text())
+            file.write_text(finding.text(), "utf-8")
             line = f"{name}: {finding.signature}, {finding.seen} times: {finding.detail[:300]}; {file}"
             console.print(line, markup=False, highlight=False, soft_wrap=True)
         bad += len(findings)
     _tell([out], asked.markdown, console)
     return 1 if bad else 0
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def _replay(files: Sequence[Path], console: Console) -> int:
@@ -233,7 +228,8 @@ def _tell(folders: Sequence[Path], text: Path | None, console: Console) -> int:
         if any(old.count(mark) != 1 for mark in MARKS):
             raise InvalidFile(text, [f"no marks to put the table between: {' and '.join(MARKS)}"])
         before, rest = old.split(MARKS[0])
-        _write(text, f"{before}{MARKS[0]}\n\n{markdown(summaries)}\n{MARKS[1]}{rest.split(MARKS[1])[1]}")
+        inside = f"{MARKS[0]}\n\n{markdown(summaries)}\n{MARKS[1]}"
+        text.write_text(before + inside + rest.split(MARKS[1])[1], "utf-8")
     return 0
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import gc
 import tempfile
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import planner_service as ps
 from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.attack.jail import rss
-from benchmarks.attack.threads import alone, digest, requests
+from benchmarks.attack.threads import Reference
 from benchmarks.studies.agreement import random_states
 from planner_service.records.plan_file import load_plan
 
@@ -35,24 +35,21 @@ class Attack(Part):
     def __init__(self) -> None:
         super().__init__()
         self._calls, self._base = 0, 0
-        self._made: tuple[ps.PlannerService, list[ps.PlanRequest], list[tuple[Any, ...]]] | None = None
+
+    @cached_property
+    def _known(self) -> Reference:
+        return Reference.of("bin")
 
     def draw(self, rng: np.random.Generator) -> Case:
         return {"what": str(rng.choice(WHAT, p=SHARES)), "seed": int(rng.integers(2**31))}
 
     def run(self, case: Case) -> None:
-        if self._made is None:
-            service = ps.PlannerService("wxai", "bin")
-            asked = requests(service)
-            self._made = service, asked, alone(service, asked)
-        service, asked, known = self._made
-        self._call(case["what"], service, asked, case["seed"])
+        self._call(case["what"], self._known.service, self._known.requests, case["seed"])
         self._calls += 1
         if self._calls % EVERY:
             return
-        number = self._calls // EVERY % len(asked)
-        if digest(service.plan(asked[number])) != known[number]:
-            raise Wrong("the canary plan is the same")
+        number = self._calls // EVERY % len(self._known.requests)
+        self._known.require_same(number, "the canary plan is the same")
         self.counted["canaries"] += 1
         gc.collect()
         now = rss()

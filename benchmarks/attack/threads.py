@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from benchmarks.attack.harness import Case, Part, Wrong
 from benchmarks.studies.agreement import random_states
 from planner_service import CancelToken, PlannerService, PlanRequest, PlanResult
 
-__all__ = ["Attack", "alone", "digest", "requests"]
+__all__ = ["Attack", "Reference", "digest"]
 
 THREADS = 4
 SCENES = ("table", "post", "bin")
@@ -26,16 +27,32 @@ def requests(service: PlannerService, count: int = 8) -> list[PlanRequest]:
     return [PlanRequest(robot.home, goal, seed=k, time_limit=None, max_checks=6_000) for k, goal in enumerate(goals)]
 
 
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A service, requests, and the digests of their plans made one after another."""
+
+    service: PlannerService
+    requests: list[PlanRequest]
+    digests: list[tuple[Any, ...]]
+
+    @classmethod
+    def of(cls, scene: str) -> Reference:
+        """In a scene of the WidowX AI."""
+        service = PlannerService("wxai", scene)
+        asked = requests(service)
+        return cls(service, asked, [digest(service.plan(request)) for request in asked])
+
+    def require_same(self, number: int, law: str) -> None:
+        """Break a law if a plan is another now."""
+        if digest(self.service.plan(self.requests[number])) != self.digests[number]:
+            raise Wrong(law)
+
+
 def digest(result: PlanResult) -> tuple[Any, ...]:
     """What of a plan has to be the same whenever it is made."""
     path = b"" if result.path is None else result.path.waypoints.tobytes() + result.path.blends.tobytes()
     times = b"" if result.trajectory is None else result.trajectory.coefficients.tobytes()
     return path, times, tuple((report.stage, report.counts) for report in result.stages)
-
-
-def alone(service: PlannerService, asked: list[PlanRequest]) -> list[tuple[Any, ...]]:
-    """The digests of plans made one after another."""
-    return [digest(service.plan(request)) for request in asked]
 
 
 class Attack(Part):
@@ -46,7 +63,7 @@ class Attack(Part):
 
     def __init__(self) -> None:
         super().__init__()
-        self._known: dict[str, tuple[PlannerService, list[PlanRequest], list[tuple[Any, ...]]]] = {}
+        self._known: dict[str, Reference] = {}
 
     def draw(self, rng: np.random.Generator) -> Case:
         works = [[[str(w), int(rng.integers(8))] for w in rng.choice(WHAT, 5)] for _ in range(THREADS)]
@@ -54,17 +71,13 @@ class Attack(Part):
 
     def run(self, case: Case) -> int:
         name = case["scene"]
-        if name not in self._known:
-            service = PlannerService("wxai", name)
-            asked = requests(service)
-            self._known[name] = service, asked, alone(service, asked)
-        service, asked, known = self._known[name]
+        known = self._known[name] = self._known.get(name) or Reference.of(name)
         wrong: list[BaseException] = []
 
         def work(items: list[Any]) -> None:
             try:
                 for what, number in items:
-                    self._one(what, service, asked[number % len(asked)], known[number % len(asked)])
+                    self._one(what, known, number % len(known.requests))
             except BaseException as error:
                 wrong.append(error)
 
@@ -75,22 +88,21 @@ class Attack(Part):
             thread.join()
         if wrong:
             raise wrong[0]
-        if digest(service.plan(asked[0])) != known[0]:
-            raise Wrong("after threads a plan is the same")
+        known.require_same(0, "after threads a plan is the same")
         return max(1, sum(map(len, case["work"])))
 
-    def _one(self, what: str, service: PlannerService, request: PlanRequest, known: tuple[Any, ...]) -> None:
+    def _one(self, what: str, known: Reference, number: int) -> None:
+        service, request = known.service, known.requests[number]
         self.counted[what] += 1
         if what == "plan":
-            if digest(service.plan(request)) != known:
-                raise Wrong("among threads a plan is the same")
+            known.require_same(number, "among threads a plan is the same")
         elif what == "cancel":
             token = CancelToken()
             timer = threading.Timer(0.005, token.cancel)
             timer.start()
             found = service.plan(request, cancel=token)
             timer.cancel()
-            if found.deterministic and digest(found) != known:
+            if found.deterministic and digest(found) != known.digests[number]:
                 raise Wrong("a plan that was not cancelled is the same")
         elif what == "certify":
             service.certify(np.stack([request.start, request.start]))

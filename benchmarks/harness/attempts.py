@@ -15,7 +15,8 @@ from benchmarks.baselines.lesson import Toy, length_of, stop_and_go_seconds
 from benchmarks.harness.audit import JOINT_STEP, NOT_ASKED, Auditor, along, between, inside, stretches, worst
 from benchmarks.harness.built import ready
 from benchmarks.harness.rows import Row
-from benchmarks.harness.suite import LESSON, Motion, Problem, Task, ToyQuery, planner_of
+from benchmarks.harness.sources import Motion, Problem, Task, ToyQuery
+from benchmarks.harness.suite import LESSON, planner_of
 from benchmarks.studies.states import run_lesson
 from benchmarks.worlds.queries import Query
 from planner_service import PlannerService, PlanRequest, PlanResult, Stage
@@ -32,7 +33,7 @@ from planner_service.tasks.pick_place import places_on, standing_on
 from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
-__all__ = ["Ask", "attempt", "unplanned", "warm"]
+__all__ = ["Ask", "attempt", "blank_row", "unplanned", "warm"]
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,13 @@ def attempt(problem: Problem, ask: Ask) -> Row:
 
 def unplanned(problem: Problem, ask: Ask) -> Row:
     """What a row tells if nobody could plan."""
-    row: Row = {"problem": problem.id, "kind": problem.kind, "robot": problem.robot, "tool": "planner_service"}
-    row |= {"planner": ask.planner, "seed": ask.seed, "ok": False, "failure": None, "detail": "", "checks": {}}
+    return blank_row(problem, "planner_service", ask.planner, ask.seed)
+
+
+def blank_row(problem: Problem, tool: str, planner: str, seed: int) -> Row:
+    """What a row tells, but its suite, before anything was planned."""
+    row: Row = {"problem": problem.id, "kind": problem.kind, "robot": problem.robot, "tool": tool}
+    row |= {"planner": planner, "seed": seed, "ok": False, "failure": None, "detail": "", "checks": {}}
     row |= {"seconds": {}, "total_seconds": 0.0, "cpu_seconds": 0.0, "raw_length": None, "length": None}
     return row | {"duration": None, "clearance": None, "peaks": None, "path_hash": None, "audit": dict(NOT_ASKED)}
 

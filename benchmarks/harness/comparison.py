@@ -160,15 +160,8 @@ def _line(each: Comparison, pairs: Pairs) -> list[str]:
     both = [(a, b) for a, b in pairs.values() if charged or (a["ok"] and b["ok"])]
     middles = [p50(float(measure(row[k]) or 0.0) for row in both) for k in (0, 1)]
     shown = [f"{value:,.{digits}f}" for value in middles]
-    return [
-        each.measure,
-        *shown,
-        each.ratio.text(3),
-        str(each.units),
-        f"{each.p:.2g}",
-        f"{each.adjusted:.2g}",
-        each.verdict,
-    ]
+    ps = (f"{each.p:.2g}", f"{each.adjusted:.2g}")
+    return [each.measure, *shown, each.ratio.text(3), str(each.units), *ps, each.verdict]
 
 
 def _solved_line(pairs: Pairs) -> list[str]:

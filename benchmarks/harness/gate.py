@@ -59,9 +59,8 @@ def verdicts(then: Pins, now: Pins, found: Sequence[Row], ceilings: Mapping[str,
     for planner, ceiling in ceilings.items():
         states = [rows.states_of(row) for row in found if row["planner"] == planner]
         if states:
-            out.append(
-                (f"{planner}: p95 of the states {p95(states):,.0f}, at most {ceiling:,}", p95(states) <= ceiling)
-            )
+            text = f"{planner}: p95 of the states {p95(states):,.0f}, at most {ceiling:,}"
+            out.append((text, p95(states) <= ceiling))
     lost = [run for run, row in now.items() if row["outcome"] != "planned" and _outcome(then, run) == "planned"]
     out.append((f"plans lost: {', '.join(lost[:5]) or 'none'}", not lost))
     hit = [f"{r['problem']} {r['planner']} {r['audit']['pair']}" for r in found if r["ok"] and not _free(r)]
@@ -135,9 +134,8 @@ def _equal(name: str, then: Pins, now: Pins, console: Console) -> bool:
 
 
 def _gone(then: Pins, now: Pins) -> list[Difference]:
-    return [
-        Difference(run, "run", str(row.get("outcome", "made")), "gone") for run, row in then.items() if run not in now
-    ]
+    gone = {run: row for run, row in then.items() if run not in now}
+    return [Difference(run, "run", str(row.get("outcome", "made")), "gone") for run, row in gone.items()]
 
 
 def _kept(suite: Suite, then: Pins, now: Pins, found: Sequence[Row], console: Console) -> bool:
@@ -163,9 +161,8 @@ def _tables(then: Pins, now: Pins, changed: Sequence[Difference]) -> list[Table]
     lines = [(each.run, each.what, each.then, each.now) for each in changed[:SHOWN]]
     more = f"... and {len(changed) - SHOWN} more" if len(changed) > SHOWN else ""
     one = table("States / edges / distances that changed", ("run", "stage", "stored", "now"), lines, caption=more)
-    stages = list(
-        dict.fromkeys(stage for told in (then, now) for row in told.values() for stage in row.get("checks", {}))
-    )
+    rows_ = [row for told in (then, now) for row in told.values()]
+    stages = dict.fromkeys(stage for row in rows_ for stage in row.get("checks", {}))
     sums = [(stage, *(_sum(told, stage) for told in (then, now))) for stage in stages]
     cells = [(stage, _shown(a), _shown(b), *(f"{y - x:+,}" for x, y in zip(a, b, strict=True))) for stage, a, b in sums]
     columns = ("stage", "stored", "now", "states", "edges", "distances")

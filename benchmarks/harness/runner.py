@@ -19,18 +19,8 @@ from benchmarks.harness.attempts import Ask, attempt, unplanned, warm
 from benchmarks.harness.environment import environment
 from benchmarks.harness.report import table
 from benchmarks.harness.rows import Key, Results, Row
-from benchmarks.harness.suite import (
-    LESSON,
-    ROADMAP,
-    Problem,
-    Suite,
-    Task,
-    ToyQuery,
-    load_suite,
-    require_planner,
-    seeds_of,
-    suite_names,
-)
+from benchmarks.harness.sources import Problem, Task, ToyQuery
+from benchmarks.harness.suite import LESSON, ROADMAP, Suite, load_suite, require_planner, seeds_of, suite_names
 from benchmarks.pages.page_tables import Sheaf
 from planner_service import Reason
 from planner_service.errors import InvalidRequest

@@ -26,7 +26,7 @@ from planner_service.records.problem_set import read_problems
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 
-__all__ = ["Maker", "Motion", "Problem", "Sources", "Task", "ToyQuery"]
+__all__ = ["Maker", "Motion", "Problem", "Sources", "Task", "ToyQuery", "block", "tray"]
 
 PROBLEM_SETS = Path(__file__).parents[1] / "problems"
 
@@ -200,7 +200,7 @@ class TasksTable(Record):
     @cached_property
     def value(self) -> Maker:
         scene, placed = load_scene(self.scene), []
-        for key, place, body in (("block", self.block, _block), ("tray", self.tray, _tray)):
+        for key, place, body in (("block", self.block, block), ("tray", self.tray, tray)):
             if place is not None:
                 scene = scene.with_obstacle(body(*place))
                 placed.append(f"{key} {place[0]:g} {place[1]:g}")
@@ -213,11 +213,13 @@ class TasksTable(Record):
         return lambda: iter((Task(id, "task", _path_of(self.robot), scene, self.pick, self.onto),))
 
 
-def _block(x: float, y: float) -> Obstacle:
+def block(x: float, y: float) -> Obstacle:
+    """A block standing on the table."""
     return Obstacle("blue_block", Box((0.045, 0.045, 0.045)), Pose((x, y, 0.0225)))
 
 
-def _tray(x: float, y: float) -> Obstacle:
+def tray(x: float, y: float) -> Obstacle:
+    """A tray lying on the table."""
     return Obstacle("tray", Box((0.16, 0.16, 0.01)), Pose((x, y, 0.005)))
 
 

@@ -51,7 +51,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from benchmarks.harness.sources import Motion, Problem, Sources, Task, ToyQuery
+from benchmarks.harness.sources import Problem, Sources
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
 from planner_service.files.schema import Reading, Text, at_most, read_record
 from planner_service.files.toml_reader import read_tables
@@ -59,23 +59,8 @@ from planner_service.planners import PLANNERS, PRM
 from planner_service.scene.toml_reader import MAX_BYTES
 from planner_service.search.problem import Planner
 
-__all__ = [
-    "LESSON",
-    "MAX_CHECKS",
-    "ROADMAP",
-    "SUITES",
-    "Motion",
-    "Problem",
-    "Suite",
-    "Task",
-    "ToyQuery",
-    "grower_of",
-    "load_suite",
-    "planner_of",
-    "require_planner",
-    "seeds_of",
-    "suite_names",
-]
+__all__ = ["LESSON", "MAX_CHECKS", "ROADMAP", "SUITES", "Suite", "grower_of", "load_suite", "planner_of"]
+__all__ += ["require_planner", "seeds_of", "suite_names"]
 
 SUITES = Path(__file__).parents[1] / "suites"
 MAX_SEEDS = 10_000

@@ -7,7 +7,7 @@ import resource
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from rich.table import Table
@@ -31,6 +31,9 @@ MILLION = 1_000_000
 
 MOST_FAILURES = 0.05
 
+KEPT = ("requests", "episodes", "failures", "motions", "certified", "frames", "motion_seconds", "states")
+"""What of the summary is told."""
+
 
 @dataclass(frozen=True)
 class _Cost:
@@ -49,12 +52,7 @@ class _Cost:
 
     def since(self, before: _Cost) -> _Cost:
         """What came after; memory is what was added to the peak."""
-        return _Cost(
-            self.wall - before.wall,
-            self.writer - before.writer,
-            self.workers - before.workers,
-            self.memory - before.memory,
-        )
+        return _Cost(*(now - then for now, then in zip(astuple(self), astuple(before), strict=True)))
 
 
 def run(seed: int = SEED) -> Report:
@@ -69,14 +67,7 @@ def run(seed: int = SEED) -> Report:
         sizes = _sizes(folder)
         audits = list(_audited(folder, summary.episodes))
     row = {
-        "requests": summary.requests,
-        "episodes": summary.episodes,
-        "failures": summary.failures,
-        "motions": summary.motions,
-        "certified": summary.certified,
-        "frames": summary.frames,
-        "motion_seconds": summary.motion_seconds,
-        "states": summary.states,
+        **{key: getattr(summary, key) for key in KEPT},
         "seed": seed,
         "cost": vars(cost),
         "new": summary.new,

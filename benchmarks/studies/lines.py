@@ -9,14 +9,14 @@ import subprocess
 import tokenize
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
+
+from benchmarks.harness.environment import ROOT
+from benchmarks.harness.report import table
 
 __all__ = ["code_lines", "main"]
 
-ROOT = Path(__file__).parents[2]
 TOPS = ("planner_service", "auditor", "tests", "benchmarks", "examples")
 
 _NO_CODE = {
@@ -72,10 +72,8 @@ def main(arguments: Sequence[str], console: Console) -> int:
             if top != "examples":
                 counter[f"{top}/{folders[0] if folders else '.'}"] += lines
         counts.append(counter)
-    table = Table("folder")
-    for commit in commits:
-        table.add_column(commit or "now", justify="right")
-    for folder in sorted(set().union(*counts)):
-        table.add_row(folder, *(f"{counter[folder]:,}" if folder in counter else "-" for counter in counts))
-    console.print(table)
+    columns = ("folder", *(commit or "now" for commit in commits))
+    folders = sorted(set().union(*counts))
+    cells = [(name, *(f"{counter[name]:,}" if name in counter else "-" for counter in counts)) for name in folders]
+    console.print(table("Lines of code", columns, cells))
     return 0

@@ -167,18 +167,11 @@ def _speed_promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
     one, two, most = (at[SCENE, way]["ms"] for way in ("a loop", "Processes(2)", "two loops side by side"))
     alone, engine = (at[EASY_SCENE, way] for way in ("a loop", "Processes(1)"))
     added = engine["here"] + engine["there"] - alone["here"]
-    return (
-        Promise(
-            f"two cores make {SPEED:,} plans in {SCENE} at least {GAIN} times as fast as one",
-            f"{one / two:.2f} times; two loops side by side, nothing shared: {one / most:.2f} times",
-            one / two >= GAIN,
-        ),
-        Promise(
-            f"an engine adds less than {OVERHEAD_MS:g} ms of CPU to a plan, on both sides together ({EASY_SCENE})",
-            f"{added:.2f} ms, of which {engine['there'] - alone['here']:.2f} ms in the worker",
-            added < OVERHEAD_MS,
-        ),
-    )
+    cores = f"two cores make {SPEED:,} plans in {SCENE} at least {GAIN} times as fast as one"
+    times = f"{one / two:.2f} times; two loops side by side, nothing shared: {one / most:.2f} times"
+    adds = f"an engine adds less than {OVERHEAD_MS:g} ms of CPU to a plan, on both sides together ({EASY_SCENE})"
+    told = f"{added:.2f} ms, of which {engine['there'] - alone['here']:.2f} ms in the worker"
+    return Promise(cores, times, one / two >= GAIN), Promise(adds, told, added < OVERHEAD_MS)
 
 
 def _speed_table(rows: Sequence[Row]) -> Any:
@@ -243,12 +236,9 @@ def growth() -> Report:
         for row in rows
     )
     shown = table_of(f"One stream, Processes(2), {SCENE}", lines)
+    steady = f"plans per second of a core stay the same from {MARKS[0]:,} plans to {MARKS[-1]:,}, within {DRIFT:.0%}"
     promises = (
-        Promise(
-            f"plans per second of a core stay the same from {MARKS[0]:,} plans to {MARKS[-1]:,}, within {DRIFT:.0%}",
-            f"{ratio:.2f} times",
-            ratio >= 1.0 - DRIFT,
-        ),
+        Promise(steady, f"{ratio:.2f} times", ratio >= 1.0 - DRIFT),
         Promise(f"memory stays flat: less than {GROWTH_MB:g} MB more", f"{grown:+.1f} MB", grown < GROWTH_MB),
     )
     return Report("many", tuple(rows), (shown,), promises)
@@ -276,21 +266,17 @@ def faults() -> Report:
         rows.append(judged("loss of one of two machines", Ray(), lose_one))
     stopped = _interrupted()
     kept = all(row["answered"] == row["as_before"] == SAME for row in rows)
-    cells = [[row["what"], str(row["answered"]), str(row["as_before"]), f"{row['seconds']:.1f}"] for row in rows]
-    cells.append([f"Ctrl-C: {stopped['kept']} results kept", "", "", f"{stopped['seconds']:.2f}"])
+    cells = [(row["what"], row["answered"], row["as_before"], f"{row['seconds']:.1f}") for row in rows]
+    cells.append((f"Ctrl-C: {stopped['kept']} results kept", "", "", f"{stopped['seconds']:.2f}"))
     caption = f"After {KILL_AFTER} of {SAME} results, in order. Seconds of the whole, and until Ctrl-C is handled."
     shown = table("Mishaps", ("", "answered", "as without it", "s"), cells, caption=caption)
+    lost = "a worker killed, a machine lost: every request answered, none twice, all as without it"
+    ctrl_c = f"Ctrl-C stops within {STOP_SECONDS:g} s, keeps what is finished, and leaves no worker behind"
+    told = f"{stopped['seconds']:.2f} s; {stopped['kept']} kept; {stopped['left']} left behind"
+    well = stopped["seconds"] < STOP_SECONDS and stopped["kept"] > 0 and stopped["left"] == 0
     promises = (
-        Promise(
-            "a worker killed, a machine lost: every request answered, none twice, all as without it",
-            "; ".join(f"{row['as_before']} of {SAME}" for row in rows),
-            kept,
-        ),
-        Promise(
-            f"Ctrl-C stops within {STOP_SECONDS:g} s, keeps what is finished, and leaves no worker behind",
-            f"{stopped['seconds']:.2f} s; {stopped['kept']} kept; {stopped['left']} left behind",
-            stopped["seconds"] < STOP_SECONDS and stopped["kept"] > 0 and stopped["left"] == 0,
-        ),
+        Promise(lost, "; ".join(f"{row['as_before']} of {SAME}" for row in rows), kept),
+        Promise(ctrl_c, told, well),
     )
     return Report("many", (*rows, {"part": "faults", "what": "Ctrl-C", **stopped}), (shown,), promises)
 

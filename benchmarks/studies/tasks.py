@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from benchmarks.harness.report import Promise, Report, Row, table_of
+from benchmarks.harness.sources import block, tray
 from benchmarks.worlds import queries
-from planner_service import Box, Obstacle, PlannerService, PlanRequest, Pose, Scene, Stage, load_scene
+from planner_service import PlannerService, PlanRequest, Scene, Stage, load_scene
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.tasks.result import Segment
 
@@ -17,9 +18,7 @@ SHOWN = (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT, Sta
 
 def clear_table() -> Scene:
     """The table with a block and a tray to put it on, and nothing else."""
-    block = Obstacle("blue_block", Box((0.045, 0.045, 0.045)), Pose((0.30, -0.10, 0.0225)))
-    tray = Obstacle("tray", Box((0.16, 0.16, 0.01)), Pose((0.20, 0.28, 0.005)))
-    return load_scene("table").with_obstacle(block).with_obstacle(tray)
+    return load_scene("table").with_obstacle(block(0.30, -0.10)).with_obstacle(tray(0.20, 0.28))
 
 
 def _scenes() -> dict[str, Scene]:

@@ -49,40 +49,23 @@ def run() -> Report:
         steps = _steps(browser)
     served, drawn, left, ball = (np.array([start[k] for start in starts]) for k in range(4))
     ours = float(drawn.min() - ball.min())  # what disturbs only adds
-    named = {
-        "command to served page": served,
-        "command to drawn robot": drawn,
-        "a page with one ball": ball,
-    }
+    named = {"command to served page": served, "command to drawn robot": drawn, "a page with one ball": ball}
     rows = [(name, f"{p50(v):.2f}", f"{v.min():.2f}", f"{v.max():.2f}") for name, v in named.items()]
     server, turn = steps["server_ms"], steps["turn_ms"]
+    times = [("server: pose, clearance, messages (CPU)", spread(server, 2))]
+    times.append(("key press to server (wall)", spread(turn, 1)))
     tables = (
         table(f"planner-service view --scene {SCENE}, {STARTS} starts, s", ("", "p50", "least", "most"), rows),
-        table(
-            f"One step along {steps['waypoints']} waypoints, ms",
-            ("", "p50 / p95"),
-            [
-                ("server: pose, clearance, messages (CPU)", spread(server, 2)),
-                ("key press to server (wall)", spread(turn, 1)),
-            ],
-        ),
+        table(f"One step along {steps['waypoints']} waypoints, ms", ("", "p50 / p95"), times),
     )
+    text = f"a robot is drawn within {DRAWN_SECONDS:g} s, beside what the browser takes for one ball"
     promises = (
-        Promise(
-            f"a robot is drawn within {DRAWN_SECONDS:g} s, beside what the browser takes for one ball",
-            f"{ours:.2f} s, least of each",
-            ours < DRAWN_SECONDS,
-        ),
+        Promise(text, f"{ours:.2f} s, least of each", ours < DRAWN_SECONDS),
         Promise(f"a step takes under {STEP_MS:g} ms", f"p95 {p95(server):.2f} ms", p95(server) < STEP_MS),
         Promise("closing the page leaves no process", f"{int(left.sum())} left", not left.any()),
     )
-    row: Row = {
-        "served_s": served.tolist(),
-        "drawn_s": drawn.tolist(),
-        "ball_s": ball.tolist(),
-        "left": left.tolist(),
-        **steps,
-    }
+    seconds = {"served_s": served, "drawn_s": drawn, "ball_s": ball, "left": left}
+    row: Row = {key: values.tolist() for key, values in seconds.items()} | steps
     return Report("view", (row,), tables, promises)
 
 

@@ -28,7 +28,7 @@ from benchmarks.baselines.peers.jobs import Task, job_of, placed_robot
 from benchmarks.baselines.peers.running import Run, row_of, run_into, tasks_of
 from benchmarks.harness import rows
 from benchmarks.harness.environment import environment
-from benchmarks.harness.suite import Motion
+from benchmarks.harness.sources import Motion
 from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Shape

@@ -20,12 +20,10 @@ from benchmarks.harness import rows, runner
 from benchmarks.harness.attempts import Ask, attempt
 from benchmarks.harness.audit import Auditor, along, between, worst
 from benchmarks.harness.environment import environment
+from benchmarks.harness.sources import Motion, Task, ToyQuery
 from benchmarks.harness.suite import (
     LESSON,
-    Motion,
     Suite,
-    Task,
-    ToyQuery,
     grower_of,
     load_suite,
     planner_of,

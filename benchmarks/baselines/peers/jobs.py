@@ -17,7 +17,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from benchmarks.baselines.peers.catalogue import Peer
-from benchmarks.harness.suite import Motion
+from benchmarks.harness.sources import Motion
 from planner_service.errors import InvalidRequest
 from planner_service.files.package_data import data_folder
 from planner_service.files.writing import write_whole

@@ -21,10 +21,12 @@ from benchmarks.baselines.peers.environments import Environment
 from benchmarks.baselines.peers.jobs import Task, job_of, placed_robot
 from benchmarks.harness import rows as results
 from benchmarks.harness.arguments import up_to_seconds, whole
-from benchmarks.harness.audit import NOT_ASKED, Auditor, between, worst
+from benchmarks.harness.attempts import blank_row
+from benchmarks.harness.audit import Auditor, between, worst
 from benchmarks.harness.environment import environment
 from benchmarks.harness.report import table
-from benchmarks.harness.suite import Motion, load_suite, seeds_of
+from benchmarks.harness.sources import Motion
+from benchmarks.harness.suite import load_suite, seeds_of
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot, load_robot
@@ -96,14 +98,8 @@ def row_of(run: Run, reply: Reply, problem: Motion) -> results.Row:
     path = _array(answer.get("waypoints"), run.robot.n)
     failure, detail = _failure(reply, path, problem)
     seconds = {stage: float(spent) for stage, spent in (answer.get("seconds") or {}).items()}
-    row: results.Row = {
-        "suite": run.suite,
-        "problem": problem.id,
-        "kind": problem.kind,
-        "robot": problem.robot,
-        "tool": run.peer.name,
-        "planner": run.planner,
-        "seed": int(reply.problem["seed"]),
+    row = {"suite": run.suite, **blank_row(problem, run.peer.name, run.planner, int(reply.problem["seed"]))}
+    row |= {
         "ok": failure is None,
         "failure": failure,
         "detail": detail,
@@ -116,11 +112,7 @@ def row_of(run: Run, reply: Reply, problem: Motion) -> results.Row:
         "cpu_seconds": reply.waited + float(answer.get("cpu_seconds") or 0.0),
         "raw_length": _length(_array(answer.get("raw"), run.robot.n)),
         "length": None if path is None else _length(path),
-        "duration": None,
-        "clearance": None,
-        "peaks": None,
         "path_hash": None if path is None else hashlib.sha256(path.tobytes()).hexdigest(),
-        "audit": dict(NOT_ASKED),
         "versions": dict(reply.versions),
     }
     if path is None:

@@ -169,22 +169,15 @@ def promises(updates: Sequence[Row], asked: Sequence[Row]) -> tuple[Promise, ...
     stale = [row for row in _rejected(asked) if row["what"] != TREE]
     untrue_edges = sum(row["untrue"] for row in (*updates, *asked))
     paths = {what: sum(row["ok"] for row in asked if row["what"] == what) for what in ("told", "not told", TREE)}
+    moved = f"one of ten obstacles moved: at most {SHARE:.0%} of the build's states"
+    told = f"p50 {p50(shares):.1%}, p95 {p95(shares):.1%}, most {max(shares):.1%}"
+    out_of_date = f"{len(stale)} of {paths['told']} over told roadmaps and of {paths['not told']} over one not told"
+    counts = f"{paths['told']} told, {paths['not told']} not told; RRTConnect {paths[TREE]}"
+    no_fewer = min(paths["told"], paths["not told"]) >= paths[TREE]
     return (
-        Promise(
-            f"one of ten obstacles moved: at most {SHARE:.0%} of the build's states",
-            f"p50 {p50(shares):.1%}, p95 {p95(shares):.1%}, most {max(shares):.1%}",
-            max(shares) <= SHARE,
-        ),
-        Promise(
-            "0 stale paths, by the independent checker",
-            f"{len(stale)} of {paths['told']} over told roadmaps and of {paths['not told']} over one not told",
-            not stale,
-        ),
-        Promise(
-            "no fewer of these queries planned than by RRTConnect",
-            f"{paths['told']} told, {paths['not told']} not told; RRTConnect {paths[TREE]}",
-            min(paths["told"], paths["not told"]) >= paths[TREE],
-        ),
+        Promise(moved, told, max(shares) <= SHARE),
+        Promise("0 stale paths, by the independent checker", out_of_date, not stale),
+        Promise("no fewer of these queries planned than by RRTConnect", counts, no_fewer),
         Promise("no verdict on an edge that a new judge contradicts", f"{untrue_edges}", untrue_edges == 0),
     )
 

@@ -75,19 +75,14 @@ def promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
             before, search = ([p50(row[f"{part}_ms"]) for row in here] for part in ("before", "search"))
             solved = [row["solved"] for row in here]
             name = f"warm query, {what}, {scene}"
+            times = f"{_listed(before, 1)}; its search {_listed(search, 1)}"
+            counts = f"{_listed(solved, 0)} of {tree['asked']}; RRTConnect {tree['solved']}"
+            no_less = min(solved) >= tree["solved"]
             found += [
                 Promise(f"{name}: at most {STATES_P50} states p50", _listed(states, 0), max(states) <= STATES_P50),
                 Promise(f"{name}: at most {SHARE:g} of RRTConnect's", _listed(shares, 2), max(shares) <= SHARE),
-                Promise(
-                    f"{name}: less than {MS_P50:g} ms p50 before proof",
-                    f"{_listed(before, 1)}; its search {_listed(search, 1)}",
-                    max(before) < MS_P50,
-                ),
-                Promise(
-                    f"{name}: solved no less often than by RRTConnect",
-                    f"{_listed(solved, 0)} of {tree['asked']}; RRTConnect {tree['solved']}",
-                    min(solved) >= tree["solved"],
-                ),
+                Promise(f"{name}: less than {MS_P50:g} ms p50 before proof", times, max(before) < MS_P50),
+                Promise(f"{name}: solved no less often than by RRTConnect", counts, no_less),
             ]
     return tuple(found)
 
