@@ -9,7 +9,6 @@ from the product's checker.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import fcl
 import numpy as np

@@ -18,7 +18,7 @@ from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.validation import number, numbers
+from planner_service.geometry.validation import instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.locking import lock_joints
 from planner_service.robot.model import AllowedContact, Body, Gripper, JointLimits, LinkShape, Robot
@@ -89,12 +89,15 @@ def certify_gripper(
         InvalidRequest: the robot has no gripper, q is outside its joint limits, or a width outside the gripper's range.
         UnknownName: a pair names nothing that is there.
     """
-    began, gripper = time.perf_counter(), robot.gripper
+    began, gripper = time.perf_counter(), instance("robot", robot, Robot, "a Robot").gripper
     if gripper is None:
         raise InvalidRequest("robot", robot.name, "a robot with a gripper")
     stands = _within(robot, q)
     expected = f"a gap between the finger pads in [{gripper.lower:g}, {gripper.upper:g}] m"
-    start, end = (number("width", width, expected, gripper.lower, gripper.upper) for width in widths)
+    given = items("widths", widths, object, expected, 2)
+    if len(given) != 2:
+        raise InvalidRequest("widths", widths, "one before and one after")
+    start, end = (number("width", width, expected, gripper.lower, gripper.upper) for width in given)
     path = JointPath(np.array([[start / 2.0], [end / 2.0]]))
     pairs = pairs_of_names("touching", touching)
     exempt = [ExemptInterval(0.0, path.length, pairs, reason)] if pairs else []
