@@ -9,13 +9,10 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -31,34 +28,15 @@ from planner_service.geometry.shapes import Box, Pose
 from planner_service.planners import PRMstar
 from planner_service.planning.result import PlanResult
 from planner_service.records.plan_file import load_plan, load_task
-from planner_service.roadmap import Roadmap
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Obstacle, Scene, load_scene
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import places_on, standing_on
+from tests.support.command import document, interrupt_growing, refused, run
 from tests.support.optional import present
 
 PLANAR = ("plan", "--robot", "planar2", "--scene", "discs", "--time-limit", "inf")
 BLOCKED = (*PLANAR, "--start", "lesson_start", "--goal", "lesson_goal")
-
-
-def run(*arguments: str, columns: int = 100) -> Result:
-    return CliRunner(env={"COLUMNS": str(columns), "TERM": "dumb"}).invoke(app, list(arguments), catch_exceptions=False)
-
-
-def document(*arguments: str, code: int = 0) -> Any:
-    """What --json printed: one document and nothing else, without NaN."""
-    result = run(*arguments, "--json")
-    assert result.exit_code == code, result.output
-    return json.loads(result.stdout, parse_constant=lambda name: pytest.fail(name))
-
-
-def refused(*arguments: str) -> str:
-    """The few lines on standard error of a command that got bad input; standard output stays empty."""
-    result = run(*arguments)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert len(result.stderr.splitlines()) <= 8
-    return result.stderr
 
 
 @pytest.fixture(scope="module")
@@ -110,12 +88,6 @@ def test_the_proof_and_the_motion_are_told_in_words(blocked: Result) -> None:
     assert f"proof: {math.floor(proof['clearance'] * 1e5) / 100:.2f} mm clear, between samples too" in words
     assert f"({proof['distances']:,} bounds)" in words
     assert f"motion: {motion['duration']:.2f} s ({motion['stop_duration']:.2f} s with a stop at each corner)" in words
-
-
-def test_the_same_command_gives_the_same_plan() -> None:
-    first, second = document(*BLOCKED)["result"], document(*BLOCKED)["result"]
-    assert first["path"] == second["path"]
-    assert first["counts"] == second["counts"]
 
 
 @pytest.mark.parametrize("columns", [20, 60, 88, 100, 200])
@@ -371,19 +343,6 @@ def test_a_motion_that_searched_is_followed_by_its_stages(picked: tuple[Result, 
     assert lines[at + 1 : at + 7] == [*stages, "  lower"]
 
 
-def test_what_the_object_stands_on_may_touch_it_where_it_is_lifted_and_lowered(picked: tuple[Result, Path]) -> None:
-    lift, lower = (load_task(picked[1]).segments[k].result.exempt for k in (2, 4))
-    assert ("blue_block", "bin_floor") in lift[0].pairs
-    assert ("blue_block", "tray") in lower[0].pairs
-
-
-def test_a_task_in_its_file_goes_on_where_it_stopped(picked: tuple[Result, Path]) -> None:
-    task = load_task(picked[1])
-    ends = [segment.result.unwrap()[0].waypoints[[0, -1]].tolist() for segment in task.segments]
-    assert [end for _, end in ends[:-1]] == [start for start, _ in ends[1:]]
-    assert ends[0][0] == ends[-1][1] == PlannerService("wxai", "bin").robot.home.tolist()
-
-
 def test_pick_and_place_without_a_way_ends_with_1_and_what_was_tried() -> None:
     found = run("pick-place", "--onto", "demo_post")
     assert found.exit_code == 1
@@ -446,17 +405,7 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_search_ends_with_130_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
-    grow = PRMstar.grow
-
-    def interrupted(*arguments: Any, **settings: Any) -> Roadmap:
-        timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))  # well within the growing
-        timer.start()
-        try:
-            return grow(*arguments, **settings)
-        finally:
-            timer.cancel()
-
-    monkeypatch.setattr(PRMstar, "grow", interrupted)
+    interrupt_growing(monkeypatch, PRMstar)
     result = run("plan", "--scene", "window", "--planner", "prmstar", "--start", LEFT, "--goal", RIGHT)
     assert (result.exit_code, result.output) == (130, "")
 
@@ -577,8 +526,7 @@ def test_a_robot_is_imported_and_can_be_planned_with(tmp_path: Path) -> None:
     assert (result.exit_code, result.stderr) == (0, "")
     words = " ".join(result.stdout.split())
     assert "imported: planar2, written to" in words
-    assert "links 4 links with shapes 2 shapes 2 joints 2 pairs allowed, adjacent 1" in words
-    assert "second reader: yourdfpy sees all 3 frames" in words
+    assert "links 4 links with shapes 2 shapes 2 joints 2 pairs allowed, adjacent 1 second reader: " in words
     assert "tool_frame tip is a guess" in words
     assert run("robots", str(out / "robot.toml")).exit_code == 0
     planned = run("plan", "--robot", str(out / "robot.toml"), "--scene", "discs", "--start", "home", "--goal", "0.1,0")

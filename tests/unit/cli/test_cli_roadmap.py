@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 from planner_service.cli.commands import app
 from planner_service.collision import MotionStep
@@ -22,6 +21,7 @@ from planner_service.records.plan_file import load_plan
 from planner_service.roadmap import Roadmap, RoadmapReference, Verdict
 from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
 from planner_service.service import PlannerService
+from tests.support import command
 from tests.support.optional import present
 
 PLANAR = ("--robot", "planar2", "--scene", "discs")
@@ -29,9 +29,9 @@ SMALL = ("--milestones", "60", "--neighbours", "5")
 ENDS = ("--start", "lesson_start", "--goal", "lesson_goal", "--time-limit", "inf")
 
 
-def run(*arguments: str | Path, columns: int = 100) -> Result:
-    environment = {"COLUMNS": str(columns), "TERM": "dumb"}
-    return CliRunner(env=environment).invoke(app, ["roadmap", *map(str, arguments)], catch_exceptions=False)
+run = partial(command.run, "roadmap")
+document = partial(command.document, "roadmap")
+refused = partial(command.refused, "roadmap")
 
 
 def done(*arguments: str | Path, columns: int = 100) -> str:
@@ -39,21 +39,6 @@ def done(*arguments: str | Path, columns: int = 100) -> str:
     result = run(*arguments, columns=columns)
     assert result.exit_code == 0, result.output
     return " ".join(result.stdout.split())
-
-
-def document(*arguments: str | Path, code: int = 0) -> Any:
-    """What --json printed: one document and nothing else, without NaN."""
-    result = run(*arguments, "--json")
-    assert result.exit_code == code, result.output
-    return json.loads(result.stdout, parse_constant=lambda name: pytest.fail(name))
-
-
-def refused(*arguments: str | Path) -> str:
-    """The few lines on standard error of a command that got bad input; standard output stays empty."""
-    result = run(*arguments)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert len(result.stderr.splitlines()) <= 8
-    return result.stderr
 
 
 @pytest.fixture(scope="module")
@@ -414,8 +399,8 @@ def judged_for(robot: str, scene: Scene, path: Path) -> Path:
 def test_a_name_in_the_file_that_means_another_scene_now_is_refused(tmp_path: Path) -> None:
     mine = load_scene("discs").without("far_disc")
     path = judged_for("planar2", mine, tmp_path / "mine.npz")
-    for command in (("query", path, *ENDS), ("update", path)):
-        message = refused(*command)
+    for words in (("query", path, *ENDS), ("update", path)):
+        message = refused(*words)
         assert (
             "--scene: got 'discs'; expected the file of the scene that the roadmap was built for: this one differs"
             in (message)
@@ -440,17 +425,7 @@ def test_a_roadmap_that_was_put_together_needs_to_be_told_its_robot_and_scene(tm
 
 
 def test_an_interrupted_build_ends_with_130_and_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    grow = PRM.grow
-
-    def interrupted(*arguments: Any, **settings: Any) -> Roadmap:
-        timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))  # well within the growing
-        timer.start()
-        try:
-            return grow(*arguments, **settings)
-        finally:
-            timer.cancel()
-
-    monkeypatch.setattr(PRM, "grow", interrupted)
+    command.interrupt_growing(monkeypatch, PRM)
     many = ("--milestones", "20000", "--max-checks", "2000000000")
     result = run("build", "--scene", "bin", *many, "--out", tmp_path / "x.npz")
     assert (result.exit_code, result.output) == (130, "")

@@ -16,7 +16,7 @@ import pytest
 
 from planner_service import InvalidRequest, PlanRequest
 from planner_service.collision import CheckCounts
-from planner_service.execute import ArmLimits, ExecutionStopped, Streaming, execute
+from planner_service.execute import ArmLimits, ExecutionStopped, execute
 from planner_service.execute import arm as arm_module
 from planner_service.execute import stream as execution
 from planner_service.records.plan_file import SavedTask
@@ -208,11 +208,6 @@ def test_with_a_gripper_that_does_not_know_its_width_nothing_moves(arm: FakeArm)
     assert (arm.widths, arm.told, arm.held) == ([], [], [])
 
 
-def test_a_stream_cannot_be_on_time_to_the_instant() -> None:
-    with pytest.raises(InvalidRequest, match="latest"):
-        Streaming(latest=0.0)
-
-
 def test_a_motion_too_long_to_command_is_refused_before_the_first(arm: FakeArm) -> None:
     slow = there().unwrap()[1].dilated(1e4)
     with pytest.raises(InvalidRequest, match=r"commands in motion; expected one at which a motion has fewer than"):
@@ -298,6 +293,8 @@ def test_ctrl_c_says_what_the_arm_was_told(arm: FakeArm) -> None:
     arm.trouble = interrupt
     with pytest.raises(KeyboardInterrupt, match="the arm was told to hold where it was"):
         execute(there(), arm, robot(), QUICK)
+    assert len(arm.told) == 9
+    assert [q.tolist() for q in arm.held] == [arm.positions().tolist()]
     arm.q, arm.refusals, arm.told = np.array(robot().home), 99, []
     with pytest.raises(KeyboardInterrupt, match="use its emergency stop"):
         execute(there(), arm, robot(), QUICK)

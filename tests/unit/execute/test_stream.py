@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import signal
@@ -63,13 +64,6 @@ def test_an_arm_that_stands_elsewhere_is_not_moved(arm: FakeArm) -> None:
     assert arm.told == []
     execute(there(), arm, robot(), replace(QUICK, start_tolerance=0.02))
     assert arm.told
-
-
-def test_an_arm_that_does_not_know_where_it_is_is_not_moved(arm: FakeArm) -> None:
-    arm.q = np.full(6, np.nan)
-    with pytest.raises(InvalidRequest, match="joint_0 at nan"):
-        execute(there(), arm, robot(), QUICK)
-    assert arm.told == []
 
 
 def test_a_trajectory_without_a_proof_is_executed_only_if_told(arm: FakeArm) -> None:
@@ -241,34 +235,15 @@ def test_when_the_driver_fails_the_arm_holds_where_it_is(k: int, arm: FakeArm) -
             raise OSError("the cable was pulled")
 
     arm.trouble, arm.off = fail, np.full(6, 0.002)
-    report = stopped(there(), arm)
+    with pytest.raises(ExecutionStopped, match="the cable was pulled") as caught:
+        execute(there(), arm, robot(), QUICK)
+    report = caught.value.report
+    assert isinstance(caught.value.__cause__, OSError)
     assert len(arm.told) == k
     assert [q.tolist() for q in arm.held] == [arm.positions().tolist()]
     assert report.stopped == "stopped by OSError: the cable was pulled; the arm was told to hold where it was"
     (motion,) = report.motions
     assert (len(motion.recording.t), motion.completed, report.ok) == (k, False, False)
-
-
-def test_the_reason_of_a_stop_is_its_cause(arm: FakeArm) -> None:
-    def fail(step: int) -> None:
-        raise OSError("the cable was pulled")
-
-    arm.trouble = fail
-    with pytest.raises(ExecutionStopped, match="the cable was pulled") as caught:
-        execute(there(), arm, robot(), QUICK)
-    assert isinstance(caught.value.__cause__, OSError)
-
-
-def test_ctrl_c_stops_the_stream_and_holds_the_arm(arm: FakeArm) -> None:
-    def interrupt(step: int) -> None:
-        if step == 9:
-            raise KeyboardInterrupt
-
-    arm.trouble = interrupt
-    with pytest.raises(KeyboardInterrupt):
-        execute(there(), arm, robot(), QUICK)
-    assert len(arm.told) == 9
-    assert [q.tolist() for q in arm.held] == [arm.positions().tolist()]
 
 
 def test_ctrl_c_while_the_gripper_moves_holds_the_arm(arm: FakeArm, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -428,15 +403,6 @@ def test_an_arm_that_follows_late_but_on_its_path_goes_on(arm: FakeArm, clock: F
     assert execute(there(12.0), arm, robot(), replace(QUICK, settle=0.3)).ok
 
 
-@pytest.mark.parametrize("k", [3, 30])
-def test_an_arm_that_says_what_cannot_be_is_stopped(k: int, arm: FakeArm) -> None:
-    arm.seen = lambda: np.full(6, np.nan) if len(arm.told) > k else arm.q
-    report = stopped(there(), arm)
-    assert "joint_0 at nan" in present(report.stopped)
-    assert len(arm.told) == k + 1
-    assert np.array_equal(arm.held, arm.told[-1][:1])
-
-
 def test_the_arm_holds_before_anything_is_worked_out(arm: FakeArm, monkeypatch: pytest.MonkeyPatch) -> None:
     made = ExecutedMotion.of
 
@@ -521,7 +487,8 @@ def test_a_task_that_has_no_plan_is_not_executed(arm: FakeArm) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("speed", 0.0), ("speed", 1.1), ("rate", 5.0), ("settle", -1.0), ("latest", float("nan"))]
+    ("name", "value"),
+    [("speed", 0.0), ("speed", 1.1), ("rate", 5.0), ("settle", -1.0), ("latest", math.nan), ("latest", 0)],
 )
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidRequest, match=name):

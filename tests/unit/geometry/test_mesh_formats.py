@@ -20,6 +20,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_formats import MAX_BYTES, MAX_VERTICES, read_vertices
 from planner_service.geometry.mesh_paths import MeshLoader
+from tests.support.fuzz import changed
 
 POINTS = np.array([[0.0, 0.0, 0.0], [0.25, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, -0.75], [0.25, 0.5, 0.125]])
 """Numbers that no format rounds."""
@@ -228,25 +229,13 @@ def test_a_cut_file_gives_all_vertices_or_none(tmp_path: Path) -> None:
                 assert read_vertices(path).tolist() == whole, (kind, length)
 
 
-def changed(content: bytes) -> st.SearchStrategy[bytes]:
-    """The file with up to three stretches of it exchanged for other bytes, some of them from the file itself."""
-    at = st.integers(0, len(content))
-    piece = st.tuples(at, at).map(lambda ends: content[min(ends) : max(ends)]) | st.binary(max_size=12)
-    odd = st.sampled_from([b"nan", b"-1", b"1e400", b"999999999", b"\n", b"\0", NAN, "٣\u2028".encode(), b"vertex "])
-    change = st.tuples(at, st.integers(0, 20), piece | odd)
-
-    def apply(changes: list[tuple[int, int, bytes]]) -> bytes:
-        out = content
-        for start, length, new in changes:
-            out = out[:start] + new + out[start + length :]
-        return out
-
-    return st.lists(change, min_size=1, max_size=3).map(apply)
-
-
 @pytest.mark.slow
 @settings(max_examples=400, deadline=None)
-@given(st.sampled_from(sorted(FORMATS)).flatmap(lambda k: st.tuples(st.just(FORMATS[k][0]), changed(FORMATS[k][1]))))
+@given(
+    st.sampled_from(sorted(FORMATS)).flatmap(
+        lambda k: st.tuples(st.just(FORMATS[k][0]), changed(FORMATS[k][1], NAN, b"vertex "))
+    )
+)
 def test_a_changed_file_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, file: tuple[str, bytes]) -> None:
     path = write(tmp_path_factory.getbasetemp(), *file)
     with suppress(InvalidFile):

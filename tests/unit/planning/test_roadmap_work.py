@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -38,16 +38,12 @@ from planner_service.planners import PRMstar
 from planner_service.planning.result import PlanResult
 from planner_service.roadmap import Verdict
 from tests.support.optional import present
+from tests.support.roadmaps import cell, lies
 
 WXAI = Path(__file__).parents[3] / "robots" / "wxai"
 
 FEW = PRM(milestones=150, neighbours=8)
 FREE, BLOCKED = Verdict.FREE, Verdict.BLOCKED
-
-
-@lru_cache
-def cell(scene: str = "bin") -> PlannerService:
-    return PlannerService("wxai", scene, edge_step=JointStep(0.05))
 
 
 @lru_cache
@@ -58,24 +54,6 @@ def grown(scene: str = "bin") -> Roadmap:
 def ask(service: PlannerService, roadmap: Roadmap, number: int = 0, scene: str = "bin") -> PlanResult:
     query = queries.load(scene)[number]
     return service.plan(PlanRequest(query.start, query.goal, planner=roadmap, time_limit=None))
-
-
-def claims(roadmap: Roadmap, service: PlannerService) -> Iterator[tuple[str, bool, bool]]:
-    """What a roadmap claims of its milestones and edges, and what a checker of its own says."""
-    checker = CollisionChecker(
-        service.robot, service.scene, edge_step=service.checker.edge_step, padding=present(roadmap.terms).padding
-    )
-    for k, verdict in enumerate(roadmap.milestone_knowledge.verdicts.tolist()):
-        if verdict in (FREE, BLOCKED):
-            yield f"milestone {k}", verdict == FREE, checker.state_is_free(roadmap.milestones[k])
-    for k, verdict in enumerate(roadmap.verdicts.tolist()):
-        if verdict in (FREE, BLOCKED):
-            a, b = roadmap.milestones[roadmap.edges[k]]
-            yield f"edge {k}", verdict == FREE, checker.edge_is_free(a, b)
-
-
-def lies(roadmap: Roadmap, service: PlannerService) -> list[str]:
-    return [what for what, claimed, found in claims(roadmap, service) if claimed != found]
 
 
 def in_the_way(result: PlanResult, service: PlannerService, size: float = 0.04) -> Scene:

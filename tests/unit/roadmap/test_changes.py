@@ -28,7 +28,8 @@ from planner_service import (
 )
 from planner_service.roadmap import Terms, Verdict
 from tests.support.optional import present
-from tests.unit.roadmap.test_truth import false_blames, lies
+from tests.support.roadmaps import lies
+from tests.unit.roadmap.test_truth import false_blames
 
 NAMES = ("a", "b", "c", "d")
 NEAR = {"planar2": (0.7, 1.4, 0.2), "wxai": (0.25, 0.5, 0.15)}

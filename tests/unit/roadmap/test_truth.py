@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -34,33 +33,9 @@ from planner_service.roadmap import Terms, Verdict
 from planner_service.roadmap.roadmap import RoadmapSearchResult
 from planner_service.roadmap.verdicts import SELF, Knowledge
 from tests.support.optional import present
+from tests.support.roadmaps import cell, checker_of, lies
 
 FREE, BLOCKED = Verdict.FREE, Verdict.BLOCKED
-
-
-def checker_of(roadmap: Roadmap, service: PlannerService) -> CollisionChecker:
-    return CollisionChecker(
-        service.robot, service.scene, edge_step=service.checker.edge_step, padding=present(roadmap.terms).padding
-    )
-
-
-def claims(roadmap: Roadmap, checker: CollisionChecker) -> Iterator[tuple[str, bool, bool]]:
-    """What a roadmap says of its milestones and edges, and what a checker says."""
-    for k, verdict in enumerate(roadmap.milestone_knowledge.verdicts.tolist()):
-        if verdict in (FREE, BLOCKED):
-            yield f"milestone {k}", verdict == FREE, checker.state_is_free(roadmap.milestones[k])
-    for k, verdict in enumerate(roadmap.verdicts.tolist()):
-        if verdict in (FREE, BLOCKED):
-            a, b = roadmap.milestones[roadmap.edges[k]]
-            yield f"edge {k}", verdict == FREE, checker.edge_is_free(a, b)
-
-
-def lies(roadmap: Roadmap | None, service: PlannerService) -> list[tuple[str, bool]]:
-    assert roadmap is not None
-    if present(roadmap.terms).scene_hash != service.scene.hash:
-        return [("the scene", True)]
-    told = claims(roadmap, checker_of(roadmap, service))
-    return [(what, claimed) for what, claimed, found in told if claimed != found]
 
 
 def false_blames(roadmap: Roadmap, service: PlannerService) -> list[tuple[str, str]]:
@@ -76,11 +51,6 @@ def false_blames(roadmap: Roadmap, service: PlannerService) -> list[tuple[str, s
             if verdict == BLOCKED and blocker >= 0 and checkers[known.names[blocker]].edge_is_free(a, b):
                 out.append((known.names[blocker], str(a)))
     return out
-
-
-@lru_cache
-def cell(scene: str = "bin") -> PlannerService:
-    return PlannerService("wxai", scene, edge_step=JointStep(0.05))
 
 
 def ask(service: PlannerService, roadmap: Roadmap, number: int = 0, **settings: Any) -> PlanResult:

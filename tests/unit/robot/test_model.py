@@ -262,11 +262,6 @@ def test_wxai_sleep_has_one_narrow_way_out(wxai: Robot) -> None:
     assert set(retreat.pairs) <= set(wxai.link_pairs), "elsewhere they are judged"
 
 
-def test_every_allowed_contact_has_a_reason(wxai: Robot) -> None:
-    assert len(wxai.allowed_contacts) == 25
-    assert all(len(contact.reason) > 10 for contact in wxai.allowed_contacts)
-
-
 def inner_faces(robot: Robot) -> tuple[float, float]:
     """y of the pads' inner faces in the tool's body: the last box of each finger is its tip."""
     tips = {s.link: s for s in robot.shapes if s.link.startswith("finger")}

@@ -228,35 +228,6 @@ def test_the_block_clears_the_floor_of_the_bin_by_a_millimetre() -> None:
     assert lowest(scene.obstacle("blue_block")) - floor_top == pytest.approx(0.001, abs=1e-12)
 
 
-def test_the_boxes_of_the_bin_make_the_bin() -> None:
-    low, high = [math.inf] * 3, [-math.inf] * 3
-    volume = 0.0
-    for part in ("floor", "front", "back", "left", "right"):
-        box = load_scene("bin").obstacle(f"bin_{part}")
-        assert isinstance(box.shape, Box)
-        volume += math.prod(box.shape.size)
-        for k in range(3):
-            low[k] = min(low[k], box.pose.position[k] - box.shape.half[k])
-            high[k] = max(high[k], box.pose.position[k] + box.shape.half[k])
-    assert low == pytest.approx([0.18, -0.12, 0.0], abs=1e-12)
-    assert high == pytest.approx([0.48, 0.12, 0.1], abs=1e-12)
-    assert volume == pytest.approx(0.3 * 0.24 * 0.1 - 0.284 * 0.224 * 0.092, abs=1e-12)
-
-
-def test_the_post_stands_between_the_block_and_the_tray() -> None:
-    scene = load_scene("bin")
-    block, tray, post = (scene.obstacle(n).pose.position for n in ("blue_block", "tray", "demo_post"))
-    azimuth = [math.atan2(p[1], p[0]) for p in (block, post, tray)]
-    assert azimuth == sorted(azimuth)
-
-
-def test_the_disc_of_the_lesson_is_there_and_cuts_the_plane_of_the_arm() -> None:
-    disc = load_scene("discs").obstacle("lesson_disc")
-    assert isinstance(disc.shape, Cylinder)
-    assert disc.shape.radius == 0.15
-    assert disc.pose == Pose((1.1, 0.6, 0.0))
-
-
 # Files out and in again
 
 

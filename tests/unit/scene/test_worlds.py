@@ -25,6 +25,7 @@ from planner_service.scene.scene import Obstacle, Scene, load_scene, save_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
+from tests.support.fuzz import changed
 
 HALF = math.sqrt(0.5)
 
@@ -419,27 +420,9 @@ def survives(read: Callable[[Path], Any], path: Path) -> None:
         read(path)
 
 
-def changed(text: str) -> st.SearchStrategy[bytes]:
-    """The text with up to three stretches of it exchanged for other bytes, some of them from the text itself."""
-    content, at = text.encode(), st.integers(0, len(text.encode()))
-    piece = st.tuples(at, at).map(lambda ends: content[min(ends) : max(ends)]) | st.binary(max_size=12)
-    odd = st.sampled_from(
-        [b"nan", b"-1", b"1e400", b"999999999", b"*", b".", b"\n", b"\0", "٣\u2028".encode(), b"null"]
-    )
-    change = st.tuples(at, st.integers(0, 20), piece | odd)
-
-    def apply(changes: list[tuple[int, int, bytes]]) -> bytes:
-        out = content
-        for start, length, new in changes:
-            out = out[:start] + new + out[start + length :]
-        return out
-
-    return st.lists(change, min_size=1, max_size=3).map(apply)
-
-
 @pytest.mark.slow
 @settings(max_examples=300, deadline=None)
-@given(changed(NEWER) | changed(OLDER) | changed(SOLIDS))
+@given(changed(NEWER.encode()) | changed(OLDER.encode()) | changed(SOLIDS.encode()))
 def test_a_changed_moveit_scene_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     survives(read_moveit_scene, write(tmp_path_factory.getbasetemp(), content, "fuzz.scene"))
 
@@ -481,7 +464,7 @@ def test_what_is_no_world_in_a_urdf_is_named(tmp_path: Path, old: str, new: str,
 
 @pytest.mark.slow
 @settings(max_examples=150, deadline=None)
-@given(changed(LIFTED) | st.integers(0, len(LIFTED) - 2).map(lambda k: LIFTED[:k].encode()))
+@given(changed(LIFTED.encode()) | st.integers(0, len(LIFTED) - 2).map(lambda k: LIFTED[:k].encode()))
 def test_a_changed_or_cut_urdf_world_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:
@@ -611,7 +594,8 @@ def test_a_list_that_is_too_long_is_refused_unread(
 @pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
-    changed(json.dumps(TINY)) | st.integers(0, len(json.dumps(TINY)) - 1).map(lambda k: json.dumps(TINY)[:k].encode())
+    changed(json.dumps(TINY).encode())
+    | st.integers(0, len(json.dumps(TINY)) - 1).map(lambda k: json.dumps(TINY)[:k].encode())
 )
 def test_a_changed_or_cut_problem_set_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory, content: bytes

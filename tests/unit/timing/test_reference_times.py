@@ -12,7 +12,6 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.timing.laws import SCurve, Timing, ToppRa, Trapezoidal
 from planner_service.timing.limit_check import peaks
-from planner_service.timing.segments import SpeedLimit
 from tests.unit.timing.test_limit_check import blended, rounded_corners
 from tests.unit.timing.test_segments import mixed_limits
 
@@ -30,48 +29,33 @@ def path_of(seed: int) -> JointPath:
     return blended(points, [*path.blends.tolist(), 0.0, 0.0])
 
 
-CASES: list[tuple[int, Timing, SpeedLimit | None, float, int]] = [
-    (1, Trapezoidal(), None, 6.204715255, 13),
-    (1, Trapezoidal(), slow_in_the_middle, 21.00790268, 13),
-    (1, SCurve(), None, 8.184396358, 26),
-    (1, SCurve(), slow_in_the_middle, 22.01781657, 23),
-    (1, SCurve(25.0), None, 6.968933635, 29),
-    (1, SCurve(25.0), slow_in_the_middle, 21.50173686, 26),
-    (1, ToppRa(), None, 6.106678703, 95),
-    (1, ToppRa(), slow_in_the_middle, 9.78107517, 114),
-    (1, ToppRa(10), None, 6.204715255, 13),
-    (1, ToppRa(10), slow_in_the_middle, 9.78107517, 114),
-    (2, Trapezoidal(), None, 8.322068197, 19),
-    (2, Trapezoidal(), slow_in_the_middle, 21.99571388, 18),
-    (2, SCurve(), None, 10.22543035, 36),
-    (2, SCurve(), slow_in_the_middle, 23.56908819, 31),
-    (2, SCurve(25.0), None, 9.087629217, 39),
-    (2, SCurve(25.0), slow_in_the_middle, 22.71114591, 34),
-    (2, ToppRa(), None, 7.905057553, 142),
-    (2, ToppRa(), slow_in_the_middle, 10.76055335, 165),
-    (2, ToppRa(10), None, 8.038466963, 116),
-    (2, ToppRa(10), slow_in_the_middle, 10.76055335, 165),
-    (3, Trapezoidal(), None, 6.071891437, 18),
-    (3, Trapezoidal(), slow_in_the_middle, 11.92717483, 19),
-    (3, SCurve(), None, 8.769720589, 34),
-    (3, SCurve(), slow_in_the_middle, 13.74667208, 32),
-    (3, SCurve(25.0), None, 7.382583179, 34),
-    (3, SCurve(25.0), slow_in_the_middle, 12.89916667, 32),
-    (3, ToppRa(), None, 5.632122714, 138),
-    (3, ToppRa(), slow_in_the_middle, 8.809748421, 138),
-    (3, ToppRa(10), None, 5.832834005, 119),
-    (3, ToppRa(10), slow_in_the_middle, 8.805974486, 134),
+CASES: list[tuple[int, Timing, tuple[float, int], tuple[float, int]]] = [
+    (1, Trapezoidal(), (6.204715255, 13), (21.00790268, 13)),
+    (1, SCurve(), (8.184396358, 26), (22.01781657, 23)),
+    (1, SCurve(25.0), (6.968933635, 29), (21.50173686, 26)),
+    (1, ToppRa(), (6.106678703, 95), (9.78107517, 114)),
+    (1, ToppRa(10), (6.204715255, 13), (9.78107517, 114)),
+    (2, Trapezoidal(), (8.322068197, 19), (21.99571388, 18)),
+    (2, SCurve(), (10.22543035, 36), (23.56908819, 31)),
+    (2, SCurve(25.0), (9.087629217, 39), (22.71114591, 34)),
+    (2, ToppRa(), (7.905057553, 142), (10.76055335, 165)),
+    (2, ToppRa(10), (8.038466963, 116), (10.76055335, 165)),
+    (3, Trapezoidal(), (6.071891437, 18), (11.92717483, 19)),
+    (3, SCurve(), (8.769720589, 34), (13.74667208, 32)),
+    (3, SCurve(25.0), (7.382583179, 34), (12.89916667, 32)),
+    (3, ToppRa(), (5.632122714, 138), (8.809748421, 138)),
+    (3, ToppRa(10), (5.832834005, 119), (8.805974486, 134)),
 ]
+"""Seconds and phases, without a limit of speed and with one."""
 
 
-@pytest.mark.parametrize(("seed", "law", "speed_limit", "seconds", "phases"), CASES)
-def test_each_law_takes_its_time(
-    seed: int, law: Timing, speed_limit: SpeedLimit | None, seconds: float, phases: int
-) -> None:
+@pytest.mark.parametrize(("seed", "law", "fast", "slow"), CASES)
+def test_each_law_takes_its_time(seed: int, law: Timing, fast: tuple[float, int], slow: tuple[float, int]) -> None:
     path = path_of(seed)
-    trajectory = law.time_path(path, mixed_limits(path, seed), speed_limit=speed_limit)
-    assert trajectory.duration == pytest.approx(seconds, rel=1e-7)
-    assert len(trajectory.durations) == phases
+    for speed_limit, (seconds, phases) in ((None, fast), (slow_in_the_middle, slow)):
+        trajectory = law.time_path(path, mixed_limits(path, seed), speed_limit=speed_limit)
+        assert trajectory.duration == pytest.approx(seconds, rel=1e-7)
+        assert len(trajectory.durations) == phases
 
 
 @pytest.mark.parametrize(

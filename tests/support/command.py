@@ -1,0 +1,55 @@
+"""The command line as tests run it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from planner_service.cli.commands import app
+from planner_service.planners import PRM, PRMstar
+from planner_service.roadmap import Roadmap
+
+__all__ = ["document", "interrupt_growing", "refused", "run"]
+
+
+def run(*arguments: str | Path, columns: int = 100) -> Result:
+    """What a command comes to; an error of ours comes out."""
+    runner = CliRunner(env={"COLUMNS": str(columns), "TERM": "dumb"})
+    return runner.invoke(app, list(map(str, arguments)), catch_exceptions=False)
+
+
+def document(*arguments: str | Path, code: int = 0) -> Any:
+    """What --json printed: one document and nothing else, without NaN."""
+    result = run(*arguments, "--json")
+    assert result.exit_code == code, result.output
+    return json.loads(result.stdout, parse_constant=lambda name: pytest.fail(name))
+
+
+def refused(*arguments: str | Path) -> str:
+    """The few lines on standard error of a command that got bad input; standard output stays empty."""
+    result = run(*arguments)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert len(result.stderr.splitlines()) <= 8
+    return result.stderr
+
+
+def interrupt_growing(monkeypatch: pytest.MonkeyPatch, planner: type[PRM | PRMstar]) -> None:
+    """Ctrl-C comes while such a planner grows its roadmap."""
+    grow = planner.grow
+
+    def interrupted(*arguments: Any, **settings: Any) -> Roadmap:
+        timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))  # well within the growing
+        timer.start()
+        try:
+            return grow(*arguments, **settings)
+        finally:
+            timer.cancel()
+
+    monkeypatch.setattr(planner, "grow", interrupted)
