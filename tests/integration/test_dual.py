@@ -54,11 +54,6 @@ def dual() -> Robot:
 
 
 @pytest.fixture(scope="module")
-def wxai() -> Robot:
-    return load_robot("wxai")
-
-
-@pytest.fixture(scope="module")
 def service(dual: Robot) -> PlannerService:
     return PlannerService(dual, "table")
 

@@ -41,16 +41,6 @@ from tests.support.optional import present
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
 
 
-@pytest.fixture(scope="module")
-def discs() -> PlannerService:
-    return PlannerService("planar2", "discs")
-
-
-@pytest.fixture(scope="module")
-def arm() -> PlannerService:
-    return PlannerService("wxai", "bin")
-
-
 def asked(start: object = START, goal: object = GOAL, **settings: object) -> PlanRequest:
     """A request without a clock: what it decides is decided by counts."""
     return PlanRequest(**{"start": start, "goal": goal, "timing": Trapezoidal(), "time_limit": None, **settings})  # type: ignore[arg-type]
@@ -120,21 +110,21 @@ def test_any_of_several_goals_will_do_and_the_result_says_which(discs: PlannerSe
     assert result.unwrap()[0].waypoints[-1].tolist() == [0.3, 0.0]
 
 
-def test_a_pose_goal_is_reached_by_the_tool(arm: PlannerService) -> None:
+def test_a_pose_goal_is_reached_by_the_tool(bin_: PlannerService) -> None:
     pose = Pose((0.25, -0.20, 0.10), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
-    path, _ = arm.plan(asked(arm.robot.home, pose)).unwrap()
-    np.testing.assert_allclose(arm.robot.tool_pose(path.waypoints[-1]), pose.matrix, atol=1e-7)
+    path, _ = bin_.plan(asked(bin_.robot.home, pose)).unwrap()
+    np.testing.assert_allclose(bin_.robot.tool_pose(path.waypoints[-1]), pose.matrix, atol=1e-7)
 
 
-def test_asleep_and_asked_to_sleep_nothing_moves(arm: PlannerService) -> None:
-    sleep = arm.robot.pose("sleep")
-    result = arm.plan(asked(sleep, sleep))
+def test_asleep_and_asked_to_sleep_nothing_moves(bin_: PlannerService) -> None:
+    sleep = bin_.robot.pose("sleep")
+    result = bin_.plan(asked(sleep, sleep))
     assert result.unwrap()[0].waypoints.tolist() == [[0.0] * 6]
-    assert arm.plan(asked(sleep, arm.robot.retreats[0].to)).unwrap()[0].length == pytest.approx(math.sqrt(2) * 0.08)
+    assert bin_.plan(asked(sleep, bin_.robot.retreats[0].to)).unwrap()[0].length == pytest.approx(math.sqrt(2) * 0.08)
 
 
-def test_a_configuration_beside_sleep_is_not_taken_for_it(arm: PlannerService) -> None:
-    beside = arm.plan(asked([0.0, 0.0, 0.0, 0.0, 0.005, 0.0], arm.robot.home))
+def test_a_configuration_beside_sleep_is_not_taken_for_it(bin_: PlannerService) -> None:
+    beside = bin_.plan(asked([0.0, 0.0, 0.0, 0.0, 0.005, 0.0], bin_.robot.home))
     assert present(beside.failure).reason is Reason.START_IN_COLLISION
     assert "the pose 'sleep' itself has a way out" in present(beside.failure).detail
 
@@ -207,8 +197,8 @@ def test_a_start_outside_its_limits_is_refused_unless_it_is_within_the_tolerance
     assert "clamped" in clamped.notes[0]
 
 
-def test_an_unreachable_pose_says_so(arm: PlannerService) -> None:
-    failure = present(arm.plan(asked(arm.robot.home, Pose((2.0, 0.0, 0.2)))).failure)
+def test_an_unreachable_pose_says_so(bin_: PlannerService) -> None:
+    failure = present(bin_.plan(asked(bin_.robot.home, Pose((2.0, 0.0, 0.2)))).failure)
     assert failure.reason is Reason.NO_IK_SOLUTION
     assert "(2.0000, 0.0000, 0.2000)" in failure.detail
 
@@ -322,22 +312,22 @@ def test_the_search_keeps_its_padding_and_less_where_an_end_is_closer() -> None:
     assert service.checker.path_is_free(path)
 
 
-def test_the_way_out_of_sleep_is_exempt_for_its_two_pairs_and_nothing_else(arm: PlannerService) -> None:
-    sleep = arm.robot.pose("sleep")
-    result = arm.plan(asked(sleep, arm.robot.home))
+def test_the_way_out_of_sleep_is_exempt_for_its_two_pairs_and_nothing_else(bin_: PlannerService) -> None:
+    sleep = bin_.robot.pose("sleep")
+    result = bin_.plan(asked(sleep, bin_.robot.home))
     assert result.ok
     assert result.exempt[0].s_start == 0.0
     assert result.exempt[0].s_end == pytest.approx(math.sqrt(2) * 0.08)
     assert result.exempt[0].pairs == (("link_2", "link_5"), ("link_2", "link_4"))
-    without = PlannerService(replace(arm.robot, retreats=()), arm.scene).plan(asked(sleep, arm.robot.home))
+    without = PlannerService(replace(bin_.robot, retreats=()), bin_.scene).plan(asked(sleep, bin_.robot.home))
     assert present(without.failure).reason is Reason.START_IN_COLLISION
 
 
-def test_the_way_into_sleep_ends_with_the_same_retreat_backwards(arm: PlannerService) -> None:
-    result = arm.plan(asked(arm.robot.home, arm.robot.pose("sleep")))
+def test_the_way_into_sleep_ends_with_the_same_retreat_backwards(bin_: PlannerService) -> None:
+    result = bin_.plan(asked(bin_.robot.home, bin_.robot.pose("sleep")))
     path, _ = result.unwrap()
     assert path.waypoints[-1].tolist() == [0.0] * 6
-    assert path.waypoints[-2].tolist() == arm.robot.retreats[0].to.tolist()
+    assert path.waypoints[-2].tolist() == bin_.robot.retreats[0].to.tolist()
     assert result.exempt[0].s_end == path.length
 
 

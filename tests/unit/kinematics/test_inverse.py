@@ -35,11 +35,6 @@ TOP_DOWN_CEILING = 0.1747
 
 
 @pytest.fixture(scope="module")
-def wxai() -> Robot:
-    return load_robot("wxai")
-
-
-@pytest.fixture(scope="module")
 def numeric_wxai(wxai: Robot) -> Robot:
     return replace(wxai, inverse="numeric")
 

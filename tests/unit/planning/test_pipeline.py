@@ -53,11 +53,6 @@ def thin_post(angle: float) -> Obstacle:
     return Obstacle("post", Cylinder(0.002, 0.2), Pose((x, y, 0.0)))
 
 
-@pytest.fixture(scope="module")
-def discs() -> PlannerService:
-    return PlannerService("planar2", "discs")
-
-
 def asked(start: object = START, goal: object = GOAL, **settings: object) -> PlanRequest:
     return PlanRequest(**{"start": start, "goal": goal, "time_limit": None, **settings})  # type: ignore[arg-type]
 

@@ -57,16 +57,6 @@ START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 """The lesson's own query, among its discs."""
 
 
-@pytest.fixture(scope="module")
-def discs() -> PlannerService:
-    return PlannerService("planar2", "discs")
-
-
-@pytest.fixture(scope="module")
-def bin_service() -> PlannerService:
-    return PlannerService("wxai", "bin")
-
-
 def asked(**changes: Any) -> PlanRequest:
     return PlanRequest(**{"start": START, "goal": GOAL, "seed": 7, "time_limit": None, **changes})
 
@@ -112,8 +102,8 @@ def planted(**settings: Any) -> Optimise:
 # as a polish
 
 
-def test_the_search_is_the_same_with_and_without(bin_service: PlannerService) -> None:
-    plain, polished = (bin_service.plan(query("bin", 3, polish=polish)) for polish in (None, Optimise()))
+def test_the_search_is_the_same_with_and_without(bin_: PlannerService) -> None:
+    plain, polished = (bin_.plan(query("bin", 3, polish=polish)) for polish in (None, Optimise()))
     for stage in (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH, Stage.SHORTCUT):
         assert plain.stage(stage).counts == polished.stage(stage).counts
     assert plain.polish is None
@@ -149,17 +139,17 @@ def test_what_optimising_asks_is_counted_in_its_stage(scene: str, number: int, e
     assert 0 < present(result.polish).gradients < expected.distances
 
 
-def test_gradients_are_no_states(bin_service: PlannerService) -> None:
-    result = bin_service.plan(query("bin", 3, polish=Optimise()))
-    plain = bin_service.plan(query("bin", 3))
+def test_gradients_are_no_states(bin_: PlannerService) -> None:
+    result = bin_.plan(query("bin", 3, polish=Optimise()))
+    plain = bin_.plan(query("bin", 3))
     assert result.counts.states < plain.counts.states + 0.2 * present(result.polish).gradients
 
 
-def test_equal_requests_have_equal_plans_whatever_was_planned_before(bin_service: PlannerService) -> None:
+def test_equal_requests_have_equal_plans_whatever_was_planned_before(bin_: PlannerService) -> None:
     request = query("bin", 2, polish=Optimise())
-    first = bin_service.plan(request)
-    bin_service.plan(query("bin", 5, polish=Optimise(method=Chomp(iterations=5))))
-    again = bin_service.plan(request)
+    first = bin_.plan(request)
+    bin_.plan(query("bin", 5, polish=Optimise(method=Chomp(iterations=5))))
+    again = bin_.plan(request)
     assert bits(first) == bits(again)
     assert (first.counts, first.polish) == (again.counts, again.polish)
     assert first.deterministic
@@ -266,7 +256,7 @@ def told() -> str:
 
 
 def test_an_optimum_is_driven_as_it_was_judged_even_if_stops_were_faster(
-    bin_service: PlannerService, monkeypatch: pytest.MonkeyPatch
+    bin_: PlannerService, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     law = timed
 
@@ -279,19 +269,19 @@ def test_an_optimum_is_driven_as_it_was_judged_even_if_stops_were_faster(
         )
 
     monkeypatch.setattr("planner_service.planning.pipeline.timed", slow)
-    polished = bin_service.plan(query("bin", 3, polish=Optimise()))
+    polished = bin_.plan(query("bin", 3, polish=Optimise()))
     assert present(polished.polish).kept
     assert polished.unwrap()[0].corners == ()
 
 
 @pytest.mark.slow
-def test_an_optimum_that_takes_too_long_is_left(bin_service: PlannerService) -> None:
+def test_an_optimum_that_takes_too_long_is_left(bin_: PlannerService) -> None:
     class Endless(Planted):
         def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
             while True:
                 problem.checker.near(corners, 0.05)
 
-    result = bin_service.plan(query("bin", 3, polish=Optimise(method=Endless((0.0,) * 6)), time_limit=0.5))
+    result = bin_.plan(query("bin", 3, polish=Optimise(method=Endless((0.0,) * 6)), time_limit=0.5))
     assert result.ok
     assert not result.deterministic
     assert result.polish is None
@@ -323,11 +313,11 @@ def test_without_the_compiled_kernel_it_is_refused_before_anything_is_planned(
         service.plan(asked(**given))
 
 
-def test_checks_that_are_spent_end_optimising_and_nothing_else(bin_service: PlannerService) -> None:
-    plain = bin_service.plan(query("bin", 3))
+def test_checks_that_are_spent_end_optimising_and_nothing_else(bin_: PlannerService) -> None:
+    plain = bin_.plan(query("bin", 3))
     found = sum(plain.stage(stage).counts.states for stage in (Stage.ENDPOINTS, Stage.STRAIGHT_LINE, Stage.SEARCH))
-    short = bin_service.plan(query("bin", 3)).stage(Stage.SHORTCUT).counts.states
-    result = bin_service.plan(query("bin", 3, polish=Optimise(), max_checks=found + short + 400, retries=0))
+    short = bin_.plan(query("bin", 3)).stage(Stage.SHORTCUT).counts.states
+    result = bin_.plan(query("bin", 3, polish=Optimise(), max_checks=found + short + 400, retries=0))
     assert result.ok
     assert result.deterministic
     assert result.polish is None
@@ -356,9 +346,9 @@ def test_an_optimum_keeps_more_than_the_padding_it_is_judged_with() -> None:
     assert clearance(service, padded) > 0.02
 
 
-def test_a_retreat_and_an_optimum_meet_in_a_stop(bin_service: PlannerService) -> None:
-    request = query("bin", 3, start=bin_service.robot.pose("sleep"), polish=Optimise())
-    result = bin_service.plan(request)
+def test_a_retreat_and_an_optimum_meet_in_a_stop(bin_: PlannerService) -> None:
+    request = query("bin", 3, start=bin_.robot.pose("sleep"), polish=Optimise())
+    result = bin_.plan(request)
     path, _ = result.unwrap()
     assert present(result.polish).kept
     assert result.exempt
@@ -367,11 +357,11 @@ def test_a_retreat_and_an_optimum_meet_in_a_stop(bin_service: PlannerService) ->
 
 
 @pytest.mark.parametrize("timing", [ToppRa(), SCurve()], ids=lambda law: law.name)
-def test_corners_suit_the_timing_law(bin_service: PlannerService, timing: Any) -> None:
-    plain, polished = (bin_service.plan(query("bin", 3, timing=timing, polish=polish)) for polish in (None, Optimise()))
+def test_corners_suit_the_timing_law(bin_: PlannerService, timing: Any) -> None:
+    plain, polished = (bin_.plan(query("bin", 3, timing=timing, polish=polish)) for polish in (None, Optimise()))
     assert present(polished.motion).duration < present(plain.motion).duration
     assert len(polished.unwrap()[0].waypoints) == (10 if isinstance(timing, ToppRa) else 5)
-    given = bin_service.plan(query("bin", 3, timing=timing, polish=Optimise(corners=6)))
+    given = bin_.plan(query("bin", 3, timing=timing, polish=Optimise(corners=6)))
     assert len(given.unwrap()[0].waypoints) == 8
 
 
@@ -413,13 +403,13 @@ def test_so_do_other_lines_to_begin_with(discs: PlannerService) -> None:
     assert bits(result) == bits(discs.plan(asked(planner=Optimise(starts=6))))
 
 
-def test_a_straight_line_that_converges_to_a_free_curve_is_a_plan(bin_service: PlannerService) -> None:
-    result = bin_service.plan(query("bin", 3, planner=Optimise()))
+def test_a_straight_line_that_converges_to_a_free_curve_is_a_plan(bin_: PlannerService) -> None:
+    result = bin_.plan(query("bin", 3, planner=Optimise()))
     assert result.ok
     assert result.attempts == 1
     assert result.stage(Stage.SEARCH).counts.distances > 0
     assert result.stage(Stage.SHORTCUT).counts == CheckCounts()
-    assert clearance(bin_service, result) >= 0.02
+    assert clearance(bin_, result) >= 0.02
 
 
 def test_of_several_goals_each_is_tried(discs: PlannerService) -> None:
@@ -554,24 +544,24 @@ def test_the_measure_sees_a_plan_without_its_distance() -> None:
     assert not told[0].kept
 
 
-def test_a_roadmap_is_polished_too(bin_service: PlannerService) -> None:
-    result = bin_service.plan(query("bin", 3, planner=PRM(milestones=150), polish=Optimise()))
+def test_a_roadmap_is_polished_too(bin_: PlannerService) -> None:
+    result = bin_.plan(query("bin", 3, planner=PRM(milestones=150), polish=Optimise()))
     assert result.ok
     assert math.isfinite(present(result.polish).after.cost)
-    assert load_scene("bin").hash == bin_service.scene.hash
+    assert load_scene("bin").hash == bin_.scene.hash
 
 
 # the picture
 
 
-def test_the_picture_shows_both_paths_and_what_they_keep(tmp_path: Path, bin_service: PlannerService) -> None:
+def test_the_picture_shows_both_paths_and_what_they_keep(tmp_path: Path, bin_: PlannerService) -> None:
     file = tmp_path / "clear.svg"
     done = CliRunner().invoke(app, line("--polish", "--plot", str(file)))
     assert done.exit_code == 0
     root = ElementTree.fromstring(file.read_text())
     texts = ["".join(element.itertext()) for element in root.iter("{http://www.w3.org/2000/svg}text")]
     curves = [element.get("points", "").split() for element in root.iter("{http://www.w3.org/2000/svg}polyline")]
-    kept = 1000.0 * clearance(bin_service, bin_service.plan(query("bin", 3, polish=Optimise())))
+    kept = 1000.0 * clearance(bin_, bin_.plan(query("bin", 3, polish=Optimise())))
     assert [text.partition(":")[0] for text in texts[-2:]] == ["not optimised", "optimised"]
     assert float(texts[-1].split()[-2]) == pytest.approx(kept, abs=0.3)
     lowest = [max(float(point.split(",")[1]) for point in curve) for curve in curves]

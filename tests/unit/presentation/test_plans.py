@@ -33,11 +33,6 @@ from tests.support.optional import present
 
 
 @pytest.fixture(scope="module")
-def discs() -> PlannerService:
-    return PlannerService("planar2", "discs")
-
-
-@pytest.fixture(scope="module")
 def result(discs: PlannerService) -> PlanResult:
     poses = discs.robot.poses
     return discs.plan(PlanRequest(poses["lesson_start"], poses["lesson_goal"], time_limit=None))

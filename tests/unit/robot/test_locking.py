@@ -25,11 +25,6 @@ SAME = 1e-12
 
 
 @pytest.fixture(scope="module")
-def wxai() -> Robot:
-    return load_robot("wxai")
-
-
-@pytest.fixture(scope="module")
 def mixed(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     """Oblique axes, turned origins, a sliding joint, a branch."""
     path = tmp_path_factory.mktemp("locking") / "mixed.urdf"

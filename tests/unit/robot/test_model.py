@@ -24,11 +24,6 @@ from tests.support.small_robots import MIXED, joint, link, solid, urdf
 
 
 @pytest.fixture(scope="module")
-def wxai() -> Robot:
-    return load_robot("wxai")
-
-
-@pytest.fixture(scope="module")
 def mixed(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     path = tmp_path_factory.mktemp("mixed") / "mixed.urdf"
     path.write_text(MIXED)

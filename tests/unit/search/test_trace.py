@@ -17,11 +17,6 @@ from planner_service.search.trace import Trace
 from tests.support.optional import present
 
 
-@pytest.fixture(scope="module")
-def discs() -> PlannerService:
-    return PlannerService("planar2", "discs")
-
-
 def asked(service: PlannerService, **settings: object) -> PlanRequest:
     poses = service.robot.poses
     given = {"start": poses["lesson_start"], "goal": poses["lesson_goal"], "time_limit": None, **settings}

@@ -44,16 +44,6 @@ from tests.support.optional import present
 
 
 @pytest.fixture(scope="module")
-def discs() -> PlannerService:
-    return PlannerService("planar2", "discs")
-
-
-@pytest.fixture(scope="module")
-def bin_() -> PlannerService:
-    return PlannerService("wxai", "bin")
-
-
-@pytest.fixture(scope="module")
 def task(bin_: PlannerService) -> TaskResult:
     home = bin_.robot.home
     return plan_pick_place(bin_, "blue_block", "tray", PlanRequest(home, home, time_limit=None))
