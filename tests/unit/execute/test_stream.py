@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from planner_service import (
     InvalidRequest,
@@ -28,8 +27,6 @@ from planner_service import (
     Trapezoidal,
 )
 from planner_service.certify import ExemptInterval, Refusal
-from planner_service.cli import run
-from planner_service.cli.commands import app
 from planner_service.collision import CheckCounts
 from planner_service.execute import (
     ExecutedMotion,
@@ -44,9 +41,12 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
 from planner_service.tasks import Segment
 from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, back, robot, service, stopped, there
+from tests.support.command import refused
+from tests.support.command import run as command
 from tests.support.optional import present
 
 WORLD = ["--robot", "wxai", "--scene", "empty"]
+ARM = ("--arm", "192.168.1.2")
 
 
 def motion_of(result: PlanResult) -> Trajectory:
@@ -514,59 +514,51 @@ def saved(tmp_path: Path) -> str:
     return str(tmp_path / "plan.json")
 
 
-def test_a_real_arm_is_not_even_connected_to_without_yes(saved: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
-    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2"])
-    assert done.exit_code == 2
-    assert "would move the arm at 192.168.1.2: motion;" in done.stderr
-    assert "20% of the planned speed" in done.stderr
-    assert "Nothing moved" in done.stderr
+@pytest.mark.usefixtures("unconnected")
+def test_a_real_arm_is_not_even_connected_to_without_yes(saved: str) -> None:
+    told = refused("run", saved, *ARM)
+    assert "would move the arm at 192.168.1.2: motion;" in told
+    assert "20% of the planned speed" in told
+    assert "Nothing moved" in told
 
 
 def test_what_would_be_done_is_told_motion_by_motion(tmp_path: Path) -> None:
     segments = (Segment("wave", there(), 0.06), Segment("back", back(), 0.06), Segment("wave", there(), 0.06))
     save_plan(task_of(*segments), tmp_path / "task.json")
-    done = CliRunner().invoke(app, ["run", str(tmp_path / "task.json"), "--arm", "192.168.1.2", "--speed", "0.5"])
     seconds = 2.0 * (2.0 * motion_of(there()).duration + motion_of(back()).duration)
-    assert f"wave, back, wave; {seconds:.1f} s of motion, at 50%" in done.stderr
+    told = refused("run", tmp_path / "task.json", *ARM, "--speed", "0.5")
+    assert f"wave, back, wave; {seconds:.1f} s of motion, at 50%" in told
 
 
-def test_for_a_failure_no_arm_is_connected_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
+@pytest.mark.usefixtures("unconnected")
+def test_for_a_failure_no_arm_is_connected_to(tmp_path: Path) -> None:
     failed = service().plan(PlanRequest(service().robot.home, np.full(6, 9.0)))
     save_plan(SavedPlan(service().world, None, failed), tmp_path / "plan.json")
-    done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
-    assert done.exit_code == 2
-    assert "expected a file that holds a plan" in done.stderr
+    assert "expected a file that holds a plan" in refused("run", tmp_path / "plan.json", *ARM, "--yes")
 
 
+@pytest.mark.usefixtures("unconnected")
 @pytest.mark.parametrize("robot_name", ["planar2", "ur5"])
-def test_for_a_plan_of_another_arm_no_arm_is_connected_to(
-    robot_name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: pytest.fail("connected"))
+def test_for_a_plan_of_another_arm_no_arm_is_connected_to(robot_name: str, tmp_path: Path) -> None:
     service = PlannerService(robot_name, "empty")
     still = service.plan(PlanRequest(service.robot.home, service.robot.home))
     save_plan(SavedPlan(service.world, None, still), tmp_path / "plan.json")
     for words in ([], ["--yes"]):
-        done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", *words])
-        assert done.exit_code == 2
-        assert f"FILE: made for {robot_name}; expected a plan for the WidowX AI, of joint_0 to joint_5" in done.stderr
+        told = refused("run", tmp_path / "plan.json", *ARM, *words)
+        assert f"FILE: made for {robot_name}; expected a plan for the WidowX AI, of joint_0 to joint_5" in told
 
 
-def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(saved: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = FakeArm(np.array(robot().home), simulated=False)
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
-    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
+def test_with_yes_the_arm_moves_at_a_fifth_of_the_speed(saved: str, real: FakeArm) -> None:
+    done = command("run", saved, *ARM, "--yes", *WORLD)
     assert (done.exit_code, done.stderr) == (0, "")
     assert "executed on the arm" in done.stdout
     assert "at 20% of the planned speed" in done.stdout
-    assert arm.q == pytest.approx(robot().home + STEP)
-    assert arm.closed
+    assert real.q == pytest.approx(robot().home + STEP)
+    assert real.closed
 
 
-def test_what_a_file_says_is_proven_is_proven_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: FakeArm(np.array(robot().home), simulated=False))
+@pytest.mark.usefixtures("real")
+def test_what_a_file_says_is_proven_is_proven_anew(tmp_path: Path) -> None:
     places = np.random.default_rng(1).uniform(robot().limits.lower, robot().limits.upper, (200, robot().n))
     into = next(q for q in places if not service().checker.state_is_free(q))
     path = JointPath(np.array([robot().home, into]))
@@ -575,14 +567,14 @@ def test_what_a_file_says_is_proven_is_proven_anew(tmp_path: Path, monkeypatch: 
     plan, task = SavedPlan(service().world, None, forged), task_of(Segment("fold", forged, 0.08))
     for saved in (plan, task):
         save_plan(saved, tmp_path / "plan.json")
-        done = CliRunner().invoke(app, ["run", str(tmp_path / "plan.json"), "--arm", "192.168.1.2", "--yes"])
+        done = command("run", tmp_path / "plan.json", *ARM, "--yes")
         assert done.exit_code == 1
         assert "is not proven apart" in done.stderr
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
-def test_whatever_ends_the_command_has_the_arm_hold(name: str, saved: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whatever_ends_the_command_has_the_arm_hold(name: str, saved: str, real: FakeArm) -> None:
     number = getattr(signal, name)
     before = signal.getsignal(number)
 
@@ -592,34 +584,31 @@ def test_whatever_ends_the_command_has_the_arm_hold(name: str, saved: str, monke
             os.kill(os.getpid(), number)
             time.sleep(0.5)  # really: the signal ends the wait of another thread
 
-    arm = FakeArm(np.array(robot().home), simulated=False, trouble=end)
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
-    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
+    real.trouble = end
+    done = command("run", saved, *ARM, "--yes", *WORLD)
     assert done.exit_code == 130
     assert "interrupted; the arm was told to hold where it was" in done.stderr
-    assert (len(arm.told), len(arm.held), arm.closed) == (8, 1, True)
+    assert (len(real.told), len(real.held), real.closed) == (8, 1, True)
     assert signal.getsignal(number) == before
 
 
-def test_an_arm_that_stopped_leaves_code_1_and_says_why(saved: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_arm_that_stopped_leaves_code_1_and_says_why(saved: str, real: FakeArm) -> None:
     def fail(step: int) -> None:
         raise OSError("the cable was pulled")
 
-    arm = FakeArm(np.array(robot().home), simulated=False, trouble=fail)
-    monkeypatch.setattr(run, "TrossenDriver", lambda address: arm)
-    done = CliRunner().invoke(app, ["run", saved, "--arm", "192.168.1.2", "--yes", *WORLD])
+    real.trouble = fail
+    done = command("run", saved, *ARM, "--yes", *WORLD)
     assert done.exit_code == 1
     assert "the cable was pulled; the arm was told to hold where it was" in done.stderr
-    assert (len(arm.held), arm.closed) == (1, True)
+    assert (len(real.held), real.closed) == (1, True)
 
 
 @pytest.mark.parametrize("option", ["--object=red", "--onto=table", "--seed=0"])
 def test_what_a_file_has_cannot_be_chosen(option: str, saved: str) -> None:
     for where in ("--sim", "--arm=192.168.1.2"):
-        done = CliRunner().invoke(app, ["run", saved, where, option])
-        assert done.exit_code == 2
         name, _, value = option.partition("=")
-        assert re.search(f"{name}: got '?{value}'?; expected no such option with FILE", done.stderr)
+        told = refused("run", saved, where, option)
+        assert re.search(f"{name}: got '?{value}'?; expected no such option with FILE", told)
 
 
 @pytest.mark.parametrize(
@@ -632,6 +621,4 @@ def test_what_a_file_has_cannot_be_chosen(option: str, saved: str) -> None:
     ],
 )
 def test_what_cannot_be_run_is_bad_input(words: list[str], message: str) -> None:
-    done = CliRunner().invoke(app, words)
-    assert done.exit_code == 2
-    assert message in done.stderr
+    assert message in refused(*words)
