@@ -8,32 +8,32 @@ import pytest
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.robot.model import Robot
+from tests.support.small_robots import joint, link, solid, urdf
 
 # Two arms of two joints on a post; a finger, and another that mimics it, on the left one; a fixed camera.
-TWO = """<robot name="two">
-  <link name="post"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
-  {arms}
-  <link name="finger"/><link name="other_finger"/><link name="camera"/>
-  <joint name="finger_joint" type="prismatic"><parent link="left_2"/><child link="finger"/>
-    <limit lower="0.01" upper="0.05" velocity="1"/></joint>
-  <joint name="other_joint" type="prismatic"><parent link="left_2"/><child link="other_finger"/>
-    <limit lower="0.01" upper="0.05" velocity="1"/><mimic joint="finger_joint" multiplier="-1" offset="0.06"/></joint>
-  <joint name="camera_joint" type="fixed"><parent link="post"/><child link="camera"/></joint>
-</robot>"""
-ARM = """
-  <link name="{side}_1"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <link name="{side}_2"><collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.1"/></geometry></collision></link>
-  <joint name="{side}_turn" type="continuous"><parent link="post"/><child link="{side}_1"/>
-    <origin xyz="0 {y} 0"/><axis xyz="0 0 1"/></joint>
-  <joint name="{side}_lift" type="revolute"><parent link="{side}_1"/><child link="{side}_2"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/><limit lower="0.5" upper="1.5707963" velocity="1"/></joint>"""
+BALL = solid("sphere", 'radius="0.1"', "0.2 0 0")
+FINGER = '<mimic joint="finger_joint" multiplier="-1" offset="0.06"/>'
+ARMS = "".join(
+    link(f"{side}_1", BALL)
+    + link(f"{side}_2", BALL)
+    + joint(f"{side}_turn", f"continuous post {side}_1", xyz=f"0 {y} 0")
+    + joint(f"{side}_lift", f"revolute {side}_1 {side}_2 0.5 1.5707963", axis="0 1 0", xyz="0.4 0 0")
+    for side, y in (("left", 1), ("right", -1))
+)
+TWO = urdf(
+    "two",
+    link("post", solid("box", "0.1 0.1 0.1")) + ARMS + link("finger") + link("other_finger") + link("camera"),
+    joint("finger_joint", "prismatic left_2 finger 0.01 0.05", axis="1 0 0"),
+    joint("other_joint", "prismatic left_2 other_finger 0.01 0.05", axis="1 0 0", more=FINGER),
+    joint("camera_joint", "fixed post camera"),
+)
 LEFT = ("left_turn", "left_lift")
 ALL = (*LEFT, "right_turn", "right_lift")
 
 
 def two(folder: Path) -> Path:
     path = folder / "two.urdf"
-    path.write_text(TWO.format(arms=ARM.format(side="left", y=1) + ARM.format(side="right", y=-1)))
+    path.write_text(TWO)
     return path
 
 

@@ -35,19 +35,14 @@ from planner_service.tasks.result import TaskResult
 from planner_service.view.scene_nodes import AMBER, colours_of
 from planner_service.view.still.composition import TOUCHING
 from tests.support.optional import present
+from tests.support.small_robots import joint, link, solid, urdf
 
-URDF = """<robot name="swing">
-  <link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
-  <link name="arm">
-    <collision><origin xyz="0.3 0 0"/><geometry><box size="0.5 0.05 0.05"/></geometry></collision>
-  </link>
-  <link name="flange"/>
-  <joint name="turn" type="revolute">
-    <parent link="base"/><child link="arm"/><origin xyz="0 0 0.1"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" velocity="1"/>
-  </joint>
-  <joint name="end" type="fixed"><parent link="arm"/><child link="flange"/><origin xyz="0.55 0 0"/></joint>
-</robot>"""
+URDF = urdf(
+    "swing",
+    link("base", solid("box", "0.1 0.1 0.1")) + link("arm", solid("box", "0.5 0.05 0.05", "0.3 0 0")) + link("flange"),
+    joint("turn", "revolute base arm -3 3", xyz="0 0 0.1"),
+    joint("end", "fixed arm flange", xyz="0.55 0 0"),
+)
 SRDF = """<robot name="swing">
   <disable_collisions link1="arm" link2="flange" reason="Adjacent"/>
   <disable_collisions link1="arm" link2="base" reason="Adjacent"/>
