@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from planner_service.tasks.result import Segment
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 from planner_service.timing.limit_check import peaks
 from tests.support.optional import present
+from tests.unit.records.test_saved_world import same
 
 Document = dict[str, Any]
 
@@ -84,69 +85,45 @@ def reloaded(plan: SavedPlan, there: Path) -> SavedPlan:
     return load_plan(there)
 
 
-@pytest.mark.parametrize("law", [ToppRa(), Trapezoidal(), SCurve()], ids=lambda law: law.name)
-def test_path_and_trajectory_come_back_bit_for_bit(law: Any, there: Path) -> None:
-    before = planned(law)
-    after = reloaded(SavedPlan(MADE_FOR, request(), before), there).result
-    path, trajectory = before.unwrap()
-    path_read, trajectory_read = after.unwrap()
-    for mine, read in (
-        (path.waypoints, path_read.waypoints),
-        (path.knots, path_read.knots),
-        (path.blends, path_read.blends),
-        (trajectory.durations, trajectory_read.durations),
-        (trajectory.coefficients, trajectory_read.coefficients),
-        (trajectory.sample(0.01).q, trajectory_read.sample(0.01).q),
-    ):
-        assert mine.tobytes() == read.tobytes()
-    assert trajectory.dilation == trajectory_read.dilation
-
-
-def test_what_a_plan_cost_and_what_was_noted_come_back(there: Path) -> None:
-    before = planned()
-    after = reloaded(SavedPlan(MADE_FOR, request(), before), there).result
-    for name in ("stages", "goal_index", "attempts", "padding", "deterministic", "certificate", "motion", "notes"):
-        assert getattr(after, name) == getattr(before, name), name
-    assert after.failure is None
-
-
-@pytest.mark.parametrize(
-    "certificate",
-    [
-        Certificate(math.inf, 0, 0.0),
-        Certificate(
-            -math.inf, 7, 0.002, (), Refusal(0.1, 1 / 3, 0.2, "link_1", "post", "at s = 0.2 nothing is proven", True)
-        ),
-    ],
+EVERY_SETTING = request(
+    planner=RRT(range=0.3, goal_bias=0.1),
+    timing=SCurve(jerk=20.0),
+    seed=2**62,
+    max_checks=77,
+    time_limit=None,
+    retries=0,
+    padding=0.0,
+    velocity_scale=0.5,
+    acceleration_scale=1 / 3,
+    start_tolerance=0.0,
 )
-def test_proofs_come_back_whole_where_nothing_can_touch_and_where_nothing_is_proven(
-    certificate: Certificate, there: Path
-) -> None:
-    plan = SavedPlan(MADE_FOR, request(), replace(planned(), certificate=certificate))
-    assert reloaded(plan, there).result.certificate == certificate
+NOT_PROVEN = Refusal(0.1, 1 / 3, 0.2, "link_1", "post", "at s = 0.2 nothing is proven", True)
+POSE = Pose((0.1, 0.2, 1 / 3), (0.6, 0.0, 0.8, 0.0))
+REQUESTS = [
+    *(EVERY_SETTING, *(request(planner=planner()) for planner in PLANNERS.values())),
+    request(goal=(np.array([0.25, 0.5]), POSE, np.array([1.0, 1.5]))),
+    request(goal=(PoseGoal(POSE, 0.01, 1 / 7, (0.0, 0.6, 0.8), 5), PoseGoal(POSE))),
+]
+RESULTS = [
+    *(failed(), planned(ToppRa()), planned(Trapezoidal()), planned(SCurve())),
+    replace(planned(), certificate=Certificate(math.inf, 0, 0.0)),
+    replace(planned(), certificate=Certificate(-math.inf, 7, 0.002, (), NOT_PROVEN)),
+]
 
 
-def test_a_failure_comes_back_whole(there: Path) -> None:
-    before, after = failed().failure, reloaded(SavedPlan(MADE_FOR, request(), failed()), there).result.failure
-    assert before is not None
-    assert after is not None
-    for name in ("stage", "reason", "detail", "contacts", "blocked_by"):
-        assert getattr(after, name) == getattr(before, name), name
-    assert present(after.nearest_free).tolist() == [0.1, 0.2]
+@pytest.mark.parametrize("asked", REQUESTS, ids=lambda asked: str(asked.planner.name))
+def test_a_request_comes_back_to_the_last_setting(asked: PlanRequest, there: Path) -> None:
+    same(reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request, asked)
+
+
+@pytest.mark.parametrize("result", RESULTS, ids=repr)
+def test_a_result_comes_back_to_the_last_bit(result: PlanResult, there: Path) -> None:
+    same(replace(reloaded(SavedPlan(MADE_FOR, request(), result), there).result, origin=None), result)
 
 
 def test_what_it_was_made_for_comes_back(there: Path) -> None:
     made_for = replace(MADE_FOR, allowed=(("lesson_disc", "link_1"),), edge_step=JointStep(0.01))
-    read = reloaded(SavedPlan(made_for, request(), planned()), there)
-    assert (read.robot.hash, read.scene, read.allowed) == (made_for.robot.hash, made_for.scene, made_for.allowed)
-    assert read.made_for.edge_step == made_for.edge_step
-
-
-@pytest.mark.parametrize("name", PLANNERS)
-def test_every_planner_comes_back_with_its_settings(name: str, there: Path) -> None:
-    asked = request(planner=PLANNERS[name]())
-    read = present(reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request)
-    assert read.planner == asked.planner
+    same(reloaded(SavedPlan(made_for, request(), planned()), there).made_for, made_for)
 
 
 SQUARE = Roadmap.judged([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [(0, 1), (1, 2)])
@@ -184,39 +161,6 @@ def test_a_hash_that_is_none_is_a_problem_of_the_file(value: Any, there: Path) -
     there.write_text(json.dumps(document))
     with pytest.raises(InvalidFile, match=r"request.planner: hash: got .* 64 hexadecimal digits"):
         load_plan(there)
-
-
-def test_the_request_comes_back_to_the_last_setting(there: Path) -> None:
-    asked = request(
-        planner=RRT(range=0.3, goal_bias=0.1),
-        timing=SCurve(jerk=20.0),
-        seed=2**62,
-        max_checks=77,
-        time_limit=None,
-        retries=0,
-        padding=0.0,
-        velocity_scale=0.5,
-        acceleration_scale=1 / 3,
-        start_tolerance=0.0,
-    )
-    read = present(reloaded(SavedPlan(MADE_FOR, asked, planned()), there).request)
-    for item in fields(PlanRequest):
-        assert np.array_equal(getattr(read, item.name), getattr(asked, item.name)), item.name
-
-
-def test_several_goals_come_back_in_order_poses_among_them(there: Path) -> None:
-    goals = (np.array([0.25, 0.5]), Pose((0.1, 0.2, 1 / 3), (0.6, 0.0, 0.8, 0.0)), np.array([1.0, 1.5]))
-    read = present(reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request)
-    assert isinstance(read.goal, tuple)
-    first, second, third = read.goal
-    assert (first.tolist(), second, third.tolist()) == ([0.25, 0.5], goals[1], [1.0, 1.5])
-
-
-def test_a_pose_with_room_comes_back_with_its_room(there: Path) -> None:
-    pose = Pose((0.1, 0.2, 1 / 3), (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0))
-    goals = (PoseGoal(pose, 0.01, 1 / 7, (0.0, 0.6, 0.8), 5), PoseGoal(pose))
-    after = present(reloaded(SavedPlan(MADE_FOR, request(goal=goals), planned()), there).request)
-    assert after.goal == goals
 
 
 def test_a_planner_without_a_name_leaves_no_request_but_a_plan(there: Path) -> None:
