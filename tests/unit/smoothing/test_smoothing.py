@@ -285,18 +285,18 @@ def test_a_pull_that_gains_less_than_half_a_percent_is_not_asked_about(height: f
     assert (short[1][1] == 0.0) == asked
 
 
-@pytest.mark.parametrize(("size", "left"), [(0.0999, 2), (0.1001, 3)])
+@pytest.mark.parametrize(("size", "left"), [(0.0999, 2), (0.1, 3)])
 def test_a_piece_is_short_below_a_tenth_of_a_radian(size: float, left: int) -> None:
     points = [[0.0, 0.0], [size, 0.0], [size, 1.0]]
     assert len(without_short_pieces(points, DiscWorld(NOTHING))) == left
     assert len(without_short_pieces(points[::-1], DiscWorld(NOTHING))) == left
 
 
-def test_a_corner_whose_neighbour_was_left_out_is_looked_at_again() -> None:
-    world = DiscWorld(NOTHING)
-    points = [[0.0, 0.0], [1.0, 0.0], [1.12, 0.0], [1.04, 0.04], [2.0, 1.0]]
-    assert without_short_pieces(points, world).tolist() == [points[0], points[3], points[4]]
-    assert world.edges == [((1.0, 0.0), (1.04, 0.04)), ((0.0, 0.0), (1.04, 0.04))]
+def test_a_corner_is_looked_at_again_when_its_neighbour_was_left_out_and_no_other_is() -> None:
+    world = DiscWorld(((0.5, -0.05, 0.06),))
+    a, b, c, d, e, f = [(0.0, 0.0), (0.03, 0.04), (1.0, 0.0), (1.12, 0.0), (1.04, 0.04), (2.0, 1.0)]
+    assert without_short_pieces([a, b, c, d, e, f], world).tolist() == [[*a], [*e], [*f]]
+    assert world.edges == [(a, c), (c, e), (b, e), (a, e)]
 
 
 class Shares(np.random.Generator):
@@ -305,8 +305,10 @@ class Shares(np.random.Generator):
     def __init__(self, *shares: float) -> None:
         super().__init__(np.random.PCG64(0))
         self._shares = np.array(shares)
+        self.drawn = 0
 
     def random(self, *arguments: object, **options: object) -> FloatArray:  # type: ignore[override]
+        self.drawn += 1
         return self._shares
 
 
@@ -344,6 +346,17 @@ def test_a_cut_may_end_where_the_path_does() -> None:
         cut = shortcut(stairs, BetweenVertices(stairs), Shares(0.01, np.nextafter(1.0, 0.0)), tries=1)
         assert len(cut) < len(stairs)
         assert cut[-1].tolist() == stairs[-1].tolist()
+
+
+def test_cutting_ends_after_so_many_cuts_in_a_row_that_collide() -> None:
+    class Once(BetweenVertices):
+        def edge_is_free(self, q1: FloatArray, q2: FloatArray, **known: object) -> bool:
+            self.judged += [tuple(q1)] if super().edge_is_free(q1, q2) else []
+            return len(self.judged) == 1
+
+    rng = Shares(0.125, 0.5)
+    shortcut(STAIRS, Once(STAIRS), rng, misses=4)
+    assert rng.drawn == 1 + 4
 
 
 def test_the_joint_that_is_farthest_off_is_pulled_first() -> None:
