@@ -37,7 +37,8 @@ __all__ = [
     "certify",
     "in_turn",
     "narrower",
-    "not_certified",
+    "require_proven",
+    "unproven",
 ]
 
 logger = logging.getLogger(__name__)
@@ -331,9 +332,20 @@ def certified_path(
         accounting.notes.append(f"blends made narrower: {certificate.refusal}")
 
 
-def not_certified(certificate: Certificate) -> Failure:
-    """The failure of a path that could not be proven."""
-    return Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {certificate.refusal}")
+def unproven(certificate: Certificate) -> NoPlan:
+    """That a path could not be proven."""
+    return NoPlan(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {certificate.refusal}"), certificate)
+
+
+def require_proven(certificate: Certificate) -> Certificate:
+    """The certificate of a path that is proven.
+
+    Raises:
+        NoPlan: It is not.
+    """
+    if not certificate.certified:
+        raise unproven(certificate)
+    return certificate
 
 
 def narrower(path: JointPath, refusal: Refusal, first: int = 0) -> JointPath | None:

@@ -193,34 +193,25 @@ def _configurations(
         NoPlan: The goal is outside the limits, or the pose has no solution.
     """
     robot = context.checker.robot
-    if isinstance(given, PoseGoal):
-        return _within(context, name, given, begin)
-    if isinstance(given, Pose):
-        solutions = inverse_kinematics(robot, given, still=begin)
-        if len(solutions) == 0:
-            x, y, z = given.position
-            detail = f"{name}: the arm cannot reach this pose at ({x:.4f}, {y:.4f}, {z:.4f}) within its joint limits"
-            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
-        return [read_only(q) for q in solutions]
-    joint = _outside(given, robot)
-    if joint is not None:
-        detail = f"{name}: {_outside_in_words(given, joint, robot)}"
-        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail))
-    return [given]
-
-
-def _within(context: PlanContext, name: str, goal: PoseGoal, begin: FloatArray) -> list[FloatArray]:
-    poses = goal.poses()
+    if not isinstance(given, Pose | PoseGoal):
+        joint = _outside(given, robot)
+        if joint is not None:
+            detail = f"{name}: {_outside_in_words(given, joint, robot)}"
+            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail))
+        return [given]
+    poses, middle = ((given,), given) if isinstance(given, Pose) else (given.poses(), given.pose)
     solutions = list[FloatArray]()
     for pose in poses:
         context.checker.ledger.poll()
-        solutions += [read_only(q) for q in inverse_kinematics(context.checker.robot, pose, still=begin)]
+        solutions += [read_only(q) for q in inverse_kinematics(robot, pose, still=begin)]
     if not solutions:
-        x, y, z = goal.pose.position
-        tried = f"any of {len(poses)} poses around ({x:.4f}, {y:.4f}, {z:.4f})"
-        detail = f"{name}: the arm cannot reach {tried} within its joint limits"
+        x, y, z = middle.position
+        tried = "this pose at" if isinstance(given, Pose) else f"any of {len(poses)} poses around"
+        detail = f"{name}: the arm cannot reach {tried} ({x:.4f}, {y:.4f}, {z:.4f}) within its joint limits"
         raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
-    return sorted(solutions, key=lambda q: joint_distance(begin, q))
+    if isinstance(given, PoseGoal):
+        solutions.sort(key=lambda q: joint_distance(begin, q))
+    return solutions
 
 
 def _beyond_retreat(context: PlanContext, q: FloatArray) -> tuple[FloatArray, ExemptRetreat | None]:

@@ -15,10 +15,10 @@ from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, set_fields
 from planner_service.geometry.validation import instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, certify, not_certified
+from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, certify, require_proven
 from planner_service.planning.request import Pace
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
@@ -45,9 +45,8 @@ class AllowedStretch:
     reason: str
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "first", whole("first", self.first, -MAX_WAYPOINTS, MAX_WAYPOINTS))
-        object.__setattr__(self, "last", whole("last", self.last, -MAX_WAYPOINTS, MAX_WAYPOINTS))
-        object.__setattr__(self, "pairs", pairs_of_names("pairs", self.pairs))
+        first, last = (whole(name, getattr(self, name), -MAX_WAYPOINTS, MAX_WAYPOINTS) for name in ("first", "last"))
+        set_fields(self, first=first, last=last, pairs=pairs_of_names("pairs", self.pairs))
         text("reason", self.reason)
 
 
@@ -70,12 +69,12 @@ class FollowRequest:
     padding: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "waypoints", numbers("waypoints", self.waypoints, "rows of joint values"))
+        waypoints = numbers("waypoints", self.waypoints, "rows of joint values")
         expected = "a list of AllowedStretch(first, last, pairs, reason)"
-        object.__setattr__(self, "contacts", items("contacts", self.contacts, AllowedStretch, expected))
+        set_fields(self, waypoints=waypoints, contacts=items("contacts", self.contacts, AllowedStretch, expected))
         instance("pace", self.pace, Pace, "a pace such as Pace(SCurve(), velocity_scale=0.5)")
         if self.blends is not None:
-            object.__setattr__(self, "blends", numbers("blends", self.blends, "widths >= 0 in radians"))
+            set_fields(self, blends=numbers("blends", self.blends, "widths >= 0 in radians"))
         number("padding", self.padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
 
 
@@ -115,8 +114,7 @@ def follow(
         smooth = _blended(checker, path, sizes, request.contacts, accounting)
         exempt = _intervals(smooth, points, request.contacts)
         smooth, certificate = certified_path(smooth, certifier.get(), accounting, exempt)
-        if not certificate.certified:
-            raise NoPlan(not_certified(certificate), certificate)
+        require_proven(certificate)
         if certificate.clearance < request.padding:
             certificate = _padded(accounting, certifier.get(), smooth, certificate, request.padding)
         accounting.padding = min(request.padding, certificate.clearance)

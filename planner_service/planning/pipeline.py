@@ -26,7 +26,8 @@ from planner_service.planning.accounting import (
     StageEntry,
     certified_path,
     certify,
-    not_certified,
+    require_proven,
+    unproven,
 )
 from planner_service.planning.endpoints import Ends, find_ends, require_ends
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
@@ -159,9 +160,7 @@ def _stay(context: PlanContext, ends: Ends, goal_index: int) -> PlanResult:
     accounting.notes.append("start and goal are the same configuration: nothing to do")
     path = JointPath(np.array([ends.begin]))
     exempt = [] if ends.departure is None else [_exempt(context, 0.0, 0.0, ends.departure)]
-    certificate = certify(path, context.certifier.get(), accounting, exempt)
-    if not certificate.certified:
-        raise NoPlan(not_certified(certificate), certificate)
+    certificate = require_proven(certify(path, context.certifier.get(), accounting, exempt))
     return accounting.result(path, *_timed(context, path), goal_index=goal_index, certificate=certificate)
 
 
@@ -201,7 +200,7 @@ def _prove(context: PlanContext, ends: Ends, candidates: Candidates) -> _Proof:
         if certificate.refusal is None:
             return proof
         if certificate.refusal.spent:
-            raise NoPlan(not_certified(certificate), certificate)
+            raise unproven(certificate)
         if turn + 1 < len(candidates.polylines):
             context.accounting.notes.append(f"corners put back where they were: {certificate.refusal}")
     return proof
@@ -214,8 +213,7 @@ def _finish(context: PlanContext, proof: _Proof) -> PlanResult:
         NoPlan: It is not, or the timing law has no solution.
     """
     accounting = context.accounting
-    if proof.refused:
-        raise NoPlan(not_certified(proof.certificate), proof.certificate)
+    require_proven(proof.certificate)
     if proof.candidates is not None:
         remember(context, proof.candidates, proof.turn)
     if proof.padding < accounting.padding:
@@ -367,7 +365,5 @@ def _proven_optimum(context: PlanContext, ends: Ends, optimum: Optimum) -> _Proo
     first = 1 if ends.departure is not None else 0
     blends[first : first + len(optimum.path.blends)] = optimum.path.blends
     path = route.path.with_blends(blends)
-    certificate = certify(path, context.certifier.get(), context.accounting, route.exempt)
-    if not certificate.certified:
-        raise NoPlan(not_certified(certificate), certificate)
+    certificate = require_proven(certify(path, context.certifier.get(), context.accounting, route.exempt))
     return _Proof(path, certificate, route.goal_index, ends.padding, motion=_timed(context, path))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, as_sent
+from planner_service.geometry.arrays import FloatArray, as_sent, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -80,12 +80,11 @@ class PlanRequest:
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", numbers("start", self.start, "joint values, shape (n,)"))
-        object.__setattr__(self, "goal", _copied_goal(self.goal))
-        for name, low, high in (("seed", 0, 2**63 - 1), ("max_checks", 1, 10**9)):
-            object.__setattr__(self, name, whole(name, getattr(self, name), low, high))
-        if self.retries is not None:
-            object.__setattr__(self, "retries", whole("retries", self.retries, 0, 1000))
+        start = numbers("start", self.start, "joint values, shape (n,)")
+        set_fields(self, start=start, goal=_copied_goal(self.goal))
+        seed, checks = whole("seed", self.seed, 0, 2**63 - 1), whole("max_checks", self.max_checks, 1, 10**9)
+        retries = None if self.retries is None else whole("retries", self.retries, 0, 1000)
+        set_fields(self, seed=seed, max_checks=checks, retries=retries)
         _number("padding", self.padding, 0.0, 0.1)
         _number("start_tolerance", self.start_tolerance, 0.0, 0.1)
         _number("blend", self.blend, 0.0, 3.0)
@@ -126,12 +125,11 @@ class PlanRequest:
             InvalidRequest: a goal is neither a pose nor n finite joint values, or there is none.
         """
         instance("robot", robot, Robot, "a Robot")
-        if not isinstance(self.goal, tuple):
-            return (self.goal if isinstance(self.goal, Pose | PoseGoal) else joint_vector("goal", self.goal, robot),)
-        return tuple(
-            g if isinstance(g, Pose | PoseGoal) else joint_vector(f"goal[{k}]", g, robot)
-            for k, g in enumerate(self.goal)
-        )
+        if isinstance(self.goal, tuple):
+            goals = {f"goal[{k}]": g for k, g in enumerate(self.goal)}
+        else:
+            goals = {"goal": self.goal}
+        return tuple(g if isinstance(g, Pose | PoseGoal) else joint_vector(name, g, robot) for name, g in goals.items())
 
 
 @dataclass(frozen=True)
@@ -184,9 +182,8 @@ def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | Po
         return goal
     expected = "joint values, a Pose, a PoseGoal, or a list of these"
     if isinstance(goal, list | tuple) and any(isinstance(g, Pose | PoseGoal | list | tuple | np.ndarray) for g in goal):
-        several = [
-            g if isinstance(g, Pose | PoseGoal) else numbers(f"goal[{k}]", g, expected) for k, g in enumerate(goal)
-        ]
+        poses = (Pose, PoseGoal)
+        several = [g if isinstance(g, poses) else numbers(f"goal[{k}]", g, expected) for k, g in enumerate(goal)]
     else:
         array = numbers("goal", goal, expected)
         if array.ndim != 2:

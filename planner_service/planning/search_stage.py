@@ -125,7 +125,7 @@ def search(context: PlanContext, ends: Ends, searching: SearchRound | None = Non
     start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
     accounting.padding = ends.padding if leads is None else padding
     oracle = SearchOracle(searching.checker(context, accounting.padding), [start], goals)
-    points = _search(context, searching, start, goals, oracle, accounting.padding)
+    points = _search(context, searching, start, goals, oracle)
     searched = _shortened(context, points, oracle)
     goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == searched[0][-1].tolist())
     polylines = tuple(_without_repeats([ends.start, *points, goal]) for points in searched)
@@ -186,13 +186,19 @@ def _leads(context: PlanContext, ends: Ends, searching: SearchRound) -> list[Flo
     return leads
 
 
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A search that runs: what is searched, in which round and with which padding, and what its stage reports."""
+
+    context: PlanContext
+    round: SearchRound
+    problem: SearchProblem
+    padding: float
+    entry: StageEntry
+
+
 def _search(
-    context: PlanContext,
-    searching: SearchRound,
-    start: FloatArray,
-    goals: Sequence[FloatArray],
-    oracle: SearchOracle,
-    padding: float,
+    context: PlanContext, searching: SearchRound, start: FloatArray, goals: Sequence[FloatArray], oracle: SearchOracle
 ) -> FloatArray:
     """A path from the start to one of the goals, as the planner of the request finds it.
 
@@ -213,11 +219,12 @@ def _search(
         grown=None if tracer is None else tracer.grown,
     )
     with accounting.during(Stage.SEARCH) as entry:
+        running = _Search(context, searching, problem, accounting.padding, entry)
         try:
             if isinstance(planner, Roadmap):
-                points = _search_roadmap(context, searching, planner, problem, padding, entry)
+                points = _over_roadmap(running, planner)
             else:
-                points = _search_with_retries(context, searching, planner, problem, entry)
+                points = _with_retries(running, planner)
         finally:
             alone = isinstance(planner, Roadmap) and not planner.fallback  # its motions are long: they tell nothing
             accounting.end_trouble = "" if alone else oracle.boxed_in()
@@ -245,10 +252,9 @@ def _planner(context: PlanContext, searching: SearchRound) -> Planner:
         return roadmap
 
 
-def _search_with_retries(
-    context: PlanContext, searching: SearchRound, planner: Planner, problem: SearchProblem, entry: StageEntry
-) -> FloatArray | None:
+def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
     """The path of the first try that finds one; None after some that ended by themselves without one."""
+    context, entry = running.context, running.entry
     checker, request, accounting = context.checker, context.request, context.accounting
     most, given_up = search_states(request), 0
     tries: Iterable[int] = (most,)
@@ -259,10 +265,10 @@ def _search_with_retries(
         for attempt, states in enumerate(tries):
             entry.note = planner.name + (f", try {attempt + 1}" if attempt else "")
             accounting.attempt(entry.note)
-            seed = fresh_seed(request.seed, attempt + FIRST_TRIES * searching.number)
+            seed = fresh_seed(request.seed, attempt + FIRST_TRIES * running.round.number)
             try:
                 with checker.limited(states=states):
-                    result = planner.search(replace(problem, seed=seed))
+                    result = planner.search(replace(running.problem, seed=seed))
             except CheckBudgetSpent as stopped:
                 if checker.ledger.room() == 0:
                     raise
@@ -279,44 +285,31 @@ def _search_with_retries(
     return None
 
 
-def _search_roadmap(
-    context: PlanContext,
-    searching: SearchRound,
-    roadmap: Roadmap,
-    problem: SearchProblem,
-    padding: float,
-    entry: StageEntry,
-) -> FloatArray | None:
+def _over_roadmap(running: _Search, roadmap: Roadmap) -> FloatArray | None:
     """The path over a roadmap; where it has none, RRTConnect's, unless the roadmap is to be searched alone."""
-    points = None
-    if searching.number == 0 or not roadmap.fallback:  # a roadmap knows nothing of edges sampled more closely
-        points = _query_roadmap(context, searching, roadmap, problem, padding, entry)
+    points, entry = None, running.entry
+    if running.round.number == 0 or not roadmap.fallback:  # a roadmap knows nothing of edges sampled more closely
+        points = _query(running, roadmap)
     if points is None and roadmap.fallback:
         note = f"{entry.note}; no path there: " if entry.note else ""
         try:
-            points = _search_with_retries(context, searching, RRTConnect(), problem, entry)
+            points = _with_retries(running, RRTConnect())
         finally:
             entry.note = note + entry.note
     return points
 
 
-def _query_roadmap(
-    context: PlanContext,
-    searching: SearchRound,
-    roadmap: Roadmap,
-    problem: SearchProblem,
-    padding: float,
-    entry: StageEntry,
-) -> FloatArray | None:
+def _query(running: _Search, roadmap: Roadmap) -> FloatArray | None:
     """A path over a roadmap; None if it has none, or has spent half of the states and may leave the rest."""
+    context, entry = running.context, running.entry
     most = search_states(context.request)
     states = most // 2 if roadmap.fallback else most
     context.accounting.attempt(roadmap.name)
-    checker = searching.checker(context, padding)
+    checker = running.round.checker(context, running.padding)
     with context.checker.limited(states=states):
-        answer = ask(roadmap, checker, problem)
+        answer = ask(roadmap, checker, running.problem)
     entry.note = f"{roadmap.name}: {answer.note}"
-    if searching.fits(roadmap, padding, context.request):
+    if running.round.fits(roadmap, running.padding, context.request):
         context.accounting.roadmap = answer.roadmap
     if answer.stopped is not None:
         if not roadmap.fallback or not isinstance(answer.stopped, CheckBudgetSpent):

@@ -34,7 +34,8 @@ from planner_service.planning.accounting import (
     PlanContext,
     certify,
     narrower,
-    not_certified,
+    require_proven,
+    unproven,
 )
 from planner_service.planning.endpoints import GoalState, find_ends, require_ends
 from planner_service.planning.pipeline import plan
@@ -92,15 +93,22 @@ def replan(
         InvalidRequest: As ``underway`` and ``request_for`` say, or a goal is neither a pose nor n finite joint values.
     """
     old = underway(previous, checker.robot, at_time, latency)
-    asked = request_for(previous, old, request, goal)
-    require_ends(asked, checker.robot)
-    limits = Limits(asked.max_checks, asked.max_checks, asked.time_limit, cancel)
-    context = PlanContext(asked, checker, certifier, PlanAccounting(checker, limits))
+    new = request_for(previous, old, request, goal)
+    require_ends(new, checker.robot)
+    limits = Limits(new.max_checks, new.max_checks, new.time_limit, cancel)
+    context = PlanContext(new, checker, certifier, PlanAccounting(checker, limits))
     law = _law_of(previous)
-    if request is None and law != asked.timing.name:
-        note = f"a new motion is timed by {asked.timing.name}, which can begin at speed, not by {law}"
+    if request is None and law != new.timing.name:
+        note = f"a new motion is timed by {new.timing.name}, which can begin at speed, not by {law}"
         context.accounting.notes.append(note)
-    return _Replanning(context, old, cancel).result(turns)
+    call = _Call(context, old, cancel)
+    try:
+        motion = context.accounting.within_limits(turns, lambda: _before_rest(call))
+        return _from_rest(call, turns) if motion is None else motion
+    except NoPlan as no_plan:
+        failure = no_plan.failure
+    with context.accounting.apart():  # a robot under way waits for nobody, and a stop is cheap
+        return _stopping(call, failure)
 
 
 def _law_of(previous: PlanResult | Replanned) -> str:
@@ -131,368 +139,37 @@ class _DoubtfulContact:
     pairs: tuple[tuple[str, str], ...]
 
 
-class _Replanning:
-    """One call. ``_exempt`` grows when contacts that were in doubt turn out to be meant still; all else stays."""
+class _Call:
+    """What the stages of one call share. ``exempt`` grows by contacts in doubt that are meant still; all else stays."""
 
     def __init__(self, context: PlanContext, old: OldMotion, cancel: CancelToken | None) -> None:
-        self._context, self._old, self._motion, self._cancel = context, old, old.underway, cancel
-        self._checker, self._certifier, self._request = context.checker, context.certifier, context.request
-        self._accounting = context.accounting
-        unchanged = _unchanged_owners(old, self._certifier)
-        self._exempt = list[ExemptInterval]()
-        self._doubtful = list[_DoubtfulContact]()
+        self.context, self.old, self.motion, self.cancel = context, old, old.underway, cancel
+        self.checker, self.certifier, self.request = context.checker, context.certifier, context.request
+        self.accounting = context.accounting
+        unchanged = _unchanged_owners(old, self.certifier)
+        self.exempt = list[ExemptInterval]()
+        self.doubtful = list[_DoubtfulContact]()
         for stretch in old.exempt:
             doubtful = tuple(pair for pair in stretch.pairs if not unchanged.issuperset(pair))
             sure = tuple(pair for pair in stretch.pairs if pair not in doubtful)
-            self._exempt += [replace(stretch, pairs=sure)] if sure else []
-            self._doubtful += [_DoubtfulContact(stretch, doubtful)] if doubtful else []
-        self._pace = Pace.of(self._request)
-        self._limits = self._pace.limits(self._checker.robot)
-        self._detours = Detours(context, self._motion.path, old.ahead)
-
-    def result(self, turns: FairLock) -> Replanned:
-        """Look for a motion within the limits of the request; a stop, which is cheap, whatever they are."""
-        try:
-            going_on = self._accounting.within_limits(turns, self._under_way)
-            return self._from_rest(turns) if going_on is None else going_on
-        except NoPlan as no_plan:
-            failure = no_plan.failure
-        with self._accounting.apart():  # a robot under way waits for nobody
-            return self._stopping(failure)
-
-    def _under_way(self) -> Replanned | None:
-        """What to do before the old motion rests; None if it does, its last stretch being proven.
-
-        Raises:
-            NoPlan: there is nothing to do, or what is left cannot be proven.
-        """
-        self._confirm_contacts()
-        if not self._motion.rests:
-            return self._going_on()
-        self._prove_last_stretch()
-        return None
-
-    def _confirm_contacts(self) -> None:
-        """Contact in doubt stays meant where ``pick`` would mean it now; else it lapses."""
-        for contact in self._doubtful:
-            with self._accounting.during(Stage.ENDPOINTS):
-                objection = self._objection(contact)
-            if objection:
-                pairs = sorted(contact.pairs)
-                notes = [f"{a} x {b} may no longer touch: {objection}" for a, b in pairs]
-            else:
-                notes = [f"{a} x {b} may still touch: the grasp is sound where it stands now" for a, b in contact.pairs]
-                self._exempt.append(replace(contact.stretch, pairs=contact.pairs))
-            self._accounting.notes.extend(notes)
-
-    def _objection(self, contact: _DoubtfulContact) -> str:
-        """Why pairs may not touch any more; empty if they are fingers and what they still take at the path's end."""
-        robot, now, before, path = self._checker.robot, self._checker.scene, self._old.made_in, self._motion.path
-        names = Names(robot, now)
-        fingers = {names.link(link) for link in (() if robot.gripper is None else robot.gripper.links)}
-        objects_before = {} if before is None else {item.name: item for item in before.obstacles}
-        others = {name for pair in contact.pairs for name in pair} - fingers
-        targets = [item for item in now.obstacles if names.object(item.name) in others]
-        was = objects_before.get(targets[0].name) if len(others) == len(targets) == 1 else None
-        taken = self._old.arrives and contact.stretch.s_end >= path.length
-        if was is None or was.shape != targets[0].shape or not taken:
-            return "one of them is not as it was"
-        begin = max(contact.stretch.s_start, self._s_now)
-        return reach_objection(self._checker, path, begin, targets[0], contact.pairs, before=was)
+            self.exempt += [replace(stretch, pairs=sure)] if sure else []
+            self.doubtful += [_DoubtfulContact(stretch, doubtful)] if doubtful else []
+        self.pace = Pace.of(self.request)
+        self.limits = self.pace.limits(self.checker.robot)
+        self.detours = Detours(context, self.motion.path, old.ahead)
 
     @property
-    def _s_now(self) -> float:
+    def s_now(self) -> float:
         """Where the robot is, on what is left of the old path."""
-        return self._motion.s(self._motion.now)
-
-    def _certify(self, path: JointPath, s_end: float, exempt: Sequence[ExemptInterval]) -> Certificate:
-        """What can be proven of a path from where the robot is to ``s_end``."""
-        part = self._s_now, s_end
-        return certify(path, self._certifier.get(), self._accounting, exempt, part=part)
-
-    def _prove_last_stretch(self) -> None:
-        """What is left until the old motion rests.
-
-        Raises:
-            NoPlan: it cannot be proven.
-        """
-        if self._s_now < self._motion.end:
-            certificate = self._certify(self._motion.path, self._motion.end, self._exempt)
-            if not certificate.certified:
-                raise NoPlan(not_certified(certificate), certificate)
-
-    def _from_rest(self, turns: FairLock) -> Replanned:
-        """A plan from where the old motion has ended when the new one begins.
-
-        Raises:
-            NoPlan: there is none.
-        """
-        from_rest = plan(self._request, self._checker, self._certifier, turns, cancel=self._cancel)
-        result = self._accounting.with_plan(from_rest)
-        if from_rest.failure is not None:
-            raise NoPlan(from_rest.failure)
-        outcome = Outcome.NEW if from_rest.path is not None and from_rest.path.length > 0.0 else Outcome.KEPT
-        return Replanned(outcome, result, self._old.splice, self._request, None, self._old.ahead[:0])
-
-    def _going_on(self) -> Replanned:
-        """The old motion, or a new one.
-
-        Raises:
-            NoPlan: there is none.
-        """
-        kept = self._kept()
-        try:
-            goals = self._goals()
-        except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
-            if kept is None or not self._is_goal(self._old.end):
-                raise
-            return self._keep(kept, stopped)
-        end = self._old.end.tolist()
-        same = next((goal for goal in goals if goal.q.tolist() == end), None)
-        if kept is None or same is None:
-            return self._new(goals[0] if same is None else same)
-        try:
-            with self._checker.limited(states=max(1, int(self._request.max_checks * BETTER_SHARE))):
-                better = self._improved(kept, same)
-        except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
-            return self._keep(kept, stopped)
-        return better or self._replanned(Outcome.KEPT, kept, same.index)
-
-    def _keep(self, kept: _ProvenMotion, stopped: NoPlan | SearchStopped) -> Replanned:
-        """The old motion, since nothing better was found."""
-        self._accounting.deterministic &= not isinstance(stopped, TimeBoxSpent)
-        self._accounting.notes.append(f"the old motion goes on: {stopped}")
-        return self._replanned(Outcome.KEPT, kept, None)
-
-    def _is_goal(self, q: FloatArray) -> bool:
-        """Whether a configuration is one of the goals, or has the tool at one."""
-        goals = self._request.goals(self._checker.robot)
-        tool = self._checker.robot.tool_pose(q)
-        return any(
-            np.abs(tool - goal.matrix).max() <= ROUNDING
-            if isinstance(goal, Pose)
-            else not isinstance(goal, PoseGoal) and goal.tolist() == q.tolist()
-            for goal in goals
-        )
-
-    def _goals(self) -> tuple[GoalState, ...]:
-        """Free goals, the nearest to the old one first.
-
-        Raises:
-            NoPlan: there is none, or the robot touches something at the splice.
-        """
-        ends = find_ends(self._context)
-        goals = [goal for goal in ends.goals if goal.arrival is None]
-        if ends.departure is not None or not goals:
-            detail = "a fixed way out of a pose, or into one, cannot be entered at speed: plan it from a stop"
-            raise NoPlan(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
-        return tuple(sorted(goals, key=lambda goal: joint_distance(self._old.end.tolist(), goal.q.tolist())))
-
-    def _kept(self) -> _ProvenMotion | None:
-        """What is left of the old motion, if it goes to its end, is proven, and as slow as is asked now."""
-        if not self._old.arrives:
-            return None
-        path = self._motion.path
-        certificate = self._certify(path, self._motion.end, self._exempt)
-        if not certificate.certified:
-            return None
-        trajectory = self._motion.rest()
-        try:
-            with self._accounting.during(Stage.TIMING):
-                return _ProvenMotion(path, trajectory, certificate, self._slow_enough(self._report(trajectory)))
-        except NoPlan as too_fast:
-            self._accounting.notes.append(f"the old motion is left: {too_fast}")
-            return None
-
-    def _improved(self, kept: _ProvenMotion, goal: GoalState) -> Replanned | None:
-        """A motion that keeps more from things than the old one, or ends sooner; None if there is none."""
-        switch = next(self._motion.switch_points(), None)
-        if switch is None:
-            return None
-        failures: list[NoPlan] = []
-        places = self._detours.places(switch, self._stop_from(switch), goal.q, beyond=False)
-        for place in islice(places, MAX_BETTER_PLACES):
-            if not place.s < self._motion.end:
-                break
-            candidate = self._detours.candidate(switch, place, goal)
-            if candidate is None:
-                continue
-            shorter = candidate.path.length - candidate.s <= SHORTER * (self._motion.end - candidate.s)
-            if not candidate.searched and not shorter:
-                if candidate.roomy:
-                    break
-                continue
-            try:
-                motion = self._proven(candidate)
-            except NoPlan as no_plan:
-                failures.append(no_plan)
-                continue
-            sooner = motion.trajectory.duration <= SOONER * kept.trajectory.duration
-            if motion.stops <= kept.stops and (candidate.searched or sooner):
-                return self._replanned(Outcome.NEW, motion, goal.index)
-        if failures:
-            self._accounting.notes.append(f"no better motion: {failures[0]}")
-        return None
-
-    def _new(self, goal: GoalState) -> Replanned:
-        """Of the first few candidates that can be driven and proven the one with the fewest stops, then the quickest.
-
-        Raises:
-            NoPlan: There is none; the reason is that of the first.
-        """
-        failures: list[NoPlan] = []
-        motions: list[_ProvenMotion] = []
-        try:
-            self._collect(self._candidates(goal, failures), motions, failures)
-        except CheckBudgetSpent:
-            if not motions:
-                raise
-        if motions:
-            best = min(motions, key=lambda motion: (motion.stops, motion.trajectory.duration))
-            return self._replanned(Outcome.NEW, best, goal.index)
-        if failures:
-            raise failures[0]
-        detail = "the robot cannot turn off before what is in the way"
-        raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
-
-    def _collect(
-        self, candidates: Iterator[CandidatePath], motions: list[_ProvenMotion], failures: list[NoPlan]
-    ) -> None:
-        """Add motions along candidates until there are enough, or a good one; a limit leaves those that were added."""
-        left = self._motion.trajectory.duration - self._motion.splice
-        for tries, candidate in enumerate(candidates, start=1):
-            try:
-                motions.append(self._proven(candidate))
-            except NoPlan as no_plan:
-                failures.append(no_plan)
-            good = bool(motions) and not motions[-1].stops and motions[-1].trajectory.duration <= GOOD * left
-            if good or tries >= (ENOUGH_MOTIONS if motions else MAX_MOTIONS):
-                break
-
-    def _candidates(self, goal: GoalState, failures: list[NoPlan]) -> Iterator[CandidatePath]:
-        """Paths to try, one after the other, as far as the old path can be proven up to where they leave its law."""
-        switches: list[SwitchPoint] = []
-        for switch in self._motion.switch_points():
-            certificate = self._certify(self._motion.path, switch.s, self._exempt)
-            if not certificate.certified:
-                failures.append(NoPlan(not_certified(certificate), certificate))
-                break
-            switches.append(switch)
-        for turn, switch in product(range(SEARCHES), switches):
-            for place in self._detours.places(switch, self._stop_from(switch), goal.q):
-                try:
-                    candidate = self._detours.candidate(switch, place, goal, turn)
-                except NoPlan as no_plan:
-                    failures.append(no_plan)
-                else:
-                    if candidate is not None and (candidate.searched or turn == 0):
-                        yield candidate
-
-    def _proven(self, candidate: CandidatePath) -> _ProvenMotion:
-        """A candidate proven, and in time from the splice on.
-
-        Raises:
-            NoPlan: It cannot be proven, or not be entered as fast as the robot comes along.
-        """
-        path = candidate.path
-        exempt = tuple(e for e in self._exempt if e.s_end <= candidate.s)
-        while True:
-            certificate = self._certify(path, path.length, exempt)
-            if certificate.refusal is None:
-                break
-            less = narrower(path, certificate.refusal, candidate.leaves)
-            if less is None:
-                raise NoPlan(not_certified(certificate), certificate)
-            path = less
-        speed_limit = tool_speed_limit(path, self._pace, self._checker.robot)
-        with self._accounting.during(Stage.TIMING) as entry:
-            try:
-                trajectory, ratios = self._motion.onward(
-                    path, candidate.switch, self._timing, self._limits, speed_limit=speed_limit
-                )
-            except TimingFailed as failed:
-                raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
-            entry.note, entry.length = f"{self._timing.name}, {trajectory.duration:.2f} s", path.length
-            report = self._slow_enough(self._report(trajectory, ratios))
-            return _ProvenMotion(path, trajectory, certificate, report)
+        return self.motion.s(self.motion.now)
 
     @cached_property
-    def _timing(self) -> ToppRa:
-        timing = self._request.timing
+    def timing(self) -> ToppRa:
+        """The law of a new motion."""
+        timing = self.request.timing
         if not isinstance(timing, ToppRa):
             raise BrokenInvariant("a timing law that was refused is used")
         return timing
-
-    def _stops(self) -> Iterator[Trajectory]:
-        """Stops along the old curve: the quickest within the limits asked; then, where these are parts of the robot's,
-        within the robot's own, for a robot that is faster than asked cannot stop within what is asked.
-        """
-        whole = replace(self._pace, velocity_scale=1.0, acceleration_scale=1.0)
-        for pace in dict.fromkeys((self._pace, whole)):
-            limits = pace.limits(self._checker.robot)
-            with self._accounting.during(Stage.TIMING):
-                stop = self._motion.braked(limits)
-            if pace == whole or peaks(stop, limits).highest <= 1.0 + TOLERANCE:
-                yield stop
-
-    def _stop_from(self, switch: SwitchPoint) -> float:
-        return self._motion.stop_from(switch, self._limits)
-
-    def _report(self, trajectory: Trajectory, ratios: LimitPeaks | None = None) -> MotionReport:
-        """How a motion moves, its peaks compared with the limits asked for."""
-        robot, ratios = self._checker.robot, ratios or peaks(trajectory, self._limits)
-        settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
-        return MotionReport(ratios, peak_tool_speed(robot, trajectory), trajectory.duration, math.inf, settle)
-
-    def _slow_enough(self, report: MotionReport) -> MotionReport:
-        """The report of a motion within the limits asked, whose tool is no faster than it may be.
-
-        Raises:
-            NoPlan: it exceeds them, or its tool is faster.
-        """
-        if report.peaks.highest > 1.0 + 2.0 * TOLERANCE:  # one for that with which it was made
-            detail = f"it would exceed limits by {report.peaks.highest - 1.0:.2%}"
-            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
-        speed, most = report.tool_speed, self._pace.max_tool_speed
-        if most is not None and speed > most * (1.0 + ROUNDING):
-            detail = f"the tool would move at {speed:.6g} m/s, faster than {most:.6g}"
-            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
-        return report
-
-    def _stopping(self, failure: Failure) -> Replanned:
-        """The quickest stop along the old curve, if it can be proven."""
-        for stop in self._stops():
-            exempt = tuple(e for e in self._exempt if e.s_start <= stop.path.length)
-            exempt = tuple(replace(e, s_end=min(e.s_end, stop.path.length)) for e in exempt)
-            certificate = self._certify(stop.path, stop.end, exempt)
-            if certificate.certified:
-                self._accounting.notes.append(f"a stop along the old curve: {failure}")
-                motion = _ProvenMotion(stop.path, stop, certificate, self._report(stop))
-                return self._replanned(Outcome.STOP, motion, None, failure)
-        detail = (
-            f"nothing is safe: the earliest stop along the old curve ends {stop.duration:.3f} s after the splice at "
-            f"s = {stop.end:.4g}, and {certificate.refusal}; no new motion: {failure}"
-        )
-        unsafe = Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail)
-        result = self._accounting.result(failure=unsafe, certificate=certificate)
-        return Replanned(Outcome.UNSAFE, result, self._old.splice, self._request, failure, self._ahead(stop), stop)
-
-    def _replanned(
-        self, outcome: Outcome, motion: _ProvenMotion, goal_index: int | None, failure: Failure | None = None
-    ) -> Replanned:
-        if motion.report.peaks.highest > 1.0 + 2.0 * TOLERANCE:
-            velocity, acceleration = motion.report.peaks.velocity, motion.report.peaks.acceleration
-            parts = f"velocity {velocity.ratio:.0%}, acceleration {acceleration.ratio:.0%}"
-            self._accounting.notes.append(f"beyond the limits asked: {parts} of them")
-        result = self._accounting.result(
-            motion.path, motion.trajectory, motion.report, goal_index=goal_index, certificate=motion.certificate
-        )
-        ahead = self._ahead(motion.trajectory) if outcome is Outcome.STOP else self._old.ahead[:0]
-        return Replanned(outcome, result, self._old.splice, self._request, failure, ahead)
-
-    def _ahead(self, stop: Trajectory) -> FloatArray:
-        """The old waypoints beyond the path of a stop."""
-        return np.concatenate([self._motion.path.waypoints[len(stop.path.waypoints) :], self._old.ahead])
 
 
 @dataclass(frozen=True, eq=False)
@@ -509,3 +186,338 @@ class _ProvenMotion:
         """How many corners it stops at before its end."""
         s = self.path.knots[list(self.path.corners)]
         return int(((s > self.trajectory.begin) & (s < self.trajectory.end)).sum())
+
+
+def _before_rest(call: _Call) -> Replanned | None:
+    """What to do before the old motion rests; None if it does, its last stretch being proven.
+
+    Raises:
+        NoPlan: there is nothing to do, or what is left cannot be proven.
+    """
+    _confirm_contacts(call)
+    if not call.motion.rests:
+        return _going_on(call)
+    if call.s_now < call.motion.end:
+        require_proven(_certify(call, call.motion.path, call.motion.end, call.exempt))
+    return None
+
+
+# Contacts: which of them are still meant.
+
+
+def _confirm_contacts(call: _Call) -> None:
+    """Contact in doubt stays meant where ``pick`` would mean it now; else it lapses."""
+    for contact in call.doubtful:
+        with call.accounting.during(Stage.ENDPOINTS):
+            objection = _objection(call, contact)
+        if objection:
+            pairs = sorted(contact.pairs)
+            notes = [f"{a} x {b} may no longer touch: {objection}" for a, b in pairs]
+        else:
+            notes = [f"{a} x {b} may still touch: the grasp is sound where it stands now" for a, b in contact.pairs]
+            call.exempt.append(replace(contact.stretch, pairs=contact.pairs))
+        call.accounting.notes.extend(notes)
+
+
+def _objection(call: _Call, contact: _DoubtfulContact) -> str:
+    """Why pairs may not touch any more; empty if they are fingers and what they still take at the path's end."""
+    robot, now, before, path = call.checker.robot, call.checker.scene, call.old.made_in, call.motion.path
+    names = Names(robot, now)
+    fingers = {names.link(link) for link in (() if robot.gripper is None else robot.gripper.links)}
+    objects_before = {} if before is None else {item.name: item for item in before.obstacles}
+    others = {name for pair in contact.pairs for name in pair} - fingers
+    targets = [item for item in now.obstacles if names.object(item.name) in others]
+    was = objects_before.get(targets[0].name) if len(others) == len(targets) == 1 else None
+    taken = call.old.arrives and contact.stretch.s_end >= path.length
+    if was is None or was.shape != targets[0].shape or not taken:
+        return "one of them is not as it was"
+    begin = max(contact.stretch.s_start, call.s_now)
+    return reach_objection(call.checker, path, begin, targets[0], contact.pairs, before=was)
+
+
+# What to do: a plan from rest, the old motion, or a new one.
+
+
+def _from_rest(call: _Call, turns: FairLock) -> Replanned:
+    """A plan from where the old motion has ended when the new one begins.
+
+    Raises:
+        NoPlan: there is none.
+    """
+    from_rest = plan(call.request, call.checker, call.certifier, turns, cancel=call.cancel)
+    result = call.accounting.with_plan(from_rest)
+    if from_rest.failure is not None:
+        raise NoPlan(from_rest.failure)
+    outcome = Outcome.NEW if from_rest.path is not None and from_rest.path.length > 0.0 else Outcome.KEPT
+    return Replanned(outcome, result, call.old.splice, call.request, None, call.old.ahead[:0])
+
+
+def _going_on(call: _Call) -> Replanned:
+    """The old motion, or a new one.
+
+    Raises:
+        NoPlan: there is none.
+    """
+    kept = _kept(call)
+    try:
+        goals = _goals(call)
+    except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
+        if kept is None or not _is_goal(call, call.old.end):
+            raise
+        return _keep(call, kept, stopped)
+    end = call.old.end.tolist()
+    same = next((goal for goal in goals if goal.q.tolist() == end), None)
+    if kept is None or same is None:
+        return _new(call, goals[0] if same is None else same)
+    try:
+        with call.checker.limited(states=max(1, int(call.request.max_checks * BETTER_SHARE))):
+            better = _improved(call, kept, same)
+    except (NoPlan, CheckBudgetSpent, TimeBoxSpent) as stopped:
+        return _keep(call, kept, stopped)
+    return better or _replanned(call, Outcome.KEPT, kept, same.index)
+
+
+def _keep(call: _Call, kept: _ProvenMotion, stopped: NoPlan | SearchStopped) -> Replanned:
+    """The old motion, since nothing better was found."""
+    call.accounting.deterministic &= not isinstance(stopped, TimeBoxSpent)
+    call.accounting.notes.append(f"the old motion goes on: {stopped}")
+    return _replanned(call, Outcome.KEPT, kept, None)
+
+
+def _is_goal(call: _Call, q: FloatArray) -> bool:
+    """Whether a configuration is one of the goals, or has the tool at one."""
+    goals = call.request.goals(call.checker.robot)
+    tool = call.checker.robot.tool_pose(q)
+    return any(
+        np.abs(tool - goal.matrix).max() <= ROUNDING
+        if isinstance(goal, Pose)
+        else not isinstance(goal, PoseGoal) and goal.tolist() == q.tolist()
+        for goal in goals
+    )
+
+
+def _goals(call: _Call) -> tuple[GoalState, ...]:
+    """Free goals, the nearest to the old one first.
+
+    Raises:
+        NoPlan: there is none, or the robot touches something at the splice.
+    """
+    ends = find_ends(call.context)
+    goals = [goal for goal in ends.goals if goal.arrival is None]
+    if ends.departure is not None or not goals:
+        detail = "a fixed way out of a pose, or into one, cannot be entered at speed: plan it from a stop"
+        raise NoPlan(Failure(Stage.ENDPOINTS, Reason.PLANNING_FAILED, detail))
+    return tuple(sorted(goals, key=lambda goal: joint_distance(call.old.end.tolist(), goal.q.tolist())))
+
+
+def _kept(call: _Call) -> _ProvenMotion | None:
+    """What is left of the old motion, if it goes to its end, is proven, and as slow as is asked now."""
+    if not call.old.arrives:
+        return None
+    path = call.motion.path
+    certificate = _certify(call, path, call.motion.end, call.exempt)
+    if not certificate.certified:
+        return None
+    trajectory = call.motion.rest()
+    try:
+        with call.accounting.during(Stage.TIMING):
+            return _ProvenMotion(path, trajectory, certificate, _slow_enough(call, _report(call, trajectory)))
+    except NoPlan as too_fast:
+        call.accounting.notes.append(f"the old motion is left: {too_fast}")
+        return None
+
+
+def _improved(call: _Call, kept: _ProvenMotion, goal: GoalState) -> Replanned | None:
+    """A motion that keeps more from things than the old one, or ends sooner; None if there is none."""
+    switch = next(call.motion.switch_points(), None)
+    if switch is None:
+        return None
+    failures: list[NoPlan] = []
+    places = call.detours.places(switch, call.motion.stop_from(switch, call.limits), goal.q, beyond=False)
+    for place in islice(places, MAX_BETTER_PLACES):
+        if not place.s < call.motion.end:
+            break
+        candidate = call.detours.candidate(switch, place, goal)
+        if candidate is None:
+            continue
+        shorter = candidate.path.length - candidate.s <= SHORTER * (call.motion.end - candidate.s)
+        if not candidate.searched and not shorter:
+            if candidate.roomy:
+                break
+            continue
+        try:
+            motion = _proven(call, candidate)
+        except NoPlan as no_plan:
+            failures.append(no_plan)
+            continue
+        sooner = motion.trajectory.duration <= SOONER * kept.trajectory.duration
+        if motion.stops <= kept.stops and (candidate.searched or sooner):
+            return _replanned(call, Outcome.NEW, motion, goal.index)
+    if failures:
+        call.accounting.notes.append(f"no better motion: {failures[0]}")
+    return None
+
+
+def _new(call: _Call, goal: GoalState) -> Replanned:
+    """Of the first few candidates that can be driven and proven the one with the fewest stops, then the quickest.
+
+    Raises:
+        NoPlan: There is none; the reason is that of the first.
+    """
+    failures: list[NoPlan] = []
+    motions: list[_ProvenMotion] = []
+    left = call.motion.trajectory.duration - call.motion.splice
+    try:
+        for tries, candidate in enumerate(_candidates(call, goal, failures), start=1):
+            try:
+                motions.append(_proven(call, candidate))
+            except NoPlan as no_plan:
+                failures.append(no_plan)
+            good = bool(motions) and not motions[-1].stops and motions[-1].trajectory.duration <= GOOD * left
+            if good or tries >= (ENOUGH_MOTIONS if motions else MAX_MOTIONS):
+                break
+    except CheckBudgetSpent:
+        if not motions:
+            raise
+    if motions:
+        best = min(motions, key=lambda motion: (motion.stops, motion.trajectory.duration))
+        return _replanned(call, Outcome.NEW, best, goal.index)
+    if failures:
+        raise failures[0]
+    detail = "the robot cannot turn off before what is in the way"
+    raise NoPlan(Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, detail))
+
+
+# New motions: proven, and in time.
+
+
+def _candidates(call: _Call, goal: GoalState, failures: list[NoPlan]) -> Iterator[CandidatePath]:
+    """Paths to try, one after the other, as far as the old path can be proven up to where they leave its law."""
+    switches: list[SwitchPoint] = []
+    for switch in call.motion.switch_points():
+        certificate = _certify(call, call.motion.path, switch.s, call.exempt)
+        if not certificate.certified:
+            failures.append(unproven(certificate))
+            break
+        switches.append(switch)
+    for turn, switch in product(range(SEARCHES), switches):
+        for place in call.detours.places(switch, call.motion.stop_from(switch, call.limits), goal.q):
+            try:
+                candidate = call.detours.candidate(switch, place, goal, turn)
+            except NoPlan as no_plan:
+                failures.append(no_plan)
+            else:
+                if candidate is not None and (candidate.searched or turn == 0):
+                    yield candidate
+
+
+def _proven(call: _Call, candidate: CandidatePath) -> _ProvenMotion:
+    """A candidate proven, and in time from the splice on.
+
+    Raises:
+        NoPlan: It cannot be proven, or not be entered as fast as the robot comes along.
+    """
+    path = candidate.path
+    exempt = tuple(e for e in call.exempt if e.s_end <= candidate.s)
+    while True:
+        certificate = _certify(call, path, path.length, exempt)
+        if certificate.refusal is None:
+            break
+        less = narrower(path, certificate.refusal, candidate.leaves)
+        if less is None:
+            raise unproven(certificate)
+        path = less
+    speed_limit = tool_speed_limit(path, call.pace, call.checker.robot)
+    with call.accounting.during(Stage.TIMING) as entry:
+        try:
+            trajectory, ratios = call.motion.onward(
+                path, candidate.switch, call.timing, call.limits, speed_limit=speed_limit
+            )
+        except TimingFailed as failed:
+            raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
+        entry.note, entry.length = f"{call.timing.name}, {trajectory.duration:.2f} s", path.length
+        report = _slow_enough(call, _report(call, trajectory, ratios))
+        return _ProvenMotion(path, trajectory, certificate, report)
+
+
+def _certify(call: _Call, path: JointPath, s_end: float, exempt: Sequence[ExemptInterval]) -> Certificate:
+    """What can be proven of a path from where the robot is to ``s_end``."""
+    part = call.s_now, s_end
+    return certify(path, call.certifier.get(), call.accounting, exempt, part=part)
+
+
+def _report(call: _Call, trajectory: Trajectory, ratios: LimitPeaks | None = None) -> MotionReport:
+    """How a motion moves, its peaks compared with the limits asked for."""
+    robot, ratios = call.checker.robot, ratios or peaks(trajectory, call.limits)
+    settle = robot.settle_time if trajectory.duration > 0.0 else 0.0
+    return MotionReport(ratios, peak_tool_speed(robot, trajectory), trajectory.duration, math.inf, settle)
+
+
+def _slow_enough(call: _Call, report: MotionReport) -> MotionReport:
+    """The report of a motion within the limits asked, whose tool is no faster than it may be.
+
+    Raises:
+        NoPlan: it exceeds them, or its tool is faster.
+    """
+    if report.peaks.highest > 1.0 + 2.0 * TOLERANCE:  # one for that with which it was made
+        detail = f"it would exceed limits by {report.peaks.highest - 1.0:.2%}"
+        raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
+    speed, most = report.tool_speed, call.pace.max_tool_speed
+    if most is not None and speed > most * (1.0 + ROUNDING):
+        detail = f"the tool would move at {speed:.6g} m/s, faster than {most:.6g}"
+        raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, detail))
+    return report
+
+
+# A stop, and the result.
+
+
+def _stopping(call: _Call, failure: Failure) -> Replanned:
+    """The quickest stop along the old curve, if it can be proven."""
+    for stop in _stops(call):
+        exempt = tuple(e for e in call.exempt if e.s_start <= stop.path.length)
+        exempt = tuple(replace(e, s_end=min(e.s_end, stop.path.length)) for e in exempt)
+        certificate = _certify(call, stop.path, stop.end, exempt)
+        if certificate.certified:
+            call.accounting.notes.append(f"a stop along the old curve: {failure}")
+            motion = _ProvenMotion(stop.path, stop, certificate, _report(call, stop))
+            return _replanned(call, Outcome.STOP, motion, None, failure)
+    detail = (
+        f"nothing is safe: the earliest stop along the old curve ends {stop.duration:.3f} s after the splice at "
+        f"s = {stop.end:.4g}, and {certificate.refusal}; no new motion: {failure}"
+    )
+    unsafe = Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, detail)
+    result = call.accounting.result(failure=unsafe, certificate=certificate)
+    return Replanned(Outcome.UNSAFE, result, call.old.splice, call.request, failure, _ahead(call, stop), stop)
+
+
+def _stops(call: _Call) -> Iterator[Trajectory]:
+    """Stops along the old curve: the quickest within the limits asked; then, where these are parts of the robot's,
+    within the robot's own, for a robot that is faster than asked cannot stop within what is asked.
+    """
+    whole = replace(call.pace, velocity_scale=1.0, acceleration_scale=1.0)
+    for pace in dict.fromkeys((call.pace, whole)):
+        limits = pace.limits(call.checker.robot)
+        with call.accounting.during(Stage.TIMING):
+            stop = call.motion.braked(limits)
+        if pace == whole or peaks(stop, limits).highest <= 1.0 + TOLERANCE:
+            yield stop
+
+
+def _replanned(
+    call: _Call, outcome: Outcome, motion: _ProvenMotion, goal_index: int | None, failure: Failure | None = None
+) -> Replanned:
+    if motion.report.peaks.highest > 1.0 + 2.0 * TOLERANCE:
+        velocity, acceleration = motion.report.peaks.velocity, motion.report.peaks.acceleration
+        parts = f"velocity {velocity.ratio:.0%}, acceleration {acceleration.ratio:.0%}"
+        call.accounting.notes.append(f"beyond the limits asked: {parts} of them")
+    result = call.accounting.result(
+        motion.path, motion.trajectory, motion.report, goal_index=goal_index, certificate=motion.certificate
+    )
+    ahead = _ahead(call, motion.trajectory) if outcome is Outcome.STOP else call.old.ahead[:0]
+    return Replanned(outcome, result, call.old.splice, call.request, failure, ahead)
+
+
+def _ahead(call: _Call, stop: Trajectory) -> FloatArray:
+    """The old waypoints beyond the path of a stop."""
+    return np.concatenate([call.motion.path.waypoints[len(stop.path.waypoints) :], call.old.ahead])
