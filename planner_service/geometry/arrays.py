@@ -16,22 +16,27 @@ __all__ = [
     "BoolArray",
     "FloatArray",
     "IntArray",
+    "Vector",
     "along",
     "as_sent",
     "blocks",
     "cosines_and_sines",
     "cross",
+    "cross_of",
     "dot",
     "frozen",
+    "minus",
     "product",
     "read_only",
     "rpy_matrix",
     "set_fields",
+    "vector",
 ]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
+Vector = tuple[float, float, float]
 AnyArray = TypeVar("AnyArray", bound=NDArray[Any])
 
 AT_ONCE = 200_000
@@ -70,6 +75,22 @@ def set_fields(value: object, **fields: object) -> None:
 def dot(a: Sequence[float], b: Sequence[float]) -> float:
     """The scalar product of the first three numbers of each."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def vector(values: Sequence[float]) -> Vector:
+    """Three numbers as a tuple."""
+    x, y, z = values
+    return (x, y, z)
+
+
+def minus(a: Vector, b: Vector) -> Vector:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def cross_of(a: Sequence[float], b: Sequence[float]) -> Vector:
+    """The vector product of two vectors, by scalar arithmetic."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def cross(a: FloatArray, b: FloatArray, axis: int = -1) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, dot, rpy_matrix, set_fields
+from planner_service.geometry.arrays import FloatArray, cross_of, dot, rpy_matrix, set_fields
 from planner_service.geometry.validation import MAX_LENGTH, finite_tuple, margin_of, number, numbers, points_of, vectors
 
 __all__ = ["Box", "Capsule", "Cylinder", "Pose", "Shape", "Sphere"]
@@ -61,7 +61,7 @@ class Pose:
             raise InvalidRequest("matrix", matrix, "a finite 4 x 4 matrix")
         a, b, c, (*last, one) = T.tolist()
         off = max(abs(dot(u, v) - (u is v)) for u in (a, b, c) for v in (a, b, c))
-        mirrored = dot(a, (b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0])) < 0.0
+        mirrored = dot(a, cross_of(b, c)) < 0.0
         if off > 1e-6 or mirrored or max(*map(abs, last), abs(one - 1.0)) > 1e-9:
             raise InvalidRequest("matrix", matrix, "an orthonormal rotation and a last row 0 0 0 1")
         return cls((a[3], b[3], c[3]), _quaternion((a, b, c)))

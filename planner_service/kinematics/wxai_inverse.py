@@ -16,14 +16,13 @@ from dataclasses import dataclass
 from itertools import product
 
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.arrays import dot
+from planner_service.geometry.arrays import Vector, dot, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.robot.model import Body, Robot
 
 __all__ = ["WxaiInverse"]
 
 Configuration = tuple[float, ...]
-Vector = tuple[float, float, float]
 Rows = tuple[Vector, Vector, Vector]
 
 LIMIT_SLACK = 1e-9
@@ -95,9 +94,9 @@ class WxaiInverse:
             signs=tuple(float(body.axis[axis]) for body, axis in zip(bodies[1:], AXES, strict=True)),
             limits=tuple(zip(robot.limits.lower.tolist(), robot.limits.upper.tolist(), strict=True)),
             waist=_rows([list(column) for column in zip(*(row[:3] for row in first[:3]), strict=True)]),
-            base_offset=(first[0][3], first[1][3], first[2][3]),
+            base_offset=vector([row[3] for row in first[:3]]),
             tool=_rows(tool),
-            tool_offset=(tool[0][3], tool[1][3], tool[2][3]),
+            tool_offset=vector([row[3] for row in tool[:3]]),
         )
 
     def solve(self, pose: Pose, near: Sequence[Sequence[float]] = ()) -> list[Configuration]:
@@ -225,8 +224,7 @@ def _checked_offsets(robot: Robot) -> list[Vector]:
     if problems:
         needs = "; ".join(problems)
         raise InvalidRequest("inverse", robot.inverse, f"'numeric' for robot {robot.name!r}: 'wxai' needs {needs}")
-    offsets = [body.placement[:3, 3].tolist() for body in bodies[2:]]
-    return [(x, y, z) for x, y, z in offsets]
+    return [vector(body.placement[:3, 3].tolist()) for body in bodies[2:]]
 
 
 def _plain(body: Body) -> bool:
@@ -251,8 +249,8 @@ def _same(a: Configuration, b: Configuration) -> bool:
 
 
 def _rows(matrix: list[list[float]]) -> Rows:
-    a, b, c = matrix[:3]
-    return (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
+    a, b, c = (vector(row[:3]) for row in matrix[:3])
+    return a, b, c
 
 
 def _apply(rows: Sequence[Sequence[float]], v: Sequence[float]) -> Vector:

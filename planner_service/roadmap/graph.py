@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, IntArray, frozen, read_only
@@ -90,7 +90,7 @@ class Trunk:
     @cached_property
     def edge_points(self) -> EdgePoints:
         """Points along all edges."""
-        return EdgePoints(self, np.arange(len(self.edges)), self.spacing)
+        return EdgePoints.along(self, np.arange(len(self.edges)), self.spacing)
 
     @cached_property
     def edge_point_tree(self) -> Any:
@@ -98,17 +98,25 @@ class Trunk:
         return _tree_of(self.edge_points.q * self.reach)
 
 
-class EdgePoints:
-    """Evenly spaced points along edges: configurations q (p, n) and the edge of each, (p,)."""
+class EdgePoints(NamedTuple):
+    """Points on edges: configurations q (p, n) and the edge of each, (p,)."""
 
-    def __init__(self, graph: Graph | Trunk, edges: IntArray, spacing: float) -> None:
+    q: FloatArray
+    edge: IntArray
+
+    @classmethod
+    def along(cls, graph: Graph | Trunk, edges: IntArray, spacing: float) -> EdgePoints:
+        """Evenly spaced points along some edges."""
         ends = graph.edges[edges]
         a, b = graph.milestones[ends[:, 0]], graph.milestones[ends[:, 1]]
         parts = np.clip(motion(a, b, graph.reach) / spacing, 1, MAX_POINTS_PER_EDGE).astype(np.int64)
         on = np.repeat(np.arange(len(edges)), parts - 1)
         step = np.arange(len(on)) - np.repeat(np.cumsum(parts - 1) - (parts - 1), parts - 1) + 1
-        self.q = a[on] + (b - a)[on] * (step / parts[on])[:, None]
-        self.edge = edges[on]
+        return cls(a[on] + (b - a)[on] * (step / parts[on])[:, None], edges[on])
+
+    def take(self, rows: IntArray | NDArray[np.bool_]) -> EdgePoints:
+        """The points at ``rows``."""
+        return EdgePoints(self.q[rows], self.edge[rows])
 
 
 class Graph:
@@ -169,7 +177,7 @@ class Graph:
     @cached_property
     def added_points(self) -> EdgePoints:
         """Points along the edges that were added."""
-        return EdgePoints(self, np.arange(len(self.trunk.edges), len(self.edges)), SPACING)
+        return EdgePoints.along(self, np.arange(len(self.trunk.edges), len(self.edges)), SPACING)
 
     def around(self, milestone: int) -> list[Neighbour]:
         """The neighbours of a milestone; do not change the list."""

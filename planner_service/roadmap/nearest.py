@@ -52,7 +52,7 @@ def nearest_places(graph: Graph, milestones: Flags, edges: Flags, q: FloatArray)
     yielded: set[tuple[int, int]] = set()
     for count in LOOKED_UP:
         (ours, to_ours), (theirs, to_theirs) = _milestones(graph, q, count), _on_edges(graph, edges, q, count)
-        ours, theirs = ours[milestones[ours]], _allowed(theirs, edges)
+        ours, theirs = ours[milestones[ours]], theirs.take(edges[theirs.edge])
         points = np.concatenate([graph.milestones[ours], theirs.q])
         far = motion(points, q, graph.reach)
         edge = np.concatenate([np.full(len(ours), -1), theirs.edge])
@@ -70,18 +70,6 @@ def nearest_places(graph: Graph, milestones: Flags, edges: Flags, q: FloatArray)
             return
 
 
-class _Points(NamedTuple):
-    """Configurations (k, n), and the edge of each, (k,)."""
-
-    q: FloatArray
-    edge: IntArray
-
-
-def _allowed(points: _Points, edges: Flags) -> _Points:
-    allowed = edges[points.edge]
-    return _Points(points.q[allowed], points.edge[allowed])
-
-
 def _milestones(graph: Graph, q: FloatArray, count: int) -> tuple[IntArray, float]:
     """The nearest milestones, unordered, and a distance from q within which there are no others."""
     grown = len(graph.trunk.milestones)
@@ -92,17 +80,16 @@ def _milestones(graph: Graph, q: FloatArray, count: int) -> tuple[IntArray, floa
     return np.concatenate([np.atleast_1d(rows).astype(np.int64), added]), float(np.max(far))
 
 
-def _on_edges(graph: Graph, edges: Flags, q: FloatArray, count: int) -> tuple[_Points, float]:
+def _on_edges(graph: Graph, edges: Flags, q: FloatArray, count: int) -> tuple[EdgePoints, float]:
     """The nearest points on edges, unordered, and a distance from q within which there are no others."""
     added, trunk = graph.added_points, graph.trunk
     free = np.flatnonzero(edges[: len(trunk.edges)])
     beyond = np.inf
     if len(free) <= MAX_FREE_SHARE * len(trunk.edges):
-        points = EdgePoints(trunk, free, trunk.spacing)
-        near = _Points(points.q, points.edge)
+        near = EdgePoints.along(trunk, free, trunk.spacing)
     elif len(trunk.edge_points.edge) <= count:
-        near = _Points(trunk.edge_points.q, trunk.edge_points.edge)
+        near = trunk.edge_points
     else:
         far, rows = trunk.edge_point_tree.query(q * graph.reach, k=count, p=1)
-        near, beyond = _Points(trunk.edge_points.q[rows], trunk.edge_points.edge[rows]), float(np.max(far))
-    return _Points(np.concatenate([near.q, added.q]), np.concatenate([near.edge, added.edge])), beyond
+        near, beyond = trunk.edge_points.take(rows), float(np.max(far))
+    return EdgePoints(np.concatenate([near.q, added.q]), np.concatenate([near.edge, added.edge])), beyond

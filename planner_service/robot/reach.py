@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import dot
+from planner_service.geometry.arrays import Vector, cross_of, dot, minus, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.kinematic_tree import Body
@@ -22,8 +22,7 @@ __all__ = ["Placed", "reach_bounds"]
 
 Placed = tuple[int, Shape, Pose]
 """A shape in a body: body index, shape, T_body_shape."""
-Point = tuple[float, float, float]
-Ball = tuple[Point, float]
+Ball = tuple[Vector, float]
 
 ROUNDING = 1e-9
 """Relative: far above the rounding error of a few dozen operations, far below any length that matters."""
@@ -67,49 +66,49 @@ def _chain(bodies: Sequence[Body], first: int, last: int) -> list[int]:
 
 def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[float], cloud: Sequence[Ball]) -> float:
     """Bound for the points of the last body of ``chain`` about the axis of its first."""
-    about: Point | None = _point(bodies[chain[0]].axis.tolist())
-    pivot: Point = (0.0, 0.0, 0.0)
+    about: Vector | None = vector(bodies[chain[0]].axis.tolist())
+    pivot: Vector = (0.0, 0.0, 0.0)
     total = 0.0
     for index in chain[1:]:
         body = bodies[index]
         if body.prismatic:  # the pivot slides along with the body
             total += travel[body.q_index]
         else:
-            axis = _turn(body, _point(body.axis.tolist()))
-            onto = _nearest(_point(body.placement[:3, 3].tolist()), axis, pivot, about)
-            total += _across(_minus(onto, pivot), about)
+            axis = _turn(body, vector(body.axis.tolist()))
+            onto = _nearest(vector(body.placement[:3, 3].tolist()), axis, pivot, about)
+            total += _across(minus(onto, pivot), about)
             pivot = onto
             if about is not None and not _is_parallel(axis, about):
                 about = None
         about = None if about is None else _turn_back(body, about)
-        pivot = _turn_back(body, _minus(pivot, _point(body.placement[:3, 3].tolist())))
-    return total + max(_across(_minus(point, pivot), about) + radius for point, radius in cloud)
+        pivot = _turn_back(body, minus(pivot, vector(body.placement[:3, 3].tolist())))
+    return total + max(_across(minus(point, pivot), about) + radius for point, radius in cloud)
 
 
-def _nearest(origin: Point, axis: Point, pivot: Point, about: Point | None) -> Point:
+def _nearest(origin: Vector, axis: Vector, pivot: Vector, about: Vector | None) -> Vector:
     """The point of a line nearest to ``pivot``, measured perpendicular to ``about`` unless the two are parallel."""
-    offset, along = _minus(origin, pivot), axis
+    offset, along = minus(origin, pivot), axis
     if about is not None and not _is_parallel(axis, about):
         offset, along = _reject(offset, about), _reject(axis, about)
     t = -dot(offset, along) / dot(along, along)
     return (origin[0] + t * axis[0], origin[1] + t * axis[1], origin[2] + t * axis[2])
 
 
-def _across(vector: Point, about: Point | None) -> float:
+def _across(offset: Vector, about: Vector | None) -> float:
     """Length of a vector, or of its part perpendicular to ``about``.
 
     ``about`` may differ from the true axis by the angle that counts as parallel, which changes that part by at most the
     angle times the length; adding this keeps the result an upper bound.
     """
-    length = math.sqrt(dot(vector, vector))
+    length = math.sqrt(dot(offset, offset))
     if about is None:
         return length
-    part = _reject(vector, about)
+    part = _reject(offset, about)
     return min(length, math.sqrt(dot(part, part)) + TILT * length)
 
 
-def _is_parallel(a: Point, b: Point) -> bool:
-    cross = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+def _is_parallel(a: Vector, b: Vector) -> bool:
+    cross = cross_of(a, b)
     return dot(cross, cross) < PARALLEL
 
 
@@ -135,34 +134,21 @@ def _local_hull(shape: Shape) -> list[Ball]:
         rim = [(corner * math.cos(angle), corner * math.sin(angle)) for angle in angles]
         return [((x, y, end * shape.length / 2), 0.0) for x, y in rim for end in (-1, 1)]
     if isinstance(shape, Mesh):
-        return [(_point(vertex), 0.0) for vertex in shape.vertices.tolist()]
+        return [(vector(vertex), 0.0) for vertex in shape.vertices.tolist()]
     raise BrokenInvariant(f"no hull is known for {type(shape).__name__}")
 
 
-def _point(values: Sequence[float]) -> Point:
-    x, y, z = values
-    return (x, y, z)
+def _reject(part: Vector, unit: Vector) -> Vector:
+    along = dot(part, unit)
+    return (part[0] - along * unit[0], part[1] - along * unit[1], part[2] - along * unit[2])
 
 
-def _minus(a: Point, b: Point) -> Point:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def _reject(vector: Point, unit: Point) -> Point:
-    along = dot(vector, unit)
-    return (vector[0] - along * unit[0], vector[1] - along * unit[1], vector[2] - along * unit[2])
-
-
-def _turn(body: Body, vector: Point) -> Point:
+def _turn(body: Body, direction: Vector) -> Vector:
     """From the joint frame of ``body`` into its parent's axes."""
     R = body.placement.tolist()
-    return (dot(R[0], vector), dot(R[1], vector), dot(R[2], vector))
+    return (dot(R[0], direction), dot(R[1], direction), dot(R[2], direction))
 
 
-def _turn_back(body: Body, vector: Point) -> Point:
-    R = body.placement.tolist()
-    return (
-        R[0][0] * vector[0] + R[1][0] * vector[1] + R[2][0] * vector[2],
-        R[0][1] * vector[0] + R[1][1] * vector[1] + R[2][1] * vector[2],
-        R[0][2] * vector[0] + R[1][2] * vector[1] + R[2][2] * vector[2],
-    )
+def _turn_back(body: Body, direction: Vector) -> Vector:
+    x, y, z = body.placement[:3, :3].T.tolist()
+    return (dot(x, direction), dot(y, direction), dot(z, direction))

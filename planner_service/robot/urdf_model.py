@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from planner_service.geometry.arrays import Vector
 from planner_service.geometry.shapes import Shape
 
 __all__ = ["Inertial", "Mimic", "Urdf", "UrdfCollision", "UrdfJoint", "UrdfLink", "Vector"]
-
-Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)

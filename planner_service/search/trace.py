@@ -1,14 +1,14 @@
-"""How a search went, for a look at it: what it grew, and the paths on the way to the plan."""
+"""How a search went, to look at: what it grew, and the paths on the way to the plan."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, frozen, set_fields
 from planner_service.geometry.validation import MAX_ITEMS, copied_in, numbers
 
 __all__ = ["SearchGraph", "Trace", "Tracer"]
@@ -39,12 +39,12 @@ class SearchGraph:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What ``PlannerService.plan(..., trace=True)`` keeps beside the plan; of a search begun anew, the last.
+    """What ``PlannerService.plan(..., trace=True)`` keeps beside the plan; of several searches, the last.
 
     Attributes:
-        graph: What the search grew; None where nothing was searched, or a roadmap was (``PlanResult.roadmap``).
-        searched: The path as it was found, shape (N, n); None without one.
-        shortcut: The path once it was cut short, shape (N, n); the plan's is this one, polished.
+        graph: What the search grew; None if nothing was searched, or a roadmap was (``PlanResult.roadmap``).
+        searched: The path that was found, shape (N, n); None without one.
+        shortcut: The same path after shortcutting, shape (N, n); the plan's path is this one, polished.
     """
 
     graph: SearchGraph | None = None
@@ -56,27 +56,23 @@ class Trace:
 
 
 class Tracer:
-    """Takes a trace down while a plan is made."""
+    """Records how a search goes while a plan is made.
+
+    Attributes:
+        trace: What happened so far.
+    """
 
     def __init__(self) -> None:
-        self._graph: SearchGraph | None = None
-        self._searched: FloatArray | None = None
-        self._shortcut: FloatArray | None = None
+        self.trace = Trace()
 
     def grown(self, milestones: FloatArray, edges: list[tuple[int, int]]) -> None:
-        """A search ended; what it found, and what came of that, is still to come."""
-        self._graph = SearchGraph(milestones, np.array(edges, dtype=np.intp))
-        self._searched = self._shortcut = None
+        """A search ended and has grown this; its path, if any, follows."""
+        self.trace = Trace(SearchGraph(milestones, np.array(edges, dtype=np.intp)))
 
     def searched(self, points: FloatArray) -> None:
-        """A search ended with a path (N, n)."""
-        self._searched, self._shortcut = read_only(points), None
+        """The search found a path (N, n)."""
+        self.trace = Trace(self.trace.graph, points)
 
     def cut(self, points: FloatArray) -> None:
-        """That path was cut short to (N, n)."""
-        self._shortcut = read_only(points)
-
-    @property
-    def trace(self) -> Trace:
-        """What was taken down so far."""
-        return Trace(self._graph, self._searched, self._shortcut)
+        """The path was shortened to (N, n)."""
+        self.trace = replace(self.trace, shortcut=points)

@@ -262,7 +262,7 @@ def test_the_nearest_places_are_offered_in_their_order(share: float) -> None:
         roadmap = roadmap.with_path(rng.random((4, 2)) * 3)
     graph = roadmap.graph
     milestones, edges = rng.random(len(graph.milestones)) < 0.7, rng.random(len(graph.edges)) < share
-    every = EdgePoints(graph.trunk, np.arange(len(graph.trunk.edges)), graph.trunk.spacing), graph.added_points
+    every = EdgePoints.along(graph.trunk, np.arange(len(graph.trunk.edges)), graph.trunk.spacing), graph.added_points
     spots, on = (np.concatenate([getattr(some, name) for some in every]) for name in ("q", "edge"))
     for q in rng.random((10, 2)) * 3:
         nearest = {-1 - k: float(np.abs(graph.milestones[k] - q).sum()) for k in np.flatnonzero(milestones).tolist()}
