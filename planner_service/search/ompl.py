@@ -1,12 +1,11 @@
-"""The one place that knows OMPL: a fresh planner per query, judged by our oracle, repeatable from its seed.
+"""The one place that knows OMPL: a fresh planner per query, which asks our oracle and is repeatable from its seed.
 
-OMPL draws every random generator's seed from one global source at construction. So each query
-reseeds that source and builds everything anew, under a process-wide lock; nothing survives it.
+OMPL seeds every random generator from one global source at construction. So each query reseeds that source and builds
+everything anew, under a process-wide lock; nothing survives it.
 
-An exception of the oracle is held back: from then on every answer is "not free" and the
-termination condition says stop, OMPL winds up within microseconds and hands over its best path if
-it has one, and only then does the exception leave. Anytime planners thereby keep what they found,
-and no exception unwinds through OMPL's own code.
+An exception of the oracle is held back: from then on every answer is "not free" and the termination condition says
+stop. OMPL ends within microseconds and hands over its best path if it has one; only then is the exception raised. So
+anytime planners keep the path they found, and no exception unwinds through OMPL's own code.
 """
 
 from __future__ import annotations
@@ -43,31 +42,31 @@ Setting = float | int | bool
 T = TypeVar("T")
 
 MAX_SAMPLES = 200_000
-"""Samples of one batch planner at most; its neighbourhoods would fill the memory first."""
+"""The most samples of a batch planner; with more its neighbourhoods fill the memory."""
 
 MAX_IDLE = 20_000
-"""Looks at the termination condition in a row without a new question, after which OMPL is taken to
-be going in circles (measured: BITstar 6,732 near its optimum, all others below 2,000)."""
+"""Polls of the termination condition in a row without a new question to the oracle, after which OMPL is taken to be
+going in circles (measured: BITstar 6,732 near its optimum, all others below 2,000)."""
 
 MAX_REPEATS = 200
-"""Known edges asked in a row without a look at the termination condition. OMPL 2.0.1's AORRTC extends a
-tree for ever over known edges once its bound on the length excludes the rest; a "no" frees it."""
+"""Questions about known edges in a row without a poll of the termination condition. OMPL 2.0.1's AORRTC extends a tree
+for ever over known edges once its bound on the length excludes all others; one "not free" ends that."""
 
 MAX_REFUTED = 3
-"""Paths with an edge that was not free after all, after which no edge is only looked at: where the samples of a first
-look are too far apart for a scene, thousands of such paths may follow each other."""
+"""Paths with an edge that was not free after all, after which edges are no longer checked coarsely first: in a scene
+for which coarse samples are too far apart, thousands of such paths may follow each other."""
 
-UNTOLD = ("BITstar", "AORRTC")
-"""What these grew OMPL 2.0.1 does not tell: telling leaks the whole query, or gives nothing."""
+WITHOUT_GRAPH = ("BITstar", "AORRTC")
+"""Planners whose graph OMPL 2.0.1 cannot hand over: reading it leaks the whole query, or gives nothing."""
 
-# OMPL's seed source is global to the process, and so are the turns that make queries repeatable.
+# OMPL's seed source is global to the process, and so is the lock that makes queries repeatable.
 _turns = FairLock()
 
 _SEEDS = 2**32 - 1
 
 
 def _renew_turns() -> None:
-    """In the child of a fork nobody will give back the turn that another thread of the parent held."""
+    """In the child of a fork, nobody would release a lock that another thread of the parent held."""
     global _turns
     _turns = FairLock()
 
@@ -76,25 +75,29 @@ os.register_at_fork(after_in_child=_renew_turns)
 
 
 class _GoingInCircles(Exception):
-    """OMPL asks nothing new any more."""
+    """OMPL no longer asks anything new."""
 
 
-class _Judge:
-    """The oracle as OMPL calls it: nothing is judged twice, exceptions are held back.
+class _Oracle:
+    """The oracle as OMPL calls it: it checks nothing twice and holds exceptions back.
 
-    Holds no OMPL object: nanobind's references are invisible to Python's collector, and a cycle
-    would keep the whole query for ever.
+    It holds no OMPL object: nanobind's references are invisible to Python's garbage collector, and a cycle would keep
+    the whole query for ever.
+
+    Args:
+        free: Configurations known to be free.
+        coarse: Check edges coarsely first, if the oracle can.
     """
 
-    def __init__(self, space: Space, free: Iterable[Configuration] = (), *, glance: bool = False) -> None:
+    def __init__(self, space: Space, free: Iterable[Configuration] = (), *, coarse: bool = False) -> None:
         self._oracle: CoarseOracle = of_tuples(space.oracle)
-        self._glances = glance and hasattr(space.oracle, "edge_is_free_coarse")
-        self._look = self._oracle.edge_is_free_coarse if self._glances else self._oracle.edge_is_free
+        self._coarse = coarse and hasattr(space.oracle, "edge_is_free_coarse")
+        self._check = self._oracle.edge_is_free_coarse if self._coarse else self._oracle.edge_is_free
         self._poll = space.poll
         self._span = slice(0, len(space.lower))
         self._free = set(free)
         self._edges: dict[tuple[Configuration, Configuration], bool] = {}
-        self._idle = self._repeats = self._looks = self._refuted = 0
+        self._idle = self._repeats = self._polls = self._refuted = 0
         self.held: BaseException | None = None
 
     @property
@@ -120,10 +123,10 @@ class _Judge:
         return free
 
     def edge(self, a: Configuration, b: Configuration) -> bool:
-        """The verdict as OMPL takes it.
+        """Whether an edge is free, as OMPL asks.
 
-        No frame below OMPL keeps a state of OMPL's: a traceback would keep it alive beyond OMPL's
-        own use of that memory, and the next state at the same address would crash the process.
+        No frame below OMPL keeps one of its states: a traceback would keep the state alive longer than OMPL uses its
+        memory, and the next state at the same address would crash the process.
         """
         if self.held is not None:
             return False
@@ -141,48 +144,51 @@ class _Judge:
         return free
 
     def between(self, a: Configuration, b: Configuration) -> bool:
-        """The verdict on one edge, from memory if it was judged before, in either direction."""
+        """Whether an edge is free; each is checked once, whatever its direction."""
         key = (a, b) if a <= b else (b, a)
         free = self._edges.get(key)
         if free is None:
             self._idle = self._repeats = 0
             known = KNOWN_ENDS[(a in self._free) + 2 * (b in self._free)]
-            free = self._edges[key] = bool(self._look(a, b, known=known))
+            free = self._edges[key] = bool(self._check(a, b, known=known))
             if free:
                 self._free.add(a)
                 self._free.add(b)
         return free
 
     def confirmed(self, points: list[Configuration]) -> bool:
-        """Whether every piece of a path is free, of which some were only looked at so far; one that is not is kept."""
+        """Whether every piece of a path is free, also those that were checked only coarsely so far.
+
+        The first that is not is remembered as such.
+        """
         for a, b in pairwise(points):
             if not self.between(a, b):
                 return False
-            if self._glances and not self._oracle.edge_is_free(a, b, known=Known.BOTH):
+            if self._coarse and not self._oracle.edge_is_free(a, b, known=Known.BOTH):
                 self._edges[_key(a, b)] = False
-                self._idle, self._looks = -self._looks, 0  # growing again asks nothing new for as long as it took
+                self._idle, self._polls = -self._polls, 0  # growing again asks nothing new for as long as it took
                 self._refute()
                 return False
         return True
 
     def free_graph(self) -> tuple[FloatArray, list[tuple[int, int]]]:
-        """The edges found free so far, with their ends as milestones (N, n)."""
+        """The ends of all edges found free so far as milestones (N, n), and these edges."""
         free = [edge for edge, verdict in self._edges.items() if verdict]
         numbers: dict[Configuration, int] = {}
         edges = [(numbers.setdefault(a, len(numbers)), numbers.setdefault(b, len(numbers))) for a, b in free]
         return np.array(list(numbers)).reshape(-1, self._span.stop), edges
 
     def _refute(self) -> None:
-        """Note that a path had an edge that is not free; look no more, and no more trust looks, after too many."""
+        """Count a path with an edge that is not free; after too many, check no edge coarsely, nor trust such checks."""
         self._refuted += 1
         if self._refuted == MAX_REFUTED:
-            self._look = self._oracle.edge_is_free
+            self._check = self._oracle.edge_is_free
             self._edges = {key: free for key, free in self._edges.items() if not free}
 
     def over(self) -> bool:
-        """Whether a limit was reached, asking ``poll`` too: some planners spin without judging anything."""
+        """Whether OMPL has to stop. ``poll`` is called here too, since some planners spin without checking anything."""
         self._idle += 1
-        self._looks += 1
+        self._polls += 1
         self._repeats = 0
         if self.held is None:
             try:
@@ -194,52 +200,52 @@ class _Judge:
         return self.held is not None
 
     def hold(self, error: BaseException) -> None:
-        """Keep an exception until OMPL has come to its end."""
+        """Keep an exception until OMPL has ended."""
         self.held = error
 
     def release(self) -> BaseException | None:
-        """What was held back, without a reference here, which would be a cycle through its traceback."""
+        """The exception held back; no reference stays here, which would be a cycle through its traceback."""
         held, self.held = self.held, None
         return held
 
     def close(self) -> None:
-        """Let go of the oracle: OMPL's objects live as long as a traceback does, and they hold this judge."""
-        del self._oracle, self._look, self._poll
+        """Drop the oracle: OMPL's objects hold this one, and live as long as a traceback does."""
+        del self._oracle, self._check, self._poll
 
 
 class _Motions(ob.MotionValidator):  # type: ignore[misc]
-    """Hands whole edges to the judge; without it OMPL would sample them itself."""
+    """Hands whole edges to the oracle; without it OMPL would sample them itself."""
 
-    def __init__(self, si: Any, judge: _Judge) -> None:
+    def __init__(self, si: Any, oracle: _Oracle) -> None:
         super().__init__(si)  # and no reference of our own to si: that would be a cycle
-        self._judge = judge
+        self._oracle = oracle
         self._span = slice(0, si.getStateDimension())
 
     def checkMotion(self, first: Any, second: Any) -> bool:  # noqa: N802 - OMPL's name
         try:
             a, b = tuple(first[self._span]), tuple(second[self._span])
-            del first, second  # see _Judge.edge
-            return self._judge.edge(a, b)
+            del first, second  # see _Oracle.edge
+            return self._oracle.edge(a, b)
         except BaseException as error:
             first = second = None  # noqa: F841
-            self._judge.hold(error)
+            self._oracle.hold(error)
             return False
 
 
 class _Run:
-    """One OMPL planner over fresh objects, alive inside ``_seeded`` only."""
+    """One OMPL planner with fresh objects, which live only inside ``_seeded``."""
 
-    def __init__(self, space: Space, judge: _Judge, planner: str, settings: dict[str, Setting]) -> None:
+    def __init__(self, space: Space, oracle: _Oracle, planner: str, settings: dict[str, Setting]) -> None:
         n = len(space.lower)
-        self.judge, self._n = judge, n
+        self.oracle, self._n = oracle, n
         states, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
         for joint in range(n):
             bounds.setLow(joint, float(space.lower[joint]))
             bounds.setHigh(joint, float(space.upper[joint]))
         states.setBounds(bounds)
         self._si = ob.SpaceInformation(states)
-        self._si.setStateValidityChecker(judge.state)
-        self._si.setMotionValidator(_Motions(self._si, judge))
+        self._si.setStateValidityChecker(oracle.state)
+        self._si.setMotionValidator(_Motions(self._si, oracle))
         self._si.setup()
         self._problem = ob.ProblemDefinition(self._si)
         self._problem.setOptimizationObjective(ob.PathLengthOptimizationObjective(self._si))
@@ -252,7 +258,7 @@ class _Run:
         return state
 
     def between(self, start: FloatArray, goals: FloatArray) -> None:
-        """Pose the query."""
+        """Set the query and make the planner."""
         self._problem.addStartState(self._state(start))
         targets = ob.GoalStates(self._si)
         for goal in goals:
@@ -261,7 +267,7 @@ class _Run:
         self.ready()
 
     def ready(self) -> None:
-        """Make the planner. One that Ctrl-C comes to is set up all the same: AORRTC's destructor crashes without."""
+        """Make the planner. It is set up even if Ctrl-C comes in between: AORRTC's destructor crashes otherwise."""
         planner: Any = None
         try:
             planner = getattr(og, self._name)(self._si)
@@ -277,16 +283,16 @@ class _Run:
         self.planner = planner
 
     def until(self, act: Callable[[Any], Any], enough: Callable[[Any], bool]) -> Any:
-        """``act`` with a condition that ends it when a limit is reached or ``enough(planner)``."""
+        """Call ``act`` with a condition that ends it when a limit is reached, or once ``enough(planner)``."""
         # AORRTC keeps the condition, so the condition must not keep the planner: hence the box, emptied at the end.
-        judge, box = self.judge, [self.planner]
-        condition = ob.PlannerTerminationCondition(lambda: bool(judge.over() or (box and enough(box[0]))))
+        oracle, box = self.oracle, [self.planner]
+        condition = ob.PlannerTerminationCondition(lambda: bool(oracle.over() or (box and enough(box[0]))))
         try:
             return act(condition)
         except Exception:
-            if judge.held is None:
+            if oracle.held is None:
                 raise
-            return None  # with no sample drawn at all, the batch planners' statistics fail: a stop like others
+            return None  # the batch planners' statistics fail if no sample was drawn: a stop like any other
         finally:
             box.clear()
 
@@ -298,7 +304,7 @@ class _Run:
         return [tuple(path.getState(k)[0 : self._n]) for k in range(path.getStateCount())]
 
     def roadmap(self) -> tuple[FloatArray, list[tuple[int, int]]]:
-        """Milestones (N, n), isolated ones left out by OMPL, and edges, each once with the smaller index first."""
+        """Milestones (N, n) and edges, each once with the smaller index first; OMPL leaves isolated milestones out."""
         data = ob.PlannerData(self._si)
         self.planner.getPlannerData(data)
         count = data.numVertices()
@@ -314,50 +320,54 @@ def solve(
 
     Args:
         settings: OMPL's setters and their arguments.
-        checks: For anytime planners: once a path is known and this many states were judged, end with
-            the best path. None: end with the first.
+        checks: For anytime planners: once there is a path and this many states were checked, end with the best path.
+            None to end with the first path.
     """
-    judge = _Judge(problem, _ends(problem), glance=checks is None)
-    first = judge.states
+    oracle = _Oracle(problem, _ends(problem), coarse=checks is None)
+    first = oracle.states
 
     def enough(planner: Any) -> bool:
-        return checks is not None and judge.states - first >= checks and isfinite(planner.bestCost().value())
+        return checks is not None and oracle.states - first >= checks and isfinite(planner.bestCost().value())
 
     try:
-        points = _path(problem, judge, planner, settings, problem.goals, enough)
-        while checks is None and points and judge.held is None and not judge.confirmed(_joined(problem, points)):
-            # The same seed and the same answers: what was grown grows again at once, up to the edge now known better.
-            points = _path(problem, judge, planner, settings, problem.goals, enough)
-        return _result(problem, judge, points)
+        points = _path(problem, oracle, planner, settings, problem.goals, enough)
+        while checks is None and points and oracle.held is None and not oracle.confirmed(_joined(problem, points)):
+            # With the same seed and answers the same tree grows again at once, up to the edge that is not free.
+            points = _path(problem, oracle, planner, settings, problem.goals, enough)
+        return _result(problem, oracle, points)
     finally:
-        judge.close()
+        oracle.close()
 
 
 def solve_in_batches(problem: SearchProblem, planner: str, samples: int) -> SearchResult:
-    """Search with a batch planner, doubling its samples each time it tried every goal in vain.
+    """Search with a batch planner; each time it fails for every goal, double its samples.
 
-    One goal and one batch at a time: OMPL's own way to add samples to a batch reads beyond a vector
-    when there are several goals (measured: a segmentation fault).
+    One goal and one batch at a time: with several goals, OMPL's own way to add samples to a batch reads beyond the end
+    of a vector (measured: a segmentation fault).
     """
-    judge = _Judge(problem, _ends(problem))
+    oracle = _Oracle(problem, _ends(problem))
     points: list[Configuration] = []
     note = f"no path among {MAX_SAMPLES} samples"
     try:
-        while not points and judge.held is None and samples <= MAX_SAMPLES:
+        while not points and oracle.held is None and samples <= MAX_SAMPLES:
             settings: dict[str, Setting] = {"setNumSamples": samples, "setExtendedFMT": False}
             for goal in problem.goals:
-                points = _path(problem, judge, planner, settings, goal[None], lambda _: False)
-                if points or judge.held is not None:
+                points = _path(problem, oracle, planner, settings, goal[None], lambda _: False)
+                if points or oracle.held is not None:
                     note = ""
                     break
             samples *= 2
-        return _result(problem, judge, points, note=note)
+        return _result(problem, oracle, points, note=note)
     finally:
-        judge.close()
+        oracle.close()
 
 
-class _Surveyor(_Judge):
-    """A judge that remembers what stood in the way of edges."""
+class _RoadmapOracle(_Oracle):
+    """Remembers what blocks each edge that is not free.
+
+    Attributes:
+        blocked: The obstacle of each such edge, as ``SearchOracle.blocker`` has it.
+    """
 
     def __init__(self, space: Space) -> None:
         super().__init__(space)
@@ -372,12 +382,12 @@ class _Surveyor(_Judge):
 
 @dataclass(frozen=True)
 class Survey:
-    """What growing a roadmap found.
+    """A roadmap as it was grown.
 
     Attributes:
-        milestones: Free configurations (N, n), those left out that joined to nothing.
-        free: The edges between them that are free, each once with the smaller index first.
-        blocked: Those that are not, and the obstacle that stood in the way, as ``SearchOracle.blocker`` has it.
+        milestones: Free configurations (N, n) that an edge joins to others.
+        free: The free edges between them, each once with the smaller index first.
+        blocked: The edges that are not free, with the obstacle in the way, as ``SearchOracle.blocker`` has it.
     """
 
     milestones: FloatArray
@@ -394,24 +404,24 @@ def grow(
     seed: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> Survey:
-    """What the OMPL planner of that name finds while it grows a roadmap.
+    """Grow a roadmap with the OMPL planner of that name.
 
     Args:
         size: Milestones wanted, and states after which growing ends with fewer.
-        progress: Told now and then how many milestones there are, and how many are wanted.
+        progress: Called now and then with the number of milestones so far and the number wanted.
     """
     milestones, max_checks = size
-    judge = _Surveyor(space)
-    first = judge.states
+    oracle = _RoadmapOracle(space)
+    first = oracle.states
 
     def enough(planner: Any) -> bool:
         count = planner.milestoneCount()
         if progress is not None:
             progress(count, milestones)
-        return bool(count >= milestones or judge.states - first >= max_checks)
+        return bool(count >= milestones or oracle.states - first >= max_checks)
 
     def grown() -> tuple[FloatArray, list[tuple[int, int]]]:
-        run = _Run(space, judge, planner, settings)
+        run = _Run(space, oracle, planner, settings)
         run.ready()  # growing before a problem is set would crash OMPL
         run.until(run.planner.growRoadmapPtc, enough)
         return run.roadmap()
@@ -419,40 +429,43 @@ def grow(
     try:
         points, free = _seeded(seed, space.poll, grown)
     finally:
-        judge.close()
-    held = judge.release()
+        oracle.close()
+    held = oracle.release()
     if held is not None and not isinstance(held, _GoingInCircles):
         try:
             raise held
         finally:
             del held  # see _result
     at = {tuple(q): k for k, q in enumerate(points.tolist())}
-    ends = {(at.get(a, -1), at.get(b, -1)): blocker for (a, b), blocker in judge.blocked.items()}
+    ends = {(at.get(a, -1), at.get(b, -1)): blocker for (a, b), blocker in oracle.blocked.items()}
     blocked = {(min(a, b), max(a, b)): blocker for (a, b), blocker in ends.items() if a >= 0 and b >= 0}
     return Survey(points, free, blocked)
 
 
 def _seeded(seed: int, poll: Callable[[], None], act: Callable[[], T]) -> T:
-    """What ``act`` returns at the process's turn at OMPL, freshly seeded and silent; waiting for it can be stopped."""
+    """What ``act`` returns, called under the process-wide lock with OMPL freshly seeded and silent.
+
+    ``poll`` can end the wait for the lock.
+    """
 
     def silent() -> T:
         level = ou.getLogLevel()
         try:
             try:
-                ou.setLogLevel(ou.LOG_NONE)  # also of the claim that reseeding a used generator had no effect: it has
+                ou.setLogLevel(ou.LOG_NONE)  # it would say, wrongly, that reseeding has no effect
                 ou.RNG.setSeed(1 + int(seed) % _SEEDS)  # OMPL ignores 0
                 return act()
             finally:
                 ou.setLogLevel(level)
         finally:
-            ou.setLogLevel(level)  # Ctrl-C may have come before it was done
+            ou.setLogLevel(level)  # again, for Ctrl-C may have come before
 
     return _turns.hold(silent, poll)
 
 
 def _path(
     problem: SearchProblem,
-    judge: _Judge,
+    oracle: _Oracle,
     planner: str,
     settings: dict[str, Setting],
     goals: FloatArray,
@@ -461,11 +474,11 @@ def _path(
     """The path OMPL found, empty if none."""
 
     def found() -> list[Configuration]:
-        run = _Run(problem, judge, planner, settings)
+        run = _Run(problem, oracle, planner, settings)
         run.between(problem.start, goals)
         run.until(run.planner.solve, enough)
         if problem.grown is not None:
-            problem.grown(*(judge.free_graph() if planner in UNTOLD else run.roadmap()))
+            problem.grown(*(oracle.free_graph() if planner in WITHOUT_GRAPH else run.roadmap()))
         return run.path()
 
     return _seeded(problem.seed, problem.poll, found)
@@ -477,7 +490,7 @@ def _ends(problem: SearchProblem) -> Iterable[Configuration]:
 
 
 def _joined(problem: SearchProblem, points: list[Configuration]) -> list[Configuration]:
-    """A path of OMPL's, from exactly the start to exactly the goal it reaches."""
+    """OMPL's path from exactly the start to exactly the goal it reaches."""
     goal = problem.goals[_nearest(problem, points[-1])]
     return _exact(points, tuple(problem.start.tolist()), tuple(goal.tolist()))
 
@@ -488,22 +501,22 @@ def _nearest(problem: SearchProblem, q: Configuration) -> int:
     return 0 if len(goals) == 1 else int(np.argmin(distances(goals, np.array(q))))
 
 
-def _result(problem: SearchProblem, judge: _Judge, points: list[Configuration], *, note: str = "") -> SearchResult:
-    held = judge.release()
+def _result(problem: SearchProblem, oracle: _Oracle, points: list[Configuration], *, note: str = "") -> SearchResult:
+    held = oracle.release()
     if isinstance(held, _GoingInCircles):
         held, note = None, f"ended early: {held}"
     index = None
     if points and (held is None or isinstance(held, SearchStopped)):
         index = _nearest(problem, points[-1])
         points = _joined(problem, points)
-        # OMPL promises free pieces; an edge is free only if the oracle said so of this very edge.
-        if not judge.confirmed(points):
+        # OMPL promises free pieces; but an edge is free only if the oracle said so of this very edge.
+        if not oracle.confirmed(points):
             index, note = None, "a piece of the path collides that OMPL had not asked about"
     if held is not None and index is None:
         try:
             raise held
         finally:
-            del held  # a frame of its own traceback: it would live until the garbage collector finds the cycle
+            del held  # this frame is in its traceback: a cycle, which would live until the garbage collector finds it
     return SearchResult(
         waypoints=None if index is None else np.array(points),
         goal_index=index,

@@ -14,7 +14,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.roadmap import Roadmap, Verdict
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.roadmap.verdicts import Knowledge
-from planner_service.search.ompl import MAX_REPEATS, _Surveyor
+from planner_service.search.ompl import MAX_REPEATS, _RoadmapOracle
 from planner_service.search.problem import SearchProblem, SearchSpace
 from tests.support.discs import DiscWorld, GlancingWorld, Stop
 
@@ -188,15 +188,15 @@ def test_an_edge_of_any_length_has_few_places() -> None:
 def test_a_no_that_is_no_verdict_is_not_noted_as_one() -> None:
     wide = np.full(2, 5.0)
     a, b, c = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
-    stopped = _Surveyor(SearchSpace(-wide, wide, DiscWorld((), limit=3)))
+    stopped = _RoadmapOracle(SearchSpace(-wide, wide, DiscWorld((), limit=3)))
     assert not stopped.edge(a, b)
     assert isinstance(stopped.held, Stop)
     assert not stopped.edge(b, c)
     assert stopped.blocked == {}
-    patient = _Surveyor(SearchSpace(-wide, wide, DiscWorld(())))
+    patient = _RoadmapOracle(SearchSpace(-wide, wide, DiscWorld(())))
     assert not all(patient.edge(a, b) for _ in range(2 * MAX_REPEATS)), "to get OMPL out of a loop"
     assert patient.blocked == {}
-    walled = _Surveyor(SearchSpace(-wide, wide, DiscWorld([(0.5, 0.0, 0.1)])))
+    walled = _RoadmapOracle(SearchSpace(-wide, wide, DiscWorld([(0.5, 0.0, 0.1)])))
     assert not walled.edge(a, b)
     assert not walled.edge(b, a)
     assert walled.edge(b, c)
