@@ -10,16 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner_service.collision.bounds import (
-    Placed,
-    Solids,
-    box_of,
-    centres_of,
-    doubt_of,
-    parted,
-    refined_gaps,
-    rough_gaps,
-)
+from planner_service.collision import bounds
+from planner_service.collision.bounds import Placed, Solids
 from planner_service.collision.numpy_groups import Crowds
 from planner_service.collision.pairs import Parts
 from planner_service.errors import BrokenInvariant
@@ -54,14 +46,14 @@ class Broadphase:
         self._robot = robot
         self._parts = parts
         self._solids = Solids.of(parts.shapes)
-        self._margin = MARGIN + doubt_of(self._solids)
+        self._margin = MARGIN + bounds.doubt_of(self._solids)
         n = parts.riding
         T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
-        T[:, :3, 3] += (T[:, :3, :3] @ centres_of(parts.shapes)[..., None])[..., 0]
+        T[:, :3, 3] += (T[:, :3, :3] @ bounds.centres_of(parts.shapes)[..., None])[..., 0]
         self._bodies = np.array([part.body for part in parts.parts[:n]], dtype=np.intp)
         self._R_part, self._t_part = T[:n, :3, :3].copy(), T[:n, :3, 3].copy()
         self._R_world, self._t_world = T[n:, :3, :3].copy(), T[n:, :3, 3].copy()
-        reach = box_of(self._solids.take(slice(n, None)), self._R_world)
+        reach = bounds.box_of(self._solids.take(slice(n, None)), self._R_world)
         self._low_world, self._high_world = self._t_world - reach, self._t_world + reach
         self._riding = self._solids.take(slice(n))
         self._i, self._j = parts.pairs[:, 0], parts.pairs[:, 1]
@@ -74,7 +66,7 @@ class Broadphase:
     def candidates(self, Q: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows of Q (m, n) and the numbers of their pairs that are not proven apart, sorted by row, then pair."""
         R, t = self._place(Q)
-        reach = box_of(self._riding, R) + self._margin
+        reach = bounds.box_of(self._riding, R) + self._margin
         row, pair = self._overlapping(t, reach)
         rough = len(row) > _ASKED_AT_ONCE and len(Q) > 1
         if rough:
@@ -93,14 +85,14 @@ class Broadphase:
     def _doubtful(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
         """What separating axes leave of rows and pairs."""
         a, b = self._placed(R, t, row, pair)
-        left = rough_gaps(a, b) <= self._margin
+        left = bounds.rough_gaps(a, b) <= self._margin
         return row[left], pair[left]
 
     def _parted(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
         """What is left of rows and pairs once hulls are looked at as they are, not as the boxes around them."""
         hulls = np.flatnonzero(self._with_hull[pair])
         left = np.ones(len(pair), dtype=bool)
-        left[hulls] = ~parted(*self._placed(R, t, row[hulls], pair[hulls]), self._margin)
+        left[hulls] = ~bounds.parted(*self._placed(R, t, row[hulls], pair[hulls]), self._margin)
         return row[left], pair[left]
 
     def smallest_gap(self, q: FloatArray) -> float:
@@ -117,20 +109,20 @@ class Broadphase:
         if len(pairs) == 0:
             return float("inf")
         a, b = self._placed(R, t, np.zeros_like(pairs), pairs)
-        rough = rough_gaps(a, b)
+        rough = bounds.rough_gaps(a, b)
         order = np.argsort(rough, kind="stable")
         least, done, count = float("inf"), 0, _LIKELY_SMALLEST
         while done < len(order) and rough[order[done]] <= least:
             likely = order[done : done + count]
             likely = likely[rough[likely] <= least]
-            least = min(least, float(refined_gaps(a.take(likely), b.take(likely)).min()))
+            least = min(least, float(bounds.refined_gaps(a.take(likely), b.take(likely)).min()))
             done, count = done + len(likely), _REFINED_AT_ONCE
         return least
 
     def overlaps(self, q: FloatArray, pairs: IntArray) -> FloatArray:
         """Upper bounds in metres of how far pairs (k,) overlap at q (n,); negative for a pair proven apart."""
         R, t = self._place(q[None])
-        return np.asarray(-refined_gaps(*self._placed(R, t, np.zeros_like(pairs), pairs)))
+        return np.asarray(-bounds.refined_gaps(*self._placed(R, t, np.zeros_like(pairs), pairs)))
 
     def _place(self, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Poses of the riding parts: R (m, parts, 3, 3) and t (m, parts, 3).

@@ -6,7 +6,7 @@ Poses are those of the tool frame in the robot's base frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -317,7 +317,7 @@ class _Walk:
 
     def __init__(self, robot: Robot, begin: Pose, end: Pose, q: FloatArray) -> None:
         self._robot, self._begin, self.end = robot, begin, end
-        self._next = _follower(robot)
+        self._closed_form = WxaiInverse.of(robot) if robot.inverse == "wxai" else None
         self.waypoints = [q]
         self.fraction = 0.0
         self._pose = begin
@@ -336,6 +336,17 @@ class _Walk:
             else:
                 pending.append((self.fraction + pending[-1]) / 2)
         return None
+
+    def _next(self, pose: Pose, before: FloatArray) -> FloatArray | None:
+        """The configuration for a pose nearest to the one before, or None."""
+        if self._closed_form is None:
+            end = descend(self._robot, pose, before[np.newaxis])
+            return read_only(end.q[0]) if end.arrived[0] else None
+        near = before.tolist()
+        solutions = self._closed_form.solve(pose, [near])
+        if not solutions:
+            return None
+        return read_only(min(solutions, key=lambda q: max(abs(a - b) for a, b in zip(q, near, strict=True))))
 
     def _fits(self, q: FloatArray, pose: Pose) -> bool:
         before = self.waypoints[-1]
@@ -357,24 +368,3 @@ class _Walk:
         elif other is not None:
             reason, move = LineStopReason.BRANCH_JUMP, np.abs(other - q)
         return LineStop(reason, robot.joint_names[int(move.argmax())], self.fraction)
-
-
-def _follower(robot: Robot) -> Callable[[Pose, FloatArray], FloatArray | None]:
-    """A function that finds the configuration for a pose nearest to the one before, or None."""
-    if robot.inverse != "wxai":
-
-        def by_descent(pose: Pose, before: FloatArray) -> FloatArray | None:
-            end = descend(robot, pose, before[np.newaxis])
-            return read_only(end.q[0]) if end.arrived[0] else None
-
-        return by_descent
-    closed_form = WxaiInverse.of(robot)
-
-    def by_branch(pose: Pose, before: FloatArray) -> FloatArray | None:
-        q = before.tolist()
-        solutions = closed_form.solve(pose, [q])
-        if not solutions:
-            return None
-        return read_only(min(solutions, key=lambda other: max(abs(a - b) for a, b in zip(other, q, strict=True))))
-
-    return by_branch

@@ -18,6 +18,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
+from planner_service.planning import search_stage
 from planner_service.planning.accounting import (
     Limits,
     NoPlan,
@@ -34,16 +35,7 @@ from planner_service.planning.polishing import Touch, judged, lines, not_free, o
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import MotionReport, PlanResult, Stage
 from planner_service.planning.roadmap_work import require_robot
-from planner_service.planning.search_stage import (
-    Candidates,
-    SearchRound,
-    polyline_length,
-    remember,
-    retry_paddings,
-    search,
-    search_again,
-    search_states,
-)
+from planner_service.planning.search_stage import Candidates, SearchRound
 from planner_service.planning.timing_stage import timed
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import ExemptRetreat, Robot
@@ -87,7 +79,7 @@ def plan(
         InvalidRequest: As ``require_plannable``.
     """
     require_plannable(request, checker.robot)
-    limits = Limits(request.max_checks, search_states(request), request.time_limit, cancel)
+    limits = Limits(request.max_checks, search_stage.search_states(request), request.time_limit, cancel)
     accounting = PlanAccounting(checker, limits, request.planner if isinstance(request.planner, Roadmap) else None)
     context = PlanContext(request, checker, certifier, accounting, tracer)
     try:
@@ -105,10 +97,11 @@ def _stages(context: PlanContext) -> PlanResult:
     candidates = _straight_line(context, ends)
     if candidates is None and isinstance(context.request.planner, Optimise):
         return _finish(context, _optimised_line(context, ends))
-    proof = _prove(context, ends, candidates or search(context, ends))
-    for number, padding in enumerate(retry_paddings(context.request), start=1):
+    proof = _prove(context, ends, candidates or search_stage.search(context, ends))
+    for number, padding in enumerate(search_stage.retry_paddings(context.request), start=1):
         if proof.refused:
-            candidates = search_again(context, ends, SearchRound(number, padding, padding), proof.certificate)
+            searching = SearchRound(number, padding, padding)
+            candidates = search_stage.search_again(context, ends, searching, proof.certificate)
             proof = proof if candidates is None else _prove(context, ends, candidates)
     return _finish(context, proof)
 
@@ -215,7 +208,7 @@ def _finish(context: PlanContext, proof: _Proof) -> PlanResult:
     accounting = context.accounting
     require_proven(proof.certificate)
     if proof.candidates is not None:
-        remember(context, proof.candidates, proof.turn)
+        search_stage.remember(context, proof.candidates, proof.turn)
     if proof.padding < accounting.padding:
         accounting.notes.append(f"the optimum was judged with {proof.padding * 1000:g} mm all along")
         accounting.padding = proof.padding
@@ -308,7 +301,7 @@ def _optimum(context: PlanContext, ends: Ends, candidates: Candidates) -> _Proof
         if not optimum.iterations:
             return None
         accounting.polish = judged(settings, optimum, touch)
-        entry.length, entry.note = polyline_length(points), accounting.polish.note
+        entry.length, entry.note = search_stage.polyline_length(points), accounting.polish.note
         if accounting.polish.kept:
             entry.length, entry.note = optimum.path.length, f"{settings.method.name}, {optimum.iterations} steps"
     if optimum is None or accounting.polish is None:

@@ -7,7 +7,6 @@ import json
 import os
 import re
 from collections.abc import Callable
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,20 +16,11 @@ from pydantic import Field
 
 from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidFile, InvalidRequest
+from planner_service.files import schema
 from planner_service.files.json_reader import MAX_BYTES as MAX_HEAD
 from planner_service.files.json_reader import parse_json
 from planner_service.files.reading import as_path
-from planner_service.files.schema import (
-    Count,
-    FirstOnly,
-    NamePair,
-    Reading,
-    Record,
-    Text,
-    of_length,
-    read_record,
-    recorded,
-)
+from planner_service.files.schema import Record, Text
 from planner_service.files.writing import write_whole
 from planner_service.geometry.arrays import frozen
 from planner_service.geometry.point_files import arrays_of
@@ -68,7 +58,7 @@ def save_roadmap(roadmap: Roadmap, path: str | os.PathLike[str]) -> None:
         raise InvalidRequest("path", os.fspath(path), f"a path that ends in {SUFFIX}")
     head = {"format": FORMAT, "version": VERSION, "hash": roadmap.hash, **roadmap.head}
     text = json.dumps(head, sort_keys=True, allow_nan=False).encode("ascii")
-    recorded("roadmap", lambda: HeadRecord.model_validate_json(text))  # what is written can be read
+    schema.recorded("roadmap", lambda: HeadRecord.model_validate_json(text))  # what is written can be read
     if len(text) > MAX_HEAD:
         raise InvalidRequest("roadmap", f"{len(text):,} bytes of names", f"at most {MAX_HEAD:,}")
     arrays = {name: _narrow(array) for name, array in roadmap.arrays.items()}
@@ -95,7 +85,7 @@ def load_roadmap(path: str | os.PathLike[str]) -> Roadmap:
         raise InvalidFile(source, [f"suffix {source.suffix!r}; expected {SUFFIX}"])
     array = arrays_of(source, MAX_BYTES)
     document = _document(source, array(HEAD, "u"))
-    head = read_record(HeadRecord, document, source, Reading())
+    head = schema.read_record(HeadRecord, document, source, schema.Reading())
     roadmap = in_file(source, lambda: _roadmap(head, array))
     if roadmap.hash != head.hash:
         raise InvalidFile(source, [f"hash: got {head.hash!r}; expected that of the content, {roadmap.hash!r}"])
@@ -123,12 +113,14 @@ def _document(path: Path, codes: NDArray[Any]) -> dict[str, Any]:
 
 # The head, declared.
 
-Texts = Annotated[list[Text], FirstOnly()]
-Pairs = Annotated[list[NamePair], FirstOnly()]
+Texts = Annotated[list[Text], schema.FirstOnly()]
+Pairs = Annotated[list[schema.NamePair], schema.FirstOnly()]
 
 
 class TermsRecord(Record):
     """``Terms``."""
+
+    makes = Terms
 
     robot: Text
     robot_hash: Text
@@ -141,33 +133,26 @@ class TermsRecord(Record):
     padding: float
     step: Text
 
-    @cached_property
-    def value(self) -> Terms:
-        obstacles, allowed = tuple((a, b) for a, b in self.obstacles), tuple((a, b) for a, b in self.allowed)
-        robot, scene = (self.robot, self.robot_hash, tuple(self.joint_names)), (self.scene, self.scene_hash)
-        return Terms(*robot, *scene, obstacles, self.attached, allowed, self.padding, self.step)
-
 
 class CostRecord(Record):
     """``CheckCounts``."""
 
-    states: Count
-    edges: Count
-    distances: Count
+    makes = CheckCounts
+
+    states: schema.Count
+    edges: schema.Count
+    distances: schema.Count
 
 
 class BuiltRecord(Record):
     """``Built``."""
 
+    makes = Built
+
     planner: Text
-    settings: dict[Text, Count]
+    settings: dict[Text, schema.Count]
     seed: Annotated[int, Field(ge=0)]
     counts: CostRecord
-
-    @cached_property
-    def value(self) -> Built:
-        counts = CheckCounts(self.counts.states, self.counts.edges, self.counts.distances)
-        return Built(self.planner, self.settings, self.seed, counts)
 
 
 class HeadRecord(Record):
@@ -181,7 +166,7 @@ class HeadRecord(Record):
     built: BuiltRecord | None
     fallback: bool
     remember: bool
-    grown: Annotated[list[Count], of_length(2, "two whole numbers")]
+    grown: Annotated[list[schema.Count], schema.of_length(2, "two whole numbers")]
     milestone_names: Texts
     edge_names: Texts
 

@@ -12,7 +12,7 @@ import numpy as np
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product
 from planner_service.geometry.validation import number
-from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
+from planner_service.robot.model import AllowedContact, Gripper, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
 from planner_service.robot.urdf_assembly import Assembly, assemble, locked_positions, transform
@@ -73,21 +73,14 @@ def robot_from_file(path: Path) -> Robot:
         tool_placement=tool_placement,
         bodies=assembly.bodies,
         shapes=assembly.shapes,
-        allowed_contacts=tuple(AllowedContact(_pair(c.links), c.reason) for c in table.allowed_contacts),
+        allowed_contacts=tuple(contact.value for contact in table.allowed_contacts),
         gripper=gripper,
-        retreats=tuple(
-            ExemptRetreat(r.pose, np.array(r.to), tuple(map(_pair, r.pairs)), r.reason) for r in table.retreat
-        ),
+        retreats=tuple(retreat.value for retreat in table.retreat),
         inverse=table.inverse_kinematics,
         settle_time=table.settle_time,
     )
     width = None if table.gripper is None else table.gripper.width
     return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
-
-
-def _pair(links: Sequence[str]) -> tuple[str, str]:
-    a, b = links
-    return (a, b)
 
 
 def _disagreements(table: RobotTable, urdf: Urdf) -> list[str]:

@@ -11,18 +11,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from planner_service.errors import InvalidFile, InvalidRequest, shown
-from planner_service.files.schema import (
-    ONE_PER_JOINT,
-    FirstOnly,
-    Joints,
-    Numbers,
-    Reading,
-    Record,
-    at_most,
-    of_length,
-    read_record,
-)
+from planner_service.files import schema
+from planner_service.files.schema import FirstOnly, Record, at_most
 from planner_service.files.toml_reader import read_tables
+from planner_service.robot.model import AllowedContact, ExemptRetreat
 from planner_service.robot.package_files import package_folder
 
 __all__ = ["GripperTable", "RobotFile", "RobotTable", "read_robot_file"]
@@ -92,12 +84,13 @@ PER_JOINT = "a list of one number for each joint"
 Sentence = Annotated[str, AfterValidator(_not_blank), Field(description="a text")]
 Number = Annotated[float, AfterValidator(_moderate)]
 Distance = Annotated[float, Field(ge=0.0, le=MAX_NUMBER, description=f"a number from 0 to {MAX_NUMBER:g}")]
-Positions = Annotated[Joints, AfterValidator(_moderate_all), Field(description=PER_JOINT)]
+Positions = Annotated[schema.Joints, AfterValidator(_moderate_all), Field(description=PER_JOINT)]
 Rate = Annotated[float, Field(gt=0.0, le=MAX_NUMBER)]
-Rates = Annotated[list[Rate], ONE_PER_JOINT, at_most(MAX_TABLES), Field(description=PER_JOINT)]
+Rates = Annotated[list[Rate], schema.ONE_PER_JOINT, at_most(MAX_TABLES), Field(description=PER_JOINT)]
 Names = Annotated[list[str], FirstOnly(), AfterValidator(_different), Field(description="one or more different names")]
 LinkPair = Annotated[list[str], FirstOnly(), AfterValidator(_two_links), Field(description="two different link names")]
-Axis = Annotated[Numbers, of_length(3, "3 finite numbers"), AfterValidator(_unit), Field(description="[x, y, z]")]
+XYZ = schema.of_length(3, "3 finite numbers")
+Axis = Annotated[schema.Numbers, XYZ, AfterValidator(_unit), Field(description="[x, y, z]")]
 
 
 # Tables.
@@ -141,12 +134,16 @@ class GripperTable(Record):
 class ContactTable(Record):
     """``[[allowed_contacts]]``."""
 
+    makes = AllowedContact
+
     links: LinkPair
     reason: Sentence
 
 
 class RetreatTable(Record):
     """``[[retreat]]``."""
+
+    makes = ExemptRetreat
 
     pose: Sentence
     to: Positions
@@ -199,8 +196,8 @@ def read_robot_file(path: Path) -> RobotFile:
     """
     document = read_tables(path, MAX_BYTES)
     joints = document.get("joints")
-    reading = Reading(joints=len(joints) if isinstance(joints, list) else None)
-    table = read_record(RobotTable, document, path, reading)
+    reading = schema.Reading(joints=len(joints) if isinstance(joints, list) else None)
+    table = schema.read_record(RobotTable, document, path, reading)
     problems = list(_contradictions(table))
     packages: dict[str, Path] = {}
     for name in table.packages or ():

@@ -230,9 +230,8 @@ def _always_overlaps(pair: _Pair) -> str:
         return ""
     steps = ", ".join(f"{step:.2g}" for step in ((upper - lower) / (each - 1)).tolist())
     swept = f"{len(grid):,} points swept over {_listed(pair.names)}, steps of {steps}"
-    filled = [
-        link for link in pair.links if any(s.link == link and isinstance(s.shape, Mesh) for s in pair.robot.shapes)
-    ]
+    meshes = {item.link for item in pair.robot.shapes if isinstance(item.shape, Mesh)}
+    filled = [link for link in pair.links if link in meshes]
     hulls = f"; {' and '.join(filled)} judged as the solid hull of the mesh, hollows filled" if filled else ""
     return f"always: the shapes overlap at each of {swept}{hulls}"
 
@@ -264,33 +263,27 @@ class _Proof:
         level = _Boxes(limits.lower[None, columns], limits.upper[None, columns], 0 * rows, rows)
         while len(level.box):
             if self._bounds + len(level.box) > self._max_bounds:
-                return self._judged(f"{self._max_bounds:,} bounds did not suffice for a proof that it never collides")
+                return self._unproven(f"{self._max_bounds:,} bounds did not suffice for a proof that it never collides")
             rest: list[_Boxes] = []
             for boxes in _batches(level):
                 touching, halves = self._halves(boxes)
                 if touching is not None:
-                    return self._touching(touching)
+                    if self._pair.checker.state_is_free(touching):
+                        return self._unproven("somewhere the shapes all but touch")
+                    reason = "collides in no sample, but in a configuration the proof found"
+                    return replace(self._finding(ContactKind.SOMETIMES, reason), example=touching)
                 rest += halves
             level = _merged(rest, len(columns))
         gap = math.floor(self._proven * 1e6) / 1e6
         whatever = f"whatever {_listed(self._pair.names)} {'is' if len(columns) == 1 else 'are'}"
         reason = f"never: proven at least {gap * 1e3:.3g} mm apart {whatever} ({self._bounds:,} bounds)"
-        return self._finding(ContactKind.NEVER, reason, gap=gap)
+        return replace(self._finding(ContactKind.NEVER, reason), gap=gap)
 
-    def _finding(
-        self, kind: ContactKind, reason: str, example: FloatArray | None = None, gap: float = math.nan
-    ) -> PairFinding:
-        return PairFinding(
-            self._pair.links, kind, self._pair.names, reason, example=example, gap=gap, bounds=self._bounds
-        )
+    def _finding(self, kind: ContactKind, reason: str) -> PairFinding:
+        return PairFinding(self._pair.links, kind, self._pair.names, reason, bounds=self._bounds)
 
-    def _judged(self, why: str) -> PairFinding:
+    def _unproven(self, why: str) -> PairFinding:
         return self._finding(ContactKind.UNPROVEN, f"no collision was found, but {why}")
-
-    def _touching(self, q: FloatArray) -> PairFinding:
-        if self._pair.checker.state_is_free(q):
-            return self._judged("somewhere the shapes all but touch")
-        return self._finding(ContactKind.SOMETIMES, "collides in no sample, but in a configuration the proof found", q)
 
     def _halves(self, boxes: _Boxes) -> tuple[FloatArray | None, list[_Boxes]]:
         """A centre (n,) that seems to collide if there is one, and the halves of the boxes that are not proven."""
