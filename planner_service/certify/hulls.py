@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Corners", "dot", "nearest_of"]
 
@@ -114,7 +113,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-2)
 
 
-def nearest_of(kept: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def nearest_of(kept: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """The point nearest to the origin of the hull of ``kept`` (3, 3, p) and ``new`` (3, p), on a face with ``new``.
 
     Returns:

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify.motion_bounds import Motion, Nodes
 from planner_service.certify.separation import Bounds, Facing, refined_gaps, rough_gaps
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 
 __all__ = ["MAX_BOUNDS", "Obstruction", "ProofTree", "Roots", "Span", "no_end", "too_close"]
@@ -139,7 +138,7 @@ class ProofTree:
             )
         return remaining
 
-    def _far(self, spans: Sequence[Span], roots: IntArray) -> NDArray[np.bool_]:
+    def _far(self, spans: Sequence[Span], roots: IntArray) -> BoolArray:
         """Rows of ``roots`` whose bounding spheres are ``FAR`` apart all along: a bound in the middle of each."""
         pair, stretch = roots.T
         start, end = np.array(spans, dtype=np.float64).reshape(-1, 2).T
@@ -170,7 +169,7 @@ class ProofTree:
             judged.append(ends)
         return self._kept(left, right, pair, stretch, judged[0], judged[-1])
 
-    def _split(self, open_: _Open, splitting: NDArray[np.bool_]) -> _Open | Obstruction:
+    def _split(self, open_: _Open, splitting: BoolArray) -> _Open | Obstruction:
         """The same with some pairs replaced by their children, as far as these are not proven."""
         rows, rest = np.flatnonzero(splitting), np.flatnonzero(~splitting)
         pair, parent = self._motion.opened(open_.pair[rows])

@@ -10,11 +10,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify.pairs import Frame, Piece, ProofPairs
 from planner_service.certify.separation import Facing, Solids, centre_of
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, Robot
 
@@ -217,7 +216,7 @@ class Motion:
         radii = self._every_radius[self.first[pair]] + self._every_radius[self.second[pair]]
         return np.asarray(np.sqrt(x * x + y * y + z * z) * (1.0 - ROUNDING) - radii)
 
-    def spheres_clear(self, poses: FloatArray, pair: IntArray, node: IntArray, grown: FloatArray) -> NDArray[np.bool_]:
+    def spheres_clear(self, poses: FloatArray, pair: IntArray, node: IntArray, grown: FloatArray) -> BoolArray:
         """Whether the bounding spheres of pairs at nodes, grown by so much (k,), are apart; (k,)."""
         a, b = self._in_poses(pair, node)
         x, y, z = poses[:, 3, a] - poses[:, 3, b]

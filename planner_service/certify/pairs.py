@@ -9,11 +9,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify.box_tree import MANY, Bundle, bundled
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.composite import Composite, Solid
 from planner_service.geometry.shapes import Shape
 from planner_service.robot.model import Robot
@@ -101,7 +100,7 @@ class ProofPairs:
         child = np.zeros(len(self.pairs), dtype=bool)
         for first, count in self.children[self.judged :].tolist():
             child[first : first + count] = True
-        self.roots: NDArray[np.intp] = np.flatnonzero(~child)
+        self.roots: IntArray = np.flatnonzero(~child)
 
     def check_name(self, kind: str, name: str) -> None:
         """Raise unless that is what one link or object with a piece here is called."""
@@ -135,9 +134,9 @@ class ProofPairs:
             contacts.add(frozenset((self._called[a], self._called[b])))
         return contacts
 
-    def _listed(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _listed(self) -> tuple[IntArray, IntArray]:
         """The pairs, and the children of each."""
-        rows: list[NDArray[np.intp]] = [np.zeros((0, 2), dtype=np.intp)]
+        rows: list[IntArray] = [np.zeros((0, 2), dtype=np.intp)]
         total = 0
         places: list[tuple[int, range, int]] = []
         for run, partners in self._partners():
@@ -151,7 +150,7 @@ class ProofPairs:
                 places += [(i, o, total + at) for o, at in zip(partners, ends, strict=False) if o in self._trees]
                 rows.append(_with(i, others))
                 total += len(others)
-        children: list[NDArray[np.intp]] = [np.zeros((total, 2), dtype=np.intp)]
+        children: list[IntArray] = [np.zeros((total, 2), dtype=np.intp)]
         for i, numbers, first in places:
             tree = self._trees[numbers]
             rows.append(_with(i, np.array([each.number for each in tree], dtype=np.intp)))
@@ -178,7 +177,7 @@ class ProofPairs:
         return a.body != b.body or a.held or b.held
 
 
-def _with(i: int, others: NDArray[np.intp]) -> NDArray[np.intp]:
+def _with(i: int, others: IntArray) -> IntArray:
     return np.stack([np.full(len(others), i, dtype=np.intp), others], axis=1)
 
 

@@ -14,11 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify.hulls import GAIN, SHARE, Corners, dot, nearest_of
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
@@ -162,7 +161,7 @@ class Facing:
         return Facing(replace(self.a, hulls=None), replace(self.b, hulls=None), self.R, self.x)
 
     @property
-    def with_hull(self) -> NDArray[np.bool_] | None:
+    def with_hull(self) -> BoolArray | None:
         """Which pairs have a hull, (p,); None if there is none at all."""
         rows = [solids.hulls.rows >= 0 for solids in (self.a, self.b) if solids.hulls is not None]
         return None if not rows else np.asarray(rows[0] | rows[-1])
@@ -198,7 +197,7 @@ class Bounds:
         return cls(np.concatenate([part.gaps for part in parts]), np.concatenate([part.n for part in parts], axis=1))
 
 
-def _unit(v: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _unit(v: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Directions of vectors (..., 3, p), and which of them have one, (..., p)."""
     u, w, z = v[..., 0, :], v[..., 1, :], v[..., 2, :]
     length = np.sqrt(u * u + w * w + z * z)

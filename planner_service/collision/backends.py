@@ -92,7 +92,8 @@ class NarrowPhase:
     def __init__(self, robot: Robot, parts: Parts) -> None:
         self._robot, self.parts = robot, parts
         self.fcl = FclObjects(parts.shapes, [part.T for part in parts.parts])
-        self._local = [(part.body, _twelve_numbers(part.T)) for part in parts.parts[: parts.riding]]
+        riding = parts.parts[: parts.riding]
+        self._local = [(p.body, (*p.T[:3, :3].ravel().tolist(), *p.T[:3, 3].tolist())) for p in riding]
 
     def touching(self, q: Sequence[float], pairs: Sequence[int]) -> Iterator[int]:
         """Those of some pairs, given by their numbers, that touch at q (n,), in the order given."""
@@ -275,13 +276,8 @@ def _on(edge: SampledEdge, collision: Collision | None) -> Collision | None:
     return None if collision is None else collision._replace(fraction=edge.fraction(collision.row))
 
 
-def _twelve_numbers(T: FloatArray) -> tuple[float, ...]:
-    """A 4 x 4 matrix as nine row-major rotation numbers and three translation numbers."""
-    return (*T[:3, :3].ravel().tolist(), *T[:3, 3].tolist())
-
-
 def _compose(a: Sequence[float], b: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and translation (3,) of the product of two poses given as twelve numbers each."""
+    """Rotation (3, 3) and translation (3,) of the product of two poses, given as nine row-major numbers and three."""
     a0, a1, a2, a3, a4, a5, a6, a7, a8, x, y, z = a
     b0, b1, b2, b3, b4, b5, b6, b7, b8, u, v, w = b
     R = np.array(

@@ -16,11 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.collision.gjk import Solid, gap_of
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, IntArray, cross
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, cross
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
@@ -232,14 +231,14 @@ class Boxes:
         return Boxes(self.half[rows], self.R[rows], self.t[rows])
 
 
-def beyond_faces(a: Boxes, b: Boxes, margin: float) -> NDArray[np.bool_]:
+def beyond_faces(a: Boxes, b: Boxes, margin: float) -> BoolArray:
     """Whether b is proven farther than ``margin`` beyond a face of a, (p,): some separating axes, in little time."""
     along = np.abs(a.R.transpose(0, 2, 1) @ b.R)
     apart = np.abs(_into(a.R, b.t - a.t)) - a.half - (along @ b.half[..., None])[..., 0]
     return np.asarray((apart > margin).any(axis=-1))
 
 
-def parted(a: Placed, b: Placed, margin: float) -> NDArray[np.bool_]:
+def parted(a: Placed, b: Placed, margin: float) -> BoolArray:
     """Which pairs of solids are proven farther apart than ``margin`` within a few steps, (p,); with hulls as they are.
 
     From support point to support point of the difference b - a towards its point nearest to the origin (Gilbert, SIAM

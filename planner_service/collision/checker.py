@@ -8,7 +8,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.collision.backends import BackendName, Collision, FirstHit, NativeBackend, make_backend
 from planner_service.collision.budget import CancelToken, CheckCounts, Ledger, SearchStopped
@@ -32,7 +32,7 @@ from planner_service.collision.pairs import Parts, require_padding, sorted_pairs
 from planner_service.collision.proximity import NearPairs, measuring_kernel
 from planner_service.concurrency.polling import Prepared, asked
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import BoolArray, FloatArray, read_only
 from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
@@ -223,7 +223,7 @@ class CollisionChecker:
                     return False
         return self._first_collision(self._configuration("q", q)[None]) is None
 
-    def states_are_free(self, Q: ArrayLike) -> NDArray[np.bool_]:
+    def states_are_free(self, Q: ArrayLike) -> BoolArray:
         """Which configurations of Q (m, n) are free, (m,): as ``state_is_free`` says, several times as fast; counts m.
 
         Raises:
@@ -406,9 +406,9 @@ class CollisionChecker:
         return NearPairs(near.rows, near.pairs, near.distances, near.points, near.gradients)
 
     @cached_property
-    def own_pairs(self) -> NDArray[np.bool_]:
+    def own_pairs(self) -> BoolArray:
         """Of the judged pairs by their numbers, which are of two pieces that both ride on the robot, (p,)."""
-        own: NDArray[np.bool_] = self._parts.pairs[:, 1] < self._parts.riding
+        own: BoolArray = self._parts.pairs[:, 1] < self._parts.riding
         return own
 
     def pair_names(self, pair: int) -> tuple[str, str]:

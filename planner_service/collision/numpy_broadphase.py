@@ -70,7 +70,8 @@ class Broadphase:
         row, pair = self._overlapping(t, reach)
         rough = len(row) > _ASKED_AT_ONCE and len(Q) > 1
         if rough:
-            row, pair = self._doubtful(R, t, row, pair)
+            left = bounds.rough_gaps(*self._placed(R, t, row, pair)) <= self._margin
+            row, pair = row[left], pair[left]
         if self._crowds is not None:
             rows, pairs = self._crowds.candidates(R, t, reach, self._margin)
             if len(rows):
@@ -81,12 +82,6 @@ class Broadphase:
         if rough and len(row) and self._with_hull[pair].any():
             row, pair = self._parted(R, t, row, pair)
         return row, pair
-
-    def _doubtful(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
-        """What separating axes leave of rows and pairs."""
-        a, b = self._placed(R, t, row, pair)
-        left = bounds.rough_gaps(a, b) <= self._margin
-        return row[left], pair[left]
 
     def _parted(self, R: FloatArray, t: FloatArray, row: IntArray, pair: IntArray) -> tuple[IntArray, IntArray]:
         """What is left of rows and pairs once hulls are looked at as they are, not as the boxes around them."""

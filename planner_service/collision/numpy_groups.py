@@ -6,11 +6,10 @@ Like the other sieves these only say "apart" when that is proven, and leave the 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.collision.bounds import Boxes, Placed, Solids, beyond_faces, box_of, rough_gaps
 from planner_service.collision.pairs import Parts
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Crowds"]
 
@@ -61,7 +60,7 @@ class Crowds:
         self._group_boxes = Boxes(self._groups.solids.box, self._groups.R, self._groups.t)
         in_crowd = np.zeros(len(parts.parts), dtype=bool)
         in_crowd[crowd] = True
-        self.pairs: NDArray[np.bool_] = in_crowd[parts.pairs[:, 1]]
+        self.pairs: BoolArray = in_crowd[parts.pairs[:, 1]]
         column = np.full(len(parts.parts), -1, dtype=np.intp)
         column[self._start] = np.arange(len(self._start))
         starting = np.flatnonzero(column[parts.pairs[:, 1]] >= 0)
@@ -159,7 +158,7 @@ class Crowds:
         return Placed(self._solids.take(part + self._riding), self._boxes.R[part], self._boxes.t[part])
 
 
-def _meet(low: FloatArray, high: FloatArray, other_low: FloatArray, other_high: FloatArray) -> NDArray[np.bool_]:
+def _meet(low: FloatArray, high: FloatArray, other_low: FloatArray, other_high: FloatArray) -> BoolArray:
     """Whether boxes overlap, by their lower and upper corners (..., 3)."""
     out = (low[..., 0] <= other_high[..., 0]) & (high[..., 0] >= other_low[..., 0])
     for k in (1, 2):

@@ -6,10 +6,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, product, read_only
+from planner_service.geometry.arrays import FloatArray, IntArray, product, read_only
 from planner_service.geometry.composite import Composite, Solid
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import number
@@ -132,7 +131,7 @@ class Parts:
         moving = a if b.body < 0 else b
         return not moving.moves
 
-    def _pairs(self) -> NDArray[np.intp]:
+    def _pairs(self) -> IntArray:
         riding = self._riding_runs()
         rows = [np.zeros((0, 2), dtype=np.intp)]
         count = 0

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.collision.bounds import Solids, centres_of, doubt_of
 from planner_service.collision.checker import CollisionChecker
 from planner_service.collision.pairs import MANY, Part
-from planner_service.geometry.arrays import FloatArray, IntArray, along
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, along
 
 __all__ = ["Sweep"]
 
@@ -57,7 +56,7 @@ class Sweep:
         self._pairs = len(riding) * len(self._boxes)
         self._reach: list[float] = checker.robot.reach(parts.carried).tolist()
 
-    def still_free(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
+    def still_free(self, A: FloatArray, B: FloatArray) -> BoolArray:
         """Of edges from A (m, n) to B (m, n), which keep more than the padding from the obstacles all along, (m,).
 
         True is certain; False means that it could not be told, as of an edge that is not finite.
@@ -65,7 +64,7 @@ class Sweep:
         blocks = [slice(start, start + BLOCK) for start in range(0, len(A), BLOCK)]
         return np.concatenate([np.zeros(0, dtype=bool), *(self._some(A[rows], B[rows]) for rows in blocks)])
 
-    def _some(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
+    def _some(self, A: FloatArray, B: FloatArray) -> BoolArray:
         clear = np.asarray(np.isfinite(A).all(axis=1) & np.isfinite(B).all(axis=1))
         owner: IntArray = np.flatnonzero(clear)
         A, B = A[owner], B[owner]

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from itertools import cycle
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray, IntArray, along, blocks
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, along, blocks
 from planner_service.geometry.mesh import Mesh
 
 __all__ = ["SLACK", "covering", "longest_gap", "slack"]
@@ -132,7 +131,7 @@ class _Cover:
         used, rows = np.unique(halves, return_inverse=True)
         self._points, self._heights, self._rest = points[used], heights[used], rows.reshape(-1, 3)
 
-    def _exits(self, triangles: IntArray, edge: IntArray, piece: IntArray, within: NDArray[np.bool_]) -> FloatArray:
+    def _exits(self, triangles: IntArray, edge: IntArray, piece: IntArray, within: BoolArray) -> FloatArray:
         """Where each edge leaves the piece that contains only one of its ends, as a share of its length."""
         ends = np.stack([np.take_along_axis(triangles, (edge[:, None] + k) % 3, axis=1)[:, 0] for k in (0, 1)], axis=1)
         forwards = np.take_along_axis(within, edge[:, None], axis=1)[:, 0]

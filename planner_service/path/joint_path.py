@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, as_sent, read_only, set_fields
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_sent, read_only, set_fields
 from planner_service.geometry.validation import numbers, whole
 from planner_service.path.corner_blend import Blends
 
@@ -171,9 +171,7 @@ class _Polyline:
         return math.fsum((forward * forward).tolist()) < MIN_FORWARD * MIN_FORWARD
 
 
-def _turned(
-    tangents: FloatArray, lengths: FloatArray, rounding: float, turning: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _turned(tangents: FloatArray, lengths: FloatArray, rounding: float, turning: BoolArray) -> BoolArray:
     """Which inner points are corners made of many pieces, each too short for an exact direction.
 
     Each piece is compared with the longest one since the last corner, whose direction is the most exact.
@@ -244,10 +242,10 @@ class JointPath:
     blends: FloatArray = field(default_factory=lambda: np.zeros(0))
     knots: FloatArray = field(init=False)
     breaks: FloatArray = field(init=False)
-    blended: NDArray[np.bool_] = field(init=False)
+    blended: BoolArray = field(init=False)
     _polyline: _Polyline = field(init=False)
-    _lines: NDArray[np.intp] = field(init=False)
-    _rows: NDArray[np.intp] = field(init=False)
+    _lines: IntArray = field(init=False)
+    _rows: IntArray = field(init=False)
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
@@ -337,11 +335,11 @@ class JointPath:
             out[flat == 0.0], out[flat == self.length] = self.waypoints[0], self.waypoints[-1]
         return out.reshape(*at.shape, self.n)
 
-    def pieces_at(self, s: FloatArray) -> NDArray[np.intp]:
+    def pieces_at(self, s: FloatArray) -> IntArray:
         """The index of the piece on which each s of [0, length] lies; at a break that of the later one."""
         return np.minimum(self.breaks.searchsorted(s, side="right") - 1, len(self._lines) - 1)
 
-    def on_pieces(self, piece: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
+    def on_pieces(self, piece: IntArray, at: FloatArray, order: int) -> FloatArray:
         """q or a derivative at s = ``at`` (k,) on the given pieces (k,), continued beyond their ends; (k, n)."""
         rows = self._rows.take(piece)
         (on,) = (rows >= 0).nonzero()
@@ -357,10 +355,10 @@ class JointPath:
             out[on] = self._on_blends(rows.take(on), at.take(on), order)
         return out
 
-    def _on_blends(self, row: NDArray[np.intp], at: FloatArray, order: int) -> FloatArray:
+    def _on_blends(self, row: IntArray, at: FloatArray, order: int) -> FloatArray:
         return self._curves.position(row, at) if order == 0 else self._curves.derivative(row, at, order)
 
-    def _between(self, line: NDArray[np.intp], at: FloatArray) -> FloatArray:
+    def _between(self, line: IntArray, at: FloatArray) -> FloatArray:
         start, move, end = (table.take(line, axis=0) for table in self._polyline.lines)
         share = ((at - self.knots.take(line)) / self._polyline.lengths.take(line))[..., np.newaxis]
         # share < 1 keeps the rounded product below the move, so no joint passes its waypoint, which may be a limit
@@ -380,7 +378,7 @@ class JointPath:
         total: FloatArray = self._travelled.take(piece, axis=0) + self._moved(piece, flat)
         return total.reshape(*at.shape, self.n)
 
-    def _moved(self, piece: NDArray[np.intp], at: FloatArray) -> FloatArray:
+    def _moved(self, piece: IntArray, at: FloatArray) -> FloatArray:
         """The distance that each joint moves from the start of a piece (k,) to s = ``at`` (k,); (k, n)."""
         rows = self._rows.take(piece)
         out = np.abs(self._polyline.tangents.take(self._lines.take(piece), axis=0))

@@ -12,10 +12,10 @@ from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, as_sent, read_only, set_fields
+from planner_service.geometry.arrays import FloatArray, IntArray, as_sent, read_only, set_fields
 from planner_service.geometry.validation import finite_numbers, instance, number, numbers
 from planner_service.path.joint_path import OVERSHOOT, JointPath, require_order, within
 
@@ -44,7 +44,7 @@ class _Located(NamedTuple):
     """Times, their pieces of s(t), the time since the start of each piece, and the coefficients (..., 4)."""
 
     times: FloatArray
-    piece: NDArray[np.intp]
+    piece: IntArray
     x: FloatArray
     c: FloatArray
 
@@ -74,7 +74,7 @@ class Trajectory:
     dilation: float = 1.0
     part: tuple[float, float] | None = None
     knots: FloatArray = field(init=False)
-    geometry: NDArray[np.intp] = field(init=False)
+    geometry: IntArray = field(init=False)
     _ends: FloatArray = field(init=False)
     __setstate__ = as_sent
 
@@ -232,7 +232,7 @@ def _derivative(c: FloatArray, x: FloatArray, order: int) -> FloatArray:
     return np.asarray(6.0 * c3 * np.ones_like(x))
 
 
-def _geometry(path: JointPath, c: FloatArray, ends: FloatArray) -> NDArray[np.intp]:
+def _geometry(path: JointPath, c: FloatArray, ends: FloatArray) -> IntArray:
     """The piece of the path on which each piece of s(t) runs."""
     # found by its middle, kept below its end: the start and end of a very short piece may be one number
     middle = np.minimum(c[:, 0] + (ends - c[:, 0]) / 2.0, np.nextafter(ends, 0.0))

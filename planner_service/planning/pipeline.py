@@ -90,7 +90,8 @@ def plan(
 
 def _stages(context: PlanContext) -> PlanResult:
     """The stages in their order; one that finds no way raises ``NoPlan``."""
-    _wait_for_roadmap(context)
+    if context.accounting.roadmap is not None:
+        waited(context.accounting.roadmap.prepare)
     ends = find_ends(context)
     if ends.arrived_at is not None:
         return _stay(context, ends, ends.arrived_at)
@@ -139,11 +140,6 @@ class _Route:
     goal_index: int
     kept: tuple[int, ...]
     exempt: tuple[ExemptInterval, ...]
-
-
-def _wait_for_roadmap(context: PlanContext) -> None:
-    if context.accounting.roadmap is not None:
-        waited(context.accounting.roadmap.prepare)
 
 
 def _stay(context: PlanContext, ends: Ends, goal_index: int) -> PlanResult:

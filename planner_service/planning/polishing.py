@@ -95,15 +95,8 @@ def judged(settings: Optimise, optimum: Optimum, touch: Touch | None) -> PolishR
         note = f"the optimum is not free, {touch}"
     elif _worse(optimum.before, optimum.after):
         note = "the optimum is worse than the path it was made from"
-    return PolishReport(
-        settings.method.name,
-        not note,
-        optimum.before,
-        optimum.after,
-        optimum.iterations,
-        optimum.gradients,
-        note,
-    )
+    before, after = optimum.before, optimum.after
+    return PolishReport(settings.method.name, not note, before, after, optimum.iterations, optimum.gradients, note)
 
 
 def _worse(before: Figures, after: Figures) -> bool:

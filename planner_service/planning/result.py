@@ -24,7 +24,7 @@ from planner_service.presentation.plans import plan_blocks
 from planner_service.presentation.tables import Block, render_html, render_text
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Trace
-from planner_service.timing.limit_check import LimitPeaks
+from planner_service.timing.limit_check import ORDERS, LimitPeaks
 
 __all__ = ["Failure", "MotionReport", "Origin", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
 
@@ -150,12 +150,8 @@ class MotionReport:
     settle_time: float
 
     def __str__(self) -> str:
-        kinds = (
-            ("velocity", self.peaks.velocity),
-            ("acceleration", self.peaks.acceleration),
-            ("jerk", self.peaks.jerk),
-        )
-        used = ", ".join(f"{name} {peak.ratio:.0%}" for name, peak in kinds if math.isfinite(peak.ratio))
+        ratios = {name: getattr(self.peaks, name).ratio for name in ORDERS}
+        used = ", ".join(f"{name} {ratio:.0%}" for name, ratio in ratios.items() if math.isfinite(ratio))
         faster = self.duration < self.stop_duration < math.inf
         stops = f" ({self.stop_duration:.2f} s with a stop at each corner)" if faster else ""
         return f"{self.duration:.2f} s{stops}; {used} of the limits; tool up to {self.tool_speed:.2f} m/s"

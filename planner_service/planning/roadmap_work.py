@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planner_service.collision import CheckCounts, CollisionChecker
 from planner_service.collision.edge_sampling import KNOWN_ENDS
 from planner_service.collision.swept_bounds import Sweep
 from planner_service.errors import InvalidRequest
+from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in
 from planner_service.roadmap import Built, Roadmap, Terms, Verdict
 from planner_service.roadmap.planners import PRM, LazyPRM, PRMstar, Progress
@@ -144,7 +146,7 @@ def update(roadmap: Roadmap, checker: CollisionChecker) -> RoadmapUpdate:
     )
 
 
-def _both(before: np.ndarray, was: Verdict, after: np.ndarray, now: Verdict) -> int:  # type: ignore[type-arg]
+def _both(before: NDArray[np.int8], was: Verdict, after: NDArray[np.int8], now: Verdict) -> int:
     return int(np.count_nonzero((before == was) & (after == now)))
 
 
@@ -195,7 +197,7 @@ class _Revision:
         name = int(knowledge.blockers[node])
         return Verdict.BLOCKED, None if name < 0 else knowledge.names[name]
 
-    def _swept(self, doubtful: list[int], known: Knowledge, A: np.ndarray, B: np.ndarray) -> list[tuple[int, bool]]:  # type: ignore[type-arg]
+    def _swept(self, doubtful: list[int], known: Knowledge, A: FloatArray, B: FloatArray) -> list[tuple[int, bool]]:
         """Each of them, and whether it was free before and is provably untouched."""
         kept = dict.fromkeys(doubtful, False)
         before = [k for k in doubtful if known.verdicts[k] == Verdict.FREE_BEFORE]

@@ -13,10 +13,10 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, IntArray, frozen, read_only
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
 from planner_service.geometry.validation import numbers
 from planner_service.search.problem import joint_distance
 
@@ -114,7 +114,7 @@ class EdgePoints(NamedTuple):
         step = np.arange(len(on)) - np.repeat(np.cumsum(parts - 1) - (parts - 1), parts - 1) + 1
         return cls(a[on] + (b - a)[on] * (step / parts[on])[:, None], edges[on])
 
-    def take(self, rows: IntArray | NDArray[np.bool_]) -> EdgePoints:
+    def take(self, rows: IntArray | BoolArray) -> EdgePoints:
         """The points at ``rows``."""
         return EdgePoints(self.q[rows], self.edge[rows])
 

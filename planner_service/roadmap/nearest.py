@@ -10,14 +10,11 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.roadmap.graph import EdgePoints, Graph, motion
 
 __all__ = ["Place", "nearest_places"]
-
-Flags = NDArray[np.bool_]
 
 LOOKED_UP = (24, 128, 1024)
 """Nearest places of the trunk to look up first, and then if these are too few: many may lie on the same edge."""
@@ -42,7 +39,7 @@ class Place(NamedTuple):
     q: tuple[float, ...]
 
 
-def nearest_places(graph: Graph, milestones: Flags, edges: Flags, q: FloatArray) -> Iterator[Place]:
+def nearest_places(graph: Graph, milestones: BoolArray, edges: BoolArray, q: FloatArray) -> Iterator[Place]:
     """The places nearest to q (n,), about a thousand, nearest first and one for each edge.
 
     Args:
@@ -80,7 +77,7 @@ def _milestones(graph: Graph, q: FloatArray, count: int) -> tuple[IntArray, floa
     return np.concatenate([np.atleast_1d(rows).astype(np.int64), added]), float(np.max(far))
 
 
-def _on_edges(graph: Graph, edges: Flags, q: FloatArray, count: int) -> tuple[EdgePoints, float]:
+def _on_edges(graph: Graph, edges: BoolArray, q: FloatArray, count: int) -> tuple[EdgePoints, float]:
     """The nearest points on edges, unordered, and a distance from q within which there are no others."""
     added, trunk = graph.added_points, graph.trunk
     free = np.flatnonzero(edges[: len(trunk.edges)])

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.concurrency.polling import waited
+from planner_service.geometry.arrays import IntArray
 from planner_service.roadmap.roadmap import Roadmap, RoadmapSearchResult
 from planner_service.search import ompl
 from planner_service.search.planners import Settings
@@ -110,7 +110,7 @@ class LazyPRM(Settings):
         lower, span = space.lower, space.upper - space.lower
         points = lower + span * np.random.default_rng(seed).random((self.milestones, lower.size))
         scaled = points if space.reach is None else points * space.reach
-        tree, blocks, most = cKDTree(scaled), list[NDArray[np.intp]](), min(self.neighbours + 1, self.milestones)
+        tree, blocks, most = cKDTree(scaled), list[IntArray](), min(self.neighbours + 1, self.milestones)
         many = max(1, _NEIGHBOURS_PER_POLL // most)
         for start in range(0, self.milestones, many):
             space.poll()

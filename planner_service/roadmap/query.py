@@ -17,11 +17,10 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.collision.contact import EdgeHit
 from planner_service.collision.edge_sampling import KNOWN_ENDS
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.roadmap.graph import Graph, Neighbour
 from planner_service.roadmap.nearest import Place, nearest_places
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
@@ -68,7 +67,7 @@ SHADOW, HITS = 0.06, 12
 class Carried(Protocol):
     """Knows which edges a change of the scene left free."""
 
-    def still_free(self, A: FloatArray, B: FloatArray) -> NDArray[np.bool_]:
+    def still_free(self, A: FloatArray, B: FloatArray) -> BoolArray:
         """Which edges from A (m, n) to B (m, n), free before, are proven to be free still, (m,)."""
 
 

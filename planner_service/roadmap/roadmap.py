@@ -83,13 +83,7 @@ class Roadmap:
     patience: ClassVar[int | None] = None
 
     @classmethod
-    def of(
-        cls,
-        milestones: ArrayLike,
-        edges: ArrayLike = (),
-        *,
-        reach: ArrayLike | None = None,
-    ) -> Roadmap:
+    def of(cls, milestones: ArrayLike, edges: ArrayLike = (), *, reach: ArrayLike | None = None) -> Roadmap:
         """A roadmap of unchecked milestones and edges.
 
         Args:
@@ -182,9 +176,8 @@ class Roadmap:
             carried: Decides which FREE_BEFORE edges are free still; without it they are checked like others.
         """
         if problem.lower.size != self.graph.n:
-            raise InvalidRequest(
-                "planner", f"a roadmap of {self.graph.n} joints", f"a roadmap of {problem.lower.size} joints"
-            )
+            expected = f"a roadmap of {problem.lower.size} joints"
+            raise InvalidRequest("planner", f"a roadmap of {self.graph.n} joints", expected)
         query = Query(self.graph, self.milestone_knowledge, self.edge_knowledge, problem)
         route, stopped = None, None
         try:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.geometry.arrays import BoolArray
 from planner_service.search.problem import SELF
 
 __all__ = ["SELF", "UNKNOWN_BLOCKER", "Knowledge", "Lesson", "Verdict"]
@@ -111,7 +112,7 @@ class Knowledge:
         return replace(self, blockers=number[blockers], names=tuple(self.names[k] for k in used))
 
     @cached_property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> BoolArray:
         """Which are FREE or FREE_BEFORE."""
         return np.asarray((self.verdicts == Verdict.FREE) | (self.verdicts == Verdict.FREE_BEFORE))
 

@@ -16,13 +16,12 @@ from enum import Enum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs
 from planner_service.certify.separation import refined_gaps, rough_gaps
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.arrays import FloatArray, IntArray, read_only
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, read_only
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.validation import instance, whole
 from planner_service.robot.kinematic_tree import chain_to_base
@@ -187,7 +186,7 @@ class _Pair:
         out[:, self.columns] = values
         return out
 
-    def collides(self, Q: FloatArray) -> NDArray[np.bool_]:
+    def collides(self, Q: FloatArray) -> BoolArray:
         """Which configurations (m, n) collide: the judge is asked where a quick bound proves nothing."""
         out = np.zeros(len(Q), dtype=bool)
         count = len(self.listed.pairs)
@@ -328,7 +327,7 @@ class _Proof:
         motions = self._motion.motions(radii, radii, travel)
         return 0.5 * (1.0 + ROUNDING) * self._motion.pair_motions(motions, boxes.pair, boxes.box)
 
-    def _split(self, boxes: _Boxes, radii: FloatArray, rows: NDArray[np.bool_]) -> list[_Boxes]:
+    def _split(self, boxes: _Boxes, radii: FloatArray, rows: BoolArray) -> list[_Boxes]:
         """Both halves of each box that has one of ``rows``, cut across the joint that moves these most."""
         used = np.flatnonzero(np.bincount(boxes.box[rows], minlength=len(boxes.lower)))
         if not len(used):

@@ -17,6 +17,10 @@ MIN_MOTIONS_BOXED_IN = 20
 """Motions tried at a start or goal, none of them free, before it is reported as boxed in."""
 
 
+State = FloatArray | Configuration
+Part = tuple["SearchOracle", Configuration, Configuration, Known]
+"""A part of an edge with what judges it, and which of its ends are known to be free."""
+
 NEAR_END = 0.2
 """Radians from a start or goal within which an edge needs no more clearance than that state."""
 
@@ -58,19 +62,15 @@ class SearchOracle:
     def _obstacles(self) -> frozenset[str]:
         return frozenset(obstacle.name for obstacle in self._checker.scene.obstacles)
 
-    def state_is_free(self, q: FloatArray | Configuration) -> bool:
+    def state_is_free(self, q: State) -> bool:
         """Whether q (n,) is free with the padding of the search."""
         return self._checker.state_is_free(q)
 
-    def edge_is_free(
-        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
-    ) -> bool:
+    def edge_is_free(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> bool:
         """Whether the edge is free with the padding of the search."""
         return self.edge_hit(q1, q2, known=known) is None
 
-    def edge_hit(
-        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
-    ) -> EdgeHit | None:
+    def edge_hit(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> EdgeHit | None:
         """Where the edge collides with the padding of the search, None if free; a free edge is checked only once."""
         a, b = _tuple(q1), _tuple(q2)
         key = (a, b) if a <= b else (b, a)
@@ -129,13 +129,11 @@ class TieredOracle:
         """States counted so far."""
         return self._roomy.states
 
-    def state_is_free(self, q: FloatArray | Configuration) -> bool:
+    def state_is_free(self, q: State) -> bool:
         """Whether q (n,) is free with the padding that holds there."""
         return self._tight.get(_tuple(q), self._roomy).state_is_free(q)
 
-    def edge_is_free(
-        self, q1: FloatArray | Configuration, q2: FloatArray | Configuration, *, known: Known = Known.NEITHER
-    ) -> bool:
+    def edge_is_free(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> bool:
         """Whether the edge is free with the padding that holds along it."""
         parts = self._parts(_tuple(q1), _tuple(q2), known)
         return all(oracle.edge_is_free(a, b, known=ends) for oracle, a, b, ends in parts)
@@ -144,9 +142,7 @@ class TieredOracle:
         """Whether a first look at a few samples of the edge finds no collision."""
         return all(oracle.edge_is_free_coarse(a, b, known=ends) for oracle, a, b, ends in self._parts(q1, q2, known))
 
-    def _parts(
-        self, q1: Configuration, q2: Configuration, known: Known
-    ) -> list[tuple[SearchOracle, Configuration, Configuration, Known]]:
+    def _parts(self, q1: Configuration, q2: Configuration, known: Known) -> list[Part]:
         """The parts of an edge, each with its oracle and the ends known to be free."""
         first, second = self._tight.get(q1), self._tight.get(q2)
         length = joint_distance(q1, q2)
@@ -160,7 +156,7 @@ class TieredOracle:
         if second is not None:
             points.insert(-1, _between(q1, q2, 1.0 - share))
             judges.append(second)
-        parts: list[tuple[SearchOracle, Configuration, Configuration, Known]] = []
+        parts: list[Part] = []
         for judge, a, b in zip(judges, points[:-1], points[1:], strict=True):
             if a != b:
                 at_end = known & Known.END if b == q2 else Known.NEITHER
@@ -172,5 +168,5 @@ def _between(a: Configuration, b: Configuration, share: float) -> Configuration:
     return tuple(x + (y - x) * share for x, y in zip(a, b, strict=True))
 
 
-def _tuple(q: FloatArray | Configuration) -> Configuration:
+def _tuple(q: State) -> Configuration:
     return q if isinstance(q, tuple) else tuple(q.tolist())

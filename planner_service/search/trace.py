@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, frozen, set_fields
+from planner_service.geometry.arrays import FloatArray, IntArray, frozen, set_fields
 from planner_service.geometry.validation import MAX_ITEMS, copied_in, numbers
 
 __all__ = ["SearchGraph", "Trace", "Tracer"]
-
-Pairs = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +23,7 @@ class SearchGraph:
     """
 
     milestones: FloatArray
-    edges: Pairs
+    edges: IntArray
 
     def __post_init__(self) -> None:
         expected = "rows of two milestones each, shape (E, 2)"

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate, pairwise
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -23,14 +23,12 @@ from planner_service.geometry.arrays import FloatArray, cosines_and_sines
 from planner_service.geometry.validation import number, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
+from planner_service.robot.model import JointLimits
 from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, peaks, require_limits
 from planner_service.timing.profiles import Phase, Section, TooFast, speed_profile, trapezoid
 from planner_service.timing.segments import PathSegment, SpeedLimit, path_segments, straight_sections
 from planner_service.timing.time_optimal import GridLimits, grid_limits, two_passes
 from planner_service.timing.toppra_backend import toppra_passes
-
-if TYPE_CHECKING:
-    from planner_service.robot.model import JointLimits
 
 __all__ = [
     "SCurve",

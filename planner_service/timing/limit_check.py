@@ -5,22 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.geometry.validation import instance
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
+from planner_service.robot.model import JointLimits
 
-if TYPE_CHECKING:
-    from planner_service.robot.model import JointLimits
-
-__all__ = ["MIN_SHARE", "TOLERANCE", "LimitPeaks", "Peak", "peaks", "reference_peaks", "require_limits"]
+__all__ = ["MIN_SHARE", "ORDERS", "TOLERANCE", "LimitPeaks", "Peak", "peaks", "reference_peaks", "require_limits"]
 
 TOLERANCE = 1e-9
 """How far a ratio to a limit may exceed 1 by rounding: six orders of magnitude below what an encoder resolves."""
@@ -50,6 +47,7 @@ class Peak(NamedTuple):
 NONE = Peak(0.0, 0, 0.0)
 
 ORDERS = ("velocity", "acceleration", "jerk")
+"""Names of the limits, by the order of the derivative."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def require_limits(path: JointPath, limits: JointLimits, *, jerk: bool) -> None:
     """
     instance("path", path, JointPath, "a JointPath")
     share = np.abs(path(path.breaks, 1)).max(axis=0)
-    for name in ("velocity", "acceleration", "jerk")[: 3 if jerk else 2]:
+    for name in ORDERS if jerk else ORDERS[:2]:
         row: FloatArray | None = getattr(limits, name, None)
         if not isinstance(row, np.ndarray):
             raise InvalidRequest("limits", limits, "JointLimits")
@@ -130,7 +128,7 @@ def reference_peaks(trajectory: Trajectory, limits: JointLimits) -> LimitPeaks:
     return LimitPeaks(velocity, acceleration, jerk)
 
 
-def _straight_peaks(trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp]) -> list[Peak]:
+def _straight_peaks(trajectory: Trajectory, limits: Sequence[FloatArray], rows: IntArray) -> list[Peak]:
     """The peaks on straight pieces, one for each of the given limits: velocity, acceleration and, if given, jerk."""
     if not len(rows):
         return [NONE] * len(limits)
@@ -187,7 +185,7 @@ def _jump(trajectory: Trajectory) -> Peak | None:
 
 
 def _blend_peaks(
-    trajectory: Trajectory, limits: Sequence[FloatArray], rows: NDArray[np.intp], floor: Sequence[Peak]
+    trajectory: Trajectory, limits: Sequence[FloatArray], rows: IntArray, floor: Sequence[Peak]
 ) -> list[Peak]:
     """For each of the limits the peak on blends, or ``floor`` if that is higher."""
     path, pieces, h = trajectory.path, trajectory.geometry[rows], trajectory.durations[rows]
@@ -208,7 +206,7 @@ def _blend_peaks(
     return highest
 
 
-def _rates(trajectory: Trajectory, rows: NDArray[np.intp]) -> FloatArray:
+def _rates(trajectory: Trajectory, rows: IntArray) -> FloatArray:
     """ds/dt and f(y(s)) ds/dt as polynomials on each row's piece of time, shape (degree + 1, 2, rows).
 
     Time runs from 0 to 1 on each piece. With u and v the tangents before and after the corner, the velocity is
@@ -276,7 +274,7 @@ def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: Flo
     b: FloatArray = ratios.reshape(len(ratios), -1)
     best = floor
 
-    def better(values: FloatArray, row: NDArray[np.intp], at: FloatArray) -> Peak:
+    def better(values: FloatArray, row: IntArray, at: FloatArray) -> Peak:
         k = int(values.argmax())
         if not values[k] > best.ratio:
             return best
@@ -284,7 +282,7 @@ def _highest(ratios: FloatArray, floor: Peak, starts: FloatArray, durations: Flo
         return Peak(float(values[k]), joint, float(starts[piece] + at[k] * durations[piece]))
 
     size = np.abs(b)
-    row: NDArray[np.intp] = np.arange(b.shape[1])
+    row: IntArray = np.arange(b.shape[1])
     for values, end in ((size[0], np.zeros(len(row))), (size[-1], np.ones(len(row)))):
         best = better(values, row, end)
     bound, low, high = size.max(axis=0), np.zeros(len(row)), np.ones(len(row))

@@ -7,20 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, IntArray
 from planner_service.path.corner_blend import STEEPEST, STEEPEST_SLOPE
 from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import JointLimits
 from planner_service.timing.limit_check import MIN_SHARE
 from planner_service.timing.profiles import ScalarLimits, Section
-
-if TYPE_CHECKING:
-    from planner_service.robot.model import JointLimits
 
 __all__ = ["PathSegment", "SpeedLimit", "path_segments", "straight_sections"]
 
@@ -62,7 +58,7 @@ class PathSegment:
         return float(self.path.breaks[self.pieces[-1] + 1]) - self.start
 
     @cached_property
-    def moving(self) -> NDArray[np.intp]:
+    def moving(self) -> IntArray:
         """Indices of the joints that move anywhere on it."""
         return np.flatnonzero(np.abs(self._tangents).max(axis=(0, 1)) > 0.0)
 
@@ -106,10 +102,10 @@ class PathSegment:
         """The shares of the limits that may be used at each s, shape (m,)."""
         return np.where(self.path.blended[self._first_pieces_at(s)], self.blend_share, 1.0)
 
-    def _first_pieces_at(self, s: FloatArray) -> NDArray[np.intp]:
+    def _first_pieces_at(self, s: FloatArray) -> IntArray:
         """The first piece of the section on which each s lies."""
         firsts = np.array(self._first_pieces)
-        pieces: NDArray[np.intp] = firsts[np.searchsorted(self.path.breaks[firsts[1:]], s, side="right")]
+        pieces: IntArray = firsts[np.searchsorted(self.path.breaks[firsts[1:]], s, side="right")]
         return pieces
 
     def speed_limits_at(self, s: FloatArray) -> FloatArray:
