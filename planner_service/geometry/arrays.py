@@ -19,6 +19,7 @@ __all__ = [
     "Vector",
     "along",
     "as_sent",
+    "axis_matrix",
     "blocks",
     "cosines_and_sines",
     "cross",
@@ -129,6 +130,18 @@ def rpy_matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
             [-sp, cp * sr, cp * cr],
         ]
     )
+
+
+def axis_matrix(axis: Vector, angle: float) -> list[list[float]]:
+    """Rotation matrix about a unit axis, by rows (Rodrigues)."""
+    x, y, z = axis
+    s, k = math.sin(angle), math.cos(angle)
+    v = 1.0 - k
+    return [
+        [k + x * x * v, x * y * v - z * s, x * z * v + y * s],
+        [y * x * v + z * s, k + y * y * v, y * z * v - x * s],
+        [z * x * v - y * s, z * y * v + x * s, k + z * z * v],
+    ]
 
 
 def cosines_and_sines(x: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from planner_service.files.numerals import plain_float, plain_int
 from planner_service.files.xml_reader import MAX_DEPTH, Malformed, parse_xml
-from planner_service.geometry.arrays import FloatArray, IntArray, along, product
+from planner_service.geometry.arrays import FloatArray, IntArray, along, axis_matrix, product
 
 __all__ = ["dae_vertices"]
 
@@ -200,20 +200,13 @@ def _motion(element: Element) -> FloatArray:
 
 
 def _turn(x: float, y: float, z: float, degrees: float) -> list[list[float]]:
-    """Rotation about an axis (Rodrigues)."""
+    """Rotation about an axis."""
     norm = math.sqrt(x * x + y * y + z * z)
     if not abs(norm - 1.0) <= UNIT:
         raise Malformed(
             f"a rotation about {x:g} {y:g} {z:g}; expected an axis of length 1, for readers differ on others"
         )
-    x, y, z = x / norm, y / norm, z / norm
-    s, k = math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
-    v = 1.0 - k
-    return [
-        [k + x * x * v, x * y * v - z * s, x * z * v + y * s],
-        [y * x * v + z * s, k + y * y * v, y * z * v - x * s],
-        [z * x * v - y * s, z * y * v + x * s, k + z * z * v],
-    ]
+    return axis_matrix((x / norm, y / norm, z / norm), math.radians(degrees))
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:

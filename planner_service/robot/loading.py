@@ -42,12 +42,11 @@ def robot_from_file(path: Path) -> Robot:
     file = read_robot_file(path)
     table, limits = file.table, file.table.limits
     urdf = read_urdf(file.urdf, file.package_dirs, table.decompose)
-    problems = _disagreements(table, urdf)
+    fingers, joints = table.gripper.joints if table.gripper else [], tuple(table.joints)
+    locked = locked_positions(urdf, joints, {**table.locked_joints, **dict.fromkeys(fingers, 0.0)})
+    problems = _disagreements(table, urdf, fingers, locked)
     if problems:
         raise InvalidFile(path, problems)
-    fingers = table.gripper.joints if table.gripper else []
-    joints = tuple(table.joints)
-    locked = locked_positions(urdf, joints, {**table.locked_joints, **dict.fromkeys(fingers, 0.0)})
     assembly = assemble(urdf, joints, locked)
     moving = [link for link in table.base_links if assembly.frames[link][0] != 0]
     if moving:
@@ -83,12 +82,11 @@ def robot_from_file(path: Path) -> Robot:
     return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
 
 
-def _disagreements(table: RobotTable, urdf: Urdf) -> list[str]:
+def _disagreements(table: RobotTable, urdf: Urdf, fingers: Sequence[str], standing: Mapping[str, float]) -> list[str]:
     """Where robot.toml and its URDF disagree."""
     links = {link.name for link in urdf.links}
     movable = {joint.name: joint for joint in urdf.joints if joint.kind != "fixed"}
     problems = []
-    fingers = table.gripper.joints if table.gripper else []
     locked = list(table.locked_joints)
     for where, names in (("joints", table.joints), ("gripper.joints", fingers), ("locked_joints", locked)):
         problems += [f"{where}: {name!r} is not a movable joint of the URDF" for name in names if name not in movable]
@@ -96,7 +94,6 @@ def _disagreements(table: RobotTable, urdf: Urdf) -> list[str]:
     problems += [
         f"joint {name!r} is listed more than once" for name, times in sorted(Counter(used).items()) if times > 1
     ]
-    standing = locked_positions(urdf, table.joints, {**table.locked_joints, **dict.fromkeys(fingers, 0.0)})
     problems += _unaccounted(movable.values(), table.joints, standing)
     named = [("tool_frame", table.tool_frame), *(("base_links", link) for link in table.base_links)]
     named += [(f"allowed_contacts[{i}].links", link) for i, c in enumerate(table.allowed_contacts) for link in c.links]

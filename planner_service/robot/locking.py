@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import numpy as np
 
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray, product
+from planner_service.geometry.arrays import FloatArray, axis_matrix, product, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
 from planner_service.robot.kinematic_tree import Body, LinkShape, chain_to_base
@@ -80,19 +79,12 @@ def _merged(robot: Robot, positions: Mapping[int, float], kept: list[int]) -> tu
 
 
 def _motion(body: Body, position: float) -> FloatArray:
-    """T_joint_body at a position: a slide along the axis, or a turn about it (Rodrigues)."""
+    """T_joint_body at a position: a slide along the axis, or a turn about it."""
     T = np.eye(4)
     if body.prismatic:
         T[:3, 3] = body.axis * position
-        return T
-    x, y, z = body.axis.tolist()
-    s, k = math.sin(position), math.cos(position)
-    v = 1.0 - k
-    T[:3, :3] = [
-        [k + x * x * v, x * y * v - z * s, x * z * v + y * s],
-        [y * x * v + z * s, k + y * y * v, y * z * v - x * s],
-        [z * x * v - y * s, z * y * v + x * s, k + z * z * v],
-    ]
+    else:
+        T[:3, :3] = axis_matrix(vector(body.axis.tolist()), position)
     return T
 
 

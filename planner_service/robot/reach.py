@@ -16,7 +16,7 @@ from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import Vector, cross_of, dot, minus, vector
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.robot.kinematic_tree import Body
+from planner_service.robot.kinematic_tree import Body, chain_to_base
 
 __all__ = ["Placed", "reach_bounds"]
 
@@ -58,10 +58,8 @@ def reach_bounds(bodies: Sequence[Body], travel: Sequence[float], shapes: Iterab
 
 def _chain(bodies: Sequence[Body], first: int, last: int) -> list[int]:
     """Bodies from ``first`` out to ``last``; empty if ``first`` does not carry ``last``."""
-    chain = [last]
-    while chain[-1] > first:
-        chain.append(bodies[chain[-1]].parent)
-    return chain[::-1] if chain[-1] == first else []
+    chain = chain_to_base(bodies, last)[::-1]
+    return chain[chain.index(first) :] if first in chain else []
 
 
 def _farthest(chain: Sequence[int], bodies: Sequence[Body], travel: Sequence[float], cloud: Sequence[Ball]) -> float:

@@ -106,30 +106,6 @@ def _never() -> None:
     """The ``poll`` of a search without a time limit."""
 
 
-class Space(Protocol):
-    """What growing a roadmap needs of a problem: everything but its start and goals."""
-
-    @property
-    def lower(self) -> FloatArray:
-        """Smallest joint values, shape (n,)."""
-
-    @property
-    def upper(self) -> FloatArray:
-        """Largest joint values, shape (n,)."""
-
-    @property
-    def oracle(self) -> Oracle:
-        """Checks states and edges."""
-
-    @property
-    def reach(self) -> FloatArray | None:
-        """Cost of moving each joint, shape (n,), as ``Robot.reach``; None for the same cost for all."""
-
-    @property
-    def poll(self) -> Callable[[], None]:
-        """Called often; raises when the time is up or the call is cancelled."""
-
-
 @dataclass(frozen=True, eq=False)
 class SearchSpace:
     """Joint bounds and an oracle: the space in which a roadmap is grown.
@@ -196,6 +172,10 @@ class SearchProblem:
                 raise InvalidRequest(field, points.tolist(), expected)
         require_seed(self.seed)
         set_fields(self, start=start, goals=goals, lower=lower, upper=upper)
+
+
+Space = SearchSpace | SearchProblem
+"""What a roadmap is grown in: of a problem, all but its start and goals."""
 
 
 @dataclass(frozen=True, eq=False)
