@@ -215,22 +215,22 @@ def reopened(
     Raises:
         InvalidRequest: there is no such robot or scene.
     """
-    made_for, notes = saved.made_for, [from_file(saved)]
-    notes += differences(made_for.robot) if robot is None else []
+    begin, notes = saved.begin, [from_file(saved)]
+    notes += differences(begin.robot) if robot is None else []
     if robot is not None:
-        arm, before = load_robot(robot), made_for.robot
+        arm, before = load_robot(robot), begin.robot
         arm = arm if arm.gripper is None or before.gripper is None else arm.with_gripper(before.gripper_width)
         notes += [] if arm.hash == before.hash else [f"made for another robot: {before.name}, {before.hash[:12]}"]
-        made_for = replace(made_for, robot=arm)
+        begin = replace(begin, robot=arm)
     if scene is not None:
         world = load_world(scene)
         notes[0] = f"using --scene {scene} instead of the scene in this file"
-        if world.hash != made_for.scene.hash:
+        if world.hash != begin.scene.hash:
             notes.append(f"made for another scene: {saved.scene.name}, {saved.scene.hash[:12]}")
-        made_for = replace(made_for, scene=world)
-    if made_for.edge_step is None:
+        begin = replace(begin, scene=world)
+    if begin.edge_step is None:
         notes.append("planned with a custom edge step, which files do not store; MotionStep() is used instead")
-    return saved.within(made_for) if isinstance(saved, SavedTask) else replace(saved, made_for=made_for), notes
+    return saved.within(begin) if isinstance(saved, SavedTask) else replace(saved, begin=begin), notes
 
 
 def differences(robot: Robot) -> list[str]:

@@ -98,7 +98,7 @@ class Trajectory:
         return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"
 
     @property
-    def tables(self) -> tuple[NDArray[Any], ...]:
+    def tables(self) -> tuple[FloatArray | IntArray, ...]:
         """The path's tables and those of s(t), for compiled code that computes the same bits.
 
         As ``JointPath.tables`` without the distances travelled; then durations (m,), coefficients (m, 4), knots

@@ -100,22 +100,22 @@ def _versions() -> Mapping[str, str]:
 class _Saved(ABC):
     """What a plan and a task in a file have in common: the world they were made in."""
 
-    made_for: World
+    begin: World
 
     @property
     def robot(self) -> Robot:
         """The robot it was made for."""
-        return self.made_for.robot
+        return self.begin.robot
 
     @property
     def scene(self) -> Scene:
         """The scene at its start."""
-        return self.made_for.scene
+        return self.begin.scene
 
     @property
     def allowed(self) -> tuple[tuple[str, str], ...]:
         """Pairs that its author allowed to touch."""
-        return self.made_for.allowed
+        return self.begin.allowed
 
     def service(self) -> PlannerService:
         """A service like the one it was made with; edges are sampled by ``MotionStep()`` if their rule is not known.
@@ -123,7 +123,7 @@ class _Saved(ABC):
         Raises:
             InvalidRequest: robot, scene and pairs do not go together.
         """
-        return PlannerService.of(self.made_for)
+        return PlannerService.of(self.begin)
 
     @abstractmethod
     def document(self) -> dict[str, Any]:
@@ -152,7 +152,7 @@ class SavedPlan(_Saved):
     """A plan with what was asked, and the world it was made in.
 
     Attributes:
-        made_for: The robot, the scene and the terms it was made for.
+        begin: The robot, the scene and the terms it was made for.
         request: None if its planner or timing law has no name to be made from.
         made_with: Versions of this package and of the libraries that plans depend on, by name.
         sections: Further parts of the file by name, JSON values; those that are not known are kept as they are.
@@ -175,7 +175,7 @@ class SavedPlan(_Saved):
     @property
     def _named_result(self) -> PlanResult:
         """The result with its robot and scene, which its title names."""
-        return replace(self.result, origin=Origin(self.made_for, self.request))
+        return replace(self.result, origin=Origin(self.begin, self.request))
 
     @classmethod
     def of(cls, result: PlanResult) -> SavedPlan:
@@ -198,7 +198,7 @@ class SavedTask(_Saved):
     """The motions of a task in order, with the robot and the scene at its start.
 
     Attributes:
-        made_for: The robot and the scene as they are before the first motion.
+        begin: The robot and the scene as they are before the first motion.
         task: What was done, in words.
         segments: The motions; those from a file have the scene that each is made in.
         choosing: What looking for grasps and placements cost, beyond the segments.
@@ -242,13 +242,13 @@ class SavedTask(_Saved):
         """What the whole task asked of the collision checker."""
         return sum((segment.counts for segment in self.segments), self.choosing)
 
-    def within(self, made_for: World) -> SavedTask:
+    def within(self, begin: World) -> SavedTask:
         """The same motions in another world, in which the task takes, carries and leaves the same things."""
         segments = [
-            replace(segment, scene=segment.scene and _carried_over(segment.scene, self.scene, made_for.scene))
+            replace(segment, scene=segment.scene and _carried_over(segment.scene, self.scene, begin.scene))
             for segment in self.segments
         ]
-        return replace(self, made_for=made_for, segments=tuple(segments))
+        return replace(self, begin=begin, segments=tuple(segments))
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the motions one after another on a page in the browser; see ``PlannerService.view``.
@@ -258,7 +258,7 @@ class SavedTask(_Saved):
         """
         from planner_service.view import show
 
-        return show(self.made_for, self, port=port, block=block)
+        return show(self.begin, self, port=port, block=block)
 
     def document(self) -> dict[str, Any]:
         return recorded("task", lambda: TaskRecord.of(self)).document()
@@ -324,7 +324,7 @@ class _Head(Record):
     @classmethod
     def fields_of(cls, value: SavedPlan | SavedTask) -> dict[str, Any]:
         request = None if value.request is None else RequestRecord.find(value.request)
-        step = StepRecord.find(value.made_for.edge_step)
+        step = StepRecord.find(value.begin.edge_step)
         return super().fields_of(value) | {"version": VERSION, "edge_step": step, "request": request}
 
     @property
@@ -333,7 +333,7 @@ class _Head(Record):
         arguments = super().arguments
         world = World(*(arguments.pop(name) for name in ("robot", "scene", "allowed", "edge_step")))
         del arguments["version"], arguments["format"]
-        return arguments | {"made_for": world, "made_with": MappingProxyType(self.made_with)}
+        return arguments | {"begin": world, "made_with": MappingProxyType(self.made_with)}
 
 
 Sections = Annotated[dict[str, JsonValue], AfterValidator(_shallow)]
@@ -419,7 +419,7 @@ class TaskRecord(_Head):
 
 
 def _segment_fields(task: SavedTask) -> list[dict[str, Any]]:
-    first = scene = task.made_for.scene
+    first = scene = task.begin.scene
     segments = []
     for segment in task.segments:
         origin, before = segment.result.origin, scene

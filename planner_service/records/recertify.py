@@ -178,7 +178,7 @@ def world_of(plan: Plan) -> World:
     if origins and None not in origins and not isinstance(plan, SavedTask) and origins[0] is not None:
         return plan.begin if isinstance(plan, TaskResult) else origins[0].world
     if isinstance(plan, SavedPlan | SavedTask):
-        return plan.made_for
+        return plan.begin
     expected = "the robot and the scene it was planned for: only plans of this process, and saved ones, know them"
     raise InvalidRequest("service", None, expected)
 

@@ -91,7 +91,7 @@ def test_a_plan_made_for_another_robot_is_not_executed(arm: FakeArm) -> None:
     with pytest.raises(InvalidRequest, match=r"expected a plan made for this robot \(--robot\), wxai"):
         execute(saved, arm, robot(), QUICK)
     assert arm.told == []
-    assert execute(replace(saved, made_for=service().world), arm, robot(), QUICK).ok
+    assert execute(replace(saved, begin=service().world), arm, robot(), QUICK).ok
 
 
 def test_no_plan_is_not_executed(arm: FakeArm) -> None:

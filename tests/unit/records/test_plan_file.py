@@ -122,8 +122,8 @@ def test_a_result_comes_back_to_the_last_bit(result: PlanResult, there: Path) ->
 
 
 def test_what_it_was_made_for_comes_back(there: Path) -> None:
-    made_for = replace(MADE_FOR, allowed=(("lesson_disc", "link_1"),), edge_step=JointStep(0.01))
-    same(reloaded(SavedPlan(made_for, request(), planned()), there).made_for, made_for)
+    begin = replace(MADE_FOR, allowed=(("lesson_disc", "link_1"),), edge_step=JointStep(0.01))
+    same(reloaded(SavedPlan(begin, request(), planned()), there).begin, begin)
 
 
 SQUARE = Roadmap.judged([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]], [(0, 1), (1, 2)])

@@ -458,7 +458,7 @@ def test_nothing_vanishes_appears_or_moves_between_motions(read: SavedTask) -> N
     refused(moved, "transfer: got another scene than after lift", bin_())
     elsewhere = scene_of(read, "retreat").moved("blue_block", Pose((0.2, -0.3, 0.1)))
     refused(changed(read, "retreat", scene=elsewhere), "retreat: got another scene than after lower", bin_())
-    ghost = replace(read, made_for=replace(read.made_for, scene=read.scene.without("demo_post")))
+    ghost = replace(read, begin=replace(read.begin, scene=read.scene.without("demo_post")))
     refused(ghost, "home -> pregrasp: got another scene than at the start of the plan", bin_())
 
 
@@ -473,7 +473,7 @@ def test_an_object_that_was_moved_is_not_grasped_any_more(read: SavedTask) -> No
             else part
             for k, part in enumerate(read.segments)
         ]
-        moved = replace(read, made_for=replace(read.made_for, scene=read.scene.moved("blue_block", there)))
+        moved = replace(read, begin=replace(read.begin, scene=read.scene.moved("blue_block", there)))
         refused(with_segments(moved, *parts), "blue_block carried at another place than where it is taken", bin_())
 
 
@@ -607,8 +607,8 @@ def test_pairs_are_named_again_in_the_shell(tmp_path: Path, monkeypatch: pytest.
 def starting_at(task: SavedTask, name: str, robot: Robot, *segments: Segment) -> SavedTask:
     """A task that begins with one of a task's motions, what is carried then included."""
     (part,) = [part for part in task.segments if part.name == name]
-    made_for = World(robot.with_gripper(part.width), present(part.scene), (), task.made_for.edge_step)
-    return replace(task, made_for=made_for, segments=segments or (part,))
+    begin = World(robot.with_gripper(part.width), present(part.scene), (), task.begin.edge_step)
+    return replace(task, begin=begin, segments=segments or (part,))
 
 
 def test_a_gripper_that_holds_something_does_not_open_for_the_first_motion(read: SavedTask) -> None:
@@ -630,9 +630,9 @@ def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: Saved
     pin = Attached("pin", Box((0.002, 0.002, 0.002)), held.pose, ("finger_left", "finger_right"))
     both = starting_at(read, "lower", bin_().robot)
     segments = [replace(part, scene=part.scene.with_attached(pin)) for part in (lower, retreat) if part.scene]
-    made_for = replace(both.made_for, scene=present(segments[0].scene))
+    begin = replace(both.begin, scene=present(segments[0].scene))
     refused(
-        replace(both, made_for=made_for, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_()
+        replace(both, begin=begin, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_()
     )
 
 

@@ -137,7 +137,7 @@ def task() -> SavedTask:
 def test_each_motion_of_a_task_knows_its_gripper_and_what_it_carries(task: SavedTask, tmp_path: Path) -> None:
     task.save(tmp_path / "task.json")
     read = load_task(tmp_path / "task.json")
-    here = read.made_for
+    here = read.begin
     for before, after in zip(task.segments, read.segments, strict=True):
         here = after.world_after(here)
         assert here.scene == present(before.result.origin).world.scene
@@ -207,7 +207,7 @@ class OwnStep:
 def test_an_edge_step_of_ones_own_is_known_to_be_unknown(tmp_path: Path) -> None:
     service = PlannerService("planar2", "discs", edge_step=OwnStep())
     service.plan(PlanRequest(service.robot.home, service.robot.home)).save(tmp_path / "plan.json")
-    assert load_plan(tmp_path / "plan.json").made_for.edge_step is None
+    assert load_plan(tmp_path / "plan.json").begin.edge_step is None
     told = CliRunner().invoke(app, ["certify", str(tmp_path / "plan.json")])
     assert "planned with a custom edge step" in " ".join(told.stdout.split())
 
