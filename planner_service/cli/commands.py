@@ -178,8 +178,8 @@ def check(
     bound = clearance if math.isfinite(clearance) else None
     if as_json:
         touching = [{"a": c.a, "b": c.b, "depth_at_most": c.depth} for c in contacts]
-        found = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
-        emit(json_text({"robot": arm.name, "scene": world.name, **found}))
+        verdict = {"free": not contacts, "q": values.tolist(), "contacts": touching, "clearance_at_least": bound}
+        emit(json_text({"robot": arm.name, "scene": world.name, **verdict}))
     else:
         lines = [f"{'colliding' if contacts else 'free'}: {robot} in {scene} at {q}"]
         lines += [f"  {contact}" for contact in contacts]
@@ -235,14 +235,14 @@ def export(
 def robots(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the robots that come with the package, or show one: its joint limits and named poses."""
     with bad_input_exits():
-        found, missing = listings.shipped_robots() if name is None else ([load_robot(name)], {})
+        models, missing = listings.shipped_robots() if name is None else ([load_robot(name)], {})
     if as_json:
-        records = [listings.robot_record(robot) for robot in found]
+        records = [listings.robot_record(robot) for robot in models]
         emit(json_text({"robots": records, "missing": missing} if name is None else records[0]))
     elif name is not None:
-        emit(render(*robot_blocks(found[0])))
+        emit(render(*robot_blocks(models[0])))
     else:
-        rows = [[robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses)] for robot in found]
+        rows = [[robot.name, str(robot.n), str(len(robot.shapes)), ", ".join(robot.poses)] for robot in models]
         rows += [[absent, "", "", why] for absent, why in missing.items()]
         emit(render(Table(("robot", "joints", "shapes", "poses"), rows, numeric=("joints", "shapes"))))
 
@@ -250,14 +250,14 @@ def robots(name: Name = None, as_json: options.AsJson = False) -> None:
 def scenes(name: Name = None, as_json: options.AsJson = False) -> None:
     """List the scenes that come with the package, or show one: its obstacles with sizes and poses, in metres."""
     with bad_input_exits():
-        found = [load_world(entry) for entry in ([name] if name is not None else scene_names())]
+        worlds = [load_world(entry) for entry in ([name] if name is not None else scene_names())]
     if as_json:
-        records = [listings.scene_record(scene) for scene in found]
+        records = [listings.scene_record(scene) for scene in worlds]
         emit(json_text({"scenes": records} if name is None else records[0]))
     elif name is not None:
-        emit(render(*scene_blocks(found[0])))
+        emit(render(*scene_blocks(worlds[0])))
     else:
-        rows = [[scene.name, str(len(scene.obstacles)), scene.description] for scene in found]
+        rows = [[scene.name, str(len(scene.obstacles)), scene.description] for scene in worlds]
         emit(render(Table(("scene", "obstacles", "description"), rows, numeric=("obstacles",))))
 
 

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from planner_service.datasets.episode import Episode, counter_stats
@@ -58,7 +57,7 @@ class DatasetFolder:
     def __enter__(self) -> DatasetFolder:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         os.close(self._lock)
 
     def refresh(self) -> None:
@@ -159,13 +158,15 @@ class DatasetFolder:
             self.write(about, [_json_bytes(settings)])
         if not about.is_file():
             raise InvalidRequest("out", str(self.path), "a new or empty folder, or a data set to continue")
-        found = read_json(about)
-        if not isinstance(found, dict) or found.get("format") != settings["format"]:
+        begun_with = read_json(about)
+        if not isinstance(begun_with, dict) or begun_with.get("format") != settings["format"]:
             raise InvalidRequest("out", str(self.path), "a data set; meta/generation.json is something else")
         for key in settings:
-            if found.get(key) != settings[key]:
-                message = f"{self.path} was begun with {key} {found.get(key)!r}; it cannot go on with {settings[key]!r}"
-                raise InvalidRequest(key, settings[key], f"{found.get(key)!r}, or another folder", message=message)
+            if begun_with.get(key) != settings[key]:
+                message = (
+                    f"{self.path} was begun with {key} {begun_with.get(key)!r}; it cannot go on with {settings[key]!r}"
+                )
+                raise InvalidRequest(key, settings[key], f"{begun_with.get(key)!r}, or another folder", message=message)
 
     def _close_chunk(self) -> None:
         """If the chunk is complete, write its tables and delete its journal."""
@@ -226,10 +227,10 @@ class DatasetFolder:
         """The rows of the journal, a group of requests at a time."""
         with open(self._journal, "rb") as journal:
             while True:
-                found: list[Rows] = [json.loads(line) for line in islice(journal, GROUP)]
-                if not found:
+                group: list[Rows] = [json.loads(line) for line in islice(journal, GROUP)]
+                if not group:
                     return
-                yield {name: [row for rows in found for row in rows[name]] for name in TABLES}
+                yield {name: [row for rows in group for row in rows[name]] for name in TABLES}
 
     def _data(self, episode: int) -> Path:
         return self.path / DATA_PATH.format(episode_chunk=episode // self._chunk, episode_index=episode)

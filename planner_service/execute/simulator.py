@@ -19,7 +19,6 @@ import time
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -185,9 +184,7 @@ class SimulatedArm:
     def __enter__(self) -> SimulatedArm:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _started(self, job: dict[str, Any], host: str | None) -> str:
@@ -281,8 +278,7 @@ def _contact(event: dict[str, Any]) -> ArmContact:
 
 def _free(host: str) -> bool:
     """Whether both ports can be listened at."""
-    ports = ((socket.SOCK_STREAM, TCP_PORT), (socket.SOCK_DGRAM, UDP_PORT))
-    return all(_bindable(host, kind, port) for kind, port in ports)
+    return all(_bindable(host, *port) for port in ((socket.SOCK_STREAM, TCP_PORT), (socket.SOCK_DGRAM, UDP_PORT)))
 
 
 def _bindable(host: str, kind: socket.SocketKind, port: int) -> bool:

@@ -98,15 +98,15 @@ class DiskCache:
 
     def _prune(self, folder: Path) -> None:
         """Delete our oldest files until the rest is small enough."""
-        found = []
+        files = []
         with os.scandir(folder) as entries:
             for entry in entries:
                 if OURS.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
                     with suppress(FileNotFoundError):  # another process deletes too
                         about = entry.stat(follow_symlinks=False)
-                        found.append((about.st_mtime_ns, entry.name, about.st_size))
-        left = sum(size for _, _, size in found)
-        for _, name, size in sorted(found):
+                        files.append((about.st_mtime_ns, entry.name, about.st_size))
+        left = sum(size for _, _, size in files)
+        for _, name, size in sorted(files):
             if left <= self.most_bytes:
                 return
             (folder / name).unlink(missing_ok=True)

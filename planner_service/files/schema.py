@@ -12,6 +12,7 @@ import enum
 import re
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
@@ -252,11 +253,10 @@ def _description(document: Any, loc: Sequence[int | str], reading: Reading) -> s
 
 def _at(document: Any, parts: Sequence[int | str]) -> Any:
     """The object at a place: the innermost that the document has on the way there."""
-    found = document
     for part in parts:
-        inside = part in found if isinstance(found, dict) else isinstance(found, list) and part in range(len(found))
-        found = found[part] if inside else found
-    return found
+        with suppress(LookupError, TypeError):
+            document = document[part]
+    return document
 
 
 def _place(document: Any, parts: Sequence[int | str], where: str) -> str:
@@ -308,33 +308,25 @@ _EXPECTED = {
     "model_type": "an object",
     "model_attributes_type": "an object",
     "none_required": "null",
+    "too_short": "at least {min_length} of them",
+    "too_long": "at most {max_length:,}",
+    "string_too_short": "a text that is not empty",
+    "string_too_long": "at most {max_length:,} characters",
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than_equal": "at most {le}",
+    "literal_error": "{expected}",
+    "value_error": "{error}",
 }
+"""What would be right, by the type of pydantic's error; filled in with its context."""
 
 
 def _expected(entry: Any) -> str:
     """What would be right, for an error of pydantic's."""
     kind, context = entry["type"], entry.get("ctx", {})
-    if kind in _EXPECTED:
-        return _EXPECTED[kind]
-    if kind in ("too_short", "too_long"):
-        return (
-            f"at least {context['min_length']} of them" if kind == "too_short" else f"at most {context['max_length']:,}"
-        )
-    if kind == "string_too_long":
-        return f"at most {context['max_length']:,} characters"
-    if kind in ("greater_than_equal", "less_than_equal"):
-        return f"at least {context['ge']}" if kind == "greater_than_equal" else f"at most {context['le']}"
-    if kind == "string_too_short":
-        return "a text that is not empty"
-    if kind == "greater_than":
-        return f"more than {context['gt']}"
-    if kind == "literal_error":
-        return str(context["expected"])
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return f"one of {context['expected_tags']}" if "expected_tags" in context else "an object"
-    if kind == "value_error":
-        return str(context["error"])
-    return str(entry["msg"])
+    return _EXPECTED[kind].format(**context) if kind in _EXPECTED else str(entry["msg"])
 
 
 # Kinds of values.

@@ -23,21 +23,6 @@ class Body(Protocol):
     def prismatic(self) -> bool: ...
 
 
-class Limits(Protocol):
-    """See ``JointLimits``."""
-
-    @property
-    def lower(self) -> FloatArray: ...
-    @property
-    def upper(self) -> FloatArray: ...
-    @property
-    def velocity(self) -> FloatArray: ...
-    @property
-    def acceleration(self) -> FloatArray: ...
-    @property
-    def jerk(self) -> FloatArray: ...
-
-
 class Opening(Protocol):
     """See ``Gripper``."""
 
@@ -55,7 +40,7 @@ class Arm(Protocol):
     @property
     def joint_names(self) -> Sequence[str]: ...
     @property
-    def limits(self) -> Limits: ...
+    def limits(self) -> object: ...
     @property
     def named_poses(self) -> Sequence[tuple[str, FloatArray]]: ...
     @property
@@ -99,17 +84,14 @@ def length_unit(robot: Arm) -> str:
 
 def robot_blocks(robot: Arm) -> list[Block]:
     """A robot as ``planner-service robots NAME`` prints it."""
-    gripper, limits = robot.gripper, robot.limits
+    gripper = robot.gripper
     opening = "" if gripper is None else f", gripper {gripper.lower:g} to {gripper.upper:g} m wide"
     shapes, joints = len(robot.shapes), len(robot.joint_names)
     title = f"{robot.name}: {joints} joints, {shapes} collision shapes, tool frame {robot.tool_frame}{opening}"
     units = "rad and s" if length_unit(robot) else "rad and s; m for prismatic joints"
     heads = ("lower", "upper", "velocity", "acceleration", "jerk")
-    columns = (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk)
-    rows = [
-        (name, *(f"{value:.4f}" for value in row))
-        for name, *row in zip(robot.joint_names, *(column.tolist() for column in columns), strict=True)
-    ]
+    columns = [getattr(robot.limits, head).tolist() for head in heads]
+    rows = [(name, *(f"{value:.4f}" for value in row)) for name, *row in zip(robot.joint_names, *columns, strict=True)]
     poses = [(name, _numbers(q.tolist(), ",")) for name, q in robot.named_poses]
     return [
         title,

@@ -87,13 +87,13 @@ _LIBRARIES = ("planner-service", "numpy", "python-fcl", "ompl", "pin", "toppra")
 @lru_cache(maxsize=1)
 def _versions() -> Mapping[str, str]:
     """What plans are made with here."""
-    found = {"python": platform.python_version()}
+    versions = {"python": platform.python_version()}
     for name in _LIBRARIES:
         try:
-            found[name.replace("-", "_")] = metadata.version(name)
+            versions[name.replace("-", "_")] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name.replace("-", "_")] = "unknown"
-    return MappingProxyType(found)
+            versions[name.replace("-", "_")] = "unknown"
+    return MappingProxyType(versions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,7 +400,7 @@ class TaskRecord(_Head):
     def _segments(self) -> tuple[Segment, ...]:
         first, gripper = self.scene.value, self.robot.value.gripper
         scene, before = first, {obstacle.name: obstacle for obstacle in first.obstacles}
-        found = []
+        segments = []
         for k, record in enumerate(self.segments):
             width = record.gripper_width
             if gripper is not None and (width is None or not gripper.lower <= width <= gripper.upper):
@@ -414,8 +414,8 @@ class TaskRecord(_Head):
             grip = None if record.gripper is None else record.gripper.value
             law = None if record.timing is None else record.timing.value
             width = math.nan if width is None else width
-            found.append(Segment(record.name, record.result.value, width, scene, grip, law))
-        return tuple(found)
+            segments.append(Segment(record.name, record.result.value, width, scene, grip, law))
+        return tuple(segments)
 
 
 def _segment_fields(task: SavedTask) -> list[dict[str, Any]]:
@@ -490,22 +490,22 @@ def load_plan_or_task(path: str | os.PathLike[str]) -> SavedPlan | SavedTask:
 
 
 def _plan(file: Path, document: Any) -> SavedPlan:
-    found: SavedPlan = read_record(PlanRecord, document, file, _reading(file, document, PLAN_FORMAT)).value
-    return found
+    plan: SavedPlan = read_record(PlanRecord, document, file, _reading(file, document, PLAN_FORMAT)).value
+    return plan
 
 
 def _task(file: Path, document: Any) -> SavedTask:
-    found: SavedTask = read_record(TaskRecord, document, file, _reading(file, document, TASK_FORMAT)).value
-    return found
+    task: SavedTask = read_record(TaskRecord, document, file, _reading(file, document, TASK_FORMAT)).value
+    return task
 
 
 def _reading(file: Path, document: Any, kind: str) -> PlanReading:
     """What a file's records are read with; InvalidFile at once if it is another file."""
     content = document if isinstance(document, dict) else {}
-    found, version = content.get("format"), content.get("version")
-    if found != kind and (found in (PLAN_FORMAT, TASK_FORMAT) or "format" in content):
-        raise InvalidFile(file, [f"format: got {found!r:.100}; expected {kind!r}"])
-    if found == kind and isinstance(version, int) and version in (1, 2):
+    if "format" in content and content["format"] != kind:
+        raise InvalidFile(file, [f"format: got {content['format']!r:.100}; expected {kind!r}"])
+    version = content.get("version")
+    if "format" in content and isinstance(version, int) and version in (1, 2):
         lacking = f"version: got {version}; expected {VERSION}: this file does not hold its robot and scene"
         raise InvalidFile(file, [f"{lacking}; plan again: {command_of(content)}"])
     robot = content.get("robot")

@@ -106,10 +106,10 @@ class ProblemSet:
         Raises:
             UnknownName: there is none.
         """
-        found = next((problem for problem in self.problems if problem.id == id), None)
-        if found is None:
-            raise UnknownName("problem", id, (problem.id for problem in self.problems))
-        return found
+        by_id = {problem.id: problem for problem in self.problems}
+        if id not in by_id:
+            raise UnknownName("problem", id, by_id)
+        return by_id[id]
 
 
 def read_problems(path: str | os.PathLike[str]) -> ProblemSet:

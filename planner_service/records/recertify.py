@@ -254,9 +254,9 @@ def _require_same_world(plan: Plan, service: PlannerService) -> None:
     require_same_robot(plan, service.robot)
     if isinstance(plan, PlanResult) and plan.origin is None:
         return
-    made, here = world_of(plan).scene, service.scene
-    if made.hash != here.hash:
-        expected = f"one made in the scene of service (--scene), {_named(here)}"
+    made, scene = world_of(plan).scene, service.scene
+    if made.hash != scene.hash:
+        expected = f"one made in the scene of service (--scene), {_named(scene)}"
         raise InvalidRequest("plan", made, expected, message=f"plan: made in {_named(made)}; expected {expected}")
 
 

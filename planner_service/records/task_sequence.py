@@ -100,8 +100,8 @@ def task_motions(robot: Robot, scene: Scene, claims: Sequence[ClaimedMotion]) ->
             scene = _changed(before, claim)
             _require_joined(before, claim, trajectory)
         if claim.scene is not None and not _alike(claim.scene, scene):
-            found = f"another scene than {'at the start of the plan' if before is None else 'after ' + before.name}"
-            raise _unsound(claim, found, "a scene that changes only by what the gripper takes and leaves")
+            claimed = f"another scene than {'at the start of the plan' if before is None else 'after ' + before.name}"
+            raise _unsound(claim, claimed, "a scene that changes only by what the gripper takes and leaves")
         taken, left = (None, None) if after is None else _exchanged(claim, after, scene, robot)
         before = TaskMotion(claim.name, claim.result, trajectory, opened, scene, taken, left)
         if taken is not None and after is not None:
@@ -109,8 +109,8 @@ def task_motions(robot: Robot, scene: Scene, claims: Sequence[ClaimedMotion]) ->
         yield before
 
 
-def _unsound(claim: ClaimedMotion, found: str, expected: str) -> NotProven:
-    return NotProven(f"{claim.name}: got {found}; expected {expected}")
+def _unsound(claim: ClaimedMotion, claimed: str, expected: str) -> NotProven:
+    return NotProven(f"{claim.name}: got {claimed}; expected {expected}")
 
 
 def _trajectory(claim: ClaimedMotion, robot: Robot) -> Trajectory:
@@ -142,8 +142,8 @@ def _opened(robot: Robot, claim: ClaimedMotion) -> Robot:
 
 def _require_same_attached(claim: ClaimedMotion, attached: tuple[Attached, ...]) -> None:
     if claim.attached != attached:
-        found = f"{_names(claim.attached)} carried"
-        raise _unsound(claim, found, f"{_names(attached)}, as in the scene at the start")
+        claimed = f"{_names(claim.attached)} carried"
+        raise _unsound(claim, claimed, f"{_names(attached)}, as in the scene at the start")
 
 
 def _names(attached: tuple[Attached, ...]) -> str:
@@ -155,8 +155,8 @@ def _require_joined(before: TaskMotion, claim: ClaimedMotion, trajectory: Trajec
     off = np.abs(begin - before.end)
     k = int(np.argmax(off))
     if not off[k] <= JOIN:
-        found = f"a start with {before.robot.joint_names[k]} at {begin[k]:.6g}"
-        raise _unsound(claim, found, f"{before.end[k]:.6g}, where {before.name} ends")
+        claimed = f"a start with {before.robot.joint_names[k]} at {begin[k]:.6g}"
+        raise _unsound(claim, claimed, f"{before.end[k]:.6g}, where {before.name} ends")
 
 
 def gripped_by(robot: Robot, attached: Sequence[Attached]) -> tuple[str, ...]:
@@ -173,26 +173,26 @@ def _exchanged(
     lost = [held for held in claim.attached if held not in after.attached]
     gripped = gripped_by(robot, [held for held in claim.attached if held in after.attached])
     if gripped and abs(after.width - claim.width) > SAME_WIDTH:
-        found = f"a gripper that goes from {claim.width:.4f} to {after.width:.4f} m around {', '.join(gripped)}"
-        raise _unsound(after, found, "a gripper that stays as it is while it holds something")
+        claimed = f"a gripper that goes from {claim.width:.4f} to {after.width:.4f} m around {', '.join(gripped)}"
+        raise _unsound(after, claimed, "a gripper that stays as it is while it holds something")
     if not gained and not lost:
         return None, None
     if len(gained) + len(lost) > 1:
-        found = f"{_names(after.attached)} carried after {_names(claim.attached)}"
-        raise _unsound(after, found, "one object taken or left at a time")
+        claimed = f"{_names(after.attached)} carried after {_names(claim.attached)}"
+        raise _unsound(after, claimed, "one object taken or left at a time")
     opens = after.width - claim.width
     if lost:
         if not opens > SAME_WIDTH:
-            found = f"{lost[0].name} left by a gripper that {'closes' if opens < -SAME_WIDTH else 'stays as it is'}"
-            raise _unsound(after, found, "a gripper that opens to leave what it carries")
+            claimed = f"{lost[0].name} left by a gripper that {'closes' if opens < -SAME_WIDTH else 'stays as it is'}"
+            raise _unsound(after, claimed, "a gripper that opens to leave what it carries")
         return None, lost[0]
     taken = next((obstacle for obstacle in scene.obstacles if obstacle.name == gained[0].name), None)
     if taken is None or taken.shape != gained[0].shape:
-        found = f"{gained[0].name} carried from now on"
-        raise _unsound(after, found, "an obstacle of that name and shape in the scene before")
+        claimed = f"{gained[0].name} carried from now on"
+        raise _unsound(after, claimed, "an obstacle of that name and shape in the scene before")
     if not opens < -SAME_WIDTH:
-        found = f"{taken.name} taken by a gripper that {'opens' if opens > SAME_WIDTH else 'stays as it is'}"
-        raise _unsound(after, found, "a gripper that closes on what it takes")
+        claimed = f"{taken.name} taken by a gripper that {'opens' if opens > SAME_WIDTH else 'stays as it is'}"
+        raise _unsound(after, claimed, "a gripper that closes on what it takes")
     return taken, None
 
 
@@ -203,8 +203,8 @@ def _changed(before: TaskMotion, claim: ClaimedMotion) -> Scene:
         held = next(held for held in claim.attached if held.name == before.taken.name)
         return scene.without(held.name).with_attached(held)
     if before.left is not None:
-        there = Pose.from_matrix(before.robot.tool_pose(before.end)) @ before.left.pose
-        left = Obstacle(before.left.name, before.left.shape, there)
+        pose = Pose.from_matrix(before.robot.tool_pose(before.end)) @ before.left.pose
+        left = Obstacle(before.left.name, before.left.shape, pose)
         return scene.without_attached(left.name).with_obstacle(left)
     return scene
 
@@ -220,17 +220,21 @@ def _require_grasp(motion: TaskMotion, taken: Obstacle, after: ClaimedMotion) ->
         raise _unsound(after, f"{taken.name} carried at another place than where it is taken", "the same place")
     beyond_fingers = set(held.touch_links) - set(fingers_of(motion.robot))
     if beyond_fingers:
-        found = f"{taken.name} may touch {', '.join(sorted(beyond_fingers))}"
-        raise _unsound(after, found, f"what is taken to touch the fingers alone: {', '.join(fingers_of(motion.robot))}")
+        claimed = f"{taken.name} may touch {', '.join(sorted(beyond_fingers))}"
+        raise _unsound(
+            after, claimed, f"what is taken to touch the fingers alone: {', '.join(fingers_of(motion.robot))}"
+        )
     width = width_across(taken, tool, gripper)
     if abs(after.width - width) > MEANT_OVERLAP:
-        found = f"a gripper {after.width:.4f} m open around {taken.name}"
-        raise _unsound(after, found, f"{width:.4f} m, as wide as that is between the fingers")
+        claimed = f"a gripper {after.width:.4f} m open around {taken.name}"
+        raise _unsound(after, claimed, f"{width:.4f} m, as wide as that is between the fingers")
     aside, beyond = offset_from(taken, tool, gripper)
     if beyond > LOOSE_GRASP or aside > PUSHED_ASIDE:
-        found = f"fingertips {beyond * 1000:.0f} mm away from {taken.name}, and its middle {aside * 1000:.0f} mm aside"
+        claimed = (
+            f"fingertips {beyond * 1000:.0f} mm away from {taken.name}, and its middle {aside * 1000:.0f} mm aside"
+        )
         expected = f"at most {LOOSE_GRASP * 1000:.0f} mm and {PUSHED_ASIDE * 1000:.0f} mm"
-        raise _unsound(after, found, expected)
+        raise _unsound(after, claimed, expected)
 
 
 def _same_place(a: Pose, b: Pose) -> bool:
@@ -240,6 +244,6 @@ def _same_place(a: Pose, b: Pose) -> bool:
 
 def _alike(a: Scene, b: Scene) -> bool:
     """Whether two scenes are equal up to the order of their obstacles and the rounding of where something was left."""
-    there = {obstacle.name: obstacle for obstacle in b.obstacles}
-    same = a.attached == b.attached and there.keys() == {obstacle.name for obstacle in a.obstacles}
-    return same and all(o.shape == there[o.name].shape and _same_place(o.pose, there[o.name].pose) for o in a.obstacles)
+    in_b = {obstacle.name: obstacle for obstacle in b.obstacles}
+    same = a.attached == b.attached and in_b.keys() == {obstacle.name for obstacle in a.obstacles}
+    return same and all(o.shape == in_b[o.name].shape and _same_place(o.pose, in_b[o.name].pose) for o in a.obstacles)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -122,9 +123,9 @@ def _draw_marks(draw: ImageDraw, marks: Sequence[Mark], size: tuple[int, int]) -
         for shift in (0, -1, 1, -2, 2, -3, 3):
             x = min(max(mark.at[0] - wide / 2, 4.0), size[0] - wide - 4.0)
             y = min(max(mark.at[1] - 9 + 19 * shift, 4.0), size[1] - 22.0)
-            here = (x - 3, y - 1, x + wide + 3, y + 18)
-            if all(here[2] < a or c < here[0] or here[3] < b or d < here[1] for a, b, c, d in taken):
-                taken.append(here)
+            left, top, right, bottom = x - 3, y - 1, x + wide + 3, y + 18
+            if all(right < a or c < left or bottom < b or d < top for a, b, c, d in taken):
+                taken.append((left, top, right, bottom))
                 draw.text((round(x), round(y)), mark.text, mark.colour, font=font, stroke_width=2, stroke_fill=PAPER)
                 break
 
@@ -144,14 +145,8 @@ def _fitting(text: str, font: FreeTypeFont, room: float) -> str:
     """As much of the text as there is room for."""
     if font.getlength(text) <= room:
         return text
-    fits, too_long = 0, len(text)
-    while too_long - fits > 1:
-        middle = (fits + too_long) // 2
-        if font.getlength(text[:middle] + "...") <= room:
-            fits = middle
-        else:
-            too_long = middle
-    return text[:fits] + "..."
+    fits = bisect_right(range(len(text)), room, key=lambda count: font.getlength(text[:count] + "...")) - 1
+    return text[: max(fits, 0)] + "..."
 
 
 def _broken(lines: Sequence[str], font: FreeTypeFont, room: float) -> list[str]:
