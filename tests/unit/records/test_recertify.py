@@ -631,9 +631,7 @@ def test_of_two_things_that_the_fingers_hold_none_is_left_by_opening(read: Saved
     both = starting_at(read, "lower", bin_().robot)
     segments = [replace(part, scene=part.scene.with_attached(pin)) for part in (lower, retreat) if part.scene]
     begin = replace(both.begin, scene=present(segments[0].scene))
-    refused(
-        replace(both, begin=begin, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_()
-    )
+    refused(replace(both, begin=begin, segments=tuple(segments)), "around pin; expected a gripper that stays", bin_())
 
 
 def test_what_is_carried_is_not_pushed_into_what_it_is_set_down_on(read: SavedTask) -> None:
