@@ -332,8 +332,9 @@ def _plot(file: str, service: PlannerService, request: PlanRequest, result: Plan
 
 def _health_lines(health: Health, where: str) -> list[str]:
     kernels = (
-        ("checks", health.checks, f"random states of {where}", "collide", "state"),
-        ("proofs", health.proofs, "short edges between them", "are refused", "edge"),
+        ("checks", health.checks, f"random states of {where}", " ({:,} collide)", "state"),
+        ("proofs", health.proofs, "short edges between them", " ({:,} are refused)", "edge"),
+        ("timing", health.timing, "paths through them, with toppra and numpy", "", "path"),
     )
     lines = []
     for name, opinions, questions, refused, unit in kernels:
@@ -341,7 +342,7 @@ def _health_lines(health: Health, where: str) -> list[str]:
             f"{name}: not compiled; numpy is used instead: the same plans, more slowly"
             if opinions.instruction_set is None
             else f"{name}: {opinions.instruction_set}; this processor has {', '.join(opinions.available)}",
-            f"  compared on {opinions.asked:,} {questions} ({opinions.refused:,} {refused}): "
+            f"  compared on {opinions.asked:,} {questions}{refused.format(opinions.refused)}: "
             f"{opinions.differences:,} differences",
             f"  {opinions.us:.1f} us per {unit}, {opinions.reference_us:.1f} us by the reference",
         ]

@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, cross, read_only
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, items, numbers, whole
 from planner_service.kinematics.numeric_inverse import descend
 from planner_service.kinematics.tool_chain import ToolChain
 from planner_service.kinematics.wxai_inverse import WxaiInverse
-from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
 __all__ = [
@@ -33,7 +32,6 @@ __all__ = [
     "line_deviation",
     "rotation_distance",
     "straight_tool_line",
-    "tool_speeds",
 ]
 
 STARTS = 24
@@ -202,31 +200,6 @@ def _distance(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 # --- straight tool lines
-
-
-def tool_speeds(robot: Robot, Q: FloatArray, Qd: FloatArray) -> FloatArray:
-    """The speed (m/s) of the tool frame's origin at configurations Q (m, n) with velocities Qd (m, n), shape (m,)."""
-    R, t = robot.body_poses_batch(Q, portable=True)
-    x, y, z = robot.tool_placement[:3, 3].tolist()
-    at = t[:, robot.tool_body] + _turned(R[:, robot.tool_body], (x, y, z))
-    chain = chain_to_base(robot.bodies, robot.tool_body)
-    if not chain:
-        return np.zeros(len(t))
-    bodies = [robot.bodies[index] for index in chain]
-    axes = np.array([body.axis for body in bodies])[:, :, None, None]  # a row per joint, a column per sample
-    columns, origins = R.transpose(1, 3, 2, 0)[chain], t.transpose(1, 2, 0)[chain]
-    moves = columns[:, 0] * axes[:, 0] + columns[:, 1] * axes[:, 1] + columns[:, 2] * axes[:, 2]
-    turns = [not body.prismatic for body in bodies]
-    moves[turns] = cross(moves[turns], at.T - origins[turns], axis=1)
-    moves *= Qd.T[[body.q_index for body in bodies], None]
-    velocity = np.add.accumulate(moves, axis=0)[-1]  # in one order: durations depend on it
-    return np.asarray(np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2))
-
-
-def _turned(R: FloatArray, vector: tuple[float, float, float]) -> FloatArray:
-    """One vector rotated by many rotations (m, 3, 3); (m, 3)."""
-    x, y, z = vector
-    return np.asarray(R[:, :, 0] * x + R[:, :, 1] * y + R[:, :, 2] * z)
 
 
 def line_deviation(robot: Robot, q1: ArrayLike, q2: ArrayLike, pose_a: Pose, pose_b: Pose) -> tuple[float, float]:

@@ -24,9 +24,9 @@ from dataclasses import dataclass, replace
 from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.errors import InvalidRequest, NotProven
+from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.result import PlanResult
-from planner_service.planning.timing_stage import peak_tool_speed
 from planner_service.planning.world import World
 from planner_service.records.exemptions import ruled
 from planner_service.records.plan_file import SavedPlan, SavedTask

@@ -25,6 +25,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.guards import reach_objection
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.accounting import (
@@ -41,7 +42,7 @@ from planner_service.planning.endpoints import GoalState, find_ends, require_end
 from planner_service.planning.pipeline import plan
 from planner_service.planning.request import Goal, Pace, PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage
-from planner_service.planning.timing_stage import peak_tool_speed, tool_speed_limit
+from planner_service.planning.timing_stage import tool_speed_limit
 from planner_service.replanning.detour import CandidatePath, Detours
 from planner_service.replanning.result import OldMotion, Outcome, Replanned, request_for, underway
 from planner_service.replanning.splice import SwitchPoint

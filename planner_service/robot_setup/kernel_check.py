@@ -1,14 +1,15 @@
-"""Whether the compiled code was built and gives the answers of its references, at random states and on short edges."""
+"""Whether compiled code was built and gives the answers of its references: random states, short edges, timed paths."""
 
 from __future__ import annotations
 
+import math
 import random
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,8 +19,13 @@ from planner_service.collision import CollisionChecker
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import whole
+from planner_service.kinematics.tool_speed import peak_tool_speed, reference_tool_speed
+from planner_service.native.loading import load_core
+from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
+from planner_service.timing.laws import ToppRa
+from planner_service.timing.limit_check import LimitPeaks, peaks, reference_peaks
 
 __all__ = ["MAX_STATES", "Comparison", "Health", "examine"]
 
@@ -28,8 +34,16 @@ MAX_STATES = 1_000_000
 STATES_PER_EDGE = 20
 """One edge is proven for so many states judged: a proof by the reference takes milliseconds."""
 
-Backend = Callable[[FloatArray], tuple[bool, Any]]
-"""Answers a question: whether it is refused, and the whole answer."""
+Question = TypeVar("Question", FloatArray, JointPath)
+
+STATES_PER_PATH = 100
+"""One path is timed for so many states judged: by the references that takes tens of milliseconds."""
+
+SAME_DURATION = 1e-9
+"""Relative: toppra's own tolerance is larger than what is found, 5e-11."""
+
+BLEND = 0.3
+"""Share of a line that the blend at its end takes."""
 
 SHARE = 0.1
 """Part of the way to the next state that an edge goes."""
@@ -64,19 +78,23 @@ class Health:
     Attributes:
         checks: Of states: which pair touches first, by the kernel and by FCL asked about every pair.
         proofs: Of short edges: their certificates, to the last bit.
+        timing: Of blended paths: their durations by TOPP-RA, compared with the toppra library to 1e-9; and peaks and
+            the tool's speed, to the last bit.
     """
 
     checks: Comparison
     proofs: Comparison
+    timing: Comparison
 
     @property
     def agrees(self) -> bool:
         """Whether all answers are the same."""
-        return self.checks.differences == self.proofs.differences == 0
+        return self.checks.differences == self.proofs.differences == self.timing.differences == 0
 
 
 def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) -> Health:
-    """Check random configurations within the joint limits, and prove a short edge at every twentieth, both ways.
+    """Check random configurations within the joint limits, prove a short edge at every twentieth, and time a path
+    through four of them at every hundredth, both ways.
 
     Raises:
         InvalidRequest: ``states`` is no integer from 1 to 1,000,000.
@@ -93,7 +111,48 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     certifiers = Certifier(robot, scene), Certifier(robot, scene, backend="numpy")
     provers = (partial(_certificate, certifiers[0]), partial(_certificate, certifiers[1]))
     available = proof_instruction_sets()
-    return Health(checks, _compared(available[-1] if available else None, available, edges, provers))
+    proofs = _compared(available[-1] if available else None, available, edges, provers)
+    paths = [_path(Q[k : k + 4]) for k in range(0, max(1, states - 3), STATES_PER_PATH)]
+    used = None if load_core() is None else "baseline"
+    timers = partial(_timed, robot), partial(_timed_again, robot)
+    timers[1](paths[0])  # loads the toppra library
+    return Health(checks, proofs, _compared(used, (used,) if used else (), paths, timers))
+
+
+def _path(points: FloatArray) -> JointPath:
+    """Through the points, with blends where it does not turn back."""
+    sharp = JointPath(points)
+    room = np.minimum(np.diff(sharp.knots)[:-1], np.diff(sharp.knots)[1:])
+    inner = [0.0 if sharp.turns_back(k) else BLEND * float(room[k - 1]) for k in range(1, len(points) - 1)]
+    return sharp.with_blends([0.0, *inner, 0.0][: len(points)])
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What is compared of a timed path."""
+
+    duration: float
+    peaks: LimitPeaks
+    tool_speed: float
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, _Motion)
+            and math.isclose(self.duration, other.duration, rel_tol=SAME_DURATION)
+            and (self.peaks, self.tool_speed) == (other.peaks, other.tool_speed)
+        )
+
+
+def _timed(robot: Robot, path: JointPath) -> tuple[bool, Any]:
+    trajectory = ToppRa().time_path(path, robot.limits)
+    return False, _Motion(trajectory.duration, peaks(trajectory, robot.limits), peak_tool_speed(robot, trajectory))
+
+
+def _timed_again(robot: Robot, path: JointPath) -> tuple[bool, Any]:
+    duration = ToppRa(backend="toppra").time_path(path, robot.limits).duration
+    trajectory = ToppRa().time_path(path, robot.limits)
+    found = reference_peaks(trajectory, robot.limits)
+    return False, _Motion(duration, found, reference_tool_speed(robot, trajectory))
 
 
 def _first_contact(checker: CollisionChecker, q: FloatArray) -> tuple[bool, Any]:
@@ -109,8 +168,8 @@ def _certificate(certifier: Certifier, edge: FloatArray) -> tuple[bool, Any]:
 def _compared(
     used: str | None,
     available: tuple[str, ...],
-    questions: Sequence[FloatArray] | FloatArray,
-    backends: tuple[Backend, Backend],
+    questions: Sequence[Question] | FloatArray,
+    backends: tuple[Callable[[Question], tuple[bool, Any]], Callable[[Question], tuple[bool, Any]]],
 ) -> Comparison:
     """The answers of compiled code and of its reference."""
     answers, took = [], []

@@ -1,4 +1,4 @@
-// How fast the tool's origin moves along a trajectory: planning/timing_stage.py and kinematics, to the last bit.
+// How fast the tool's origin moves along a trajectory: kinematics/tool_speed.py, to the last bit.
 #pragma once
 
 #include <vector>

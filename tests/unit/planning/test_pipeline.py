@@ -35,10 +35,10 @@ from planner_service import (
     load_robot,
 )
 from planner_service.collision.budget import TimeBoxSpent
-from planner_service.kinematics.inverse import tool_speeds
+from planner_service.kinematics.tool_speed import peak_tool_speed, tool_speeds
 from planner_service.planning import AllowedStretch, Pace
 from planner_service.planning.accounting import certified_path
-from planner_service.planning.timing_stage import peak_tool_speed, timed
+from planner_service.planning.timing_stage import timed
 from planner_service.search.problem import SearchProblem, SearchResult
 from tests.support.optional import present
 

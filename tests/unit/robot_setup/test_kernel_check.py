@@ -18,6 +18,7 @@ from planner_service.robot.model import load_robot
 from planner_service.robot_setup import kernel_check as health
 from planner_service.robot_setup.kernel_check import examine
 from planner_service.scene.scene import load_scene
+from planner_service.timing.limit_check import peaks
 
 WORDS = ["doctor", "--states", "200"]
 
@@ -31,7 +32,7 @@ def test_the_doctor_names_the_instruction_set_and_finds_no_difference() -> None:
     assert "200 random states of wxai in bin" in done.output
     assert "proofs: " in done.output
     assert "10 short edges" in done.output
-    assert done.output.count("0 differences") == 2
+    assert done.output.count("0 differences") == 3
 
 
 def test_the_doctor_speaks_json() -> None:
@@ -59,7 +60,7 @@ def test_a_kernel_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CollisionChecker, "edge_hit", blind)
     done = CliRunner().invoke(app, WORDS)
     assert done.exit_code == 70
-    assert done.output.count(" 0 differences") == 1
+    assert done.output.count(" 0 differences") == 2
 
 
 class Hopeful(Certifier):
@@ -79,7 +80,20 @@ def test_a_proof_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(health, "Certifier", Hopeful)
     done = CliRunner().invoke(app, WORDS)
     assert done.exit_code == 70
-    assert done.output.count(" 0 differences") == 1
+    assert done.output.count(" 0 differences") == 2
+
+
+@pytest.mark.slow
+def test_a_time_law_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(health, "reference_peaks", lambda trajectory, limits: peaks(trajectory, limits).dilated(1.1))
+    done = CliRunner().invoke(app, WORDS)
+    assert done.exit_code == 70
+    assert done.output.count(" 0 differences") == 2
+
+
+@pytest.mark.parametrize("states", [1, 2])
+def test_a_state_or_two_are_enough(states: int) -> None:
+    assert examine(load_robot("planar2"), load_scene("discs"), states=states).agrees
 
 
 @pytest.mark.parametrize("states", [0, -1, 1_000_001, True, 2.0])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from planner_service.errors import InvalidRequest
+from planner_service.kinematics.tool_speed import peak_tool_speed, reference_tool_speed
 from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.timing_stage import peak_tool_speed, reference_tool_speed
 from planner_service.robot.model import Robot, load_robot
 from planner_service.timing.laws import SCurve, Timing, ToppRa, Trapezoidal
 from planner_service.timing.limit_check import peaks, reference_peaks
