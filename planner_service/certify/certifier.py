@@ -21,7 +21,7 @@ from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
 from planner_service.path.joint_path import JointPath
-from planner_service.presentation.plans import proof_text
+from planner_service.presentation.measures import proof_text
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
@@ -121,7 +121,11 @@ class Certificate:
         copied_in(self, "exempt")
 
     def __str__(self) -> str:
-        return f"proven: {proof_text([self])}" if self.refusal is None else f"refused: {self.refusal}"
+        return (
+            f"proven: {proof_text(self.clearance, self.distances)}"
+            if self.refusal is None
+            else f"refused: {self.refusal}"
+        )
 
     @property
     def certified(self) -> bool:

@@ -12,7 +12,7 @@ from planner_service.cli import options
 from planner_service.cli.arguments import pairs_of_texts, reopened
 from planner_service.cli.exit_codes import NO_PLAN, bad_input_exits
 from planner_service.cli.output import emit, json_text, render
-from planner_service.presentation.plans import clearance_text
+from planner_service.presentation.measures import clearance_text
 from planner_service.records.plan_file import load_plan_or_task
 from planner_service.records.recertify import Recertified, recertify
 from planner_service.records.result import certificate_record

@@ -29,19 +29,18 @@ from planner_service.collision import CollisionChecker
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable, write_whole
 from planner_service.planning.request import PlanRequest
-from planner_service.planning.result import PlanResult
-from planner_service.presentation.models import length_unit, robot_blocks, scene_blocks
-from planner_service.presentation.plans import plan_lines, plan_rows, task_lines, task_rows
+from planner_service.planning.result import PlanResult, plan_lines, plan_rows
 from planner_service.presentation.tables import CostTable, Table
 from planner_service.records.plan_file import SavedPlan, SavedTask, load_plan_or_task, save_plan
 from planner_service.records.trajectory_export import OURS, csv_text, joint_trajectory, task_csv_text, task_trajectories
-from planner_service.robot.model import load_robot
+from planner_service.robot.model import length_unit, load_robot, robot_blocks
 from planner_service.robot_setup.import_robot import Source, import_robot
 from planner_service.robot_setup.kernel_check import Health, examine
-from planner_service.scene.scene import scene_names
+from planner_service.scene.scene import scene_blocks, scene_names
 from planner_service.scene.worlds import load_world
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
+from planner_service.tasks.result import task_lines, task_rows
 from planner_service.view.still.pictures import draw_check, draw_plan, draw_task
 
 __all__ = ["app"]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from planner_service.planning.roadmap_work import RoadmapUpdate
-from planner_service.presentation.plans import counts_text
 from planner_service.roadmap import Roadmap, Terms, Verdict
 from planner_service.roadmap.verdicts import Knowledge
 
@@ -180,7 +179,7 @@ def roadmap_facts(roadmap: Roadmap, file_bytes: int) -> list[tuple[str, str]]:
         rows.append(("built for", "unknown; everything is checked again"))
     rows += [("to update", f"{', '.join(roadmap.pending)} changed")] if roadmap.pending else []
     rows += [("built by", built_by_text(roadmap))]
-    rows += [("cost", counts_text(built.counts))] if built is not None else []
+    rows += [("cost", str(built.counts))] if built is not None else []
     rows += [("milestones", milestones_text(roadmap)), ("edges", edges_text(roadmap))]
     fallback = "RRTConnect searches if the roadmap has no path" if roadmap.fallback else "no fallback planner"
     remember = "paths found are added" if roadmap.remember else "paths found are not added"

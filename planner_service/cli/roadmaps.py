@@ -19,13 +19,13 @@ from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.writing import require_writable
 from planner_service.planning.request import PlanRequest
+from planner_service.planning.result import plan_lines, plan_rows
 from planner_service.planning.roadmap_work import GROWERS, Grower, require_robot
-from planner_service.presentation.models import length_unit
-from planner_service.presentation.plans import counts_text, plan_lines, plan_rows
 from planner_service.presentation.tables import CostTable
 from planner_service.records.plan_file import SavedPlan, save_plan
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.roadmap.roadmap_file import OURS, SUFFIX
+from planner_service.robot.model import length_unit
 from planner_service.service import PlannerService
 
 __all__ = ["roadmaps"]
@@ -84,7 +84,7 @@ def build(
         ("built by", roadmap_text.built_by_text(roadmap)),
         ("milestones", roadmap_text.milestones_text(roadmap)),
         ("edges", roadmap_text.edges_text(roadmap)),
-        ("cost", f"{counts_text(counts)}, {seconds:.1f} s"),
+        ("cost", f"{counts}, {seconds:.1f} s"),
         ("size", roadmap_text.size_text(roadmap, size)),
     ]
     rows += [("note", _cut_short(roadmap))] if _cut_short(roadmap) else []
@@ -220,7 +220,7 @@ def update(
     title += f"written to {target}" if written else "nothing to update, the file is unchanged"
     rows = [
         ("update", str(updated)),
-        ("cost", f"{counts_text(updated.counts)}, {seconds:.1f} s"),
+        ("cost", f"{updated.counts}, {seconds:.1f} s"),
         ("milestones", roadmap_text.milestones_text(updated.roadmap)),
         ("edges", roadmap_text.edges_text(updated.roadmap)),
     ]

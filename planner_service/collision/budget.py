@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.validation import number, whole
-from planner_service.presentation.plans import counts_text
 from planner_service.presentation.tables import Table
 
 __all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
@@ -39,7 +38,9 @@ class CheckCounts:
     distances: int = 0
 
     def __str__(self) -> str:
-        return counts_text(self)
+        parts = [(self.states, "state"), (self.edges, "edge")]
+        parts += [(self.distances, "distance")] if self.distances else []
+        return ", ".join(f"{number:,} {noun}{'' if number == 1 else 's'}" for number, noun in parts)
 
     def _repr_html_(self) -> str:
         heads = ("states", "edges", "distances")

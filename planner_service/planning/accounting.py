@@ -20,7 +20,7 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
-from planner_service.presentation.plans import clearance_text
+from planner_service.presentation.measures import clearance_text
 from planner_service.roadmap import Roadmap
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.smoothing import MIN_BLEND

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,15 +19,31 @@ from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import Pace, PlanRequest
 from planner_service.planning.world import World
-from planner_service.presentation.models import length_unit
+from planner_service.presentation.measures import proof_text
 from planner_service.presentation.page import OpenPage
-from planner_service.presentation.plans import plan_blocks
-from planner_service.presentation.tables import Block, render_html, render_text
+from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
 from planner_service.roadmap import Roadmap
+from planner_service.robot.model import length_unit
 from planner_service.search.trace import Trace
 from planner_service.timing.limit_check import ORDERS, LimitPeaks
 
-__all__ = ["Failure", "MotionReport", "Origin", "PlanResult", "PolishReport", "Reason", "Stage", "StageReport"]
+__all__ = [
+    "Failure",
+    "MotionReport",
+    "Origin",
+    "PlanResult",
+    "PolishReport",
+    "Reason",
+    "Stage",
+    "StageReport",
+    "cost_row",
+    "plan_lines",
+    "plan_row",
+    "plan_rows",
+    "stage_row",
+]
+
+TIMING_LAWS = {"toppra": "TOPP-RA", "trapezoidal": "trapezoid", "s-curve": "S-curve"}
 
 
 class Stage(enum.Enum):
@@ -262,10 +279,12 @@ class PlanResult:
         return render_html(self._blocks())
 
     def _blocks(self) -> list[Block]:
-        if self.origin is None:
-            return plan_blocks(self)
-        robot, scene = self.origin.world.robot, self.origin.world.scene
-        return plan_blocks(self, f"{robot.name} in {scene.name or 'unnamed scene'}", unit=length_unit(robot))
+        where, unit = "", ""
+        if self.origin is not None:
+            robot, scene = self.origin.world.robot, self.origin.world.scene
+            where, unit = f": {robot.name} in {scene.name or 'unnamed scene'}", length_unit(robot)
+        table = CostTable(f"{'planned' if self.ok else 'no plan'}{where}", plan_rows(self), unit)
+        return [table, *plan_lines(self), *([] if self.ok else [f"no plan: {self.failure}"])]
 
     def show(self, *, port: int = 8080, block: bool | None = None) -> OpenPage:
         """Show the robot, the scene and this plan on a page in the browser; see ``PlannerService.view``.
@@ -336,3 +355,45 @@ class PlanResult:
         if self.path is None or self.trajectory is None:
             raise BrokenInvariant("a result without a failure has no path")
         return self.path, self.trajectory
+
+
+def plan_rows(plan: PlanResult) -> list[Row]:
+    """A row per stage, and the total."""
+    return [*(stage_row(plan, report) for report in plan.stages), plan_row("total", [plan])]
+
+
+def plan_row(name: str, plans: Sequence[PlanResult]) -> Row:
+    """One row for all stages of one or more plans; its length and duration only if all of them succeeded."""
+    counts = sum((plan.counts for plan in plans), CheckCounts())
+    seconds = sum(report.seconds for plan in plans for report in plan.stages)
+    return cost_row(name, "", counts, seconds, plans if all(plan.ok for plan in plans) else [])
+
+
+def cost_row(name: str, note: str, counts: CheckCounts, seconds: float | None, plans: Sequence[PlanResult] = ()) -> Row:
+    """A row with the length and the duration of some plans."""
+    lengths = [plan.path.length for plan in plans if plan.path is not None]
+    durations = [plan.trajectory.duration for plan in plans if plan.trajectory is not None]
+    cost = counts.states, counts.edges, counts.distances, seconds
+    return Row(name, note, *cost, sum(lengths) if lengths else None, sum(durations) if durations else None)
+
+
+def stage_row(plan: PlanResult, report: StageReport, depth: int = 1) -> Row:
+    """The row of one stage; the timing stage has the law and the duration of the motion."""
+    note, length, duration = report.note, report.length, None
+    if report.stage is Stage.TIMING and plan.trajectory is not None:
+        law = note.partition(",")[0]
+        note, length, duration = TIMING_LAWS.get(law, law), None, plan.trajectory.duration
+    elif report.stage is Stage.CERTIFY:
+        length = None
+    counts = report.counts
+    cost = counts.states, counts.edges, counts.distances, report.seconds
+    return Row(report.stage.value, note, *cost, length, duration, depth)
+
+
+def plan_lines(plan: PlanResult) -> list[str]:
+    """How a plan moves, what is proven of it, and what was done beyond the request, a sentence each."""
+    lines = [] if plan.motion is None else [f"motion: {plan.motion}"]
+    if plan.certificate is not None and plan.ok:
+        lines.append(f"proof: {proof_text(plan.certificate.clearance, plan.certificate.distances)}")
+    lines += [] if plan.polish is None else [f"optimised: {plan.polish}"]
+    return [*lines, *(f"note: {note}" for note in (*plan.notes, *map(str, plan.exempt)))]

@@ -170,9 +170,9 @@ Block = CostTable | Table | str
 """A table, or a line of text."""
 
 
-def render_text(blocks: Iterable[Block], width: int = WIDTH) -> str:
+def render_text(blocks: Iterable[Block]) -> str:
     """Tables and wrapped lines one below the other; control characters are written as escapes."""
-    texts = (wrapped([block], width) if isinstance(block, str) else [block.text(width)] for block in blocks)
+    texts = (wrapped([block]) if isinstance(block, str) else [block.text()] for block in blocks)
     return "\n".join(line for lines in texts for line in lines)
 
 

@@ -33,9 +33,7 @@ from planner_service.files.writing import write_whole
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, Origin, PlanResult
 from planner_service.planning.world import World
-from planner_service.presentation.models import length_unit
 from planner_service.presentation.page import OpenPage
-from planner_service.presentation.plans import task_blocks
 from planner_service.presentation.tables import render_html, render_text
 from planner_service.records.old_versions import command_of
 from planner_service.records.request import TIMINGS, RequestRecord, TimingRecord
@@ -48,10 +46,10 @@ from planner_service.records.result import (
 )
 from planner_service.records.robot import RobotRecord
 from planner_service.records.scene import PlanReading, SceneRecord, WorldRecord
-from planner_service.robot.model import Robot
+from planner_service.robot.model import Robot, length_unit
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
-from planner_service.tasks.result import Segment, TaskResult
+from planner_service.tasks.result import Segment, TaskResult, task_blocks
 
 __all__ = [
     "OURS",
@@ -225,10 +223,10 @@ class SavedTask(_Saved):
         return f"<SavedTask: {self.task or self.robot.name}, {what}, {self.counts}>"
 
     def __str__(self) -> str:
-        return render_text(task_blocks(self, unit=length_unit(self.robot)))
+        return render_text(task_blocks(self, length_unit(self.robot)))
 
     def _repr_html_(self) -> str:
-        return render_html(task_blocks(self, unit=length_unit(self.robot)))
+        return render_html(task_blocks(self, length_unit(self.robot)))
 
     @classmethod
     def of(cls, task: TaskResult) -> SavedTask:

@@ -21,8 +21,8 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers, text, whole
-from planner_service.presentation.models import robot_blocks
-from planner_service.presentation.tables import render_html, render_text
+from planner_service.presentation.measures import numbers_text
+from planner_service.presentation.tables import Block, Table, render_html, render_text
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkShape, chain_to_base
 from planner_service.robot.reach import reach_bounds
 
@@ -34,7 +34,9 @@ __all__ = [
     "JointLimits",
     "LinkShape",
     "Robot",
+    "length_unit",
     "load_robot",
+    "robot_blocks",
     "robot_names",
 ]
 
@@ -451,3 +453,29 @@ def load_robot(name_or_path: str | Path) -> Robot:
 def robot_names() -> tuple[str, ...]:
     """Names of the robots that come with the package."""
     return tuple(sorted(path.parent.name for path in data_folder("robots").glob("*/robot.toml")))
+
+
+def length_unit(robot: Robot) -> str:
+    """Unit of a path's length: rad, or none if some joints are prismatic."""
+    return "" if any(body.prismatic for body in robot.bodies) else "rad"
+
+
+def robot_blocks(robot: Robot) -> list[Block]:
+    """A robot as ``planner-service robots NAME`` prints it."""
+    gripper = robot.gripper
+    opening = "" if gripper is None else f", gripper {gripper.lower:g} to {gripper.upper:g} m wide"
+    shapes, joints = len(robot.shapes), len(robot.joint_names)
+    title = f"{robot.name}: {joints} joints, {shapes} collision shapes, tool frame {robot.tool_frame}{opening}"
+    units = "rad and s" if length_unit(robot) else "rad and s; m for prismatic joints"
+    heads = ("lower", "upper", "velocity", "acceleration", "jerk")
+    columns = [getattr(robot.limits, head).tolist() for head in heads]
+    rows = [(name, *(f"{value:.4f}" for value in row)) for name, *row in zip(robot.joint_names, *columns, strict=True)]
+    poses = [(name, numbers_text(q.tolist(), ",")) for name, q in robot.named_poses]
+    return [
+        title,
+        f"Limits in {units}:",
+        "",
+        Table(("joint", *heads), rows, numeric=heads),
+        "",
+        Table(("pose", "joint values"), poses),
+    ]

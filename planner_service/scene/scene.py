@@ -48,10 +48,10 @@ from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.geometry.validation import MAX_LENGTH, instance, items, text
-from planner_service.presentation.models import scene_blocks
-from planner_service.presentation.tables import render_html, render_text
+from planner_service.presentation.measures import numbers_text
+from planner_service.presentation.tables import Block, Table, render_html, render_text
 
-__all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_names"]
+__all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_blocks", "scene_names"]
 
 MAX_NAME = 64
 KIND_SUFFIXES = (" (link)", " (object)")
@@ -346,3 +346,34 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     from planner_service.scene.toml_reader import write_scene
 
     write_scene(instance("scene", scene, Scene, "a Scene"), as_path("path", path))
+
+
+def scene_blocks(scene: Scene) -> list[Block]:
+    """A scene as ``planner-service scenes NAME`` prints it."""
+    bodies: list[tuple[Obstacle | Attached, str]] = [(body, body.name) for body in scene.obstacles]
+    bodies += [(body, f"{body.name} (attached)") for body in scene.attached]
+    title = ": ".join(filter(None, (scene.name or "unnamed scene", " ".join(scene.description.split()))))
+    heads = ["obstacle", "shape", "size", "position", "quaternion wxyz"]
+    rows: list[tuple[str, ...]] = [
+        (name, *_shape_cells(body.shape), numbers_text(body.pose.position), numbers_text(body.pose.quaternion))
+        for body, name in bodies
+    ]
+    if all(body.pose.quaternion == Pose().quaternion for body, _ in bodies):
+        heads, rows = heads[:-1], [row[:-1] for row in rows]
+    return [title, "", Table(heads, rows)]
+
+
+def _shape_cells(shape: Solid) -> tuple[str, str]:
+    """The kind of a shape, and its size in metres."""
+    if isinstance(shape, Box):
+        return "box", numbers_text(shape.size)
+    if isinstance(shape, Mesh):
+        return "mesh", f"{len(shape.vertices)} corners"
+    if isinstance(shape, PointCloud):
+        return "point cloud", f"{len(shape.cells):,} cells of {shape.resolution:g}"
+    if isinstance(shape, HeightField):
+        return "height field", f"{shape.heights.size:,} columns of {shape.cell:g}"
+    if isinstance(shape, Compound):
+        return "compound", f"{len(shape.parts)} parts"
+    sizes = ", ".join(f"{name} {value:g}" for name, value in vars(shape).items())
+    return type(shape).__name__.lower(), sizes

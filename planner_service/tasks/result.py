@@ -6,25 +6,38 @@ import math
 import os
 from dataclasses import dataclass, field, replace
 from types import NoneType
+from typing import Protocol
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, number
 from planner_service.planning.request import PlanRequest, require_timing
-from planner_service.planning.result import Failure, PlanResult
+from planner_service.planning.result import Failure, PlanResult, Stage, cost_row, stage_row
 from planner_service.planning.world import World
-from planner_service.presentation.models import length_unit
+from planner_service.presentation.measures import clearance_text, proof_text
 from planner_service.presentation.page import OpenPage
-from planner_service.presentation.plans import task_blocks
-from planner_service.presentation.tables import render_html, render_text
+from planner_service.presentation.tables import Block, CostTable, Row, render_html, render_text
+from planner_service.robot.model import length_unit
 from planner_service.scene.scene import Scene
 from planner_service.timing.laws import Timing
 
-__all__ = ["MAX_SUPPORT_GAP", "Handling", "Segment", "TaskResult"]
+__all__ = [
+    "MAX_SUPPORT_GAP",
+    "Handling",
+    "Segment",
+    "TaskReport",
+    "TaskResult",
+    "task_blocks",
+    "task_lines",
+    "task_rows",
+]
 
 MAX_SUPPORT_GAP = 0.05
 """Metres of a lift or of a lowering, at most, within which an object and its support may touch."""
+
+SEARCH_STAGES = (Stage.ROADMAP, Stage.SEARCH, Stage.SHORTCUT, Stage.POLISH, Stage.CERTIFY, Stage.TIMING)
+"""Stages that get a row of their own below a motion that was searched for."""
 
 
 @dataclass(frozen=True)
@@ -143,10 +156,10 @@ class TaskResult:
         return f"<TaskResult: {len(self.segments)} motions, {what}, {self.counts}>"
 
     def __str__(self) -> str:
-        return render_text(task_blocks(self, unit=length_unit(self.world.robot)))
+        return render_text(task_blocks(self, length_unit(self.world.robot)))
 
     def _repr_html_(self) -> str:
-        return render_html(task_blocks(self, unit=length_unit(self.world.robot)))
+        return render_html(task_blocks(self, length_unit(self.world.robot)))
 
     @property
     def begin(self) -> World:
@@ -188,3 +201,83 @@ class TaskResult:
     def duration(self) -> float:
         """Seconds of motion, without what the gripper takes to open and close."""
         return math.fsum(s.result.trajectory.duration for s in self.segments if s.result.trajectory is not None)
+
+
+class TaskReport(Protocol):
+    """What is printed of a ``TaskResult`` or a ``SavedTask``."""
+
+    @property
+    def segments(self) -> tuple[Segment, ...]: ...
+    @property
+    def choosing(self) -> CheckCounts: ...
+    @property
+    def counts(self) -> CheckCounts: ...
+    @property
+    def failure(self) -> Failure | None: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
+    def task(self) -> str: ...
+    @property
+    def seconds(self) -> float: ...
+
+
+def task_blocks(task: TaskReport, unit: str) -> list[Block]:
+    """A task as ``planner-service pick-place`` prints it.
+
+    Args:
+        unit: Unit of path lengths.
+    """
+    title = ": ".join(filter(None, ("planned" if task.failure is None else "no plan", task.task)))
+    ending = [] if task.failure is None else [f"no plan: {task.failure}"]
+    return [CostTable(title, task_rows(task), unit), *task_lines(task), *ending]
+
+
+def task_rows(task: TaskReport) -> list[Row]:
+    """A row per motion, with its stages below if it was searched for, then the choice of grasps, and the total."""
+    rows: list[Row] = []
+    for motion in task.segments:
+        rows += [] if motion.gripper is None else [_gripper_row(motion.gripper)]
+        rows += _motion_rows(motion.name, motion.result)
+    seconds = sum(row.seconds or 0.0 for row in rows)
+    choosing = task.seconds - seconds if task.seconds else None
+    rows.append(cost_row("choosing", "grasp, placement and their straight lines", task.choosing, choosing))
+    plans = [motion.result for motion in task.segments] if task.failure is None else []
+    return [*rows, cost_row("total", "", task.counts, task.seconds or seconds, plans)]
+
+
+def _gripper_row(motion: GripperMotion) -> Row:
+    proof = motion.certificate
+    verdict = f"proven: {clearance_text(proof.clearance)}" if proof.certified else motion.refused
+    note = f"{motion.start * 1e3:.1f} -> {motion.end * 1e3:.1f} mm, {verdict}"
+    return cost_row(motion.name, note, CheckCounts(distances=proof.distances), motion.seconds)
+
+
+def _motion_rows(name: str, plan: PlanResult) -> list[Row]:
+    straight = plan.ok and not plan.attempts
+    below = [] if straight else [report for report in plan.stages if report.stage in SEARCH_STAGES]
+    merged = [report for report in plan.stages if report not in below]
+    counts, seconds = sum((each.counts for each in merged), CheckCounts()), sum(each.seconds for each in merged)
+    row = cost_row(name, _straight_line_note(plan), counts, seconds, [plan] if straight else [])
+    return [row, *(stage_row(plan, report, 2) for report in below)]
+
+
+def _straight_line_note(plan: PlanResult) -> str:
+    for report in plan.stages:
+        if report.stage is Stage.STRAIGHT_LINE:
+            separator = " " if report.note.startswith("blocked") else ", "
+            return separator.join(filter(None, ("straight line", report.note)))
+    return ""
+
+
+def task_lines(task: TaskReport) -> list[str]:
+    """What is proven of a task, and what was done beyond the request, a sentence each."""
+    results = [motion.result for motion in task.segments]
+    proofs = [plan.certificate for plan in results if plan.certificate is not None and plan.ok]
+    proofs += [motion.gripper.certificate for motion in task.segments if motion.gripper is not None]
+    lines = []
+    if proofs:
+        clearance, bounds = min(proof.clearance for proof in proofs), sum(proof.distances for proof in proofs)
+        lines.append(f"proof: {proof_text(clearance, bounds)}")
+    notes = [*task.notes, *(f"{motion.name}: {note}" for motion in task.segments for note in motion.result.notes)]
+    return [*lines, *(f"note: {note}" for note in notes)]

@@ -26,9 +26,9 @@ from planner_service.geometry.validation import instance
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import PlanResult, Reason
-from planner_service.presentation.plans import clearance_text
+from planner_service.presentation.measures import clearance_text
 from planner_service.records.plan_file import SavedTask
-from planner_service.robot.model import Robot
+from planner_service.robot.model import Robot, length_unit
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import TaskResult
@@ -135,8 +135,7 @@ def _planned(service: PlannerService, result: PlanResult) -> tuple[View, Caption
     robot, (path, trajectory) = service.robot, result.unwrap()
     places = [path(path.length * k / (ON_THE_WAY + 1)) for k in range(ON_THE_WAY + 2)]
     kinds = [START, *[WAY] * ON_THE_WAY, GOAL]
-    unit = "" if any(body.prismatic for body in robot.bodies) else " rad"
-    moved = f"{trajectory.duration:.2f} s of motion", f"path {path.length:.2f}{unit}"
+    moved = f"{trajectory.duration:.2f} s of motion", f"path {path.length:.2f} {length_unit(robot)}".rstrip()
     words = (_joined(*moved, _counted(result.counts)), _proof([result]))
     caption = Caption(f"{_where(robot, service.scene)}: planned", words, _keys((START, WAY, GOAL), tool=True))
     stands = tuple(Stand(q, kind) for q, kind in zip(places, kinds, strict=True))
