@@ -136,14 +136,14 @@ def planner_or_optimise(name: str, clearance: float | None, *, polish: bool) -> 
         UnknownName: there is none; the message offers the nearest.
         InvalidRequest: a clearance without an optimisation, or --polish with a planner that optimises anyway.
     """
-    if name.lower() == Optimise().name:
+    if name.lower() == Optimise.name:
         if polish:
             raise InvalidRequest("--polish", True, "another planner: optimise needs no --polish")
         return optimise(clearance)
     if clearance is not None and not polish:
         raise InvalidRequest("--clearance", clearance, "--polish, or --planner optimise")
     if name.lower() not in PLANNERS:
-        raise UnknownName("planner", name, [*PLANNERS, Optimise().name])
+        raise UnknownName("planner", name, [*PLANNERS, Optimise.name])
     return planner_by_name(name)
 
 

@@ -79,8 +79,8 @@ PlannerName = Annotated[
     typer.Option(
         "--planner",
         metavar="NAME",
-        help=f"One of {', '.join(PLANNERS)}, {Optimise().name}.",
-        autocompletion=_completing(lambda: [*PLANNERS, Optimise().name]),
+        help=f"One of {', '.join(PLANNERS)}, {Optimise.name}.",
+        autocompletion=_completing(lambda: [*PLANNERS, Optimise.name]),
     ),
 ]
 TimingName = Annotated[

@@ -71,9 +71,9 @@ def write_episodes(
         except KeyboardInterrupt:
             folder.refresh()  # a write may have been interrupted
             if folder.requests:
-                _finish(folder, work, before)
+                _describe(folder, work, before)
             raise
-        return _finish(folder, work, before)
+        return _describe(folder, work, before)
 
 
 def _grow(
@@ -132,7 +132,7 @@ def _generation(work: EpisodeWork) -> dict[str, Any]:
     }
 
 
-def _finish(folder: DatasetFolder, work: EpisodeWork, before: int) -> EpisodesSummary:
+def _describe(folder: DatasetFolder, work: EpisodeWork, before: int) -> EpisodesSummary:
     """Write the files that describe the whole data set, and summarise it."""
     folder.write_tables()
     summary = _summary(folder, before)

@@ -10,7 +10,7 @@ import fcntl
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ GROUP = 100
 """Requests per row group of a table; about 4 MB of journal are in memory at a time."""
 
 
-class DatasetFolder:
+class DatasetFolder(AbstractContextManager["DatasetFolder"]):
     """The folder of a data set, locked while it is open.
 
     Args:
@@ -53,9 +53,6 @@ class DatasetFolder:
         except BaseException:
             os.close(self._lock)
             raise
-
-    def __enter__(self) -> DatasetFolder:
-        return self
 
     def __exit__(self, *_: object) -> None:
         os.close(self._lock)

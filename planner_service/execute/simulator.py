@@ -77,7 +77,7 @@ class ArmContact:
         return f"{self.a} x {self.b} at {self.began:.2f} s for {self.duration:.2f} s, up to {self.force:.1f} N"
 
 
-class SimulatedArm:
+class SimulatedArm(contextlib.AbstractContextManager["SimulatedArm"]):
     """A simulated WidowX AI that stands at ``start`` among a scene's obstacles; a context manager, which ends it.
 
     Args:
@@ -180,9 +180,6 @@ class SimulatedArm:
                 process.wait()
             self._listener.join()
             stdout.close()
-
-    def __enter__(self) -> SimulatedArm:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

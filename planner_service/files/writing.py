@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import stat
 import uuid
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from planner_service.errors import InvalidFile
-
-try:
-    import fcntl
-except ImportError:  # not on Windows: there what a killed process left stays
-    fcntl = None  # type: ignore[assignment]
 
 __all__ = ["remove_leftovers", "require_writable", "swap_in", "write_whole"]
 
@@ -83,41 +79,29 @@ def swap_in(target: Path, content: bytes) -> None:
         mode = None
     temporary = target.parent / _temporary_name()  # in another folder the exchange would not be atomic
     try:
-        with closing(_Locked(temporary, 0o666 if mode is None else mode & 0o700)) as file:
+        with os.fdopen(_locked(temporary, 0o666 if mode is None else mode & 0o700), "wb") as file:
             if mode is not None:
-                os.fchmod(file.descriptor, mode)
+                os.fchmod(file.fileno(), mode)
             file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
             os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-class _Locked:
-    """A new file, locked as long as it is open."""
-
-    def __init__(self, path: Path, mode: int) -> None:
-        while True:
-            self.descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), mode)
-            _lock(self.descriptor, wait=True)
-            if path.exists():
-                return
-            os.close(self.descriptor)  # taken for a leftover before it was locked
-
-    def write(self, content: bytes) -> None:
-        """Write it all, down to the disk."""
-        left = memoryview(content)
-        while left:
-            left = left[os.write(self.descriptor, left) :]
-        os.fsync(self.descriptor)
-
-    def close(self) -> None:
-        os.close(self.descriptor)
+def _locked(path: Path, mode: int) -> int:
+    """The descriptor of a new file, locked as long as it is open."""
+    while True:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+        _lock(descriptor, wait=True)
+        if path.exists():
+            return descriptor
+        os.close(descriptor)  # taken for a leftover before it was locked
 
 
 def remove_leftovers(folder: Path) -> None:
     """Delete what processes that were killed while they wrote have left in a folder; no failure matters."""
-    if fcntl is None:
-        return
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if LEFTOVER.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
@@ -136,8 +120,6 @@ def _remove_if_left(path: str) -> None:
 
 def _lock(descriptor: int, *, wait: bool) -> bool:
     """Lock an open file; False if that is not possible, or another process has it."""
-    if fcntl is None:
-        return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:

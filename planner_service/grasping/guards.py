@@ -22,6 +22,7 @@ __all__ = [
     "PUSHED_ASIDE",
     "grasp_objection",
     "reach_objection",
+    "tool_frames",
     "tool_line",
     "unwanted",
 ]
@@ -79,7 +80,7 @@ def tool_line(robot: Robot, path: JointPath, near: float, far: float, longest: f
     if count > MAX_SAMPLES:
         return np.zeros((0, path.n)), f"the stretch is {abs(far - near):.3g} rad long, which no straight tool line is"
     samples = path(near + (far - near) * (np.arange(count + 1) / max(count, 1)))
-    places, turns = _tools(robot, samples)
+    places, turns = tool_frames(robot, samples)
     moved = places - places[0]
     approach = np.zeros(3) if robot.gripper is None else turns[0] @ np.array(robot.gripper.approach)
     travel = -(moved * approach).sum(axis=1)
@@ -96,7 +97,7 @@ def tool_line(robot: Robot, path: JointPath, near: float, far: float, longest: f
     return samples, ""
 
 
-def _tools(robot: Robot, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def tool_frames(robot: Robot, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Positions (m, 3) and rotations (m, 3, 3) of the tool frame at Q (m, n)."""
     turns, places = robot.body_poses_batch(Q)
     at, T = robot.tool_body, robot.tool_placement

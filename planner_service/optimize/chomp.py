@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import ClassVar
 
 import numpy as np
 
@@ -54,17 +55,14 @@ class Chomp:
         voxel: Metres between points of the grid.
     """
 
+    name: ClassVar[str] = "chomp"
+
     iterations: int = 300
     voxel: float = 0.02
 
     def __post_init__(self) -> None:
         whole("iterations", self.iterations, 1, 100_000)
         number("voxel", self.voxel, "metres in [0.002, 0.1]", 0.002, 0.1)
-
-    @property
-    def name(self) -> str:
-        """The name on the command line, in lower case."""
-        return "chomp"
 
     def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
         """See ``Method``."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -84,6 +83,7 @@ class CurveProblem:
     Attributes:
         between: Points per waypoint.
         unit: The cost of a straight curve as long as the route, rad^2: the unit of costs during minimisation.
+        reach: Metres within which pairs count in a step; pairs that come nearer from beyond count in the next.
         gradients: How many gradients of distances were computed so far.
     """
 
@@ -99,9 +99,11 @@ class CurveProblem:
         self.between = min(MAX_POINTS_PER_WAYPOINT, max(1, math.ceil(motion / max(objective.clearance, 1e-3))))
         self.unit = self.length * self.length / (objective.waypoints - 1)
         self.aim = objective.clearance * SPARE
+        self.reach = self.aim + BEYOND
         self._own = checker.own_pairs
         ends = checker.near(route[[0, -1]], self.aim)
-        self._ends = [{p: d for row, p, d in zip(*_lists(ends), strict=True) if row == end} for end in (0, 1)]
+        columns = ends.rows.tolist(), ends.pairs.tolist(), ends.distances.tolist()
+        self._ends = [{p: d for row, p, d in zip(*columns, strict=True) if row == end} for end in (0, 1)]
 
     @property
     def points(self) -> int:
@@ -156,11 +158,6 @@ class CurveProblem:
             (gram + self.objective.smoothness * summed(second[:, :, None] * second[:, None, :])) / self.unit
         )
 
-    @cached_property
-    def reach(self) -> float:
-        """Metres within which pairs count in a step; pairs that come nearer from beyond count in the next."""
-        return self.aim + BEYOND
-
     def figures(self, corners: FloatArray) -> Figures:
         """The figures of the curve with these corners."""
         samples = self.samples(corners)
@@ -178,7 +175,3 @@ class CurveProblem:
         length = math.fsum(np.sqrt(summed((steps * steps).T)).tolist())
         clearance = min([self.reach, *look.near.distances.tolist(), *(d for end in self._ends for d in end.values())])
         return Figures(self._cost(waypoints), length, squares(waypoints)[1], clearance, self.shortfall(look))
-
-
-def _lists(near: NearPairs) -> tuple[list[int], list[int], list[float]]:
-    return near.rows.tolist(), near.pairs.tolist(), near.distances.tolist()

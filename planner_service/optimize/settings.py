@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +29,7 @@ MAX_CLEARANCE = 0.1
 MANY_CORNERS, FEW_CORNERS = 8, 3
 """Measured: with 8, ToppRa is 1 to 3 % faster than with 6 or 5; with 3, SCurve is up to 30 % faster than with 8."""
 
-METHODS: Mapping[str, type[Any]] = MappingProxyType({TrajOpt().name: TrajOpt, Chomp().name: Chomp})
+METHODS: Mapping[str, type[Any]] = MappingProxyType({TrajOpt.name: TrajOpt, Chomp.name: Chomp})
 """The methods by name."""
 
 
@@ -83,6 +83,8 @@ class Optimise:
         InvalidRequest: A value is of the wrong kind or out of its range.
     """
 
+    name: ClassVar[str] = "optimise"
+
     waypoints: int = 50
     smoothness: float = 100.0
     clearance: float = 0.02
@@ -101,11 +103,6 @@ class Optimise:
             raise InvalidRequest("method", self.method, "TrajOpt() or Chomp()")
         if self.waypoints <= self._corners + 1:
             raise InvalidRequest("waypoints", self.waypoints, f"more than the {self._corners} corners and an end")
-
-    @property
-    def name(self) -> str:
-        """The name on the command line, in lower case."""
-        return "optimise"
 
     @property
     def _corners(self) -> int:

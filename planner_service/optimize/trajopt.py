@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -43,15 +44,12 @@ class TrajOpt:
         iterations: The most convexifications; about eight suffice from a free path.
     """
 
+    name: ClassVar[str] = "trajopt"
+
     iterations: int = 40
 
     def __post_init__(self) -> None:
         whole("iterations", self.iterations, 1, 10_000)
-
-    @property
-    def name(self) -> str:
-        """The name on the command line, in lower case."""
-        return "trajopt"
 
     def minimise(self, problem: CurveProblem, corners: FloatArray, held: tuple[int, int]) -> MethodResult:
         """See ``Method``."""

@@ -120,7 +120,7 @@ class PlannerRecord(ChoiceRecord):
 
     @cached_property
     def value(self) -> Any:
-        if self.name != Optimise().name:
+        if self.name != Optimise.name:
             return self.made("planner", _PLANNERS)
         method = ChoiceRecord.model_validate(self.settings.get("method")).made("method", METHODS)
         settings = {**self.settings, "method": method}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
+from planner_service.grasping.guards import tool_frames
 from planner_service.path.joint_path import JointPath
 from planner_service.roadmap import Roadmap, Verdict
 from planner_service.robot.model import Robot
@@ -24,9 +25,7 @@ CURVE = 300
 
 def tool_points(robot: Robot, Q: FloatArray) -> FloatArray:
     """Positions (m, 3) of the tool frame's origin at configurations Q (m, n)."""
-    rotations, positions = robot.body_poses_batch(Q)
-    offset = robot.tool_placement[:3, 3]
-    return np.asarray(rotations[:, robot.tool_body] @ offset + positions[:, robot.tool_body])
+    return tool_frames(robot, Q)[0]
 
 
 def curve_lines(robot: Robot, path: JointPath) -> FloatArray:

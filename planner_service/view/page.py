@@ -113,8 +113,8 @@ class Page:
     def _draw_ghost(self, ghost: RobotNodes, q: FloatArray, *, hidden_by: list[FloatArray]) -> None:
         """Draw a ghost, unless another robot is drawn at the same configuration."""
         hidden = any(np.allclose(q, other, rtol=0.0, atol=1e-6) for other in hidden_by)
-        ghost.visible = self._show_ends.value and not hidden
-        if ghost.visible:
+        self._set(ghost.root, "visible", self._show_ends.value and not hidden)
+        if ghost.root.visible:
             ghost.set_robot(self.state.service.robot)
             ghost.move(q)
 

@@ -35,8 +35,8 @@ class Plots:
         self._samples: Samples | None = None
         colours = [COLOURS[k % len(COLOURS)] for k in range(len(joints))]
         series = [_line(name, colour) for name, colour in zip(joints, colours, strict=True)]
-        many = ({"label": "t"}, *series, _limit(), _limit(), _now())
-        one = ({"label": "t"}, _line("clearance", COLOURS[0]), _limit(), _now())
+        many = ({"label": "t"}, *series, _limit("lower limit"), _limit("upper limit"), _now())
+        one = ({"label": "t"}, _line("clearance", COLOURS[0]), _limit("limit"), _now())
         self._none = gui.add_markdown("no motion yet")
         self._plots = {
             kind: self._added(gui, title, many, (-1.1, 1.1), legend=kind == "position") for kind, title in KINDS.items()
@@ -79,8 +79,8 @@ def _line(label: str, colour: str) -> dict[str, Any]:
     return {"label": label, "stroke": colour, "width": 1.5, "points": {"show": False}}
 
 
-def _limit() -> dict[str, Any]:
-    return {"label": "limit", "stroke": LIMIT, "width": 1, "dash": (6.0, 4.0), "points": {"show": False}}
+def _limit(label: str) -> dict[str, Any]:
+    return {"label": label, "stroke": LIMIT, "width": 1, "dash": (6.0, 4.0), "points": {"show": False}}
 
 
 def _now() -> dict[str, Any]:

@@ -43,12 +43,13 @@ class RobotNodes:
         ghost: The one colour of a ghost; None for a robot in the colours of its links.
 
     Attributes:
+        root: The parent node, by which all of it is shown or hidden.
         tool: The name of the tool frame's node.
     """
 
     def __init__(self, scene: Any, root: str, robot: Robot, *, ghost: Colour | None = None) -> None:
         self._robot = robot
-        self._root = scene.add_frame(root, show_axes=False)
+        self.root = scene.add_frame(root, show_axes=False)
         self._solids = {solid.name: solid for solid in robot_solids(robot)}
         opacity = 1.0 if ghost is None else 0.28
         links = [*self._solids, TOOL]
@@ -87,16 +88,6 @@ class RobotNodes:
             colour = colours.get(Owner(Kind.LINK, name), solid.colour)
             if self._painted.get(name, solid.colour) != colour:
                 self._painted[name] = self._meshes[name].color = colour
-
-    @property
-    def visible(self) -> bool:
-        """Whether the robot is drawn."""
-        return bool(self._root.visible)
-
-    @visible.setter
-    def visible(self, value: bool) -> None:
-        if self._root.visible != value:
-            self._root.visible = value
 
 
 class SceneNodes:

@@ -26,7 +26,7 @@ GRACE = 3.0
 """Seconds to wait after the last window closed before ending: a reload closes the window, too."""
 
 
-class Viewer:
+class Viewer(contextlib.AbstractContextManager["Viewer"]):
     """A page served from this process until its last window is closed.
 
     Attributes:
@@ -74,9 +74,6 @@ class Viewer:
             with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it stopped
                 self._server.stop()
             self._ended.set()
-
-    def __enter__(self) -> Viewer:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
