@@ -1,4 +1,4 @@
-"""Plans on an arm: streamed through a driver, recorded, compared with what was planned; and the simulated arm.
+"""Executes plans on an arm through a driver, and compares the measured motion with the plan; and the simulated arm.
 
 ``execute`` is here and not in ``planner_service`` itself, where a function of that name would hide this package.
 """

@@ -1,7 +1,7 @@
-"""The arm as a driver shows it, behind one door: each answer is copied and checked, each call can be watched.
+"""The arm behind a driver: every answer is copied and checked, every call can be watched.
 
-A reading is believed if the arm can be there: near where it was believed to be last, or on the way from there to where
-it was told to be, give or take what its joints can move in the meantime. After one that cannot be, none is believed.
+A reading is believed if the arm can be there: near the last reading, or on the way from there to where it was
+commanded, plus what its joints can move in the meantime. After one impossible reading, no other is believed.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ NOISE = 0.05
 """Radians (or metres) by which a reading may be off what the arm can have done: noise, and answers that come late."""
 
 ABSURD = 0.5
-"""Radians (or metres) that an arm cannot be from where it was, or was told to be, however long ago."""
+"""Radians (or metres) that an arm cannot be away from where it was or was commanded, however long ago that was."""
 
 MAX_LAG = 1.0
-"""Seconds; an arm that is farther behind cannot be told where to be."""
+"""Seconds; an arm that lags more cannot be commanded in a stream."""
 
 MAX_WIDTH = 10.0
 """Metres between finger pads, beyond which a unit is wrong."""

@@ -1,4 +1,4 @@
-"""What is needed of an arm: where it is, where it is told to be, and that it can be told to stay."""
+"""The interface of an arm: its position can be read and commanded, and it can be told to hold."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ class ArmLimits:
 
 
 class Driver(Protocol):
-    """An arm that is told where to be, many times a second.
+    """An arm that takes a command many times a second.
 
     Every call returns soon or raises; a driver that waits for an answer needs a timeout of its own. While a plan is
     executed calls come from one thread, which is not the caller's, one after the other. The exception is ``hold``: if
     another call has not returned for two seconds it is called from yet another thread.
 
     Attributes:
-        simulated: Nothing real moves: then plans are executed at full speed by default, else at a fifth of it.
-        lag: Seconds, shape (n,), by which each joint of a moving arm is behind what it is told; every command is that
-            much ahead of the plan; at most 1. Zero for a controller that follows velocities, too.
+        simulated: Whether nothing real moves: then the default is full speed, else a fifth of it.
+        lag: Seconds, shape (n,), by which each joint of a moving arm lags its command, at most 1; every command is
+            that much ahead of the plan. Zero for a controller that follows velocities, too.
     """
 
     @property

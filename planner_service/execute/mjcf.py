@@ -1,8 +1,8 @@
 """A robot and a scene as an MJCF file: the simulated WidowX AI with our covering shapes in place of its own.
 
 The vendor's model brings the joints, inertias, actuators and gains. Its collision shapes leave up to 27 mm of the arm
-uncovered, so that a simulation without contacts would prove little: they are left out, and every shape that our
-planner judges is put in. Arm and scene can touch, arm and arm cannot, nor what stands still.
+uncovered, so that a simulation without contacts would prove little. They are left out, and every shape that the
+planner checks takes their place. The arm can touch the scene but not itself; fixed obstacles never touch each other.
 """
 
 from __future__ import annotations

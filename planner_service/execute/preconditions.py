@@ -1,4 +1,4 @@
-"""What may be driven: plans that are proven, for this robot, within what the arm allows, from where it stands."""
+"""What may be executed: proven plans for this robot, within the arm's limits, from where it stands."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ ROUNDED = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What is left of a segment once it is known to be proven; width None without a gripper, ``grips``: at its end."""
+    """A motion to execute; its width is None without a gripper, and ``grips`` says if the gripper closes at its end."""
 
     name: str
     trajectory: Trajectory

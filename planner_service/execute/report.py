@@ -1,4 +1,4 @@
-"""What came of an execution: what was told, where the arm was, and how far that is from the plan."""
+"""The result of an execution: the commands, the measured motion, and how far it is from the plan."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Recording:
 
     Attributes:
         t: Seconds since the motion began at which the arm was asked where it is, shape (m,).
-        commanded: What it had been told last, shape (m, n): the plan, ahead by the arm's lag.
-        measured: Where it was, shape (m, n).
+        commanded: The last command before that, shape (m, n): the plan, ahead by the arm's lag.
+        measured: Where the arm was, shape (m, n).
         lateness: Seconds by which each command came late, shape (m,).
         skipped: Ticks that were left out because their time had passed.
     """
@@ -53,15 +53,15 @@ class ExecutedMotion:
 
     Attributes:
         name: The segment's, or "motion".
-        trajectory: As it was to be driven: the plan's, slower by the speed.
-        recording: As it was.
-        error_max: Of measured minus planned positions at the same time while it moved, shape (n,), rad.
+        trajectory: The planned one, slowed down by the speed.
+        recording: The measured motion.
+        error_max: The largest difference between measured and planned positions while it moved, shape (n,), rad.
         error_rms: The root mean square of the same.
-        final_error: The same when it had settled, absolute, shape (n,), rad.
-        tool_lag: Metres that the tool was from where it was planned to be at that time, at most.
-        tool_off_path: Metres that the tool was from the planned path, whenever, at most.
-        late: Ticks that came later than a whole tick, or were left out.
-        ticks: Of the stream, settling not included.
+        final_error: The difference once it had settled, shape (n,), rad.
+        tool_lag: The largest distance of the tool from where it was planned to be at that time, in metres.
+        tool_off_path: The largest distance of the tool from the planned path, in metres.
+        late: Ticks that came more than a whole tick late, or were left out.
+        ticks: Ticks of the stream, without settling.
         completed: Whether all of it was streamed.
     """
 

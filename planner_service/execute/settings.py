@@ -1,4 +1,4 @@
-"""How plans are driven: how fast, how often an arm is told, and what stops it."""
+"""How plans are executed: speed, command rate, and what stops the arm."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from planner_service.geometry.validation import number
 __all__ = ["HARDWARE_SPEED", "Streaming"]
 
 HARDWARE_SPEED = 0.2
-"""Of what was planned: slow enough to be at the emergency stop in time."""
+"""Fraction of the planned speed: slow enough to reach the emergency stop in time."""
 
 
 @dataclass(frozen=True)
 class Streaming:
-    """How plans are driven.
+    """How plans are executed.
 
     Attributes:
-        speed: Part in (0, 1] of the planned speed: time is stretched, so velocities fall by it and accelerations by its
-            square. If None 1 in simulation, else 0.2.
+        speed: Fraction of the planned speed, in (0, 1]: time is stretched, so velocities fall by it and accelerations
+            by its square. None for 1 in simulation, else 0.2.
         rate: Commands per second.
         start_tolerance: Radians (or metres) by which the arm may stand elsewhere than where a motion begins, and than
             where it ends once the arm has settled; MoveIt's.

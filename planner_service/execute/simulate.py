@@ -1,4 +1,4 @@
-"""A plan on the simulated arm: how it was driven, what touched what, and where what was carried came to lie."""
+"""Executes a plan on the simulated arm, and reports what touched what and where carried objects ended up."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Rehearsal:
     """An execution in simulation.
 
     Attributes:
-        report: How it was driven; also of one that was stopped.
+        report: How it was executed, also if it was stopped.
         contacts: Unexpected ones: the robot, or what it carried, with anything.
         meant: Those of pairs that the plan says may touch: fingers and what they take, that and its supports.
         loose: Where loose obstacles are in the end, by name.
@@ -102,7 +102,7 @@ def rehearse(
 
 
 def meant_contacts(plan: Executable) -> Collection[frozenset[str]]:
-    """Pairs of names that are not judged on some stretch of a plan, because they are meant to touch there."""
+    """Pairs of names that are not checked on some stretch of a plan, because they are meant to touch there."""
     if isinstance(plan, Trajectory):
         return frozenset()
     if isinstance(plan, SavedPlan):
@@ -112,7 +112,7 @@ def meant_contacts(plan: Executable) -> Collection[frozenset[str]]:
 
 
 def taken(plan: Executable, robot: Robot) -> tuple[str, ...]:
-    """The obstacles that a plan takes hold of: those that the robot's fingers are meant to touch."""
+    """The obstacles that a plan takes: those that the robot's fingers are meant to touch."""
     fingers = {Owner(Kind.LINK, link) for link in (() if robot.gripper is None else robot.gripper.links)}
     pairs = [{owner_of(name, robot) for name in pair} for pair in meant_contacts(plan)]
     return tuple(sorted({owner.name for pair in pairs if pair & fingers for owner in pair - fingers}))

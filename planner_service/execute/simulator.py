@@ -1,7 +1,7 @@
 """The simulated arm: our robot among our obstacles in MuJoCo, behind the network interface of the real controller.
 
 It runs in a process of its own, in real time, and ends with this one, however that ends. The vendor's driver connects
-to it as to an arm, so what is executed is what would be.
+to it as to an arm, so the same code runs as on a real arm.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from planner_service.scene.scene import Scene
 __all__ = ["ArmContact", "SimulatedArm", "arm_file"]
 
 TCP_PORT, UDP_PORT = 50001, 50000
-"""Of the controller; they cannot be chosen, only the address can."""
+"""The controller's ports; only its address can be chosen."""
 
 HOSTS = tuple(f"127.0.0.{k}" for k in range(1, 33))
 """Loopback addresses tried, in this order; systems that have only the first run one simulated arm at a time."""
 
 SECONDS = 30.0
-"""Until a child that says nothing is given up: it takes 0.5 s on a quiet machine."""
+"""How long to wait for an answer of the child, which takes 0.5 s on a quiet machine."""
 
 LOOK, STILL = 0.1, 1e-5
 """Seconds between two looks at what lies loose, and metres by which it has moved in between if it lies still."""

@@ -1,15 +1,14 @@
-"""A plan on an arm: checked against it, streamed to it, recorded; and whatever happens, the arm is told to hold.
+"""Streams a plan to an arm: checks it first, records the motion, and has the arm hold whatever happens.
 
-Commands follow an absolute clock: tick k is due at k / rate after the begin, however long the ticks before took; one
-whose time has passed is left out. A stream that is too late for that is stopped.
+Commands follow an absolute clock: tick k is due k / rate seconds after the beginning, however long earlier ticks took.
+A tick whose time has passed is left out; a stream that is too late is stopped.
 
-Where an arm is told to hold: where it is, as measured. It has been there, so it is free, and nothing but its own
-momentum carries it on. What it was told last lies ahead of it, by its lag along the tangent of the path, where nothing
-is proven. Only where the arm does not say where it is, or says what cannot be, it holds the last planned configuration,
-which is proven free.
+The arm is told to hold where it is, as measured. It has been there, so that is free, and only its momentum carries it
+further. The last command lies ahead of it, by its lag along the tangent of the path, where nothing is proven. Only if
+the arm gives no reading, or an impossible one, it is told to hold the last planned configuration, which is proven free.
 
-Commands go out in a thread of their own. No signal interrupts it, so that Ctrl-C cannot fall between a failure and the
-hold, and the caller's thread, which waits for it, hears of a driver that does not return.
+Commands are sent from a thread of their own. No signal interrupts it, so Ctrl-C cannot come between a failure and the
+hold, and the caller's thread, which waits for it, notices a driver that does not return.
 """
 
 from __future__ import annotations
@@ -44,22 +43,22 @@ from planner_service.service import PlannerService
 __all__ = ["execute"]
 
 REST, STILL = 0.1, 2e-4
-"""Seconds for which an arm moves less than so many radians if it has come to rest."""
+"""An arm that moves less than this many radians within these seconds has come to rest."""
 
 MAX_RECENT = 101
-"""Ticks in that time, at most."""
+"""The most ticks in that time."""
 
 TRIES = 3
-"""Of telling an arm to hold."""
+"""Attempts to tell an arm to hold."""
 
 LOOK = 0.05
 """Seconds between two looks at the stream."""
 
 SILENT = 40
-"""Looks at which the same call of the driver is still under way, until it is taken to be one that never returns."""
+"""Looks in a row that find the same call of the driver under way before it counts as one that never returns."""
 
 WIDTH_KEPT = 1e-6
-"""Metres; a gripper that is to move less need not."""
+"""Metres; the gripper is not commanded to move less."""
 
 
 def execute(
@@ -72,7 +71,7 @@ def execute(
     allowed: Sequence[tuple[str, str]] = (),
     allow_unproven: bool = False,
 ) -> ExecutionReport:
-    """Drive a plan, or all motions of a task with the gripper between them, and say how it went.
+    """Execute a plan, or all motions of a task with the gripper between them, and report how it went.
 
     Nothing is commanded before all of it has been checked: that it is proven again, whatever its certificates say
     (``recertify`` lists what that is; it takes some 2 ms, for a whole task 80 ms); that it was made for this very
@@ -87,7 +86,7 @@ def execute(
             file needs it to move a real arm, one that another process planned to move any.
         allowed: Pairs that may touch: those that the plan was made with as ``allowed``, and those of stretches that no
             rule of picking and placing gives. Name them again at each execution.
-        allow_unproven: Drive what no certificate says is free of collisions.
+        allow_unproven: Execute what is not proven collision-free.
 
     Raises:
         InvalidRequest: a check failed (``NotProven``: the proof); the arm has not moved.
@@ -338,7 +337,7 @@ class _Run:
 
 
 class _Log:
-    """What was told and seen, tick by tick."""
+    """Commands and readings, tick by tick."""
 
     def __init__(self, n: int) -> None:
         self.n = n

@@ -32,7 +32,7 @@ class TrossenDriver:
         address: The controller's IP address.
         simulated: It is a ``SimulatedArm``'s: plans are executed at full speed by default.
         lag: As in ``Driver``; zero if None: the firmware follows velocities and accelerations.
-        timeout: Seconds until no answer is a refusal.
+        timeout: Seconds to wait for an answer.
 
     Raises:
         MissingDependency: trossen_arm is not installed (extra ``sim``).

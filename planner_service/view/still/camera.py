@@ -1,4 +1,4 @@
-"""Where a picture is seen from: perspective, and a place from which all that matters is in view."""
+"""The camera of a picture: perspective, from a place that has everything that matters in view."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from planner_service.geometry.arrays import FloatArray, read_only
 __all__ = ["Camera", "combined"]
 
 FIELD = 0.36
-"""Half the picture's width over its distance: a long lens, that distorts little."""
+"""Half the picture's width over its distance: a long lens, which distorts little."""
 
 NEAREST = 0.02
-"""Of the distance to the farthest point that is to be in view: what is nearer than that is cut off."""
+"""Share of the distance to the farthest point in view; anything nearer is cut off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class Camera:
         eye: Where it is in the world, (3,).
         axes: Rows: the directions to the right, downwards and ahead in the world, (3, 3).
         focal: Pixels that one metre spans at a distance of one.
-        middle: Pixels right and down of the picture's corner to which ``ahead`` points.
-        nearest: Metres ahead of the eye from which on anything is seen.
+        middle: The pixel (right, down) straight ahead of the eye.
+        nearest: Metres ahead of the eye; anything nearer is not drawn.
     """
 
     eye: FloatArray
@@ -45,7 +45,7 @@ class Camera:
         """A camera that has points (k, 3) just in view, in a picture of ``size`` (width, height) pixels.
 
         Args:
-            azimuth, elevation: Where the eye is from them, in rad: about z from x, and above the ground.
+            azimuth, elevation: The direction from them to the eye, in rad: about z from x, and above the ground.
         """
         axes = _axes(azimuth, elevation)
         x, y, z = combined(axes, points).T

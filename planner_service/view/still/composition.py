@@ -1,4 +1,4 @@
-"""What a picture shows and from where: robots opaque or faint, obstacles, lines, names, and the eye's place."""
+"""Composes a picture: robots opaque or translucent, obstacles, lines and names, and where it is seen from."""
 
 from __future__ import annotations
 
@@ -56,21 +56,21 @@ AXIS, BELOW = 0.08, 18.0
 """Metres of the axes of a frame, and pixels below its origin for its name."""
 
 TINT = 0.72
-"""How much of its colour a ghost has from what it stands for."""
+"""Share of a ghost's colour that comes from its kind; the rest is the link's own."""
 
 TOUCHED, REACHED = 0.55, 0.9
-"""Opacity of an obstacle that is touched, so that what is in it is seen (a table half of it, or all of the picture is
-red), and of a ghost's link that touches it."""
+"""Opacity of an obstacle in contact, through which one sees what is inside it (a table has half of that, or most of the
+picture would be red), and of a ghost's link in contact."""
 
 MOVED = 0.001
-"""Metres: a ghost's links that are within that of where they were at the start are not drawn again."""
+"""Metres: links of a ghost that are nearer than this to where they were at the start are not drawn again."""
 
 POINTS = 200
 """Of a tool path."""
 
 GRID: Colour = (214, 220, 228)
 CELLS, MOST_CELLS = (0.1, 0.2, 0.5, 1.0, 10.0, 100.0, 1000.0), 16
-"""Metres between the lines of the floor, and how many of these all that is in view spans at most."""
+"""Metres between the grid lines of the floor, and the most cells across everything in view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class View:
 
 
 def tool_path(robot: Robot, path: JointPath) -> Line:
-    """The way of the tool frame's origin along a path."""
+    """The line of the tool frame's origin along a path."""
     places = path(path.length * (np.arange(POINTS) / (POINTS - 1)))
     return Line(np.array([[row[3] for row in robot.tool_rows(q)] for q in places]), TOOL_PATH, 3.2)
 
@@ -165,7 +165,7 @@ def _tinted(colour: Colour, kind: Kind) -> Colour:
 
 
 def _ghosts(view: View, robots: Sequence[Sequence[Solid]]) -> list[tuple[Solid, ...]]:
-    """The stands but the first, without what has hardly moved; links that touch apart, as they are seen better."""
+    """All stands but the first, without links that hardly moved; links in contact apart, as they are more opaque."""
     out = []
     for stand, robot in zip(view.stands[1:], robots[1:], strict=True):
         moved = [
@@ -204,7 +204,7 @@ def _pixel(camera: Camera, point: FloatArray) -> tuple[float, float]:
 
 
 def _visible_marks(solids: Sequence[Solid], first: int, owners: IntArray) -> list[Mark]:
-    """Names of solids from the one numbered ``first`` on, those that are seen most before others."""
+    """Names of the solids from number ``first`` on, the most visible first."""
     areas = np.bincount(owners[owners >= 0], minlength=len(solids)).tolist()
     order = sorted(range(first, len(solids)), key=lambda k: (-areas[k], k))
     places = [(solids[k].name, place_of(owners, k)) for k in order]

@@ -1,4 +1,4 @@
-"""Words in a picture: names where things are seen, a caption below, and what the colours mean."""
+"""Text in a picture: names on what they name, a caption below, and a legend of the colours."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["CAPTION", "Caption", "Mark", "lettered", "place_of"]
 Image = NDArray[np.uint8]
 
 CAPTION = 84
-"""Pixels below the picture for words."""
+"""Height of the caption below the picture, in pixels."""
 
 INK: Colour = (38, 43, 51)
 GREY: Colour = (98, 105, 117)
@@ -34,7 +34,7 @@ COARSE = 8
 
 MOST_NAMES = 24
 LEAST_SEEN = 150
-"""Pixels of a thing that bears its name; less is a sliver."""
+"""Visible pixels that a thing needs to get its name; fewer are a sliver."""
 
 MARGIN = 24
 MOST_LINES = 2
@@ -51,12 +51,12 @@ class Mark:
 
 @dataclass(frozen=True)
 class Caption:
-    """What is said below a picture.
+    """The text below a picture.
 
     Attributes:
         title: In large letters.
-        lines: Small, broken where they are too long; what does not fit in two lines is left out.
-        keys: (colour, meaning) of what is drawn.
+        lines: In small letters, wrapped; what does not fit into two lines is left out.
+        keys: The legend: (colour, meaning).
     """
 
     title: str
@@ -91,7 +91,7 @@ def place_of(owners: IntArray, number: int) -> tuple[float, float] | None:
 
 
 def lettered(image: Image, marks: Sequence[Mark], caption: Caption) -> Image:
-    """The picture with names on it and ``CAPTION`` pixels of words below; a name that finds no room is left out."""
+    """The picture with names on it and ``CAPTION`` pixels of text below; names without room are left out."""
     from PIL import Image as Pictures
     from PIL import ImageDraw
 
@@ -131,7 +131,7 @@ def _draw_marks(draw: ImageDraw, marks: Sequence[Mark], size: tuple[int, int]) -
 
 
 def _draw_keys(draw: ImageDraw, keys: Sequence[tuple[Colour, str]], corner: tuple[int, int]) -> float:
-    """Draw what the colours mean in one line that ends at ``corner``; where it begins."""
+    """Draw the legend in one line that ends at ``corner``; returns where it begins."""
     font, x, y = _font(15), float(corner[0]), corner[1]
     for colour, meaning in reversed(keys):
         x -= MARGIN + font.getlength(meaning)
@@ -150,7 +150,7 @@ def _fitting(text: str, font: FreeTypeFont, room: float) -> str:
 
 
 def _broken(lines: Sequence[str], font: FreeTypeFont, room: float) -> list[str]:
-    """Lines broken at spaces so that each fits, two at most."""
+    """The lines wrapped at spaces, at most two of them."""
     out: list[str] = []
     for line in filter(None, lines):
         rows = [""]

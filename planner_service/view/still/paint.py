@@ -1,4 +1,4 @@
-"""From solids and lines to a picture: shade, shadow, outlines, translucent ghosts, lines; smoothed by oversampling."""
+"""Paints solids and lines with shading, shadows, outlines and translucent ghosts, smoothed by oversampling."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ FINE = 2
 """Samples per pixel along x and y."""
 
 SKY: tuple[Colour, Colour] = ((255, 255, 255), (240, 243, 247))
-"""Behind everything, at the top and at the bottom."""
+"""The background at the top and at the bottom."""
 
 LIGHT = (-0.45, -0.75, -0.48)
-"""Where the light is: right, down and ahead of the camera, a unit vector up to rounding."""
+"""Direction towards the light: right, down and ahead of the camera, a unit vector up to rounding."""
 
 AMBIENT, BRIGHT = 0.56, 1.06
-"""Part of its colour that a surface has that is turned away from the light, and towards it."""
+"""Brightness of a surface that faces away from the light, and of one that faces it, as shares of its colour."""
 
 SHADE = 0.80
-"""Part of its colour that is left of what is in shadow."""
+"""Brightness in shadow, as a share of the colour."""
 
 SHADOW_MAP = 1400
-"""Samples along each side of the picture that the light sees."""
+"""Samples along each side of the shadow map, the picture as the light sees it."""
 
 BIAS = 2.0
-"""Samples of that picture by which something has to be nearer to the light to throw a shadow on what faces the light;
-more on what is turned away, which is deeper from one sample to the next."""
+"""Samples of the shadow map by which something must be nearer to the light to cast a shadow on a surface that faces it;
+more on a tilted surface, whose depth changes more from one sample to the next."""
 
 GRAZING = 0.15
 """Cosine between the light and the normal of a surface below which no shadow is seen on it."""
 
 OUTLINE = 0.62
-"""Part of its colour that is left where a solid ends."""
+"""Brightness of a solid's outline, as a share of its colour."""
 
 LIFT = 0.002
-"""Part of its distance by which a line is nearer than it is, so that it is seen on a surface it lies on."""
+"""Share of its distance by which a line is drawn nearer, so that it is visible on a surface that it lies on."""
 
 HIDDEN = 0.30
-"""How much is seen of a line behind something."""
+"""Opacity of a line where something is in front of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +65,13 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What is to be painted, all of it in the world.
+    """What to paint, all of it in the world frame.
 
     Attributes:
-        solids: Drawn opaque; they throw shadows.
+        solids: Drawn opaque; they cast shadows.
         ghosts: Groups of solids, each drawn as one translucent surface of the opacity of its first.
-        lines: Drawn last; what is hidden of them is seen faintly.
-        floor: Lines beneath all.
+        lines: Drawn last, faintly where something is in front of them.
+        floor: Lines drawn beneath everything.
     """
 
     solids: tuple[Solid, ...]
@@ -189,7 +189,7 @@ def _edges(owners: IntArray) -> NDArray[np.bool_]:
 
 
 def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
-    """How much of what each pixel shows the light does not see, 0 to 1; 0 for what is turned away from it anyway."""
+    """The share of each pixel that is in shadow, 0 to 1; 0 for surfaces that face away from the light."""
     out = np.zeros(keys.size)
     where = np.flatnonzero(keys != EMPTY)
     where = where[scene.facing[numbers_of(keys.ravel()[where])] > GRAZING]
@@ -198,7 +198,7 @@ def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
     axes = _light_axes(combined(camera.axes.T, np.array(LIGHT)))
     here, corners = combined(axes, _points(where, keys, camera)), combined(axes, scene.corners)
     low, high = here.min(axis=0), here.max(axis=0)
-    high[2] = max(float(high[2]), float(corners[:, :, 2].max()))  # what is above the picture throws shadows, too
+    high[2] = max(float(high[2]), float(corners[:, :, 2].max()))  # what is above the picture casts shadows, too
     span = np.maximum(high - low, 1e-9)
     scale = np.array([SHADOW_MAP, SHADOW_MAP, 1.0]) / span
     keys_of_light = cover((corners - low) * scale, np.arange(len(corners)), (SHADOW_MAP, SHADOW_MAP))

@@ -65,7 +65,7 @@ ON_THE_WAY = 4
 def draw_plan(service: PlannerService, request: PlanRequest, result: PlanResult, file: str | os.PathLike[str]) -> None:
     """A picture of a plan: robot at the start, faint on the way, green at the goal, and its tool path.
 
-    Of a failure: start and goal, with what touches there in red.
+    For a failure: start and goal, with what touches there in red.
 
     Raises:
         InvalidFile: the file cannot be written.
@@ -143,7 +143,7 @@ def _planned(service: PlannerService, result: PlanResult) -> tuple[View, Caption
 
 
 def _failed(robot: Robot, scene: Scene, request: PlanRequest, result: PlanResult) -> tuple[View, Caption]:
-    """Start and goals of a plan that there is not, and why."""
+    """The start and the goals of a failed plan, and why it failed."""
     failure = result.failure
     contacts = () if failure is None else failure.contacts
     at_start = failure is not None and failure.reason is Reason.START_IN_COLLISION

@@ -47,7 +47,7 @@ def numbers_of(keys: KeyArray) -> IntArray:
 def projected(camera: Camera, corners: FloatArray, numbers: IntArray) -> tuple[FloatArray, IntArray]:
     """Triangles (m, 3, 3) in the world as pixels and nearness, without those that face away; with their numbers.
 
-    Of one that reaches behind the eye what is ahead is left, in one triangle or two.
+    A triangle that reaches behind the eye is clipped, to one triangle or two.
     """
     seen, numbers = _clipped(camera.seen(corners), numbers, camera.nearest)
     triangles = camera.pixels(seen)
@@ -59,7 +59,7 @@ def ribbon(camera: Camera, points: FloatArray, width: float, lift: float) -> Flo
     """A line through world points (k, 3), ``width`` pixels wide, as triangles of pixels and nearness.
 
     Args:
-        lift: Part of its distance by which it is nearer than it is, so that it is seen on a surface it lies on.
+        lift: Share of its distance by which it is drawn nearer, so that it is visible on a surface that it lies on.
     """
     seen = camera.seen(points)
     whole = seen[:, 2] > camera.nearest
