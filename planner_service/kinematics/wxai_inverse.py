@@ -1,10 +1,10 @@
 """Closed-form inverse kinematics of arms built like the WidowX AI.
 
-The structure: a turn about z (the waist), three about parallel y axes (shoulder, elbow, forearm), one about z and one
-about x that cross in a point W (the wrist), nothing offset sideways. W is then known from the tool pose alone and lies
-in the arm's vertical plane, which gives the waist; the tool's approach axis seen in that plane gives the wrist's two
-angles and the forearm's pitch; what is left is a planar two-link chain. In the plane x + i z is one complex number,
-and a turn by b about y multiplies it by exp(-i b).
+Such an arm has a joint about z (the waist), three about parallel y axes (shoulder, elbow, forearm), and one about z and
+one about x whose axes cross in a point W (the wrist); nothing is offset sideways. The tool pose alone determines W,
+which lies in the arm's vertical plane and so gives the waist angle. In that plane, the direction of the tool's approach
+axis gives the wrist's two angles and the forearm's pitch. What remains is a planar chain of two links. A point of the
+plane is the complex number x + i z; a rotation by b about y multiplies it by exp(-i b).
 """
 
 from __future__ import annotations
@@ -26,37 +26,37 @@ Configuration = tuple[float, ...]
 Rows = tuple[Vector, Vector, Vector]
 
 LIMIT_SLACK = 1e-9
-"""A joint value that far outside its limits (rad) is a rounding of the limit, and taken as the limit."""
+"""A joint value at most this far outside its limits (rad) is rounding, and is moved to the limit."""
 
 VERIFIED = 1e-7
-"""Forward kinematics must confirm a solution this closely, in metres and radians; rounding leaves about 1e-15."""
+"""Metres and radians by which forward kinematics may differ from the pose; rounding makes about 1e-15."""
 
 SINGULAR = 1e-8
-"""Closer to an axis (m, or sine) than this, the angle about it is made of rounding: any angle serves."""
+"""Closer to an axis than this (m, or sine), the angle about it is only rounding: any angle is a solution."""
 
 SAME = 1e-8
 """Solutions closer than this (rad) in every joint are one."""
 
 SPREAD = 36
-"""Angles tried where any angle serves, on top of those of the given configurations: every ten degrees."""
+"""Angles tried where any angle is a solution, beside those of the given configurations: every ten degrees."""
 
 STRAIGHT = 1e-12
-"""How far an axis or a sideways offset of the model may be off its ideal: only by how numbers are written."""
+"""How far an axis or a sideways offset of the model may differ from the ideal: by the rounding of written numbers."""
 
 AXES: tuple[int, ...] = (2, 1, 1, 1, 2, 0)
 
 
 @dataclass(frozen=True)
 class WxaiInverse:
-    """The inverse of one robot's forward kinematics; all its numbers come from ``robot.bodies``.
+    """The inverse kinematics of one robot; all its numbers come from ``robot.bodies``.
 
     Attributes:
-        shoulder: Waist to shoulder in the arm's plane, x + i z.
-        upper, fore, hand: Shoulder to elbow, elbow to forearm joint, forearm joint to wrist, alike.
-        last: Wrist to the last body's origin, along the approach axis.
-        signs: +1 or -1: which way each joint turns about its axis.
-        limits: Lower and upper, per joint.
-        waist: The waist's axes at q = 0 in the world, as rows, standing at ``base_offset``.
+        shoulder: From the waist to the shoulder in the arm's plane, x + i z.
+        upper, fore, hand: Likewise from shoulder to elbow, from elbow to forearm joint, and from there to the wrist.
+        last: From the wrist to the last body's origin, along the approach axis.
+        signs: +1 or -1: the sense in which each joint turns about its axis.
+        limits: Lower and upper limit of each joint.
+        waist: The waist's axes at q = 0 in the world, as rows; its origin is ``base_offset``.
         tool, tool_offset: Rows and offset of T_body_tool.
     """
 
@@ -78,7 +78,7 @@ class WxaiInverse:
         """The closed form for ``robot``.
 
         Raises:
-            InvalidRequest: the robot is not built like this arm.
+            InvalidRequest: the robot is built differently.
         """
         offsets = _checked_offsets(robot)
         bodies = robot.bodies
@@ -100,24 +100,24 @@ class WxaiInverse:
         )
 
     def solve(self, pose: Pose, near: Sequence[Sequence[float]] = ()) -> list[Configuration]:
-        """Every q within the limits that brings the tool to ``pose``; arm reaching forward first, then over its back.
+        """Every q within the limits that brings the tool to ``pose``, those that reach forward before those backwards.
 
-        Each is confirmed by forward kinematics.
+        Each is verified by forward kinematics.
 
         Args:
-            near: Configurations to stay near where the pose leaves an angle free (approach axis parallel to the
-                shoulder's, or wrist above the waist): of infinitely many solutions a spread is returned.
+            near: Configurations to stay near if the pose leaves an angle free (approach axis parallel to the shoulder's
+                axis, or wrist above the waist): of infinitely many solutions an even spread is returned.
         """
-        found: list[Configuration] = []
+        solutions: list[Configuration] = []
         for angles in self._angles(pose, near):
             for q in self._turned_within(angles):
-                if not any(_same(q, other) for other in found):
+                if not any(_same(q, other) for other in solutions):
                     self._confirm(q, pose)
-                    found.append(q)
-        return found
+                    solutions.append(q)
+        return solutions
 
     def _angles(self, pose: Pose, near: Sequence[Sequence[float]]) -> Iterator[Configuration]:
-        """Angles about the axes (signs not yet applied) of all candidates; limits are looked at to skip work only."""
+        """Joint angles of all candidates, signs not yet applied; the limits only save work here."""
         (x, y, z), wrist = self._target(pose)
         reach = math.hypot(wrist[0], wrist[1])
         ahead = math.atan2(wrist[1], wrist[0])
@@ -141,7 +141,7 @@ class WxaiInverse:
                     yield (waist, first, second, pitch - first - second, yaw, roll)
 
     def _target(self, pose: Pose) -> tuple[Rows, Vector]:
-        """The last body's x, y and z axis, and the wrist point, in the waist's frame."""
+        """The last body's x, y and z axes, and the wrist point, in the waist's frame."""
         rows = pose.rotation_rows
         axes = [_apply(rows, axis) for axis in self.tool]  # a row of T_body_tool is a body axis, seen from the tool
         offset, origin = self.tool_offset, self.base_offset
@@ -156,7 +156,7 @@ class WxaiInverse:
     def _wrist_turns(
         self, along: float, across: float, height: float, near: Sequence[Sequence[float]]
     ) -> Iterator[tuple[float, float]]:
-        """Wrist yaw and forearm pitch (measured from the horizontal) that point the approach axis there."""
+        """Wrist yaw and forearm pitch (from the horizontal) that give the approach axis this direction."""
         flat = math.hypot(along, height)
         if flat < SINGULAR:
             yaw = math.copysign(math.pi / 2, across)
@@ -167,7 +167,7 @@ class WxaiInverse:
         yield math.atan2(across, -flat), pitch + math.pi
 
     def _elbows(self, joint: complex) -> Iterator[tuple[float, float]]:
-        """Shoulder and elbow angles that bring the forearm joint to ``joint``, given from the shoulder."""
+        """Shoulder and elbow angles that bring the forearm joint to ``joint``, relative to the shoulder."""
         fold = self.upper.conjugate() * self.fore
         needed = (_square(joint) - _square(self.upper) - _square(self.fore)) / 2
         cosine = needed / abs(fold)
@@ -208,7 +208,7 @@ class WxaiInverse:
 
 
 def _checked_offsets(robot: Robot) -> list[Vector]:
-    """Where each joint but the first stands in its parent's frame."""
+    """The position of each joint but the first in its parent's frame."""
     bodies = robot.bodies
     problems = []
     if len(bodies) != 7 or robot.tool_body != 6 or [b.parent for b in bodies] != list(range(-1, 6)):
@@ -234,14 +234,14 @@ def _plain(body: Body) -> bool:
 
 
 def _within(angle: float, low: float, high: float) -> list[float]:
-    """The angle in every whole turn that lies within the limits, on a limit if a rounding beyond it."""
+    """All angles within the limits that differ from this one by whole turns; rounding beyond a limit is removed."""
     turn = 2 * math.pi
     base = angle - turn * math.ceil((angle - high - LIMIT_SLACK) / turn)  # the largest within
-    found = []
+    angles = []
     while base >= low - LIMIT_SLACK:
-        found.append(min(max(base, low), high))
+        angles.append(min(max(base, low), high))
         base -= turn
-    return found
+    return angles
 
 
 def _same(a: Configuration, b: Configuration) -> bool:

@@ -1,8 +1,8 @@
-"""The tree planners: small frozen settings with one verb, ``search``.
+"""The tree planners: small frozen dataclasses of settings with one method, ``search``.
 
 Each runs OMPL's algorithm of the same name (Sucan, Moll & Kavraki, IEEE RAM 19(4), 2012) through ``search/ompl.py``.
-Distances are L2 norms over the joints, in radians where they all revolve. Equal problems, seeds included, have equal
-results.
+Distances are L2 norms over the joints, in radians if all of them are revolute. Equal problems with equal seeds have
+equal results.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _DEFAULT_CHECKS = 20_000
 """States after which an anytime planner stops improving: about ten times what a first path costs."""
 
 MIN_RANGE, MAX_RANGE = 1e-6, 1e6
-"""Of edges: shorter ones would fill the memory before they lead anywhere, longer ones mean no bound at all."""
+"""Of edges: with shorter ones a search fills the memory before it gets anywhere, and a longer range is no bound."""
 
 _WHOLE = {
     "samples": (2, 100_000),
@@ -43,7 +43,7 @@ _WHOLE = {
     "checks": (1, 2**31 - 1),
     "max_checks": (1, 2**31 - 1),
 }
-"""Least and most of the settings that are whole numbers."""
+"""The smallest and largest values of the settings that are whole numbers."""
 
 _SETTERS = {
     "range": "setRange",
@@ -51,12 +51,12 @@ _SETTERS = {
     "samples": "setSamplesPerBatch",
     "neighbours": "setMaxNearestNeighbors",
 }
-"""How OMPL calls the settings that it gets."""
+"""OMPL's setters for our settings."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """A planner with the name of OMPL's: refuses what no planner can use, each setting by its name."""
+    """The settings of a planner; a value that no planner can use is refused."""
 
     patience: ClassVar[int | None] = None
 
@@ -79,7 +79,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class _Search(Settings):
-    """A planner that OMPL runs until it has a path, or for so many ``checks``."""
+    """A planner that OMPL runs until it has a path, or, if it has ``checks``, until so many states were checked."""
 
     def search(self, problem: SearchProblem) -> SearchResult:
         """See ``Planner``."""
@@ -88,7 +88,7 @@ class _Search(Settings):
 
 @dataclass(frozen=True)
 class _Tree(_Search):
-    """A tree, or two, with edges of at most ``range``; a restart may cut a long search short."""
+    """A planner that grows one or two trees with edges of at most ``range``; long searches are restarted."""
 
     range: float = 0.5
     patience: ClassVar[int | None] = 0
@@ -96,14 +96,14 @@ class _Tree(_Search):
 
 @dataclass(frozen=True)
 class _BiasedTree(_Tree):
-    """A tree that aims at a goal now and then: for the share ``goal_bias`` of its samples or extensions."""
+    """A planner that grows its tree towards a goal in the share ``goal_bias`` of its steps."""
 
     goal_bias: float = 0.05
 
 
 @dataclass(frozen=True)
 class _Rewiring(_Search):
-    """A tree that is rewired for ever shorter paths."""
+    """A planner that rewires its tree for ever shorter paths."""
 
     range: float = 0.5
     goal_bias: float = 0.05
@@ -111,13 +111,13 @@ class _Rewiring(_Search):
 
     @property
     def patience(self) -> int | None:  # type: ignore[override]
-        """As long as it would improve a path."""
+        """As many states as it may use to improve a path."""
         return self.checks
 
 
 @dataclass(frozen=True)
 class _Batch(Settings):
-    """A planner of one batch of samples, which is doubled when all goals fail."""
+    """A planner that draws one batch of samples, and a batch of twice the size each time it fails for all goals."""
 
     samples: int = 100
 
@@ -131,9 +131,9 @@ class RRTConnect(_Tree):
     """Two trees that grow towards each other: the default, quick to a first path (Kuffner & LaValle, ICRA 2000).
 
     Attributes:
-        range: Longest edge, in joint distance (rad). Measured on the WidowX AI among six scenes, 0.7 to 1.0 cost a
-            fifth fewer states than 0.5; seven-joint arms in tighter scenes favour 0.35 to 0.5. OMPL's own default, a
-            fifth of the space, is several times dearer.
+        range: Longest edge, in joint distance (rad). Measured on the WidowX AI in six scenes, 0.7 to 1.0 take a fifth
+            fewer states than 0.5; seven-joint arms in tighter scenes do better with 0.35 to 0.5. OMPL's own default, a
+            fifth of the space, takes several times as many.
     """
 
     range: float = 0.7
