@@ -33,7 +33,7 @@ MARGIN = 2e-6
 """Metres that a proof keeps beyond the padding: FCL and Coal are undefined below 1 um; rounding is a thousandth."""
 
 MAX_PADDING = 0.1
-"""Metres; more is a wrong unit."""
+"""Metres; more is a mistake in the unit."""
 
 END_SLACK = 1e-9
 """Rounding by which an exempt stretch may end beyond the path."""
@@ -41,7 +41,7 @@ END_SLACK = 1e-9
 FREE_EDGE = EdgeProof(EdgeVerdict.FREE)
 
 NANO = 1e9
-"""Bounds are told in whole nanometres, rounded to the safe side."""
+"""Bounds are reported in whole nanometres, rounded to the safe side."""
 
 
 @dataclass(frozen=True)
@@ -134,21 +134,21 @@ class Certificate:
 
 
 class Certifier:
-    """Proofs for one robot in one scene; build it once, use it for many curves.
+    """Proves curves of one robot in one scene; build it once and use it for many.
 
-    The pairs to prove apart are those that ``CollisionChecker`` judges, listed independently of it.
+    The pairs to prove apart are those that ``CollisionChecker`` checks, listed independently of it.
 
     Args:
         allowed: Pairs of links or objects that may touch, beside those that the robot and held objects allow.
-        backend: Who proves: "native", the compiled code; "numpy", the reference; "auto", the compiled code where it
-            was built. What they say is the same to the last bit.
+        backend: "native", the compiled prover; "numpy", the reference; "auto", the compiled one where it was built.
+            Their answers are equal to the last bit.
 
     Attributes:
-        robot: What is judged.
-        scene: What it is judged in.
-        listed: The pairs.
-        motion: Poses and motion bounds of these.
-        prover: Who proves.
+        robot: Its motions are proven.
+        scene: What it must not touch.
+        listed: The pairs to prove apart.
+        motion: Their poses and motion bounds.
+        prover: The compiled prover or the reference.
 
     Raises:
         UnknownName: a pair names nothing that is there, or a touch link no link that has shapes.
@@ -178,11 +178,11 @@ class Certifier:
         """The proof that every judged pair is farther apart than ``padding`` on the whole of ``path``, or its refusal.
 
         Args:
-            path: Straight or blended, judged as the curve it is; or waypoints (N, n) of a polyline.
-            exempt: Stretches on which pairs are not judged; at the ends of a stretch they are, unless it ends with the
-                path or another one follows there.
-            part: From where to where in s to judge it; all of it if None.
-            charge: Called with the number of bounds before each batch of them; what it raises comes out unchanged.
+            path: A path with or without blends, judged as the curve it is; or waypoints (N, n) of a polyline.
+            exempt: Stretches on which pairs are not judged. At the ends of a stretch they are, unless the path ends or
+                another stretch begins there.
+            part: The interval of s to judge; None for the whole path.
+            charge: Called with the number of bounds before each batch of them; what it raises passes through.
 
         Raises:
             InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],
@@ -208,9 +208,9 @@ class Certifier:
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
 
-        Free means what it means of a path; colliding, that at some place of the edge a judged pair is proven nearer
-        than ``padding`` less ``MARGIN``, so that pieces overlap if it is 0. Fewer than one in a thousand edges of a
-        search are undecided. For single edges float64 arrays are the fastest to hand over.
+        Free means the same as for a path. Colliding means that somewhere on the edge a judged pair is proven nearer
+        than ``padding`` less ``MARGIN``; with a padding of 0 the two overlap. Fewer than one in a thousand edges of a
+        search are undecided. float64 arrays are the fastest to pass.
 
         Raises:
             InvalidRequest: ends of another shape, not finite or outside the joint limits, or a padding outside

@@ -1,6 +1,6 @@
-"""What a certificate must prove apart: the pieces of a robot in a scene and their pairs, total for the proof alone.
+"""What a certificate must prove apart: the pieces of a robot and its scene, and their pairs, for the proof alone.
 
-The collision checker has a list of its own, made elsewhere; that the two agree is for tests to say.
+The collision checker has a list of its own, made by other code; tests compare the two.
 """
 
 from __future__ import annotations

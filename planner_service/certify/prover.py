@@ -1,7 +1,7 @@
-"""Who proves: the compiled code of native/, or the reference in numpy; the last bit of what they say is the same.
+"""The two provers: the compiled code in native/ and the reference in numpy. Their answers are equal to the last bit.
 
-The compiled code repeats the modules of this folder operation by operation and is built from
-their tables and constants. It shares no code with the search or its kernel.
+The compiled code repeats the modules of this folder operation by operation and takes their tables and constants. It
+shares no code with the search or its kernel.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ __all__ = ["LIMIT_SLACK", "Charge", "NumpyProver", "Proof", "Prover", "instructi
 Charge = Callable[[int], None]
 
 LIMIT_SLACK = 1e-9
-"""Rounding by which a waypoint may lie outside a joint limit, rad or m."""
+"""How far a waypoint may lie outside a joint limit by rounding, in rad or m."""
 
 FREE, NOT_TAKEN = Judged(EdgeVerdict.FREE), Judged(None)
 
 
 class Proof(NamedTuple):
-    """What became of one: how many bounds it took, the smallest gap proven for any stretch, and where it ended."""
+    """The outcome of a proof: bounds computed, the smallest gap proven for any stretch, and where it failed, if so."""
 
     bounds: int
     proven: float
@@ -44,16 +44,16 @@ class Proof(NamedTuple):
 
 
 class Prover(Protocol):
-    """Proves what is asked of one robot in one scene."""
+    """Proves motions of one robot in one scene."""
 
     def prove(self, path: JointPath, enough: float, roots: Roots, charge: Charge | None) -> Proof:
-        """That the pairs of ``roots`` are more than ``enough`` metres apart on their spans, as ``ProofTree`` does."""
+        """Prove that the pairs of ``roots`` are more than ``enough`` metres apart on their spans; see ``ProofTree``."""
 
     def edge(self, q1: object, q2: object, enough: float, nearer: float) -> Judged:
-        """The verdict on a straight edge, as ``EdgeTree`` gives it; none if an end is not n float64 within limits."""
+        """The verdict of ``EdgeTree`` on a straight edge; none if an end is not n float64 within the limits."""
 
     def clearances(self, Q: FloatArray) -> FloatArray:
-        """What ``smallest_gaps`` finds of all pairs at Q (m, n), (m,)."""
+        """``smallest_gaps`` of all pairs at Q (m, n), (m,)."""
 
 
 class NumpyProver:
@@ -126,7 +126,7 @@ def native_prover(motion: Motion, variant: str = "") -> Prover | None:
 
 @lru_cache(maxsize=1)
 def _extension() -> ModuleType | None:
-    """The compiled module; None where it was not built, which is said once."""
+    """The compiled module; None, which is logged once, where it was not built."""
     try:
         from planner_service.certify.native import _proof
     except ImportError as error:
@@ -136,7 +136,7 @@ def _extension() -> ModuleType | None:
 
 
 def instruction_sets() -> tuple[str, ...]:
-    """Those that compiled proofs can use on this processor, the fastest last; none where they were not built."""
+    """Instruction sets of the compiled prover on this processor, the fastest last; none where it was not built."""
     module = _extension()
     return () if module is None else tuple(module.instruction_sets())
 
@@ -152,4 +152,4 @@ def _terms() -> list[float]:
 
 
 PROVEN, CLOSE, SPENT = range(3)
-"""How a compiled proof ends; else no shorter stretch has numbers of its own."""
+"""How a compiled proof ends; any other number means that a stretch was too short to be halved."""

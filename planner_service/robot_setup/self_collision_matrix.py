@@ -1,6 +1,6 @@
 """Which links of a robot may touch, worked out from its shapes: a table to review, with a reason for every line.
 
-A pair that is not judged is never looked at again, so "never" has to be a proof. Over a box of joint values with centre
+A pair that is not checked is never looked at again, so "never" has to be proven. Over a box of joint values with centre
 c the gap of two solids is at least their gap at c less what they move against each other from c to anywhere in the box.
 The path from c to a point of the box and back travels no more than the widths of the box, and what moves on the way out
 moves as far on the way back: half of the certificate's bound for a stretch that begins and ends in c bounds the motion.
@@ -32,25 +32,25 @@ __all__ = ["ContactKind", "ContactTable", "PairFinding", "contact_table"]
 
 
 MARGIN = 2e-6
-"""Metres by which "never" is proven, and more; below 1 um the judge is undefined."""
+"""Metres by which "never" is proven at least; below 1 um FCL's answer is undefined."""
 FRACTION = 0.5
-"""A box stays open while it proves less than this share of the smallest gap so far: else the figure says little."""
+"""A box stays open while it proves less than this share of the smallest gap so far: else the reported gap is poor."""
 FAR = 0.010
 """Metres: a pair that far apart needs no better figure."""
 NEAR = 0.05
 """Metres: nearer pairs get a tight bound where a quick one leaves a box open."""
 MAX_BOUNDS = 500_000
-"""(box, pair of shapes) bounds per pair of links, some five seconds; a proof takes a hundred to a hundred thousand."""
+"""(box, pair of shapes) bounds per pair of links, about five seconds; a proof takes 100 to 100,000."""
 BOXES = 1024
 """Boxes placed at once: memory."""
 ROUNDS, LAST_ROUNDS = 4, 200
 """Steps of the search for the best direction: usually, and before a centre is taken to touch."""
 ROUNDING = 1e-9
-"""Relative, above what centres and widths of boxes round."""
+"""Relative, above the rounding of centres and widths of boxes."""
 SAMPLES = 1000
-"""Configurations judged over the whole joint box: shares to a few per cent, in seconds."""
+"""Configurations checked over the whole joint box: gives shares to a few per cent, in seconds."""
 SWEPT, MAX_SWEPT_JOINTS = 4000, 3
-"""Points of the sweep behind "always"; over more joints so many points are no dense sweep."""
+"""Points of the sweep behind "always"; over more joints, so many points are too few."""
 ADJACENT = "adjacent"
 
 
@@ -62,17 +62,17 @@ class ContactKind(Enum):
     GIVEN = "given"
     """Allowed before the shapes were looked at, by an SRDF."""
     ALWAYS = "always"
-    """The shapes overlap all over a dense sweep: a judge would never call the robot free; allowed."""
+    """The shapes overlap all over a dense sweep: the robot would never be free; allowed."""
     NEVER = "never"
-    """Proven apart in all configurations: to judge it is a waste; allowed."""
+    """Proven apart in all configurations: checking it is a waste; allowed."""
     SOMETIMES = "sometimes"
-    """Collides in some configuration that was found; judged."""
+    """Collides in a configuration that was found; checked."""
     UNPROVEN = "unproven"
-    """No collision was found, and no proof that there is none; judged."""
+    """No collision was found, and no proof that there is none; checked."""
 
     @property
     def allowed(self) -> bool:
-        """Whether such pairs are not judged."""
+        """Whether such pairs are not checked."""
         return self not in (ContactKind.SOMETIMES, ContactKind.UNPROVEN)
 
 
@@ -82,12 +82,12 @@ class PairFinding:
 
     Attributes:
         joints: The joints that move one against the other, from the first link to the second.
-        reason: Why the pair is allowed or judged, in words.
-        share: Of the sampled configurations, those in which it collides; 0 for an adjacent pair, which is not asked.
+        reason: Why the pair is allowed or checked.
+        share: Share of the sampled configurations in which it collides; 0 for an adjacent pair, which is not checked.
         example: A configuration (n,) that collides, None if none was found.
         at_home: Whether it collides in the pose "home".
         gap: Metres that a "never" pair keeps, a lower bound in whole micrometres; nan for other kinds.
-        bounds: (box, pair of shapes) bounds asked for a proof.
+        bounds: (box, pair of shapes) bounds computed for a proof.
     """
 
     links: tuple[str, str]
@@ -114,7 +114,7 @@ class ContactTable:
 
     @property
     def allowed(self) -> tuple[AllowedContact, ...]:
-        """The pairs that need not be judged, with reasons."""
+        """The pairs that need not be checked, with reasons."""
         return tuple(AllowedContact(f.links, f.reason) for f in self.findings if f.kind.allowed)
 
     def of(self, *kinds: ContactKind) -> tuple[PairFinding, ...]:
@@ -128,8 +128,8 @@ def contact_table(robot: Robot, *, samples: int = SAMPLES, max_bounds: int = MAX
     Contacts that it is allowed already are kept: those whose reason begins with "adjacent" as such, others as given.
 
     Args:
-        samples: Configurations judged over the whole joint box.
-        max_bounds: Bounds asked for one pair of links before it is left unproven.
+        samples: Configurations checked over the whole joint box.
+        max_bounds: Bounds computed for one pair of links before it is left unproven.
 
     Raises:
         InvalidRequest: ``samples`` or ``max_bounds`` is no positive integer.
@@ -187,7 +187,7 @@ class _Pair:
         return out
 
     def collides(self, Q: FloatArray) -> BoolArray:
-        """Which configurations (m, n) collide: the judge is asked where a quick bound proves nothing."""
+        """Which configurations (m, n) collide; FCL is asked only where a quick bound proves nothing."""
         out = np.zeros(len(Q), dtype=bool)
         count = len(self.listed.pairs)
         for start in range(0, len(Q), BOXES):
@@ -201,7 +201,7 @@ class _Pair:
 
 
 def _found(pair: _Pair, Q: FloatArray, given: str | None, max_bounds: int) -> PairFinding:
-    """What the shapes of a pair say that is not adjacent, at the samples Q (m, n) first."""
+    """The finding on a pair that is not adjacent: from the samples Q (m, n), else from a proof."""
     hits, at_home = pair.collides(Q), bool(pair.collides(pair.robot.home[None])[0])
     share = int(hits.sum()) / len(Q)
     words = f"collides in {100.0 * share:.1f} % of {len(Q):,} sampled configurations"
@@ -216,7 +216,7 @@ def _found(pair: _Pair, Q: FloatArray, given: str | None, max_bounds: int) -> Pa
 
 
 def _always_overlaps(pair: _Pair) -> str:
-    """The words for a pair that collides all over a grid over the joints between, limits included; else empty."""
+    """The reason for a pair that collides all over a grid of the joints between, limits included; else empty."""
     count, columns = len(pair.columns), pair.columns
     if count > MAX_SWEPT_JOINTS:
         return ""
@@ -302,11 +302,11 @@ class _Proof:
 
     @property
     def _wanted(self) -> float:
-        """What a box has to prove to be left alone."""
+        """The gap that a box has to prove to be done."""
         return max(MARGIN, min(FAR, FRACTION * self._smallest))
 
     def _gaps(self, poses: FloatArray, boxes: _Boxes, moved: FloatArray) -> FloatArray:
-        """Lower bounds of the gaps at the centres, tight ones where that may decide."""
+        """Lower bounds of the gaps at the centres, tight where that may decide."""
         facing = self._motion.facing(poses, boxes.pair, boxes.box)
         gaps, n = rough_gaps(facing, np.zeros((0, 3, len(boxes.pair))))
         for rounds, doubtful in ((ROUNDS, gaps - moved < self._wanted), (LAST_ROUNDS, None)):
