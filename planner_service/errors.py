@@ -137,9 +137,9 @@ class NotProven(InvalidRequest):
 
     def __init__(self, *problems: str) -> None:
         self.problems = problems
-        told = [f"\n  - {problem}" for problem in problems[:MOST_PROBLEMS]]
-        told += [f"\n  ... and {len(problems) - len(told)} more"] if len(problems) > len(told) else []
-        lines = f" {problems[0]}" if len(problems) == 1 else "".join(told)
+        listed = [f"\n  - {problem}" for problem in problems[:MOST_PROBLEMS]]
+        listed += [f"\n  ... and {len(problems) - len(listed)} more"] if len(problems) > len(listed) else []
+        lines = f" {problems[0]}" if len(problems) == 1 else "".join(listed)
         super().__init__("plan", lines.strip(), "a plan that is proven again", message=f"not proven:{lines}")
 
 

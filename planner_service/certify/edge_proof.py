@@ -244,12 +244,12 @@ class EdgeTree:
         """The same with bundles that are larger than the motion replaced by what is in them."""
         size = self._motion.size
         splits = ~self._leaf[rows.pair] & (size[rows.pair] >= rows.motion)
-        parts, asks = [rows.take(np.flatnonzero(~splits))], rows.take(np.flatnonzero(splits))
-        while len(asks.pair):
-            fresh = self._opened(asks)
+        parts, bundles = [rows.take(np.flatnonzero(~splits))], rows.take(np.flatnonzero(splits))
+        while len(bundles.pair):
+            fresh = self._opened(bundles)
             splits = ~self._leaf[fresh.pair] & (size[fresh.pair] >= fresh.motion)
             parts.append(fresh.take(np.flatnonzero(~splits)))
-            asks = fresh.take(np.flatnonzero(splits))
+            bundles = fresh.take(np.flatnonzero(splits))
         return _Rows.joined(parts)
 
     def _opened(self, asks: _Rows) -> _Rows:

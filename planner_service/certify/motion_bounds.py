@@ -159,8 +159,8 @@ class Motion:
         support = support + disc * np.sqrt(across) + ball * np.sqrt(square)
         if self._solids.hulls is not None:  # along c itself, of whatever length
             support = self._solids.hulls.extended(np.stack([u, v, w], axis=-2), support)
-        found = np.sqrt(square + 2.0 * support + self._radius * self._radius)
-        return np.asarray(np.minimum(found, self._far))
+        radii = np.sqrt(square + 2.0 * support + self._radius * self._radius)
+        return np.asarray(np.minimum(radii, self._far))
 
     def motions(self, radii_a: FloatArray, radii_b: FloatArray, travel: FloatArray) -> FloatArray:
         """How far points of the riding pieces move between nodes a and b, at most, (depth + 1, m, pieces).

@@ -69,8 +69,8 @@ class ProofPairs:
         tool = _frame(robot.tool_placement)
         riding = [Piece(("link", s.link), s.body, s.shape, _frame(s.pose.matrix)) for s in robot.shapes]
         for a in scene.attached:
-            there = _times(tool, _frame(a.pose.matrix))
-            solid = _pieces(a.shape, there)
+            frame = _times(tool, _frame(a.pose.matrix))
+            solid = _pieces(a.shape, frame)
             riding += [Piece(("object", a.name), robot.tool_body, shape, at, held=True) for shape, at in solid]
         self.riding = tuple(riding)
         standing: list[Piece] = []

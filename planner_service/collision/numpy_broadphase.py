@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner_service.collision import bounds
-from planner_service.collision.bounds import Placed, Solids
+from planner_service.collision.bounds import Placed, Solids, centres_of, parted
 from planner_service.collision.numpy_groups import Crowds
 from planner_service.collision.pairs import Parts
 from planner_service.errors import BrokenInvariant
@@ -49,7 +49,7 @@ class Broadphase:
         self._margin = MARGIN + bounds.doubt_of(self._solids)
         n = parts.riding
         T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
-        T[:, :3, 3] += (T[:, :3, :3] @ bounds.centres_of(parts.shapes)[..., None])[..., 0]
+        T[:, :3, 3] += (T[:, :3, :3] @ centres_of(parts.shapes)[..., None])[..., 0]
         self._bodies = np.array([part.body for part in parts.parts[:n]], dtype=np.intp)
         self._R_part, self._t_part = T[:n, :3, :3].copy(), T[:n, :3, 3].copy()
         self._R_world, self._t_world = T[n:, :3, :3].copy(), T[n:, :3, 3].copy()
@@ -87,7 +87,7 @@ class Broadphase:
         """What is left of rows and pairs once hulls are looked at as they are, not as the boxes around them."""
         hulls = np.flatnonzero(self._with_hull[pair])
         left = np.ones(len(pair), dtype=bool)
-        left[hulls] = ~bounds.parted(*self._placed(R, t, row[hulls], pair[hulls]), self._margin)
+        left[hulls] = ~parted(*self._placed(R, t, row[hulls], pair[hulls]), self._margin)
         return row[left], pair[left]
 
     def smallest_gap(self, q: FloatArray) -> float:

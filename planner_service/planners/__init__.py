@@ -67,8 +67,8 @@ def planner_by_name(name: str) -> Planner:
     Raises:
         UnknownName: there is none; the message offers the nearest.
     """
-    found = PLANNERS.get(name.lower()) if isinstance(name, str) else None
-    if found is None:
+    kind = PLANNERS.get(name.lower()) if isinstance(name, str) else None
+    if kind is None:
         raise UnknownName("planner", name, PLANNERS)
-    planner: Planner = found()
+    planner: Planner = kind()
     return planner

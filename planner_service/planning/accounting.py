@@ -314,9 +314,9 @@ def certify(
 ) -> Certificate:
     """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
     with accounting.during(Stage.CERTIFY) as entry:
-        found = certifier.certify(path, padding=padding, exempt=exempt, part=part, charge=accounting.charge)
-        entry.note = f"proven: {clearance_text(found.clearance)}" if found.certified else f"refused: {found.refusal}"
-        return found
+        proof = certifier.certify(path, padding=padding, exempt=exempt, part=part, charge=accounting.charge)
+        entry.note = f"proven: {clearance_text(proof.clearance)}" if proof.certified else f"refused: {proof.refusal}"
+        return proof
 
 
 def certified_path(

@@ -100,8 +100,8 @@ def follow(
     sizes = _sizes(request, points)
     for contact in request.contacts:
         if not 0 <= contact.first <= contact.last < len(points):
-            found = f"waypoints {contact.first} to {contact.last}"
-            raise InvalidRequest("contacts", found, f"first and last waypoint in order, from 0 to {len(points) - 1}")
+            stretch = f"waypoints {contact.first} to {contact.last}"
+            raise InvalidRequest("contacts", stretch, f"first and last waypoint in order, from 0 to {len(points) - 1}")
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
     accounting = PlanAccounting(checker, Limits(cancel=cancel))
 

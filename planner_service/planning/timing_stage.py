@@ -45,17 +45,17 @@ def timed(path: JointPath, pace: Pace, robot: Robot, accounting: PlanAccounting)
     with accounting.during(Stage.TIMING) as entry:
         try:
             limit = tool_speed_limit(path, pace, robot)
-            trajectory, found = away(lambda: time_with_peaks(pace.timing, path, limits, limit))
+            trajectory, ratios = away(lambda: time_with_peaks(pace.timing, path, limits, limit))
             tool_speed = away(lambda: peak_tool_speed(robot, trajectory))
             if pace.max_tool_speed is not None and tool_speed > pace.max_tool_speed:
                 factor, tool_speed = tool_speed / pace.max_tool_speed, pace.max_tool_speed
-                trajectory, found = trajectory.dilated(factor), found.dilated(factor)
+                trajectory, ratios = trajectory.dilated(factor), ratios.dilated(factor)
             stops = away(lambda: _stop_duration(trajectory, pace, robot, limits))
         except TimingFailed as failed:
             raise NoPlan(Failure(Stage.TIMING, Reason.TIMING_FAILED, str(failed))) from failed
         entry.note, entry.length = f"{pace.timing.name}, {trajectory.duration:.2f} s", path.length
         settle = robot.settle_time if path.length > 0.0 else 0.0
-        return trajectory, MotionReport(found, tool_speed, trajectory.duration, stops, settle)
+        return trajectory, MotionReport(ratios, tool_speed, trajectory.duration, stops, settle)
 
 
 def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | None:

@@ -152,12 +152,12 @@ def underway(previous: PlanResult | Replanned, robot: Robot, at_time: float, lat
     made = None if result.origin is None else result.origin.world
     lower, upper = robot.limits.lower, robot.limits.upper
     if path.n != robot.n or not np.all((path.waypoints >= lower - OUTSIDE) & (path.waypoints <= upper + OUTSIDE)):
-        found = f"a motion of {path.n} joints" if path.n != robot.n else "a motion outside this robot's joint limits"
-        raise InvalidRequest("previous", found, expected)
+        given = f"a motion of {path.n} joints" if path.n != robot.n else "a motion outside this robot's joint limits"
+        raise InvalidRequest("previous", given, expected)
     if made is not None and made.robot.hash != robot.hash:
-        found = f"a motion of {made.robot.name}, {made.robot.hash[:12]}"
+        given = f"a motion of {made.robot.name}, {made.robot.hash[:12]}"
         expected = f"one of {robot.name}, {robot.hash[:12]}, its gripper as wide open as then"
-        raise InvalidRequest("previous", found, expected)
+        raise InvalidRequest("previous", given, expected)
     duration = trajectory.duration
     now = number("at_time", at_time, f"seconds on the old motion, from 0 to {duration:.6g}", 0.0, duration)
     late = number("latency", latency, f"seconds from 0 to {MAX_LATENCY:g}", 0.0, MAX_LATENCY)

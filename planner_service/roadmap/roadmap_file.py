@@ -106,8 +106,8 @@ def _document(path: Path, codes: NDArray[Any]) -> dict[str, Any]:
         raise InvalidFile(path, [f"no roadmap: expected the format {FORMAT!r}"])
     version = document.get("version")
     if type(version) is not int or version != VERSION:
-        found = repr(version) if "version" in document else "is missing"
-        raise InvalidFile(path, [f"version {found}; this package reads version {VERSION}"])
+        shown = repr(version) if "version" in document else "is missing"
+        raise InvalidFile(path, [f"version {shown}; this package reads version {VERSION}"])
     return document
 
 
@@ -206,10 +206,10 @@ def _edges(found: NDArray[Any], count: int) -> NDArray[np.int64]:
 def _knowledge(names: tuple[str, ...], kind: str, count: int, array: Callable[[str, str], NDArray[Any]]) -> Knowledge:
     """What is known of the milestones, or of the edges."""
     verdicts, blockers = array(f"{kind}_verdicts", "iu"), array(f"{kind}_blockers", "iu")
-    for name, found, least, most in (
+    for name, numbers, least, most in (
         ("verdicts", verdicts, 0, max(Verdict)),
         ("blockers", blockers, UNKNOWN_BLOCKER, len(names) - 1),
     ):
-        if found.shape != (count,) or not ((found >= least) & (found <= most)).all():
-            raise InvalidRequest(f"{kind}_{name}", found.shape, f"{count} whole numbers in [{least}, {int(most)}]")
+        if numbers.shape != (count,) or not ((numbers >= least) & (numbers <= most)).all():
+            raise InvalidRequest(f"{kind}_{name}", numbers.shape, f"{count} whole numbers in [{least}, {int(most)}]")
     return Knowledge(verdicts.astype(np.int8), blockers.astype(np.int32), names)

@@ -178,17 +178,17 @@ class BodyTree:
         turns[:, 0], turns[:, 1] = cosines.reshape(self._n, 1, 1, m), sines.reshape(self._n, 1, 1, m)
         out = np.empty((self._n + 1, 4, 3, m))  # body, column of T, row of T, configuration
         out[0] = BASE
-        for here, step in zip(out[1:], self._steps, strict=True):
+        for frames, step in zip(out[1:], self._steps, strict=True):
             columns = out[step.parent] if step.before is None else _turned(out[step.parent], step.before)
             if step.kind == PRISMATIC:
-                here[:3] = columns[:3]
+                frames[:3] = columns[:3]
             else:
-                _spin(columns, step, turns[step.q_index], here)
+                _spin(columns, step, turns[step.q_index], frames)
         moves = _combination(out[self._parents], self._offsets)
-        for here, step, move, slide in zip(out[1:], self._steps, moves, self._slides, strict=True):
-            np.add(out[step.parent, 3], move, out=here[3])
+        for frames, step, move, slide in zip(out[1:], self._steps, moves, self._slides, strict=True):
+            np.add(out[step.parent, 3], move, out=frames[3])
             if step.kind == PRISMATIC:
-                here[3] += _combination(here[None], slide)[0] * q[:, step.q_index]
+                frames[3] += _combination(frames[None], slide)[0] * q[:, step.q_index]
         return out[:, :3].transpose(3, 0, 2, 1), out[:, 3].transpose(2, 0, 1)
 
 

@@ -200,10 +200,10 @@ class _Reader:
             where = self.at()
             pose = self.pose("shape")
             self.numbers(4, "colour")
-            there = None if stands is None or pose is None else stands @ pose
+            place = None if stands is None or pose is None else stands @ pose
             if isinstance(shape, _Plane):
-                shape, there = shape.below(there)
-            self.found.add(where, name if k == 0 else f"{name}#{k + 1}", shape, there)
+                shape, place = shape.below(place)
+            self.found.add(where, name if k == 0 else f"{name}#{k + 1}", shape, place)
         for _ in range(self.count("subframes") if self.newer else 0):
             if self.found.hopeless:
                 return

@@ -222,8 +222,8 @@ class Scene:
             UnknownName: there is no such obstacle.
         """
         k = self._index(name)
-        there = replace(self.obstacles[k], pose=pose)
-        return replace(self, obstacles=(*self.obstacles[:k], there, *self.obstacles[k + 1 :]))
+        obstacle = replace(self.obstacles[k], pose=pose)
+        return replace(self, obstacles=(*self.obstacles[:k], obstacle, *self.obstacles[k + 1 :]))
 
     def with_attached(self, attached: Attached) -> Scene:
         """This scene with one more object at the tool; an obstacle of that name has to go first.

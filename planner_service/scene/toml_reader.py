@@ -316,9 +316,9 @@ def _shape_in(table: PartTable | ObstacleTable) -> Any:
     known = [key for key in SHAPE_KEYS if key in type(table).model_fields]
     given = [key for key in known if key in table.model_fields_set]
     if len(given) != 1:
-        found = f"two or more shapes, {' and '.join(given)}" if given else "shape is missing"
+        problem = f"two or more shapes, {' and '.join(given)}" if given else "shape is missing"
         expected = f"exactly one of {', '.join(known)}"
-        raise InvalidRequest("shape", given, expected, message=f"{found}; expected {expected}")
+        raise InvalidRequest("shape", given, expected, message=f"{problem}; expected {expected}")
     content = getattr(table, given[0])
     if isinstance(content, RoundTable):
         return _ROUND[given[0]](content.radius, content.length)

@@ -26,8 +26,8 @@ def read_urdf_scene(path: str | os.PathLike[str]) -> Scene:
     """
     path = as_path("path", path)
     urdf = read_urdf(path)
-    found = ObstacleList()
-    found.problems += [
+    obstacles = ObstacleList()
+    obstacles.problems += [
         f"joint {joint.name!r}: it can move ({joint.kind}); expected fixed, as nothing in a scene moves"
         for joint in urdf.joints
         if joint.kind != "fixed"
@@ -37,8 +37,8 @@ def read_urdf_scene(path: str | os.PathLike[str]) -> Scene:
         for k, item in enumerate(link.collisions):
             pose = stands[link.name] @ Pose.from_rpy(item.xyz, item.rpy)
             where = f"link {link.name!r} collision[{k}]"
-            found.add(where, link.name if k == 0 else f"{link.name}#{k + 1}", item.shape, pose)
-    return found.scene(path, urdf.name)
+            obstacles.add(where, link.name if k == 0 else f"{link.name}#{k + 1}", item.shape, pose)
+    return obstacles.scene(path, urdf.name)
 
 
 def _link_poses(urdf: Urdf) -> dict[str, Pose]:
