@@ -5,6 +5,8 @@ Like the other sieves these only say "apart" when that is proven, and leave the 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from planner_service.collision.bounds import Boxes, Placed, Solids, beyond_faces, box_of, rough_gaps
@@ -28,6 +30,24 @@ LEFT_TO_FCL = 20
 
 ROUNDING = 1e-9
 """Metres by which the box around a group is larger: far above rounding."""
+
+
+class _Riders(NamedTuple):
+    """Riding solids in m configurations: poses, lower and upper corners of the boxes around them, (m, riding, ...)."""
+
+    R: FloatArray
+    t: FloatArray
+    low: FloatArray
+    high: FloatArray
+    margin: float
+
+    def boxes(self, half: FloatArray, row: IntArray, i: IntArray) -> Boxes:
+        """The boxes of solids i along their own axes, in configurations ``row``."""
+        return Boxes(half[i], self.R[row, i], self.t[row, i])
+
+    def placed(self, solids: Solids, row: IntArray, i: IntArray) -> Placed:
+        """The solids i in configurations ``row``."""
+        return Placed(solids.take(i), self.R[row, i], self.t[row, i])
 
 
 class Crowds:
@@ -76,6 +96,7 @@ class Crowds:
             reach: Half lengths of the boxes around them along the world's axes, the margin included, (m, riding, 3).
         """
         low, high = t - reach, t + reach
+        riders = _Riders(R, t, low, high, margin)
         meet = _meet(low.min(axis=0)[:, None], high.max(axis=0)[:, None], self._low, self._high)
         i, group = np.nonzero(meet & (self._first_pair >= 0))
         if len(t) == 1:
@@ -84,55 +105,38 @@ class Crowds:
             row, column = np.nonzero(_meet(low[:, i], high[:, i], self._low[group], self._high[group]))
             i, group = i[column], group[column]
         if len(row):
-            left = np.concatenate([self._sieved(R, t, row[k], i[k], group[k], margin) + k.start for k in _slices(row)])
+            left = np.concatenate([self._sieved(riders, row[k], i[k], group[k]) + k.start for k in _slices(row)])
             row, i, group = row[left], i[left], group[left]
         if not len(row):
             return row, row
         rows, pairs = [row[:0]], [row[:0]]
         for k in _slices(row, GROUP):
-            members = self._members(R, t, low, high, row[k], i[k], group[k], margin)
+            members = self._members(riders, row[k], i[k], group[k])
             rows.append(members[0])
             pairs.append(members[1])
         return np.concatenate(rows), np.concatenate(pairs)
 
-    def _sieved(
-        self, R: FloatArray, t: FloatArray, row: IntArray, i: IntArray, group: IntArray, margin: float
-    ) -> IntArray:
+    def _sieved(self, riders: _Riders, row: IntArray, i: IntArray, group: IntArray) -> IntArray:
         """Which of some riding solids i and groups, in configurations ``row``, are not proven apart."""
-        a = Boxes(self._half[i], R[row, i], t[row, i])
-        left = np.flatnonzero(~beyond_faces(a, self._group_boxes.take(group), margin))
+        apart = beyond_faces(riders.boxes(self._half, row, i), self._group_boxes.take(group), riders.margin)
+        left = np.flatnonzero(~apart)
         if len(left) > FEW:
-            rough = rough_gaps(self._riders(R, t, row[left], i[left]), self._groups.take(group[left]))
-            left = left[rough <= margin]
+            rough = rough_gaps(riders.placed(self._solids, row[left], i[left]), self._groups.take(group[left]))
+            left = left[rough <= riders.margin]
         return left
 
-    def _members(
-        self,
-        R: FloatArray,
-        t: FloatArray,
-        low: FloatArray,
-        high: FloatArray,
-        row: IntArray,
-        i: IntArray,
-        group: IntArray,
-        margin: float,
-    ) -> tuple[IntArray, IntArray]:
-        """Rows and pairs of the pieces of such groups that are not proven apart either.
-
-        Args:
-            low, high: Corners of the boxes around the riding solids, (m, riding, 3).
-        """
-        which, place = np.nonzero(
-            _meet(low[row, i][:, None], high[row, i][:, None], self._low_members[group], self._high_members[group])
-        )
+    def _members(self, riders: _Riders, row: IntArray, i: IntArray, group: IntArray) -> tuple[IntArray, IntArray]:
+        """Rows and pairs of the pieces of such groups that are not proven apart either."""
+        low, high = riders.low[row, i][:, None], riders.high[row, i][:, None]
+        which, place = np.nonzero(_meet(low, high, self._low_members[group], self._high_members[group]))
         row, i, group = row[which], i[which], group[which]
         pair, part = self._first_pair[i, group] + place, self._start[group] - self._riding + place
         if len(row) > LEFT_TO_FCL:
-            a = Boxes(self._half[i], R[row, i], t[row, i])
-            left = np.flatnonzero(~beyond_faces(a, self._boxes.take(part), margin))
+            apart = beyond_faces(riders.boxes(self._half, row, i), self._boxes.take(part), riders.margin)
+            left = np.flatnonzero(~apart)
             if len(left) > LEFT_TO_FCL:
-                rough = rough_gaps(self._riders(R, t, row[left], i[left]), self._pieces(part[left]))
-                left = left[rough <= margin]
+                rough = rough_gaps(riders.placed(self._solids, row[left], i[left]), self._pieces(part[left]))
+                left = left[rough <= riders.margin]
             row, pair = row[left], pair[left]
         return row, pair
 
@@ -145,14 +149,11 @@ class Crowds:
         i, group = np.nonzero(self._first_pair >= 0)
         if not len(i):  # whatever rides may touch the crowds
             return np.zeros(0, dtype=np.intp)
-        gaps = rough_gaps(self._riders(R, t, np.zeros_like(i), i), self._groups.take(group))
+        gaps = rough_gaps(Placed(self._solids.take(i), R[0, i], t[0, i]), self._groups.take(group))
         near = np.array([gaps.argmin()]) if most is None else np.flatnonzero(gaps <= most)
         firsts, sizes = self._first_pair[i[near], group[near]], self._size[group[near]]
         ranges = [np.arange(first, first + size) for first, size in zip(firsts.tolist(), sizes.tolist(), strict=True)]
         return np.concatenate([np.zeros(0, dtype=np.intp), *ranges])
-
-    def _riders(self, R: FloatArray, t: FloatArray, row: IntArray, i: IntArray) -> Placed:
-        return Placed(self._solids.take(i), R[row, i], t[row, i])
 
     def _pieces(self, part: IntArray) -> Placed:
         return Placed(self._solids.take(part + self._riding), self._boxes.R[part], self._boxes.t[part])

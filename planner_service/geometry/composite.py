@@ -40,8 +40,6 @@ LEAST_CELL = 1e-4
 MAX_COMPOUND = 1_000
 """Pieces of a compound, made by hand or by a decomposition."""
 
-TRIPLE = 3
-
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
@@ -142,9 +140,9 @@ class _Boxes:
 
     def support(self, direction: FloatArray) -> FloatArray:
         d = vectors("direction", direction)
-        flat = d.reshape(-1, TRIPLE)
+        flat = d.reshape(-1, 3)
         out = np.empty(flat.shape)
-        for rows in blocks(len(flat), TRIPLE * len(self.low)):
+        for rows in blocks(len(flat), 3 * len(self.low)):
             u = flat[rows, None, :]
             corners = np.where(u < 0.0, self.low, self.high)
             best = (u[..., 0] * corners[..., 0] + u[..., 1] * corners[..., 1] + u[..., 2] * corners[..., 2]).argmax(1)
@@ -153,9 +151,9 @@ class _Boxes:
 
     def distance(self, points: FloatArray) -> FloatArray:
         p = points_of(points)
-        flat = p.reshape(-1, TRIPLE)
+        flat = p.reshape(-1, 3)
         out = np.empty(len(flat))
-        for rows in blocks(len(flat), TRIPLE * len(self.low)):
+        for rows in blocks(len(flat), 3 * len(self.low)):
             x = flat[rows, None, :]
             off = np.maximum(np.maximum(self.low - x, x - self.high), 0.0)
             out[rows] = np.sqrt((off[..., 0] ** 2 + off[..., 1] ** 2 + off[..., 2] ** 2).min(axis=1))
@@ -371,7 +369,7 @@ def _check_count(field_name: str, cell: float, count: int) -> None:
 def _joined(low: FloatArray, high: FloatArray, axes: Sequence[int]) -> tuple[FloatArray, FloatArray]:
     """Boxes (k, 3) after joining neighbours that together fill a larger box, one axis after the other."""
     for axis in axes:
-        others = [k for k in range(TRIPLE) if k != axis]
+        others = [k for k in range(3) if k != axis]
         keys = [low[:, axis], *(table[:, k] for k in others for table in (high, low))]
         order = np.lexsort(keys)
         low, high = low[order], high[order]
@@ -398,8 +396,8 @@ def _along_a_curve(points: FloatArray) -> IntArray:
     whole = ((points - points.min(axis=0)) * scale).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
     for bit in range(BITS):
-        for axis in range(TRIPLE):
-            code |= ((whole[:, axis] >> bit) & 1) << (TRIPLE * bit + axis)
+        for axis in range(3):
+            code |= ((whole[:, axis] >> bit) & 1) << (3 * bit + axis)
     return np.argsort(code, kind="stable")
 
 

@@ -226,12 +226,8 @@ def _hull(points: FloatArray, most: int) -> tuple[FloatArray, IntArray, FloatArr
 def _flat(points: FloatArray) -> InvalidRequest:
     size = (points.max(axis=0) - points.min(axis=0)).tolist() if len(points) else []
     expected = "points that span a solid; give a flat mesh some thickness"
-    return InvalidRequest(
-        "vertices",
-        points,
-        expected,
-        message=f"vertices: flat, {len(points)} points within {size} m; expected {expected}",
-    )
+    message = f"vertices: flat, {len(points)} points within {size} m; expected {expected}"
+    return InvalidRequest("vertices", points, expected, message=message)
 
 
 def _require_inside(points: FloatArray, normals: FloatArray, offsets: FloatArray) -> None:

@@ -85,7 +85,11 @@ class _End:
 
 
 class Query:
-    """One query. Its nodes are the milestones, then the start, the goals, and the places on edges where these join."""
+    """One query. Its nodes are the milestones, then the start, the goals, and the places on edges where these join.
+
+    Attributes:
+        learned: The new verdicts on milestones and on edges, by their numbers.
+    """
 
     def __init__(self, graph: Graph, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> None:
         self._graph, self._problem = graph, problem
@@ -102,7 +106,7 @@ class Query:
         self._ends_of: dict[int, tuple[int, int]] = {}  # the nodes of a joining edge
         self._shaded: set[int] = set()  # joining edges that pass near a collision of another
         self._on: dict[int, list[int]] = {}  # the nodes on an edge
-        self._learned: tuple[dict[int, Lesson], dict[int, Lesson]] = ({}, {})
+        self.learned: tuple[dict[int, Lesson], dict[int, Lesson]] = ({}, {})
         goals = problem.goals
         self._bound: list[float] = []
         if self._count:
@@ -110,11 +114,6 @@ class Query:
         self._goals = [tuple(goal) for goal in goals.tolist()]
         self._ends = [self._new_end(tuple(problem.start.tolist())), *map(self._new_end, self._goals)]
         self._start = self._ends[0].node
-
-    @property
-    def learned(self) -> tuple[dict[int, Lesson], dict[int, Lesson]]:
-        """The new verdicts on milestones and on edges, by their numbers."""
-        return self._learned
 
     def route(self, carried: Carried | None = None) -> tuple[list[Configuration], int] | None:
         """The path and the goal it reaches; None if the roadmap has none."""
@@ -323,14 +322,14 @@ class Query:
     def _learn_node(self, node: int, verdict: Verdict) -> None:
         self._node[node] = verdict
         if node < self._count:
-            self._learned[0][node] = verdict, self._blocker() if verdict == Verdict.BLOCKED else None
+            self.learned[0][node] = verdict, self._blocker() if verdict == Verdict.BLOCKED else None
 
     def _learn_piece(self, piece: int, verdict: Verdict) -> None:
         self._piece[piece] = verdict
         if piece >= self._edges:
             self._learn_joint(piece, verdict)
             return
-        self._learned[1][piece] = verdict, self._blocker() if verdict == Verdict.BLOCKED else None
+        self.learned[1][piece] = verdict, self._blocker() if verdict == Verdict.BLOCKED else None
         if verdict == Verdict.FREE:
             for node in self._graph.edges[piece].tolist():
                 if self._node[node] != Verdict.FREE:
