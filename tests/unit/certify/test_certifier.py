@@ -317,10 +317,7 @@ def test_open_pairs_alone_cost_less_than_all_of_them() -> None:
     ("arguments", "told"),
     [
         ({"path": JointPath(np.zeros((1, 3)))}, "path: got 3; expected a path of 2 joints"),
-        (
-            {"path": JointPath(np.array([[0.0, 0.0], [3.2, 0.0]]))},
-            r"waypoints\[1\]\[0\]: got 3\.2; expected shoulder in",
-        ),
+        ({"path": JointPath(np.array([[0.0, 0.0], [3.2, 0.0]]))}, r"waypoints\[1\]\[0\]: got 3\.2; expected shoulder"),
         ({"padding": -0.001}, "padding: got -0.001"),
         ({"padding": 0.11}, "padding: got 0.11"),
         ({"padding": math.nan}, "padding: got nan"),

@@ -195,10 +195,7 @@ HOME = ("plan", "--scene", "table", "--start", "home", "--goal", "ready")
         (("check", "--scene", "table", "--q", "0,nan,0,0,0,0"), "got nan"),
         (("robots", "wxi"), "unknown robot 'wxi'; did you mean 'wxai'?"),
         (("scenes", "no/such.toml"), "no such file"),
-        (
-            ("pick-place", "--object", "blue_blok"),
-            "unknown obstacle for --object 'blue_blok'; did you mean 'blue_b",
-        ),
+        (("pick-place", "--object", "blue_blok"), "unknown obstacle for --object 'blue_blok'; did you mean 'blue_b"),
         (("pick-place", "--onto", "trai"), "unknown obstacle for --onto 'trai'; did you mean 'tray'?"),
         (("pick-place", "--onto", "blue_block"), "expected another obstacle than the object itself"),
         (("pick-place", "--robot", "planar2"), "expected a robot with a gripper"),
@@ -214,15 +211,9 @@ def test_bad_input_ends_with_2_and_says_what_would_be_right(arguments: tuple[str
     ("text", "message"),
     [
         ('[[obstacle]\nname = "a"', "malformed TOML"),
-        (
-            '[[obstacle]]\nname = "a"\nsphere = -0.1\nposition = [0, 0, 1]',
-            "sphere: got -0.1; expected a positive length",
-        ),
+        ('[[obstacle]]\nname = "a"\nsphere = -0.1\nposition = [0, 0, 1]', "sphere: got -0.1; expected a positive"),
         ('[[obstacle]]\nname = "a"\nbox = [0.1, nan, 0.1]\nposition = [0, 0, 1]', "box[1]: got nan"),
-        (
-            '[[obstacle]]\nname = "a"\nsphere = 0.1\nposition = [0, 0, 1]\n' * 2,
-            "name: got 'a'; expected each name once",
-        ),
+        ('[[obstacle]]\nname = "a"\nsphere = 0.1\nposition = [0, 0, 1]\n' * 2, "name: got 'a'; expected each name"),
     ],
 )
 def test_a_scene_file_that_is_wrong_is_bad_input(text: str, message: str, tmp_path: Path) -> None:
