@@ -71,11 +71,16 @@ class GivenPaths:
 
     def __init__(self, *paths: list[tuple[float, float]]) -> None:
         self._paths = list(paths)
-        self.asked = 0
+        self.judges: list[CollisionChecker] = []
+
+    @property
+    def asked(self) -> int:
+        """How often."""
+        return len(self.judges)
 
     def search(self, problem: SearchProblem) -> SearchResult:
         path = self._paths[min(self.asked, len(self._paths) - 1)]
-        self.asked += 1
+        self.judges.append(problem.oracle._checker)  # type: ignore[attr-defined]
         return SearchResult(np.array(path))
 
 
@@ -117,22 +122,13 @@ def test_a_path_that_cannot_be_proven_is_searched_again_and_the_proven_one_leave
     assert any("searched again" in note and "post" in note for note in result.notes)
 
 
-def test_what_is_searched_again_is_sampled_as_closely_as_it_is_padded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_searched_again_is_sampled_as_closely_as_it_is_padded() -> None:
     service = PlannerService("planar2", Scene((thin_post(0.75),)), edge_step=COARSE)
-    judges: list[tuple[float, int]] = []
     planner = GivenPaths([START, (1.5, 0.0)])
-    search = planner.search
-
-    def spied(problem: SearchProblem) -> SearchResult:
-        checker = problem.oracle._checker  # type: ignore[attr-defined]
-        judges.append((checker.padding, checker.segments((0.0, 0.0), (0.3, 0.0))))
-        return search(problem)
-
-    monkeypatch.setattr(planner, "search", spied)
     result = service.plan(asked(goal=(1.5, 0.0), planner=planner, padding=0.001))
-    assert [padding for padding, _ in judges] == [0.003, 0.001]
-    for padding, segments in judges:
-        assert 0.3 * service.robot.reach()[0] / segments <= padding
+    assert [judge.padding for judge in planner.judges] == [0.003, 0.001]
+    for judge in planner.judges:
+        assert 0.3 * service.robot.reach()[0] / judge.segments((0.0, 0.0), (0.3, 0.0)) <= judge.padding
     assert result.padding == 0.001
     assert result.attempts == 2
     assert present(result.certificate).refusal is not None

@@ -41,7 +41,6 @@ from planner_service import (
 )
 from planner_service.certify import ExemptInterval
 from planner_service.cli.commands import app
-from planner_service.files.json_reader import read_json
 from planner_service.geometry.composite import Solid
 from planner_service.planning.world import World
 from planner_service.records.plan_file import (
@@ -449,21 +448,6 @@ def test_an_old_file_that_is_damaged_says_what_it_can(request_: Any, tmp_path: P
     with pytest.raises(InvalidFile, match="plan again: planner-service plan") as caught:
         load_plan(file)
     assert caught.value.problems[0].isprintable()
-
-
-def test_whichever_is_in_a_file_it_is_read_once(
-    task: SavedTask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    task.save(tmp_path / "task.json")
-    times = list[str]()
-
-    def read(path: Path) -> Any:
-        times.append(path.name)
-        return read_json(path)
-
-    monkeypatch.setattr("planner_service.records.plan_file.read_json", read)
-    assert isinstance(load_plan_or_task(tmp_path / "task.json"), SavedTask)
-    assert times == ["task.json"]
 
 
 def test_the_page_about_plan_files_says_what_happens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

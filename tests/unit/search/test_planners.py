@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 import weakref
-from collections import Counter
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,6 @@ from planner_service.planners import (
     SORRTstar,
     planner_by_name,
 )
-from planner_service.search import ompl
 from tests.support.discs import SEALED, WALL, DiscWorld, GlancingWorld, Stop, across, length
 from tests.support.optional import present
 
@@ -414,21 +412,6 @@ def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_ed
         assert worlds[0].judged == worlds[1].judged
         refuted += len(worlds[0].edges) - len(worlds[0].free_edges)
     assert refuted > 5
-
-
-def test_after_some_paths_that_were_not_free_edges_are_only_judged_whole(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    whole, seeds = ompl._path, list[int]()
-
-    def counted(problem: SearchProblem, *asked: Any) -> Any:
-        seeds.append(problem.seed)
-        return whole(problem, *asked)
-
-    monkeypatch.setattr(ompl, "_path", counted)
-    for seed in range(10):
-        assert RRTConnect(range=2.0).search(across(GlancingWorld(), seed=seed)).waypoints is not None
-    assert max(Counter(seeds).values()) == ompl.MAX_REFUTED + 1
 
 
 def test_planners_that_improve_a_path_judge_every_edge_at_once() -> None:
