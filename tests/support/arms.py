@@ -15,7 +15,7 @@ from planner_service import PlannerService, PlanRequest, PlanResult, Robot
 from planner_service.execute import ArmLimits, ExecutionReport, ExecutionStopped, Streaming, execute
 from planner_service.geometry.arrays import FloatArray
 
-__all__ = ["QUICK", "STEP", "FakeArm", "FakeTime", "back", "robot", "service", "stopped", "there"]
+__all__ = ["QUICK", "STEP", "FakeArm", "FakeTime", "back", "raising", "robot", "service", "stopped", "there"]
 
 QUICK = Streaming(settle=0.02, gripper_time=0.1)
 STEP = np.array([0.04, -0.02, 0.03, 0.02, 0.01, -0.04])
@@ -105,6 +105,16 @@ class FakeArm:
 
     def close(self) -> None:
         self.closed = True
+
+
+def raising(at: int, error: BaseException | type[BaseException]) -> Callable[[int], None]:
+    """Trouble at one command."""
+
+    def trouble(step: int) -> None:
+        if step == at:
+            raise error
+
+    return trouble
 
 
 @dataclass

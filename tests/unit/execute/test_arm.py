@@ -21,7 +21,7 @@ from planner_service.execute import arm as arm_module
 from planner_service.execute import stream as execution
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
-from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, robot, service, stopped, there
+from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, raising, robot, service, stopped, there
 from tests.support.optional import present
 
 BELIEVED = "the arm was told to hold where it was"
@@ -275,22 +275,14 @@ def test_past_a_call_that_does_not_return_the_arm_is_told_to_hold(method: str, h
 
 @pytest.mark.slow
 def test_of_a_hold_that_does_not_return_the_caller_is_told(hanging: Hanging) -> None:
-    def fail(step: int) -> None:
-        if step == 20:
-            raise OSError("the cable was pulled")
-
-    hanging.trouble, hanging.method = fail, "hold"
+    hanging.trouble, hanging.method = raising(20, OSError("the cable was pulled")), "hold"
     report = stopped(there(), hanging)
     assert "THE ARM COULD NOT BE TOLD TO HOLD" in present(report.stopped)
     assert "use its emergency stop" in present(report.stopped)
 
 
 def test_ctrl_c_says_what_the_arm_was_told(arm: FakeArm) -> None:
-    def interrupt(step: int) -> None:
-        if step == 9:
-            raise KeyboardInterrupt
-
-    arm.trouble = interrupt
+    arm.trouble = raising(9, KeyboardInterrupt)
     with pytest.raises(KeyboardInterrupt, match="the arm was told to hold where it was"):
         execute(there(), arm, robot(), QUICK)
     assert len(arm.told) == 9

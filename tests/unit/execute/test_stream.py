@@ -40,7 +40,7 @@ from planner_service.execute import (
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedPlan, SavedTask, save_plan
 from planner_service.tasks import Segment
-from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, back, robot, service, stopped, there
+from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, back, raising, robot, service, stopped, there
 from tests.support.command import refused
 from tests.support.command import run as command
 from tests.support.optional import present
@@ -230,11 +230,7 @@ def test_an_arm_that_is_only_late_is_on_its_path(arm: FakeArm, clock: FakeTime) 
 
 @pytest.mark.parametrize("k", [0, 1, 17])
 def test_when_the_driver_fails_the_arm_holds_where_it_is(k: int, arm: FakeArm) -> None:
-    def fail(step: int) -> None:
-        if step == k:
-            raise OSError("the cable was pulled")
-
-    arm.trouble, arm.off = fail, np.full(6, 0.002)
+    arm.trouble, arm.off = raising(k, OSError("the cable was pulled")), np.full(6, 0.002)
     with pytest.raises(ExecutionStopped, match="the cable was pulled") as caught:
         execute(there(), arm, robot(), QUICK)
     report = caught.value.report
@@ -304,10 +300,7 @@ def test_an_arm_that_does_not_say_where_it_is_holds_what_was_planned_last(answer
 
 @pytest.mark.parametrize(("refusals", "holds"), [(2, 1), (99, 0)])
 def test_an_arm_is_told_to_hold_until_it_hears_or_the_caller_is_told(refusals: int, holds: int, arm: FakeArm) -> None:
-    def fail(step: int) -> None:
-        raise OSError("no answer")
-
-    arm.trouble, arm.refusals = fail, refusals
+    arm.trouble, arm.refusals = raising(0, OSError("no answer")), refusals
     report = stopped(there(), arm)
     assert len(arm.held) == holds
     assert ("use its emergency stop" in present(report.stopped)) == (holds == 0)
@@ -406,15 +399,11 @@ def test_an_arm_that_follows_late_but_on_its_path_goes_on(arm: FakeArm, clock: F
 def test_the_arm_holds_before_anything_is_worked_out(arm: FakeArm, monkeypatch: pytest.MonkeyPatch) -> None:
     made = ExecutedMotion.of
 
-    def fail(step: int) -> None:
-        if step == 9:
-            raise OSError("the cable was pulled")
-
     def of(*given: Any) -> Any:
         assert len(arm.held) == 1
         return made(*given)
 
-    arm.trouble = fail
+    arm.trouble = raising(9, OSError("the cable was pulled"))
     monkeypatch.setattr(ExecutedMotion, "of", of)
     assert len(stopped(there(), arm).motions) == 1
 
@@ -593,10 +582,7 @@ def test_whatever_ends_the_command_has_the_arm_hold(name: str, saved: str, real:
 
 
 def test_an_arm_that_stopped_leaves_code_1_and_says_why(saved: str, real: FakeArm) -> None:
-    def fail(step: int) -> None:
-        raise OSError("the cable was pulled")
-
-    real.trouble = fail
+    real.trouble = raising(0, OSError("the cable was pulled"))
     done = command("run", saved, *ARM, "--yes", *WORLD)
     assert done.exit_code == 1
     assert "the cable was pulled; the arm was told to hold where it was" in done.stderr

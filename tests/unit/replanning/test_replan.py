@@ -698,7 +698,7 @@ def test_a_law_that_goes_on_from_a_speed_is_the_rest_of_the_fastest() -> None:
 
 def test_a_speed_from_which_nothing_slows_down_in_time_is_refused() -> None:
     path, limits = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]])), room().robot.limits
-    with pytest.raises(TimingFailed, match=r"no motion from s = 1.9 at ds/dt = .* to rest keeps the limits"):
+    with pytest.raises(TimingFailed, match=r"no motion from s = 1\.9 at ds/dt = .* to rest keeps the limits"):
         ToppRa().continue_to_rest(path, limits, 1.9, 1.0)
 
 
