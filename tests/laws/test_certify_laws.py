@@ -28,6 +28,7 @@ from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape,
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
+from tests.support.coal_shapes import coal_shape
 from tests.support.small_robots import CRANE, SLIDER, TWINS, built
 from tests.unit.collision.test_edge_sampling import points_of
 
@@ -57,15 +58,6 @@ def turned(rng: np.random.Generator) -> Pose:
     q = rng.normal(size=4) * (1.0 if rng.random() < 0.75 else [1.0, 0.0, 0.0, 0.0])
     w, x, y, z = (q / np.sqrt((q * q).sum())).tolist()
     return Pose((0.0, 0.0, 0.0), (w, x, y, z))
-
-
-def coal_shape(shape: Shape) -> Any:
-    if isinstance(shape, Box):
-        return coal.Box(*shape.size)
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    assert isinstance(shape, (Cylinder, Capsule))
-    return (coal.Cylinder if isinstance(shape, Cylinder) else coal.Capsule)(shape.radius, shape.length)
 
 
 def coal_distance(a: Shape, b: Shape, poses: tuple[Pose, Pose]) -> float:

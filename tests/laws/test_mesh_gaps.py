@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from auditor.checker import hull_of
 from planner_service.certify import hulls, separation
 from planner_service.certify.interval_proof import LAST_ROUNDS
 from planner_service.collision import fcl as judge
@@ -22,6 +21,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from tests.laws.test_certify_laws import COAL
+from tests.support.coal_shapes import coal_shape
 from tests.support.hull_arm import DRUM, NEEDLE, RAMP, ROCK, SPOON
 
 assert isinstance(NEEDLE.shape, Mesh)
@@ -30,17 +30,6 @@ KINDS: tuple[Shape, ...] = (
     Capsule(0.03, 0.2),
 )  # fmt: skip
 seeds = st.integers(0, 2**32 - 1)
-
-
-def coal_shape(shape: Shape) -> Any:
-    if isinstance(shape, Mesh):
-        return hull_of(shape.vertices)
-    if isinstance(shape, Box):
-        return coal.Box(*shape.size)
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    assert isinstance(shape, (Cylinder, Capsule))
-    return (coal.Cylinder if isinstance(shape, Cylinder) else coal.Capsule)(shape.radius, shape.length)
 
 
 def fcl_shape(shape: Shape) -> Any:

@@ -24,19 +24,7 @@ from planner_service.geometry.shapes import Shape
 from planner_service.scene.scene import Scene
 from tests.laws.test_certify_laws import COAL, anywhere
 from tests.laws.test_collision_laws import compare, compare_edges, near_contact, planner_like
-from tests.support.hull_arm import HELD, HullSetup, write_arm
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("hulls")
-    write_arm(place)
-    return place
-
-
-@pytest.fixture(scope="module", params=["empty hand", "spoon in hand"])
-def setup(request: pytest.FixtureRequest, folder: Path) -> HullSetup:
-    return HullSetup(request.param, folder, attached=(HELD,) if request.param.startswith("spoon") else ())
+from tests.support.hull_arm import HELD, HullSetup
 
 
 def test_a_verdict_on_hulls_is_that_of_fcl_pair_by_pair_and_of_coal(setup: Any) -> None:

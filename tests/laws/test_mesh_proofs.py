@@ -27,24 +27,12 @@ from planner_service.scene.scene import Obstacle, Scene
 from tests.laws.test_certify_laws import BACKENDS, COAL, anywhere, samples, walks
 from tests.laws.test_collision_laws import near_contact
 from tests.laws.test_mesh_laws import blunt, loose, mirrored, uncentred
-from tests.support.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from tests.support.hull_arm import HELD, NEEDLE, HullSetup
 from tests.support.optional import present
 
 seeds = st.integers(0, 2**32 - 1)
 STEP = 0.004
 """Metres that any point moves between two samples of the second checker."""
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("hulls")
-    write_arm(place)
-    return place
-
-
-@pytest.fixture(scope="module", params=["empty hand", "spoon in hand"])
-def setup(request: pytest.FixtureRequest, folder: Path) -> HullSetup:
-    return HullSetup(request.param, folder, attached=(HELD,) if request.param.startswith("spoon") else ())
 
 
 @settings(deadline=None, max_examples=40)

@@ -31,7 +31,7 @@ from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
 from tests.laws.test_certify_laws import anywhere, curve
 from tests.laws.test_crowd_laws import Crowded
-from tests.support.hull_arm import HELD, NEEDLE, HullSetup, write_arm
+from tests.support.hull_arm import HELD, NEEDLE, HullSetup
 from tests.support.optional import present
 from tests.support.small_robots import CRANE, SLIDER, TWINS, built
 from tests.unit.certify.test_certifier import RIM, ball_beyond
@@ -75,13 +75,6 @@ def exempted(certifier: Certifier, path: JointPath, rng: np.random.Generator) ->
 
 def made(tmp_path_factory: pytest.TempPathFactory, urdf: str) -> Robot:
     return built(tmp_path_factory.mktemp("urdf"), urdf)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = tmp_path_factory.mktemp("hulls")
-    write_arm(place)
-    return place
 
 
 # --- curves

@@ -14,7 +14,6 @@ import pytest
 from benchmarks.studies.optimise import ROUNDING, gradient_rows
 from planner_service import (
     Box,
-    Capsule,
     CollisionChecker,
     Cylinder,
     InvalidRequest,
@@ -30,9 +29,9 @@ from planner_service.collision import proximity as near_module
 from planner_service.collision.budget import TimeBoxSpent
 from planner_service.collision.proximity import NearPairs
 from planner_service.geometry.arrays import FloatArray
-from planner_service.geometry.mesh import Mesh
 from planner_service.robot.kinematic_tree import Body
 from planner_service.scene.scene import Attached
+from tests.support.coal_shapes import coal_shape
 from tests.support.hull_arm import HELD, OBSTACLES, HullSetup, write_arm
 
 COAL_ERROR = 1.2e-6
@@ -44,24 +43,8 @@ def drawn(checker: CollisionChecker, count: int, seed: int = 0) -> FloatArray:
     return np.random.default_rng(seed).uniform(limits.lower, limits.upper, (count, checker.robot.n))
 
 
-def shape_of_coal(shape: Any) -> Any:
-    if isinstance(shape, Box):
-        return coal.Box(*shape.size)
-    if isinstance(shape, Sphere):
-        return coal.Sphere(shape.radius)
-    if isinstance(shape, Cylinder):
-        return coal.Cylinder(shape.radius, shape.length)
-    if isinstance(shape, Capsule):
-        return coal.Capsule(shape.radius, shape.length)
-    assert isinstance(shape, Mesh)
-    points = coal.StdVec_Vec3s()
-    for vertex in shape.vertices:
-        points.append(vertex)
-    return coal.Convex.convexHull(points, True, None)
-
-
 def coal_distances(checker: CollisionChecker, Q: FloatArray, found: NearPairs) -> FloatArray:
-    shapes = [shape_of_coal(part.shape) for part in checker.parts.parts]
+    shapes = [coal_shape(part.shape) for part in checker.parts.parts]
     out = []
     for row, pair in zip(found.rows.tolist(), found.pairs.tolist(), strict=True):
         poses = checker.robot.body_poses(Q[row])
