@@ -5,8 +5,13 @@ from __future__ import annotations
 import signal
 
 import pytest
+from hypothesis import settings
 
 from planner_service import PlannerService, Robot
+
+settings.register_profile("tests", deadline=None)
+settings.load_profile("tests")
+"""A machine that does other things is no failure."""
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -136,13 +136,6 @@ def test_many_colliding_goals_cost_little_when_one_is_free(discs: PlannerService
     assert result.stage(Stage.ENDPOINTS).counts.states <= 1 + 51 * 3
 
 
-def test_start_equal_to_goal_is_a_plan_of_no_motion_that_says_so(discs: PlannerService) -> None:
-    result = discs.plan(asked(goal=START))
-    path, trajectory = result.unwrap()
-    assert (path.length, trajectory.duration) == (0.0, 0.0)
-    assert "nothing to do" in result.notes[0]
-
-
 def test_half_the_velocity_and_acceleration_take_longer_and_move_the_same_way(discs: PlannerService) -> None:
     full, half = discs.plan(asked()), discs.plan(asked(velocity_scale=0.5, acceleration_scale=0.5))
     assert half.unwrap()[0].waypoints.tolist() == full.unwrap()[0].waypoints.tolist()

@@ -24,7 +24,6 @@ from tests.support.optional import present
 
 NANO = 1.1e-9  # clearances and depths are whole nanometres, rounded to the safe side
 ROOT = Path(__file__).parents[3]
-FINGERS = ("finger_left", "finger_right")
 LINK_RADIUS = 0.01
 LESSON_GOAL = np.array([math.pi / 2, -math.pi / 2])
 """From (0, 0) to here link 2 of the lesson's arm sweeps through the lesson's disc."""

@@ -24,7 +24,6 @@ from planner_service.tasks import Segment
 from tests.support.arms import QUICK, STEP, FakeArm, FakeTime, raising, robot, service, stopped, there
 from tests.support.optional import present
 
-BELIEVED = "the arm was told to hold where it was"
 PLANNED = "the arm was told to hold the last planned configuration, as it gave no reading that can be believed"
 
 

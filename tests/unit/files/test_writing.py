@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import stat
 import subprocess
@@ -17,7 +16,6 @@ from planner_service import (
     InvalidFile,
     PlannerService,
     PlanRequest,
-    Roadmap,
     Scene,
     load_scene,
     save_scene,
@@ -125,16 +123,3 @@ def test_a_command_refuses_to_replace_a_file_of_another_kind_before_it_begins(
     assert result.exit_code == 2
     assert "a file of another kind is there" in result.output
     assert there.read_text() == "print('the work of a week')\n"
-
-
-@pytest.mark.parametrize("place", ["folder", "pipe", "/dev/zero", "/dev/full", "missing/file", "loop", "a\0b"])
-def test_where_no_file_can_be_nothing_is_written(tmp_path: Path, place: str) -> None:
-    (tmp_path / "folder").mkdir()
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    with pytest.raises(InvalidFile, match=re.escape("cannot be written")):
-        write_whole(tmp_path / place, "content")
-    with pytest.raises(InvalidFile):
-        load_scene(tmp_path / place)
-    with pytest.raises(InvalidFile):
-        Roadmap.load(str(tmp_path / place) + ".npz")

@@ -63,16 +63,17 @@ def test_answers_come_in_the_order_of_the_items(engine: Engine) -> None:
     ]
 
 
+def without_end(taken: list[int]) -> Iterator[int]:
+    """Items, which are also remembered as they are taken."""
+    while True:
+        taken.append(len(taken))
+        yield taken[-1]
+
+
 @pytest.mark.slow
 def test_items_without_end_are_taken_as_they_are_needed(engine: Engine) -> None:
     taken: list[int] = []
-
-    def items() -> Iterator[int]:
-        while True:
-            taken.append(len(taken))
-            yield taken[-1]
-
-    with closing(engine.run(Echo(), items())) as answers:
+    with closing(engine.run(Echo(), without_end(taken))) as answers:
         assert [next(answers)[0] for _ in range(300)] == list(range(300))
     assert len(taken) <= 300 + 2 * LOOK_AHEAD
 
@@ -80,14 +81,8 @@ def test_items_without_end_are_taken_as_they_are_needed(engine: Engine) -> None:
 @pytest.mark.slow
 def test_a_slow_item_lets_others_go_on_as_far_as_the_look_ahead(tmp_path: Path) -> None:
     taken: list[int] = []
-
-    def items() -> Iterator[int]:
-        while True:
-            taken.append(len(taken))
-            yield taken[-1]
-
     work = Faulty(tmp_path / "log", {0: "spin"})
-    with closing(Processes(2).run(work, items(), limit=lambda item: None if item else 2.0)) as answers:
+    with closing(Processes(2).run(work, without_end(taken), limit=lambda item: None if item else 2.0)) as answers:
         assert isinstance(next(answers)[1], Lost)
         assert len(answers.finished) > 2
     assert len(taken) <= 2 * LOOK_AHEAD

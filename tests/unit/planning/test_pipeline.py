@@ -159,6 +159,7 @@ def test_a_given_polyline_that_samples_pass_is_refused_by_the_proof() -> None:
 def test_standing_still_is_proven_too(discs: PlannerService) -> None:
     result = discs.plan(asked(goal=START))
     assert present(result.certificate).certified
+    assert "nothing to do" in result.notes[0]
     assert result.motion is not None
     assert (result.motion.duration, result.motion.tool_speed, result.motion.settle_time) == (0.0, 0.0, 0.0)
 

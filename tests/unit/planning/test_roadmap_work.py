@@ -34,7 +34,6 @@ from planner_service import (
     save_scene,
 )
 from planner_service.errors import InvalidRequest
-from planner_service.planners import PRMstar
 from planner_service.planning.result import PlanResult
 from planner_service.roadmap import Verdict
 from tests.support.optional import present
@@ -76,14 +75,6 @@ def test_a_roadmap_says_what_it_cost_and_for_what_it_holds() -> None:
     assert roadmap.terms.scene_hash == service.scene.hash
     assert roadmap.terms.padding == 0.001
     assert lies(roadmap, service) == []
-
-
-@pytest.mark.parametrize("planner", [FEW, PRMstar(milestones=60), LazyPRM(milestones=100)])
-def test_equal_seeds_grow_equal_roadmaps(planner: PRM | PRMstar | LazyPRM) -> None:
-    one = PlannerService("wxai", "bin", edge_step=JointStep(0.05)).build_roadmap(planner, seed=3)
-    ask(cell(), grown())
-    assert cell().build_roadmap(planner, seed=3).hash == one.hash
-    assert cell().build_roadmap(planner, seed=4).hash != one.hash
 
 
 @pytest.mark.slow

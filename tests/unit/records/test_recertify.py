@@ -350,8 +350,6 @@ def test_a_saved_pick_keeps_what_it_was_asked_and_the_law_of_its_lines(tmp_path:
 
 # What a task says the gripper does.
 
-Forge = Callable[[SavedTask], SavedTask]
-
 
 def with_segments(task: SavedTask, *segments: Segment) -> SavedTask:
     return replace(task, segments=segments)

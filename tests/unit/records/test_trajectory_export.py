@@ -10,9 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from planner_service.cli.commands import app
 from planner_service.errors import InvalidFile, InvalidRequest, PlanningFailed
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -22,6 +20,7 @@ from planner_service.records.plan_file import SavedPlan, save_plan
 from planner_service.records.trajectory_export import csv_text, joint_trajectory, write_csv
 from planner_service.service import PlannerService
 from planner_service.tasks.pick_place import plan_pick_place
+from tests.support.command import run
 from tests.unit.scene.test_worlds import LIFTED, NEWER, write
 
 SERVICE = PlannerService("planar2", "discs")
@@ -129,10 +128,6 @@ def test_a_table_that_cannot_be_written_leaves_what_was_there(trajectory: Trajec
 def plan_file(planned: PlanResult, tmp_path: Path) -> Path:
     save_plan(SavedPlan(SERVICE.world, REQUEST, planned), tmp_path / "plan.json")
     return tmp_path / "plan.json"
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in arguments], catch_exceptions=False)
 
 
 def test_export_prints_the_message_or_writes_the_table(plan_file: Path, trajectory: Trajectory, tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import ConvexHull
-from typer.testing import CliRunner
 
 from planner_service import (
     Box,
@@ -27,7 +26,6 @@ from planner_service import (
     load_robot,
     load_scene,
 )
-from planner_service.cli.commands import app
 from planner_service.geometry.arrays import FloatArray
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view.still import pictures as still
@@ -38,6 +36,7 @@ from planner_service.view.still.paint import Drawing, Line, paint, placed
 from planner_service.view.still.pictures import SIZE, draw_check, draw_plan, draw_task, write_png
 from planner_service.view.still.sights import Sights
 from planner_service.view.triangles import Solid, placements, robot_solids, scene_solids
+from tests.support import command
 
 SMALL = (320, 180)
 PAGE = (640, 400)
@@ -372,7 +371,7 @@ PLANAR = ("plan", "--robot", "planar2", "--scene", "discs", "--time-limit", "inf
 
 
 def run(*arguments: str) -> tuple[int, str, str]:
-    done = CliRunner(env={"COLUMNS": "100", "TERM": "dumb"}).invoke(app, list(arguments), catch_exceptions=False)
+    done = command.run(*arguments)
     return done.exit_code, done.stdout, done.stderr
 
 
