@@ -347,10 +347,3 @@ def test_default_planner_settings_are_written_out(there: Path) -> None:
     save_plan(SavedPlan(MADE_FOR, request(), planned()), there)
     planner = json.loads(there.read_text())["request"]["planner"]
     assert planner == {"name": "rrtconnect", "settings": {"range": RRTConnect().range}}
-
-
-@pytest.mark.parametrize("load", [load_plan, load_task])
-@pytest.mark.parametrize("path", [None, 3, b"plan.json", ["plan.json"]])
-def test_what_is_no_path_is_refused(load: Callable[[Any], Any], path: Any) -> None:
-    with pytest.raises(InvalidRequest, match="path: got"):
-        load(path)

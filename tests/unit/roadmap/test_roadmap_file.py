@@ -303,12 +303,6 @@ def test_another_suffix_is_refused(name: str, tmp_path: Path) -> None:
         Roadmap.load(tmp_path / name)
 
 
-@pytest.mark.parametrize("path", [3, None, b"a.npz"])
-def test_a_path_that_is_none_is_refused(path: Any) -> None:
-    with pytest.raises((InvalidRequest, InvalidFile), match="path"):
-        Roadmap.load(path)
-
-
 def test_what_could_not_be_loaded_again_is_not_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("planner_service.roadmap.roadmap_file.MAX_BYTES", 1000)
     with pytest.raises(InvalidRequest, match="bytes"):

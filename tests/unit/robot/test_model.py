@@ -463,12 +463,6 @@ def test_a_mesh_folder_with_an_impossible_name_is_refused() -> None:
         Robot.from_urdf(path, package_dirs=["a\0b"])
 
 
-@pytest.mark.parametrize("path", [None, 3, b"arm.urdf"])
-def test_what_is_no_path_of_a_urdf_is_refused(path: Any) -> None:
-    with pytest.raises(InvalidRequest, match="path: got"):
-        Robot.from_urdf(path)
-
-
 @pytest.mark.parametrize("values", [[10**400], ["1"], [True], None])
 def test_limits_that_are_no_real_numbers_are_refused(values: Any) -> None:
     one = np.ones(1)
