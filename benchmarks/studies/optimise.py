@@ -161,13 +161,11 @@ def warning_rows(scenes: Sequence[str] = WARNING_SCENES, count: int = queries.PE
         for query in asked:
             straight = plan(service, query, planner=POLISH)
             several = plan(service, query, planner=replace(POLISH, starts=4))
-            hybrid = plan(service, query, polish=POLISH)
+            outcomes = {"straight": straight, "several": several, "hybrid": plan(service, query, polish=POLISH)}
             yield {
                 "scene": query.scene,
                 "query": query.name,
-                "straight": _outcome(straight),
-                "several": _outcome(several),
-                "hybrid": _outcome(hybrid),
+                **{key: _outcome(result) for key, result in outcomes.items()},
                 "told": None if straight.failure is None else straight.failure.detail,
                 "where": straight.failure is not None and len(straight.failure.contacts) > 0,
             }
@@ -285,27 +283,20 @@ def promises(hybrids: Sequence[Row], warnings: Sequence[Row], gradients: Sequenc
     own_pace = "integral of squared acceleration at most 1/3, each at its own pace"
     equal = "integral of squared acceleration at most 1/3 in the same motion time"
     step = [row["polish_ms"] / row["iterations"] for row in rows if row["failure"] is None]
+    smallest = "smallest clearance at least min(20 mm, its ends', the best of 10 long runs) on 90 % of the queries"
+    rejects = "the independent checker, at every millimetre of motion, rejects no optimum"
+    rejected = f"{len(touched)} of {len(rows)}" + (f": {touched[0]}" if touched else "")
+    lines = "an optimum of the straight line in collision is reported, with where, and the hybrid solves the query"
+    reported = f"{len(caught)} of {len(warnings)} reported, {len(solved)} of them solved"
     return (
-        Promise(
-            "smallest clearance at least min(20 mm, its ends', the best of 10 long runs) on 90 % of the queries",
-            f"{sum(clear)} of {len(clear)}",
-            sum(clear) >= CLEAR_SHARE * len(clear),
-        ),
+        Promise(smallest, f"{sum(clear)} of {len(clear)}", sum(clear) >= CLEAR_SHARE * len(clear)),
         medians(length, LENGTH, "length at most 1.05 x at p50 in each scene"),
         medians(duration, DURATION, "motion time at most 0.85 x at p50 in each scene"),
         medians(acceleration, ACCELERATION, own_pace),
         medians(_at_equal_time, ACCELERATION, equal),
         Promise("no result without a proof", f"{uncertified} uncertified", uncertified == 0),
-        Promise(
-            "the independent checker, at every millimetre of motion, rejects no optimum",
-            f"{len(touched)} of {len(rows)}" + (f": {touched[0]}" if touched else ""),
-            not touched,
-        ),
-        Promise(
-            "an optimum of the straight line in collision is reported, with where, and the hybrid solves the query",
-            f"{len(caught)} of {len(warnings)} reported, {len(solved)} of them solved",
-            0 < len(caught) == len(solved),
-        ),
+        Promise(rejects, rejected, not touched),
+        Promise(lines, reported, 0 < len(caught) == len(solved)),
         Promise(
             f"derivatives lie between the one-sided differences of {STEP:g} rad",
             f"{total['derivatives'] - total['barely']:,} of {total['derivatives']:,} do, the others between those of "
