@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -96,7 +97,7 @@ queries   the stored queries are what their seed gives; --write stores them
 """
 
 
-def _arguments() -> argparse.Namespace:
+def _arguments(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -111,7 +112,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--queries", type=whole(0, 10**6), metavar="N", help="random queries")
     parser.add_argument("--seeds", type=whole(0, 1000), metavar="M", help="plans of each public problem")
     parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")
-    asked = parser.parse_args()
+    asked = parser.parse_args(arguments)
     for key in sorted({key for keys in SETTINGS.values() for key in keys}):
         if getattr(asked, key) is not None and key not in SETTINGS.get(asked.what, ()):
             takers = " and ".join(name for name, keys in SETTINGS.items() if key in keys)
@@ -123,14 +124,14 @@ def _arguments() -> argparse.Namespace:
     return asked
 
 
-def main() -> int:
+def main(given: Sequence[str]) -> int:
     """Exit code 0 if every promise was kept, else 1; 2 where the caller made a mistake, 130 when interrupted."""
     console = Console(width=None if sys.stdout.isatty() else 200)
-    name = next(iter(sys.argv[1:]), "")
+    name = next(iter(given), "")
     try:
         if name in COMMANDS:
-            return int(importlib.import_module(f"benchmarks.{COMMANDS[name]}").main(sys.argv[2:], console))
-        arguments = _arguments()
+            return int(importlib.import_module(f"benchmarks.{COMMANDS[name]}").main(given[1:], console))
+        arguments = _arguments(given)
         if arguments.what is None:
             console.print(USAGE, end="", markup=False, highlight=False, soft_wrap=True)
             return 0
@@ -172,4 +173,4 @@ def _measured(arguments: argparse.Namespace, console: Console) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -33,7 +33,7 @@ from planner_service.tasks.pick_place import places_on, standing_on
 from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
-__all__ = ["Ask", "attempt", "blank_row", "unplanned", "warm"]
+__all__ = ["Ask", "Disc", "attempt", "blank_row", "unplanned", "warm"]
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ def _judged(service: PlannerService, parts: Iterable[TaskResult]) -> Iterator[tu
 # --- the lesson's disc
 
 
-class _Disc:
+class Disc:
     """The toy's disc as a planner's oracle, asked at the lesson's resolution and counted state by state."""
 
     def __init__(self) -> None:
@@ -305,7 +305,7 @@ def _lesson_toy(ask: Ask) -> _Found:
 
 def _planned_toy(ask: Ask) -> _Found:
     """A planner of the service and its shortcuts on the disc: there is no robot, so neither blends nor proof."""
-    disc, box = _Disc(), np.full(2, math.pi)
+    disc, box = Disc(), np.full(2, math.pi)
     problem = SearchProblem(Toy.START, Toy.GOAL[None], -box, box, disc, seed=ask.seed)
     found = planner_of(ask.planner).search(problem).waypoints
     searched = _states(disc.states, disc.edges)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Sequence
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
@@ -16,10 +15,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import planner_service as ps
 from benchmarks import __main__ as command
 from benchmarks.baselines import plain_ompl
 from benchmarks.baselines.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
 from benchmarks.baselines.pairwise import PairwiseFcl
+from benchmarks.harness.attempts import Disc
 from benchmarks.harness.report import Promise, Report, Row, p50, p95, show, write_json
 from benchmarks.studies import (
     agreement,
@@ -35,23 +36,9 @@ from benchmarks.studies import (
     toy,
 )
 from benchmarks.studies.problems import public_problems
-from benchmarks.studies.states import STEPS, run_lesson
+from benchmarks.studies.states import run_lesson
 from benchmarks.worlds import drawn, queries, sheets
 from benchmarks.worlds.queries import SCENES, Region
-from planner_service import (
-    Box,
-    CollisionChecker,
-    JointPath,
-    JointStep,
-    MotionStep,
-    PlannerService,
-    PlanRequest,
-    SCurve,
-    Stage,
-    ToppRa,
-    load_robot,
-    load_scene,
-)
 from planner_service.certify import Certificate, Refusal
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import UnknownName
@@ -60,9 +47,12 @@ from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem, joint_distance
 from planner_service.timing.limit_check import peaks
 
+Judged = tuple[Row, ps.JointPath]
+"""A measured query and its path."""
 
-def checker_of(scene: str) -> CollisionChecker:
-    return CollisionChecker(load_robot(queries.ROBOT), load_scene(scene))
+
+def checker_of(scene: str) -> ps.CollisionChecker:
+    return ps.CollisionChecker(ps.load_robot(queries.ROBOT), ps.load_scene(scene))
 
 
 # --- queries
@@ -84,7 +74,7 @@ def test_a_scene_has_twenty_queries_whose_ends_are_free_and_whose_straight_line_
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_query_leads_from_one_region_of_a_pair_to_the_other(scene: str) -> None:
-    robot = load_robot(queries.ROBOT)
+    robot = ps.load_robot(queries.ROBOT)
 
     def inside(region: Region, q: FloatArray) -> bool:
         tip = robot.tool_pose(q)[:3, 3].tolist()
@@ -145,37 +135,20 @@ def test_samples_include_both_ends_and_are_at_most_a_fiftieth_apart() -> None:
     assert len(samples(a, a)) == 2
 
 
-class Discs:
-    """Judges configurations of two joints against a disc, one by one, and counts them."""
-
-    def __init__(self) -> None:
-        self.toy = Toy()
-
-    @property
-    def states(self) -> int:
-        return self.toy.checks
-
-    def state_is_free(self, q: FloatArray) -> bool:
-        return not self.toy.collides(q.tolist())
-
-    def edge_is_free(self, q1: FloatArray, q2: FloatArray, **_: object) -> bool:
-        raise AssertionError("the lesson asks about states only")
-
-
 def test_the_lesson_grows_a_path_of_short_free_edges_from_start_to_goal() -> None:
-    oracle, box = Discs(), np.full(2, math.pi)
+    oracle, box = Disc(), np.full(2, math.pi)
     problem = SearchProblem(Toy.START, Toy.GOAL[None], -box, box, oracle, seed=7)
     path = Lesson().search(problem).waypoints
     assert path is not None
     assert (path[0].tolist(), path[-1].tolist()) == (Toy.START.tolist(), Toy.GOAL.tolist())
     assert max(joint_distance(a, b) for a, b in pairwise(path)) <= STEP + 1e-12
     assert all(Toy().edge_is_free(a, b) for a, b in pairwise(path))
-    assert oracle.states == 1_136  # as the toy of the same seed: the same draws and the same checks
+    assert (oracle.states, oracle.edges) == (1_136, 0)  # as the toy of the same seed; it asks about states only
     assert len(path) == 49
 
 
 def test_the_lesson_says_so_when_it_gives_up() -> None:
-    class Walled(Discs):
+    class Walled(Disc):
         def state_is_free(self, q: FloatArray) -> bool:
             return super().state_is_free(q) and abs(float(q[0])) > 0.2
 
@@ -213,15 +186,15 @@ def test_a_run_of_the_lesson_counts_everything_and_ends_where_it_should() -> Non
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_checker_judges_every_pair_that_there_is(scene: str) -> None:
-    baseline = PairwiseFcl(load_robot(queries.ROBOT), load_scene(scene))
+    baseline = PairwiseFcl(ps.load_robot(queries.ROBOT), ps.load_scene(scene))
     assert baseline.pair_count == len(baseline.self_pairs) + len(baseline.scene_pairs)
     assert checker_of(scene).pair_count == baseline.pair_count > 0
     assert len(baseline.self_pairs) == 171
-    assert len(baseline.scene_pairs) == 26 * len(load_scene(scene).obstacles)
+    assert len(baseline.scene_pairs) == 26 * len(ps.load_scene(scene).obstacles)
 
 
 def test_pair_by_pair_and_the_checker_give_the_same_verdicts() -> None:
-    checker, baseline = checker_of("bin"), PairwiseFcl(load_robot(queries.ROBOT), load_scene("bin"))
+    checker, baseline = checker_of("bin"), PairwiseFcl(ps.load_robot(queries.ROBOT), ps.load_scene("bin"))
     limits = checker.robot.limits
     Q = limits.lower + (limits.upper - limits.lower) * np.random.default_rng(5).random((200, 6))
     verdicts = [checker.state_is_free(q) for q in Q]
@@ -230,7 +203,7 @@ def test_pair_by_pair_and_the_checker_give_the_same_verdicts() -> None:
 
 
 def test_an_asked_edge_lists_the_states_that_are_judged_in_their_order() -> None:
-    checker = CollisionChecker(load_robot(queries.ROBOT), load_scene("post"), edge_step=MotionStep(0.010))
+    checker = ps.CollisionChecker(ps.load_robot(queries.ROBOT), ps.load_scene("post"), edge_step=ps.MotionStep(0.010))
     baseline = PairwiseFcl(checker.robot, checker.scene)
     edges = speed.asked_edges(checker, "post")
     assert {edge.free for edge in edges} == {True, False}
@@ -242,12 +215,6 @@ def test_an_asked_edge_lists_the_states_that_are_judged_in_their_order() -> None
 
 
 # --- reports and the command
-
-
-def test_percentiles_are_interpolated() -> None:
-    values = [1.0, 2.0, 3.0, 4.0]
-    assert p50(values) == 2.5
-    assert p95(values) == pytest.approx(3.85)
 
 
 def promising(*kept: bool) -> Report:
@@ -268,15 +235,8 @@ def test_rows_and_promises_are_written_for_machines(tmp_path: Path) -> None:
     assert content == {"some": {"rows": [{"row": 1}], "promises": [promise]}}
 
 
-def called(monkeypatch: pytest.MonkeyPatch, arguments: Sequence[str]) -> int:
-    monkeypatch.setattr(sys, "argv", ["benchmarks", *arguments])
-    return command.main()
-
-
-def test_the_command_measures_prints_and_writes(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert called(monkeypatch, ["toy", "--json", str(tmp_path / "toy.json")]) == 0
+def test_the_command_measures_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["toy", "--json", str(tmp_path / "toy.json")]) == 0
     assert "18,793" in capsys.readouterr().out
     assert len(json.loads((tmp_path / "toy.json").read_text("utf-8"))["toy"]["rows"]) == 50
 
@@ -285,9 +245,9 @@ def test_the_command_refuses_what_it_cannot_do_before_it_measures(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(toy, "run", lambda: pytest.fail("it is measured"))
-    assert called(monkeypatch, ["toy", "--json", str(tmp_path / "nowhere" / "toy.json")]) == 2
+    assert command.main(["toy", "--json", str(tmp_path / "nowhere" / "toy.json")]) == 2
     assert "has to be there" in capsys.readouterr().out
-    assert called(monkeypatch, ["differential", "--robot", "wxia"]) == 2
+    assert command.main(["differential", "--robot", "wxia"]) == 2
     assert "did you mean 'wxai'" in capsys.readouterr().out
     for arguments, told in (
         (["toy", "--seed", "3"], "argument --seed: toy has none"),
@@ -296,7 +256,7 @@ def test_the_command_refuses_what_it_cannot_do_before_it_measures(
         (["differential", "--seed", "-1"], "argument --seed: got '-1'; expected a whole number from 0"),
     ):
         with pytest.raises(SystemExit, match="2"):
-            called(monkeypatch, arguments)
+            command.main(arguments)
         assert told in capsys.readouterr().err
 
 
@@ -309,7 +269,7 @@ def test_ctrl_c_ends_every_command_without_a_traceback(
 
     monkeypatch.setattr(toy, "run", interrupted)
     monkeypatch.setattr("benchmarks.harness.gate.load_suite", interrupted)
-    assert called(monkeypatch, arguments) == 130
+    assert command.main(arguments) == 130
     assert capsys.readouterr().out == "interrupted\n"
 
 
@@ -326,17 +286,12 @@ def test_changed_queries_are_told_and_stored_only_when_asked(
 ) -> None:
     monkeypatch.setattr(queries, "FOLDER", tmp_path)
     monkeypatch.setattr(queries, "SCENES", {"post": SCENES["post"]})
-    assert called(monkeypatch, ["queries"]) == 1
+    assert command.main(["queries"]) == 1
     assert "python -m benchmarks queries --write" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
-    assert called(monkeypatch, ["queries", "--write"]) == 0
-    assert called(monkeypatch, ["queries"]) == 0
+    assert command.main(["queries", "--write"]) == 0
+    assert command.main(["queries"]) == 0
     assert [query.name for query in queries.load("post")][-1] == "post-19"
-
-
-def test_steps_are_named_after_what_they_are() -> None:
-    assert list(STEPS) == ["JointStep(0.02)", "MotionStep(0.010)"]
-    assert list(STEPS.values()) == [JointStep(0.02), MotionStep(0.010)]
 
 
 # --- the curves themselves
@@ -345,7 +300,7 @@ def test_steps_are_named_after_what_they_are() -> None:
 def test_drawn_scenes_and_queries_are_the_same_each_time_and_have_something_in_the_way() -> None:
     scene = drawn.draw_scene(3)
     assert scene.hash == drawn.draw_scene(3).hash != drawn.draw_scene(4).hash
-    asked, checker = list(drawn.draw_queries(3, scene)), CollisionChecker(load_robot(queries.ROBOT), scene)
+    asked, checker = list(drawn.draw_queries(3, scene)), ps.CollisionChecker(ps.load_robot(queries.ROBOT), scene)
     assert [q.start.tolist() for q in asked] == [q.start.tolist() for q in drawn.draw_queries(3, scene)]
     assert len(asked) == drawn.PER_SCENE
     assert all(checker.state_is_free(q) for query in asked for q in (query.start, query.goal))
@@ -354,18 +309,18 @@ def test_drawn_scenes_and_queries_are_the_same_each_time_and_have_something_in_t
 
 @pytest.fixture(scope="module")
 def shelf() -> proven.World:
-    return proven.World.of("shelf", load_scene("shelf"), queries.load("shelf")[:1])
+    return proven.World.of("shelf", ps.load_scene("shelf"), queries.load("shelf")[:1])
 
 
 @pytest.fixture(scope="module")
-def judged(shelf: proven.World) -> tuple[Row, JointPath]:
+def judged(shelf: proven.World) -> Judged:
     row, result = proven.measured(shelf, shelf.queries[0])
     assert result.path is not None
     return row, result.path
 
 
 def test_the_independent_checker_walks_a_curve_in_steps_that_bound_the_motion(
-    shelf: proven.World, judged: tuple[Row, JointPath]
+    shelf: proven.World, judged: Judged
 ) -> None:
     path = judged[1]
     walked = shelf.second.along(path, path.length, 0.002)
@@ -377,13 +332,13 @@ def test_the_independent_checker_walks_a_curve_in_steps_that_bound_the_motion(
 
 def test_the_independent_checker_finds_a_touch_in_the_middle_of_a_curve(shelf: proven.World) -> None:
     query = shelf.queries[0]
-    line = JointPath(np.array([query.start, query.goal]))  # blocked, and free at both ends
+    line = ps.JointPath(np.array([query.start, query.goal]))  # blocked, and free at both ends
     touch = shelf.second.curve_touch(line, line.length, 0.002)
     assert touch is not None
     assert shelf.second.touching(touch.q)
 
 
-def test_samples_of_a_path_are_at_most_a_step_apart_and_include_all_breaks(judged: tuple[Row, JointPath]) -> None:
+def test_samples_of_a_path_are_at_most_a_step_apart_and_include_all_breaks(judged: Judged) -> None:
     path = judged[1]
     s = sheets.samples(path, 0.05)
     assert np.diff(s).min() > 0.0
@@ -391,9 +346,9 @@ def test_samples_of_a_path_are_at_most_a_step_apart_and_include_all_breaks(judge
     assert np.isin(path.breaks, s).all()
 
 
-def test_sampled_peaks_come_close_to_the_exact_ones_from_below(judged: tuple[Row, JointPath]) -> None:
-    limits = load_robot(queries.ROBOT).limits
-    trajectory = SCurve().time_path(judged[1], limits)
+def test_sampled_peaks_come_close_to_the_exact_ones_from_below(judged: Judged) -> None:
+    limits = ps.load_robot(queries.ROBOT).limits
+    trajectory = ps.SCurve().time_path(judged[1], limits)
     found = peaks(trajectory, limits)
     exact = np.array([found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio])
     sampled = np.array(proven.sampled_peaks(trajectory, limits))
@@ -401,8 +356,8 @@ def test_sampled_peaks_come_close_to_the_exact_ones_from_below(judged: tuple[Row
     assert (sampled >= exact * 0.999).all()
 
 
-def test_rates_by_the_chain_rule_are_the_differences_of_a_motion(judged: tuple[Row, JointPath]) -> None:
-    trajectory = ToppRa().time_path(judged[1], load_robot(queries.ROBOT).limits)
+def test_rates_by_the_chain_rule_are_the_differences_of_a_motion(judged: Judged) -> None:
+    trajectory = ps.ToppRa().time_path(judged[1], ps.load_robot(queries.ROBOT).limits)
     on_blends = np.flatnonzero(trajectory.path.blended[trajectory.geometry])
     t = trajectory.knots[on_blends] + 0.4 * trajectory.durations[on_blends]
     h = 0.01 * trajectory.durations[on_blends].min()
@@ -411,13 +366,13 @@ def test_rates_by_the_chain_rule_are_the_differences_of_a_motion(judged: tuple[R
         assert np.abs(rate - differences).max() <= 1e-4 * np.abs(rate).max()
 
 
-def site(world: proven.World, path: JointPath, **changes: Any) -> sheets.Site:
+def site(world: proven.World, path: ps.JointPath, **changes: Any) -> sheets.Site:
     parts = {"name": "here", "robot": world.service.robot, "scene": world.scene, "path": path}
     return sheets.Site(**{**parts, "touches": lambda *_: True, **changes})
 
 
 def test_sheets_that_samples_miss_are_planted_and_each_is_caught(
-    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+    shelf: proven.World, judged: Judged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sheets, "STEPS", (0.1,))
     (row,) = proven.planted(shelf, shelf.queries[0], judged[1])
@@ -426,7 +381,7 @@ def test_sheets_that_samples_miss_are_planted_and_each_is_caught(
 
 
 def test_a_certificate_that_overlooks_a_sheet_has_not_caught_it(
-    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+    shelf: proven.World, judged: Judged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sheets, "Certifier", lambda robot, scene: shelf.certifier)
     found = sheets.plant(site(shelf, judged[1]), 0.1)
@@ -434,7 +389,7 @@ def test_a_certificate_that_overlooks_a_sheet_has_not_caught_it(
 
 
 def test_a_refusal_that_names_another_pair_has_not_caught_the_sheet(
-    shelf: proven.World, judged: tuple[Row, JointPath], monkeypatch: pytest.MonkeyPatch
+    shelf: proven.World, judged: Judged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     refused = Certificate(-math.inf, 1, 0.0, refusal=Refusal(0.0, 1.0, 0.5, "link_4", "board", "too close"))
     monkeypatch.setattr(sheets, "Certifier", lambda *_: SimpleNamespace(certify=lambda path: refused))
@@ -442,7 +397,7 @@ def test_a_refusal_that_names_another_pair_has_not_caught_the_sheet(
     assert found.touched > found.caught == 0
 
 
-def test_a_sheet_that_nothing_touches_counts_as_tried_only(shelf: proven.World, judged: tuple[Row, JointPath]) -> None:
+def test_a_sheet_that_nothing_touches_counts_as_tried_only(shelf: proven.World, judged: Judged) -> None:
     asked: list[object] = []
     found = sheets.plant(site(shelf, judged[1], touches=lambda *given: asked.append(given)), 0.1)
     assert asked
@@ -465,7 +420,7 @@ def good(row: Row) -> Row:
     return row | {law: row[law] | {"duration": share, "stops": 1.0} for law, share in shares}
 
 
-def test_a_measured_query_keeps_every_promise(judged: tuple[Row, JointPath]) -> None:
+def test_a_measured_query_keeps_every_promise(judged: Judged) -> None:
     assert broken_by(good(judged[0])) == []
 
 
@@ -488,16 +443,18 @@ def over(law: str, by: str, kind: str) -> Any:
         (lambda row: row | {"distances": row["plain"] * 0.51}, "bounds of plain bisection"),
     ],
 )
-def test_a_worse_figure_breaks_its_promise(judged: tuple[Row, JointPath], change: Any, promise: str) -> None:
+def test_a_worse_figure_breaks_its_promise(judged: Judged, change: Any, promise: str) -> None:
     assert any(promise in text for text in broken_by(change(good(judged[0]))))
 
 
 @pytest.mark.parametrize("planting", [{"caught": 39}, {"missed": 19}])
-def test_a_sheet_let_pass_or_too_few_missed_break_a_promise(judged: tuple[Row, JointPath], planting: Row) -> None:
+def test_a_sheet_let_pass_or_too_few_missed_break_a_promise(judged: Judged, planting: Row) -> None:
     assert len(broken_by(good(judged[0]), planting)) == len(sheets.STEPS)
 
 
-def test_an_uncertified_stored_query_breaks_a_promise_and_a_drawn_one_does_not(judged: tuple[Row, JointPath]) -> None:
+def test_an_uncertified_stored_query_breaks_a_promise_and_a_drawn_one_does_not(
+    judged: Judged,
+) -> None:
     rows = [{**good(judged[0]), "world": name} for name in proven_tables.NAMES]
     planted = [{"query": "q", "tried": 9, "touched": 40, "missed": 30, "caught": 40, "step": s} for s in sheets.STEPS]
     for world, kept in (("drawn", True), ("bin", False)):
@@ -516,8 +473,8 @@ def test_edges_are_judged_at_their_end_and_then_by_bisection() -> None:
 
 @pytest.mark.parametrize("kind", [plain_ompl.ONE_BY_ONE, *plain_ompl.BATCHED])
 def test_all_ways_to_ask_coal_say_of_an_edge_what_the_checker_says(kind: str) -> None:
-    robot, scene = load_robot(queries.ROBOT), load_scene("bin")
-    checker = CollisionChecker(robot, scene, edge_step=JointStep(0.05))
+    robot, scene = ps.load_robot(queries.ROBOT), ps.load_scene("bin")
+    checker = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(0.05))
     edges, verdicts = plain_ompl.coal_edges(robot, scene)[kind], []
     for a, b in backends.edges_of(checker, 60, seed=4):
         verdicts.append(checker.edge_is_free(a, b))
@@ -578,7 +535,7 @@ def test_a_reduced_run_finds_no_difference_between_fcl_and_the_kernel_in_any_ins
 def test_a_wrong_margin_is_a_difference_near_contact(wrong: float) -> None:
     robot, scene = backends.case("wxai bin")
     made = differential.kernels(robot, scene, wrong)
-    made["numpy"] = CollisionChecker(robot, scene, edge_step=JointStep(0.02), backend="numpy")
+    made["numpy"] = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(0.02), backend="numpy")
     found = differential.compare(made, differential.questions(robot, scene, 600, 60, seed=1))
     assert [tally.differences > 0 for (kind, _), tally in found.items() if kind == "near contact"] == [
         bool(instruction_sets())
@@ -599,24 +556,24 @@ def test_a_robot_that_is_not_compared_is_refused() -> None:
 
 
 def test_boxes_spread_over_the_workspace_leave_the_same_edges_free() -> None:
-    robot = load_robot(queries.ROBOT)
+    robot = ps.load_robot(queries.ROBOT)
     for size, scene in zip((10, 60), scaling.spread_scenes(robot, (10, 60)), strict=True):
         assert len(scene.obstacles) == size
-        checker = CollisionChecker(robot, scene)
+        checker = ps.CollisionChecker(robot, scene)
         assert all(checker.edge_is_free(a, b) for a, b in scaling.free_edges(robot))
         assert math.fsum(math.prod(o.shape.size) for o in scene.obstacles) == pytest.approx(scaling.VOLUME)  # type: ignore[union-attr]
 
 
 def test_a_scene_cut_into_pieces_fills_the_same_space() -> None:
-    robot, whole = load_robot(queries.ROBOT), load_scene("bin")
+    robot, whole = ps.load_robot(queries.ROBOT), ps.load_scene("bin")
     pieces = scaling.cut(whole, 80)
     assert len(pieces.obstacles) == 80
     volume = [
-        math.fsum(math.prod(o.shape.size) for o in scene.obstacles if isinstance(o.shape, Box))
+        math.fsum(math.prod(o.shape.size) for o in scene.obstacles if isinstance(o.shape, ps.Box))
         for scene in (whole, pieces)
     ]
     assert volume[1] == pytest.approx(volume[0], rel=1e-12)
-    checkers = [CollisionChecker(robot, scene) for scene in (whole, pieces)]
+    checkers = [ps.CollisionChecker(robot, scene) for scene in (whole, pieces)]
     for q in backends.states_of(checkers[0], 300, seed=6):
         assert checkers[0].state_is_free(q) == checkers[1].state_is_free(q)
 
@@ -643,17 +600,15 @@ def test_plans_and_straight_lines_are_timed_and_slow_ones_break_their_promise() 
 
 
 def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
-    service = PlannerService(queries.ROBOT, "post")
+    service = ps.PlannerService(queries.ROBOT, "post")
     for a, b in latency.free_lines(service.checker, 3):
-        result = service.plan(PlanRequest(a, b))
+        result = service.plan(ps.PlanRequest(a, b))
         assert result.ok
-        assert result.stage(Stage.SEARCH).counts.states == 0
+        assert result.stage(ps.Stage.SEARCH).counts.states == 0
 
 
-def test_without_an_argument_everything_there_is_is_listed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert called(monkeypatch, []) == 0
+def test_without_an_argument_everything_there_is_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main([]) == 0
     listed = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line[:1].strip()}
     assert listed == {"all", "differential", *command.MEASURES, *command.COMMANDS, *command.STORED}
 
@@ -667,8 +622,7 @@ def test_what_cannot_be_measured_is_told_and_ends_nothing_else(
     other = ModuleType("benchmarks.studies.queries_of_a_test")
     other.run = lambda: Report("other", (), (), (Promise("it is measured", "yes", True),))  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, other.__name__, other)
-    monkeypatch.setattr(sys, "argv", ["benchmarks", asked])
-    assert command.main() == code
+    assert command.main([asked]) == code
     told = capsys.readouterr().out
     assert "PLANNER_SERVICE_CHROMIUM: got None; expected the path of a Chromium" in told
     assert ("it is measured" in told) == (asked == "all")

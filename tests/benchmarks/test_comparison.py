@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -14,27 +13,10 @@ import pytest
 from rich.console import Console
 
 from benchmarks import __main__ as command
-from benchmarks.harness import comparison, rows
+from benchmarks.harness import comparison
 from benchmarks.harness import statistics as stats
-from benchmarks.harness.rows import Results, Row
-
-
-def row(problem: str, seed: int = 0, **changes: Any) -> Row:
-    checks = {
-        "search": {"states": 100, "edges": 10, "distances": 0},
-        "certify": {"states": 0, "edges": 0, "distances": 9},
-    }
-    base: Row = {"suite": "s", "problem": problem, "kind": problem[0], "robot": "r", "tool": "planner_service"}
-    base |= {"planner": "a", "seed": seed, "ok": True, "failure": None, "detail": "", "checks": checks, "seconds": {}}
-    base |= {"total_seconds": 0.1, "cpu_seconds": 0.1, "raw_length": 3.0, "length": 2.0, "duration": 1.0}
-    base |= {"clearance": 0.001, "peaks": None, "path_hash": "x"}
-    base["audit"] = {"step": 0.01, "verdict": "free", "depth": None, "pair": None}
-    return base | changes
-
-
-def counted(states: int) -> dict[str, Any]:
-    return {"search": {"states": states, "edges": 1, "distances": 1}}
-
+from benchmarks.harness.rows import Results
+from tests.benchmarks.results import counted, results_file, row
 
 # --- statistics
 
@@ -175,52 +157,34 @@ def test_a_tool_that_tells_no_counts_is_compared_by_what_it_tells() -> None:
 # --- the command
 
 
-HEADER = {
-    "version": 1,
-    "suite": "s",
-    "environment": {"python": "3", "platform": "p", "cpu": "c", "cores": 1, "versions": {}, "commit": None},
-    "command": [],
-}
+def called(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    return command.main(["compare", *map(str, arguments)]), capsys.readouterr().out
 
 
-def file(path: Path, *found: Row) -> str:
-    path.write_text("".join(map(rows.line_of, [{"header": HEADER}, *found])), "utf-8")
-    return str(path)
-
-
-def called(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    monkeypatch.setattr(sys, "argv", ["benchmarks", "compare", *arguments])
-    return command.main(), capsys.readouterr().out
-
-
-def test_the_command_compares_two_files_or_two_planners_of_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_compares_two_files_or_planners(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ours = [row(f"p{k}", planner=planner) for k in range(12) for planner in ("a", "b")]
-    one = file(tmp_path / "one.jsonl", *ours)
-    two = file(tmp_path / "two.jsonl", *(row(f"p{k}", checks=counted(50)) for k in range(12)))
-    alien = file(tmp_path / "peer.jsonl", *(row(f"p{k}", tool="vamp", planner="rrtc") for k in range(7)))
-    code, printed = called(monkeypatch, capsys, one)
+    one = results_file(tmp_path / "one.jsonl", *ours)
+    two = results_file(tmp_path / "two.jsonl", *(row(f"p{k}", checks=counted(50)) for k in range(12)))
+    alien = results_file(tmp_path / "peer.jsonl", *(row(f"p{k}", tool="vamp", planner="rrtc") for k in range(7)))
+    code, printed = called(capsys, one)
     assert code == 0
     assert "a, then b" in printed
-    assert "a, then b" in called(monkeypatch, capsys, one, "--planner", "a", "--planner", "b")[1]
-    assert "second less" in called(monkeypatch, capsys, one, two)[1]
-    code, printed = called(monkeypatch, capsys, one, alien)
+    assert "a, then b" in called(capsys, one, "--planner", "a", "--planner", "b")[1]
+    assert "second less" in called(capsys, one, two)[1]
+    code, printed = called(capsys, one, alien)
     assert code == 2
     assert "vamp rrtc" in printed
-    code, printed = called(monkeypatch, capsys, one, alien, "--planner", "a", "--planner", "vamp rrtc")
+    code, printed = called(capsys, one, alien, "--planner", "a", "--planner", "vamp rrtc")
     assert code == 0
     assert "a, then vamp rrtc" in printed
-    assert "unknown planner 'c'" in called(monkeypatch, capsys, one, "--planner", "c")[1]
+    assert "unknown planner 'c'" in called(capsys, one, "--planner", "c")[1]
 
 
-def test_the_command_says_what_cannot_be_compared(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    none = file(tmp_path / "none.jsonl")
-    one = file(tmp_path / "one.jsonl", row("p0"))
-    both = file(tmp_path / "both.jsonl", *(row("p0", planner=planner) for planner in ("a", "b")))
-    other = file(tmp_path / "other.jsonl", row("q0"))
+def test_the_command_says_what_cannot_be_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    none = results_file(tmp_path / "none.jsonl")
+    one = results_file(tmp_path / "one.jsonl", row("p0"))
+    both = results_file(tmp_path / "both.jsonl", *(row("p0", planner=planner) for planner in ("a", "b")))
+    other = results_file(tmp_path / "other.jsonl", row("q0"))
     for asked, told in (
         ((none,), "no row in it; expected at least one"),
         ((one, none), "no row in it; expected at least one"),
@@ -230,16 +194,14 @@ def test_the_command_says_what_cannot_be_compared(
         ((one, both, *("--planner", "a") * 3), "expected at most two, one of each file"),
         ((one, other), "a: they have no run of the same problem and seed in common"),
     ):
-        code, printed = called(monkeypatch, capsys, *asked)
+        code, printed = called(capsys, *asked)
         assert (code, told in printed) == (2, True), (asked, printed)
 
 
-def test_files_made_in_different_places_are_said_to_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    one, two = (file(tmp_path / f"{name}.jsonl", row("p0")) for name in ("one", "two"))
-    assert "different places" not in called(monkeypatch, capsys, one, two)[1]
-    Path(two).write_text(Path(two).read_text("utf-8").replace('"cpu":"c"', '"cpu":"fast"'), "utf-8")
-    code, printed = called(monkeypatch, capsys, one, two)
+def test_files_made_in_different_places_are_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, two = (results_file(tmp_path / f"{name}.jsonl", row("p0")) for name in ("one", "two"))
+    assert "different places" not in called(capsys, one, two)[1]
+    two.write_text(two.read_text("utf-8").replace("a <fast> one", "slow"), "utf-8")
+    code, printed = called(capsys, one, two)
     assert code == 0
-    assert "made in different places, times are not comparable: cpu c and fast" in printed
+    assert "made in different places, times are not comparable: cpu a <fast> one and slow" in printed

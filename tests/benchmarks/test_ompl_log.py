@@ -14,18 +14,17 @@ import pytest
 from benchmarks import __main__ as command
 from benchmarks.harness import ompl_log, rows
 from benchmarks.harness.rows import Results, Row
-from tests.benchmarks.test_comparison import HEADER, counted, file, row
+from tests.benchmarks.results import HEADER, UNASKED, counted, results_file, row
 
 WHEN = datetime(2026, 11, 21, 12, 0, tzinfo=timezone.utc)
 
 
 def found() -> tuple[Row, ...]:
     failed = {"ok": False, "failure": "CHECK_BUDGET_EXHAUSTED", "length": None, "duration": None, "clearance": None}
-    asked = {"step": None, "verdict": "not_asked", "depth": None, "pair": None}
     hit = {"step": 0.01, "verdict": "colliding", "depth": 0.1, "pair": ["a", "b"]}
     return (
         row("bin/0", checks={"straight line": {"states": 3, "edges": 1, "distances": 0}, **counted(40)}),
-        row("bin/1", 1, **failed, audit=asked, checks=counted(900)),
+        row("bin/1", 1, **failed, audit=UNASKED, checks=counted(900)),
         row("bin/0", planner="prm:milestones=200", seconds={"straight line": 0.25}, audit=hit),
         row("bin/1", tool="mplib", planner="rrt|connect", checks={}),
     )
@@ -57,8 +56,8 @@ def test_ompls_script_makes_one_row_of_each_run_and_one_column_of_each_count(dat
 
 def test_ompls_script_finds_the_experiment_and_what_enumerations_mean(database: sqlite3.Connection) -> None:
     told = database.execute("SELECT name, hostname, date, runcount, setup FROM experiments").fetchall()
-    assert [each[:4] for each in told] == [("s", "p", "2026-11-21 12:00:00", 2)]
-    assert '"suite": "s"' in told[0][4]
+    assert [each[:4] for each in told] == [("some", "Linux", "2026-11-21 12:00:00", 2)]
+    assert '"suite": "some"' in told[0][4]
     query = "SELECT description FROM runs JOIN enums ON enums.name = ? AND enums.value = {} ORDER BY id"
     meaning = {
         name: [text for (text,) in database.execute(query.format(name), (name,))]
@@ -79,9 +78,8 @@ def test_every_name_that_becomes_sql_is_letters_digits_and_blanks() -> None:
     assert lines[start - 4] == "planner_service_a_DROP_TABLE_runs"
 
 
-def test_the_command_writes_the_log_of_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    results, log = file(tmp_path / "a.jsonl", *found()), tmp_path / "a.log"
-    monkeypatch.setattr(sys, "argv", ["benchmarks", "export", results, "--ompl-log", str(log)])
-    assert command.main() == 0
-    assert log.read_text("utf-8").splitlines()[1] == "Experiment s"
-    assert rows.read(Path(results)).rows == found()
+def test_the_command_writes_the_log_of_a_file(tmp_path: Path) -> None:
+    results, log = results_file(tmp_path / "a.jsonl", *found()), tmp_path / "a.log"
+    assert command.main(["export", str(results), "--ompl-log", str(log)]) == 0
+    assert log.read_text("utf-8").splitlines()[1] == "Experiment some"
+    assert rows.read(results).rows == found()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
@@ -13,7 +12,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from benchmarks.harness.rows import Results, Row, line_of
+from benchmarks.harness.rows import Results, Row
 from benchmarks.pages import page
 from benchmarks.pages.page_builds import builds
 from benchmarks.pages.page_numbers import Sheet, paces, sheets_of
@@ -29,50 +28,23 @@ from benchmarks.pages.page_tables import (
 )
 from benchmarks.pages.pictures import pictures_of
 from planner_service.errors import InvalidFile, InvalidRequest
-
-HEADER: dict[str, Any] = {
-    "version": 1,
-    "suite": "some",
-    "environment": {
-        "python": "3.12.1",
-        "platform": "Linux",
-        "cpu": "a <fast> one",
-        "cores": 2,
-        "versions": {"ompl": "2.0.1"},
-        "commit": "abc123",
-        "instruction_set": "avx2",
-    },
-    "command": ["run", "--suite", "some"],
-}
-FREE = {"step": 0.01, "verdict": "free", "depth": None, "pair": None}
+from tests.benchmarks import results
+from tests.benchmarks.results import FREE, HEADER, UNASKED, counted, results_file
 
 
 def row(problem: int = 0, tool: str = "planner_service", planner: str = "rrtconnect", **changes: Any) -> Row:
     """A row with a path; numbers differ by problem."""
-    made: Row = {"suite": "some", "problem": f"box/{problem}", "kind": "box", "robot": "arm", "tool": tool}
-    made |= {"planner": planner, "seed": 0, "ok": True, "failure": None, "detail": ""}
+    made = results.row(f"box/{problem}", kind="box", tool=tool, planner=planner)
     counts = {"states": 100 * (problem + 1), "edges": 3, "distances": 0}
     made |= {"checks": {"search": counts, "shortcut": counts | {"states": 50}}}
-    made |= {
-        "seconds": {"search": 0.01 * (problem + 1), "timing": 0.005},
-        "total_seconds": 0.01 * (problem + 1) + 0.005,
-    }
-    made |= {
-        "cpu_seconds": 0.01 * (problem + 1) + 0.005,
-        "raw_length": 9.0,
-        "length": 5.0 + problem,
-        "duration": 2.5,
-        "clearance": 0.004,
-    }
-    made |= {"peaks": None, "path_hash": "00", "audit": FREE}
-    return {**made, **changes}
+    made |= {"seconds": {"search": 0.01 * (problem + 1), "timing": 0.005}, "cpu_seconds": 0.01 * (problem + 1) + 0.005}
+    return made | {"raw_length": 9.0, "length": 5.0 + problem, "duration": 2.5, "clearance": 0.004} | changes
 
 
 def failed(problem: int = 0, reason: str = "TIMED_OUT", detail: str = "out of time", **changes: Any) -> Row:
     """A row without a path."""
     nothing = dict.fromkeys(("raw_length", "length", "duration", "clearance", "path_hash"))
-    unasked = {"step": None, "verdict": "not_asked", "depth": None, "pair": None}
-    told: Row = {"ok": False, "failure": reason, "detail": detail, "audit": unasked}
+    told: Row = {"ok": False, "failure": reason, "detail": detail, "audit": UNASKED}
     return {**row(problem), **told, **nothing, **changes}
 
 
@@ -361,15 +333,13 @@ def test_few_rows_are_a_page_too(rows: tuple[Row, ...]) -> None:
 # --- the command
 
 
-def results_file(folder: Path, *found: Row) -> Path:
-    path = folder / "some.jsonl"
-    path.write_text("".join(map(line_of, [{"header": HEADER}, *found])), "utf-8")
-    return path
+def reported(*arguments: object, said: StringIO | None = None) -> int:
+    return page.main(list(map(str, arguments)), Console(file=said or StringIO(), width=200))
 
 
 def test_the_command_writes_the_page(tmp_path: Path) -> None:
     said, out = StringIO(), tmp_path / "report.html"
-    assert page.main([str(results_file(tmp_path, row())), "-o", str(out)], Console(file=said, width=200)) == 0
+    assert reported(results_file(tmp_path / "some.jsonl", row()), "-o", out, said=said) == 0
     assert out.read_text("utf-8").startswith("<!DOCTYPE html>")
     assert "1 rows of some" in said.getvalue()
 
@@ -377,9 +347,9 @@ def test_the_command_writes_the_page(tmp_path: Path) -> None:
 def test_the_command_renews_the_generated_part_of_a_text_and_nothing_else(tmp_path: Path) -> None:
     text = tmp_path / "benchmarks.md"
     text.write_text("# Ours\n\n<!-- generated: some -->\nyesterday\n<!-- end of some -->\n\nThe end.\n", "utf-8")
-    results = results_file(tmp_path, *many())
+    found = results_file(tmp_path / "some.jsonl", *many())
     for _ in range(2):
-        assert page.main([str(results), "--markdown", str(text)], Console(file=StringIO())) == 0
+        assert reported(found, "--markdown", text) == 0
         told = text.read_text("utf-8")
         assert told.startswith("# Ours\n\n<!-- generated: some -->\n")
         assert told.endswith("<!-- end of some -->\n\nThe end.\n")
@@ -392,15 +362,15 @@ def test_the_command_renews_the_generated_part_of_a_text_and_nothing_else(tmp_pa
 def test_a_text_without_the_part_is_refused(tmp_path: Path) -> None:
     text = tmp_path / "benchmarks.md"
     text.write_text("<!-- generated: some -->\n", "utf-8")
-    results = results_file(tmp_path, row())
+    found = results_file(tmp_path / "some.jsonl", row())
     with pytest.raises(InvalidFile, match="<!-- end of some --> is missing"):
-        page.main([str(results), "--markdown", str(text)], Console(file=StringIO()))
+        reported(found, "--markdown", text)
     assert text.read_text("utf-8") == "<!-- generated: some -->\n"
 
 
 def test_a_command_that_would_write_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
-        page.main([str(results_file(tmp_path, row()))], Console(file=StringIO()))
+        reported(results_file(tmp_path / "some.jsonl", row()))
     assert "nothing to write" in capsys.readouterr().err
 
 
@@ -409,28 +379,24 @@ def test_cells_of_a_markdown_table_cannot_break_it() -> None:
     assert table.markdown() == "| a | b |\n| --- | ---: |\n| x \\| y z &lt;b&gt; | **1 \\[2, 3] \\[4]** |\n"
 
 
-def test_rows_survive_the_way_through_a_file(tmp_path: Path) -> None:
-    lines = results_file(tmp_path, *many()).read_text("utf-8").splitlines()
-    assert [json.loads(line) for line in lines[1:]] == list(many())
-
-
 def test_results_without_a_row_are_no_page(tmp_path: Path) -> None:
+    empty, out = results_file(tmp_path / "some.jsonl"), tmp_path / "report.html"
     with pytest.raises(InvalidRequest, match="at least one row"):
-        page.main([str(results_file(tmp_path)), "-o", str(tmp_path / "report.html")], Console(file=StringIO()))
-    assert not (tmp_path / "report.html").exists()
+        reported(empty, "-o", out)
+    assert not out.exists()
 
 
 def test_nothing_is_written_where_one_of_both_files_cannot_be(tmp_path: Path) -> None:
-    text, results = tmp_path / "benchmarks.md", results_file(tmp_path, row())
+    text, found = tmp_path / "benchmarks.md", results_file(tmp_path / "some.jsonl", row())
     before = "<!-- generated: some -->\n<!-- end of some -->\n"
     text.write_text(before, "utf-8")
     out = tmp_path / "nowhere" / "report.html"
     with pytest.raises(InvalidFile, match="nowhere has to be there"):
-        page.main([str(results), "--markdown", str(text), "-o", str(out)], Console(file=StringIO()))
+        reported(found, "--markdown", text, "-o", out)
     assert text.read_text("utf-8") == before
     text.write_bytes(b"\xff" + before.encode())
     with pytest.raises(InvalidFile, match="not UTF-8: byte 0xff at 0"):
-        page.main([str(results), "--markdown", str(text)], Console(file=StringIO()))
+        reported(found, "--markdown", text)
 
 
 def test_commands_are_shown_so_that_they_can_be_repeated() -> None:
@@ -446,9 +412,9 @@ def test_commands_are_shown_so_that_they_can_be_repeated() -> None:
 def test_building_and_asking_are_told_apart() -> None:
     size = {"states": 1_000, "edges": 9, "distances": 0, "milestones": 5, "joined": 6, "cpu_seconds": 0.5}
     growing = {"roadmap": {"states": 1_000, "edges": 9, "distances": 0}}
-    once = [row(k, planner="roadmap", checks={"search": counted(20)}, built=size) for k in range(4)]
-    each = [row(k, planner="prm", checks=growing | {"search": counted(20)}) for k in range(4)]
-    trees = [row(k, checks={"search": counted(120)}) for k in range(4)]
+    once = [row(k, planner="roadmap", checks=counted(20), built=size) for k in range(4)]
+    each = [row(k, planner="prm", checks=growing | counted(20)) for k in range(4)]
+    trees = [row(k, checks=counted(120)) for k in range(4)]
     (sheet,) = sheets_of([Results(HEADER, (*trees, *once, *each))])
     found = builds(sheet)
     assert found is not None
@@ -460,10 +426,6 @@ def test_building_and_asking_are_told_apart() -> None:
     assert (told["prm"][-1], told["rrtconnect"][0]) == ("–", "–")
     assert "Building and asking" in page.page_of([sheet])
     assert "| built |" in page.filled("<!-- generated: some -->\n<!-- end of some -->\n", [sheet], Path("a.md"))
-
-
-def counted(states: int) -> dict[str, int]:
-    return {"states": states, "edges": 1, "distances": 0}
 
 
 def test_a_roadmap_that_saves_nothing_never_pays_and_without_any_there_is_no_table() -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from io import StringIO
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from benchmarks import __main__ as command
 from benchmarks.harness.report import Row
@@ -170,10 +167,9 @@ def test_a_large_roadmap_tells_its_size_and_costs_nothing_to_ask_again() -> None
     ("measure", "told"), [("toy", "toy has none; roadmaps and many take it"), ("many", "many has same, speed")]
 )
 def test_a_part_is_an_argument_of_measures_with_such_a_part(
-    measure: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: Any
+    measure: str, told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert {"roadmaps": tuple(PARTS), "many": tuple(many.PARTS)} == command.PARTS
-    monkeypatch.setattr(sys, "argv", ["benchmarks", measure, "--part", "warm"])
-    with pytest.raises(SystemExit):
-        command._measured(command._arguments(), Console(file=StringIO()))
+    with pytest.raises(SystemExit, match="2"):
+        command.main([measure, "--part", "warm"])
     assert f"--part: {told}" in capsys.readouterr().err

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import sys
 from dataclasses import replace
 from io import StringIO
 from itertools import islice
@@ -38,6 +37,7 @@ from planner_service import PRM, CollisionChecker, PlannerService, Roadmap, RRTC
 from planner_service.errors import BrokenInvariant, InvalidFile, InvalidRequest, UnknownName
 from planner_service.parallel import Engine, Lost, Processes
 from planner_service.planners import PLANNERS
+from tests.benchmarks.results import HEADER, results_file
 
 QUIET = Console(file=StringIO())
 
@@ -244,10 +244,10 @@ def test_a_roadmap_is_built_once_for_a_scene_and_seed_and_its_cost_is_told_apart
     assert rest == [first, second]
     assert first["states"] != second["states"]
     assert all("roadmap" not in row["checks"] and rows.states_of(row) < row["built"]["states"] for row in found)
-    told = rows.read(written(tmp_path / "a.jsonl", found)).rows
+    told = rows.read(results_file(tmp_path / "a.jsonl", *found)).rows
     assert list(told) == found
     with pytest.raises(InvalidFile, match=r"line 2\.built\.states"):
-        rows.read(written(tmp_path / "b.jsonl", [{**found[0], "built": {**first, "states": -1}}]))
+        rows.read(results_file(tmp_path / "b.jsonl", {**found[0], "built": {**first, "states": -1}}))
 
 
 def test_a_disc_has_no_scene_to_build_a_roadmap_for(tiny: Suite) -> None:
@@ -302,13 +302,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> list[rows.Row]:
 def test_a_row_tells_what_a_plan_cost_and_what_became_of_it(found: list[rows.Row]) -> None:
     row = found[0]
     assert {name for name, field in rows.RowRecord.model_fields.items() if field.is_required()} <= set(row)
-    assert (row["suite"], row["problem"], row["planner"], row["seed"], row["ok"]) == (
-        "tiny",
-        "bin/0",
-        "rrtconnect",
-        0,
-        True,
-    )
+    told = [row[key] for key in ("suite", "problem", "planner", "seed", "ok")]
+    assert told == ["tiny", "bin/0", "rrtconnect", 0, True]
     assert set(row["checks"]) == set(row["seconds"]) >= {"search", "shortcut", "certify"}
     assert rows.states_of(row) == sum(counts["states"] for counts in row["checks"].values()) > 0
     assert 0.0 < row["length"] <= row["raw_length"]
@@ -317,15 +312,14 @@ def test_a_row_tells_what_a_plan_cost_and_what_became_of_it(found: list[rows.Row
     assert row["audit"] == {"step": 0.01, "verdict": "free", "depth": None, "pair": None}
 
 
+SAME = ("checks", "path_hash", "length")
+
+
 def test_the_same_job_has_the_same_counts_and_bits_again(found: list[rows.Row], tiny: Suite) -> None:
     for row, job in zip(found, runner.jobs_of(tiny), strict=True):
         again = job.row()
         assert rows.key_of(row) == rows.key_of(again) == job.key
-        assert (row["checks"], row["path_hash"], row["length"]) == (
-            again["checks"],
-            again["path_hash"],
-            again["length"],
-        )
+        assert [row[key] for key in SAME] == [again[key] for key in SAME]
 
 
 def test_the_lesson_is_a_planner_of_its_own_tool(found: list[rows.Row]) -> None:
@@ -390,21 +384,8 @@ def test_audited_configurations_are_at_most_a_step_apart_and_include_the_waypoin
 # --- files
 
 
-HEADER = {
-    "version": 1,
-    "suite": "tiny",
-    "environment": {"python": "3", "platform": "p", "cpu": "c", "cores": 1, "versions": {}, "commit": None},
-    "command": [],
-}
-
-
-def written(path: Path, found: list[rows.Row], tail: str = "") -> Path:
-    path.write_text("".join(map(rows.line_of, [{"header": HEADER}, *found])) + tail, "utf-8")
-    return path
-
-
 def test_what_is_written_reads_back_and_a_torn_last_line_is_left_out(tmp_path: Path, found: list[rows.Row]) -> None:
-    results = rows.read(written(tmp_path / "a.jsonl", found, '{"suite": "ti'))
+    results = rows.read(results_file(tmp_path / "a.jsonl", *found, tail='{"suite": "ti'))
     assert list(results.rows) == found
     assert results.header == HEADER
     with rows.appending(tmp_path / "a.jsonl", results) as put:
@@ -425,13 +406,13 @@ def test_what_is_written_reads_back_and_a_torn_last_line_is_left_out(tmp_path: P
 def test_a_row_that_is_none_is_told_by_its_line(
     tmp_path: Path, found: list[rows.Row], change: dict[str, Any], told: str
 ) -> None:
-    file = written(tmp_path / "a.jsonl", [{**found[0], **change}])
+    file = results_file(tmp_path / "a.jsonl", {**found[0], **change})
     with pytest.raises(InvalidFile, match=told):
         rows.read(file)
 
 
 def test_what_a_tool_tells_besides_is_looked_at_too(tmp_path: Path, found: list[rows.Row]) -> None:
-    file = written(tmp_path / "a.jsonl", [{**found[0], "versions": 7, "audits": {"path": 5}}])
+    file = results_file(tmp_path / "a.jsonl", {**found[0], "versions": 7, "audits": {"path": 5}})
     with pytest.raises(InvalidFile) as caught:
         rows.read(file)
     places = [problem.partition(":")[0] for problem in caught.value.problems]
@@ -439,7 +420,7 @@ def test_what_a_tool_tells_besides_is_looked_at_too(tmp_path: Path, found: list[
 
 
 def test_a_line_that_is_no_json_is_told_once_by_its_number(tmp_path: Path, found: list[rows.Row]) -> None:
-    file = written(tmp_path / "a.jsonl", found[:1], f"\ngarbage\n{rows.line_of({**found[0], 'seed': -1})}")
+    file = results_file(tmp_path / "a.jsonl", *found[:1], tail=f"\ngarbage\n{rows.line_of({**found[0], 'seed': -1})}")
     with pytest.raises(InvalidFile) as caught:
         rows.read(file)
     malformed, seed = caught.value.problems
@@ -448,7 +429,7 @@ def test_a_line_that_is_no_json_is_told_once_by_its_number(tmp_path: Path, found
 
 
 def test_a_file_of_another_version_is_refused_by_its_version(tmp_path: Path, found: list[rows.Row]) -> None:
-    text = written(tmp_path / "a.jsonl", found).read_text("utf-8").replace('"version":1', '"version":2', 1)
+    text = results_file(tmp_path / "a.jsonl", *found).read_text("utf-8").replace('"version":1', '"version":2', 1)
     (tmp_path / "a.jsonl").write_text(text, "utf-8")
     with pytest.raises(InvalidFile, match=r"header\.version: got 2; expected version 1"):
         rows.read(tmp_path / "a.jsonl")
@@ -529,24 +510,15 @@ def test_rows_are_not_put_beside_others_of_another_suite_or_code(
         runner.run(jobs, out, ["run"], QUIET)
 
 
-def called(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr(sys, "argv", ["benchmarks", *arguments])
-    return command.main()
-
-
 def test_the_command_runs_a_suite_and_says_what_is_wrong_with_its_options(
-    tiny: Suite,
-    tmp_path: Path,
-    counted: list[rows.Key],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tiny: Suite, tmp_path: Path, counted: list[rows.Key], capsys: pytest.CaptureFixture[str]
 ) -> None:
     suite, out = str(tmp_path / "tiny.toml"), str(tmp_path / "out.jsonl")
-    assert called(monkeypatch, "run", "--suite", suite, "--planner", "lesson", "--seeds", "0:2", "--out", out) == 0
+    assert command.main(["run", "--suite", suite, "--planner", "lesson", "--seeds", "0:2", "--out", out]) == 0
     printed = capsys.readouterr().out
     assert "4 rows in" in printed
     assert len(rows.read(Path(out)).rows) == 4
-    assert called(monkeypatch, "run", "--suite", suite, "--planner", "rrtconect", "--out", out) == 2
+    assert command.main(["run", "--suite", suite, "--planner", "rrtconect", "--out", out]) == 2
     assert "did you mean 'rrtconnect'" in capsys.readouterr().out
 
 
@@ -558,32 +530,28 @@ def test_ctrl_c_ends_the_command_with_what_to_do_next(
 
     monkeypatch.setattr(runner, "warm", interrupted)
     out = str(tmp_path / "out.jsonl")
-    assert called(monkeypatch, "run", "--suite", str(tmp_path / "tiny.toml"), "--out", out) == 130
+    assert command.main(["run", "--suite", str(tmp_path / "tiny.toml"), "--out", out]) == 130
     assert "the same command goes on" in " ".join(capsys.readouterr().out.split())
     assert json.loads(Path(out).read_text("utf-8").splitlines()[0])["header"]["suite"] == "tiny"
 
 
 def test_the_folder_of_a_results_file_is_made(
-    tiny: Suite,
-    tmp_path: Path,
-    counted: list[rows.Key],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tiny: Suite, tmp_path: Path, counted: list[rows.Key], capsys: pytest.CaptureFixture[str]
 ) -> None:
     suite, out = str(tmp_path / "tiny.toml"), tmp_path / "results" / "new" / "x.jsonl"
-    assert called(monkeypatch, "run", "--suite", suite, "--seeds", "0:2", "--out", str(out)) == 0
+    assert command.main(["run", "--suite", suite, "--seeds", "0:2", "--out", str(out)]) == 0
     assert len(rows.read(out).rows) == 8
     capsys.readouterr()
-    assert called(monkeypatch, "run", "--suite", suite, "--out", str(out / "y.jsonl")) == 2
+    assert command.main(["run", "--suite", suite, "--out", str(out / "y.jsonl")]) == 2
     assert "cannot be made" in capsys.readouterr().out
 
 
 def test_no_seeds_at_all_are_not_those_of_the_suite(
-    tiny: Suite, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tiny: Suite, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "x.jsonl"
-    asked = ("run", "--suite", str(tmp_path / "tiny.toml"), "--seeds", "", "--out", str(out))
-    assert called(monkeypatch, *asked) == 2
+    asked = ["run", "--suite", str(tmp_path / "tiny.toml"), "--seeds", "", "--out", str(out)]
+    assert command.main(asked) == 2
     assert "seeds: got ''" in capsys.readouterr().out
     assert not out.exists()
 
