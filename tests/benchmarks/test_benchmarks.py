@@ -28,6 +28,7 @@ from benchmarks.studies import (
     differential,
     latency,
     panda,
+    planners,
     proven,
     proven_tables,
     scaling,
@@ -43,6 +44,7 @@ from planner_service.certify import Certificate, Refusal
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
+from planner_service.planners import PLANNERS
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import SearchProblem, joint_distance
 from planner_service.timing.limit_check import peaks
@@ -215,6 +217,11 @@ def test_an_asked_edge_lists_the_states_that_are_judged_in_their_order() -> None
 
 
 # --- reports and the command
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_every_planner_has_the_settings_with_which_it_is_compared(name: str) -> None:
+    assert planners._planner(name).name == name
 
 
 def promising(*kept: bool) -> Report:
