@@ -248,7 +248,7 @@ def _methods() -> Calls:
     roadmap = ps.Roadmap.of([[0.0, 0.0], [1.0, 1.0]], [[0, 1]])
     arm, wxai = ps.load_robot("planar2"), ps.load_robot("wxai")
     q = [0.1, 0.5]
-    timing = {"path": path, "limits": _limits(), "speed_limit": None}
+    timing, reached = {"path": path, "limits": _limits(), "speed_limit": None}, ps.Pose((0.3, 0.0, 0.2))
     yield from (
         _call(scene.obstacle, name="a"),
         _call(scene.with_obstacle, obstacle=ps.Obstacle("c", ps.Sphere(0.1))),
@@ -280,9 +280,7 @@ def _methods() -> Calls:
         _call(arm.reach, extra=((1, ps.Sphere(0.1), ps.Pose()),)),
         _call(wxai.with_gripper, width=0.04),
         _call(wxai.locked, joints={wxai.joint_names[0]: 0.0}),
-        _call(
-            ps.inverse_kinematics, robot=wxai, pose=ps.Pose((0.3, 0.0, 0.2)), seed=0, seeds=[wxai.home], still=wxai.home
-        ),
+        _call(ps.inverse_kinematics, robot=wxai, pose=reached, seed=0, seeds=[wxai.home], still=wxai.home),
         _call(straight_tool_line, robot=wxai, q_start=wxai.home, to=(0.0, 0.0, 0.01), points=5),
         _call(contact_table, robot=arm, samples=10, max_bounds=1_000),
     )
@@ -319,6 +317,8 @@ def _planning(folder: Path) -> Calls:
     few = ps.PRM(milestones=10, neighbours=3, max_checks=500)
     roadmap = service.build_roadmap(few)
     edge, token = {"q1": q, "q2": near, "known": Known.NEITHER}, ps.CancelToken()
+    moving, pace = {"previous": result, "at_time": 0.01, "latency": 0.01}, Pace(ps.Trapezoidal())
+    world = {"robot": arm, "scene": scene}
     yield from (
         _call(ps.PlannerService, robot="planar2", scene="discs", edge_step=ps.MotionStep(0.01), allowed=()),
         _call(service.with_scene, scene=scene),
@@ -332,25 +332,9 @@ def _planning(folder: Path) -> Calls:
                 {"requests": [request], "engine": Sequential()},
             ),
         ),
-        _call(
-            service.replan,
-            previous=result,
-            at_time=0.01,
-            latency=0.01,
-            scene=scene,
-            goal=near,
-            request=request,
-            cancel=token,
-        ),
+        _call(service.replan, **moving, scene=scene, goal=near, request=request, cancel=token),
         _call(service.certify, path=path, padding=0.001, exempt=(), part=(0.0, path.length)),
-        _call(
-            service.follow,
-            waypoints=[q, near],
-            contacts=(),
-            pace=Pace(ps.Trapezoidal()),
-            blends=[0.0, 0.0],
-            cancel=token,
-        ),
+        _call(service.follow, waypoints=[q, near], contacts=(), pace=pace, blends=[0.0, 0.0], cancel=token),
         _call(service.build_roadmap, planner=few, seed=0, padding=0.001, progress=False, cancel=token),
         _call(service.path_memory, padding=0.001),
         _call(service.update_roadmap, roadmap=roadmap, cancel=token),
@@ -358,15 +342,7 @@ def _planning(folder: Path) -> Calls:
         _call(best_of_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(plan_seeds, service=service, request=request, seeds=[0], engine=Sequential()),
         _call(result.stage, stage=ps.Stage.SEARCH),
-        _call(
-            ps.CollisionChecker,
-            robot=arm,
-            scene=scene,
-            edge_step=ps.MotionStep(),
-            padding=0.0,
-            allowed=(),
-            backend="auto",
-        ),
+        _call(ps.CollisionChecker, **world, edge_step=ps.MotionStep(), padding=0.0, allowed=(), backend="auto"),
         _call(checker.variant, padding=0.001, allowed=(), motion_step=0.01),
         _call(checker.state_is_free, q=q),
         _call(checker.states_are_free, Q=[q, near]),
@@ -385,7 +361,7 @@ def _planning(folder: Path) -> Calls:
         _call(checker.near, Q=[q], within=0.05),
         _call(checker.pair_names, pair=0),
         _call(checker.contacts, q=q),
-        _call(Certifier, robot=arm, scene=scene, allowed=(), backend="auto"),
+        _call(Certifier, **world, allowed=(), backend="auto"),
         _call(certifier.certify, path=path, padding=0.001, exempt=(), part=(0.0, path.length)),
         _call(certifier.certify_edge, q1=q, q2=near, padding=0.001),
         _call(certifier.roots, length=1.0, exempt=()),
@@ -406,35 +382,15 @@ def _tasks(folder: Path) -> Calls:
     grasp = ps.top_grasps(robot, block)[:1]
     held = ps.Attached("held", ps.Box((0.02, 0.02, 0.02)), ps.Pose((0.0, 0.0, 0.0)))
     carrying = ps.PlannerService(robot, ps.Scene((tray,), (held,)))
+    moving, pace = {"service": service, "start": robot.home}, Pace(ps.Trapezoidal())
+    handling = ps.Handling(request=request)
     yield from (
         _call(ps.top_grasps, robot=robot, target=block, tilts=(0.0,)),
         _call(places_on, target=block, support=tray),
         _call(standing_on, scene=scene, name="blue_block"),
-        _call(
-            ps.move_linear,
-            service=service,
-            start=robot.home,
-            goal=(0.0, 0.0, 0.01),
-            points=5,
-            pace=Pace(ps.Trapezoidal()),
-            cancel=ps.CancelToken(),
-        ),
-        _call(
-            ps.pick,
-            service=service,
-            q=robot.home,
-            target="blue_block",
-            grasps=grasp,
-            handling=ps.Handling(request=request),
-        ),
-        _call(
-            ps.place,
-            service=carrying,
-            q=robot.home,
-            carried="held",
-            poses=[tray.pose],
-            handling=ps.Handling(request=request),
-        ),
+        _call(ps.move_linear, **moving, goal=(0.0, 0.0, 0.01), points=5, pace=pace, cancel=ps.CancelToken()),
+        _call(ps.pick, service=service, q=robot.home, target="blue_block", grasps=grasp, handling=handling),
+        _call(ps.place, service=carrying, q=robot.home, carried="held", poses=[tray.pose], handling=handling),
         _call(plan_pick_place, service=service, target="blue_block", onto="tray", request=request),
     )
 
@@ -459,22 +415,13 @@ def _files(folder: Path) -> Calls:
     np.save(heights, np.array([[0.1, 0.2]]))
     service = ps.PlannerService("planar2", "discs")
     service.path_memory().save(roadmap)
-    read = {"path": folder / "nothing-there"}
+    read, description = {"path": folder / "nothing-there"}, {"path": urdf, "tool_frame": "tip", "srdf": None}
     yield from (
         _call(ps.load_robot, name_or_path="planar2"),
         _call(ps.load_scene, name_or_path="discs"),
         _call(load_world, name_or_path="discs"),
         _call(ps.save_scene, ("path",), scene=ps.Scene(), path=folder / "out.toml"),
-        _call(
-            ps.Robot.from_urdf,
-            path=urdf,
-            tool_frame="tip",
-            srdf=None,
-            package_dirs=(folder,),
-            locked_joints={},
-            joints=("j",),
-            decompose={},
-        ),
+        _call(ps.Robot.from_urdf, **description, package_dirs=(folder,), locked_joints={}, joints=("j",), decompose={}),
         _call(import_robot, ("out",), source=Source(urdf), out=folder / "imported", force=True),
         _call(ps.Mesh.from_file, path=mesh, scale=(1.0, 1.0, 1.0)),
         _call(ps.Compound.of_mesh, path=mesh, scale=(1.0, 1.0, 1.0), most=2),
