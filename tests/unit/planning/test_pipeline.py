@@ -245,6 +245,11 @@ def test_stages_are_logged_for_debugging_and_retries_as_information(
     assert retries == [f"attempt {k}" for k in range(2, result.attempts + 1)] != []
 
 
+def test_a_search_that_gives_up_says_what_was_most_in_the_way(discs: PlannerService) -> None:
+    failure = present(discs.plan(asked(max_checks=100)).failure)
+    assert failure.detail.endswith("; whether a path exists is unknown; most in the way: forearm x lesson_disc (100%)")
+
+
 def test_the_corner_where_a_way_out_ends_is_no_blend() -> None:
     service = PlannerService("wxai", "table")
     sleep, to = service.robot.pose("sleep"), service.robot.retreats[0].to
@@ -396,6 +401,13 @@ def test_contact_that_is_meant_on_one_side_of_a_corner_is_not_meant_on_its_blend
     assert not service.checker.blend_is_free(blend, 1), "or this tests nothing"
     assert result.unwrap()[0].blends[1] < 0.1
     assert result.exempt[0].s_start == pytest.approx(0.35)
+
+
+def test_where_a_given_polyline_collides_is_said(discs: PlannerService) -> None:
+    inside = (math.atan2(0.6, 1.1), 0.0)
+    out, into = (present(discs.follow(points).failure) for points in ([inside, START], [START, inside]))
+    assert (out.reason, into.reason) == (Reason.START_IN_COLLISION, Reason.LINE_BLOCKED)
+    assert out.detail.startswith("start in collision: forearm x lesson_disc")
 
 
 def test_waypoints_that_coincide_leave_corners_as_stops(discs: PlannerService) -> None:

@@ -36,6 +36,7 @@ from planner_service import (
     SCurve,
     Stage,
     ToppRa,
+    load_robot,
     load_scene,
 )
 from planner_service.certify import Certifier
@@ -45,7 +46,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Chomp, Figures, MethodResult, Optimum, TrajOpt
 from planner_service.optimize.problem import CurveProblem
 from planner_service.planning.accounting import NoPlan
-from planner_service.planning.polishing import judged
+from planner_service.planning.polishing import BENT, judged, lines
 from planner_service.planning.timing_stage import timed
 from planner_service.records.plan_file import SavedPlan, load_plan, save_plan
 from tests.integration.test_pins import OTHER_CPU
@@ -484,6 +485,19 @@ def test_the_command_line_tells_what_optimising_came_to() -> None:
     assert done.exit_code == 0
     assert "optimised: length" in done.output
     assert "trajopt" in done.output
+
+
+def test_lines_bend_at_points_around_their_middle_inside_the_limits() -> None:
+    robot = load_robot("wxai")
+    start, goal = robot.home, robot.limits.lower
+    straight, *bent = lines((start, goal), Optimise(starts=20), 3, robot)
+    assert straight.tolist() == [start.tolist(), goal.tolist()]
+    aside = max(BENT, BENT * math.dist(start, goal))
+    middle = np.array([points[1] for points in bent])
+    assert len({tuple(q) for q in middle.tolist()}) == 19
+    assert ((middle >= robot.limits.lower) & (middle <= robot.limits.upper)).all()
+    free = (middle > robot.limits.lower) & (middle < robot.limits.upper)
+    assert (np.abs(middle - (start + goal) / 2.0)[free] <= aside).all()
 
 
 def test_the_command_line_optimises_lines() -> None:

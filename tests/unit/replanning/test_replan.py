@@ -53,7 +53,6 @@ from planner_service.replanning import Outcome, Replanned
 from planner_service.replanning.splice import HOLD, Underway
 from planner_service.scene.scene import Scene
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
-from planner_service.timing.laws import TimingFailed
 from planner_service.timing.limit_check import peaks
 from tests.support.optional import present
 
@@ -688,18 +687,6 @@ def test_a_part_that_is_not_on_the_path_is_refused(part: tuple[float, float]) ->
     path = JointPath(np.array([[0.0, 0.0], [2.4, 0.0]]))
     with pytest.raises(InvalidRequest, match="part"):
         Certifier(robot, EMPTY).certify(path, part=part)
-
-
-def test_a_law_that_goes_on_from_a_speed_is_the_rest_of_the_fastest() -> None:
-    path, limits = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]])), room().robot.limits
-    phases = ToppRa().continue_to_rest(path, limits, 0.25, 1.0)
-    assert math.fsum(phase.duration for phase in phases) == pytest.approx(1.75 / 1.0 + 1.0 / 4.0, rel=1e-12)
-
-
-def test_a_speed_from_which_nothing_slows_down_in_time_is_refused() -> None:
-    path, limits = JointPath(np.array([[0.0, 0.0], [2.0, 0.0]])), room().robot.limits
-    with pytest.raises(TimingFailed, match=r"no motion from s = 1\.9 at ds/dt = .* to rest keeps the limits"):
-        ToppRa().continue_to_rest(path, limits, 1.9, 1.0)
 
 
 def straight_part(begin: float, rate: float, seconds: float, end: float) -> Trajectory:

@@ -17,6 +17,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
 from planner_service.timing.laws import SCurve, Timing, TimingFailed, ToppRa, Trapezoidal, stop_duration, within_limits
 from planner_service.timing.limit_check import peaks
+from planner_service.timing.profiles import ScalarLimits, Section, TooFast, speed_profile
 from tests.unit.timing.test_laws import HELD, law_cases, limits, line
 from tests.unit.timing.test_limit_check import blended, rounded_corners
 
@@ -195,6 +196,47 @@ def test_an_s_curve_passes_a_blend_at_the_speed_that_jerk_allows() -> None:
 def test_a_blend_is_passed_at_the_speed_that_velocity_allows(law: Timing) -> None:
     trajectory = law.time_path(right_angle(0.2), limits(2, 0.1, 30.0, 900.0))
     assert trajectory.s(trajectory.duration / 2, 1) == pytest.approx(0.1, rel=1e-12)
+
+
+def test_a_straight_line_is_entered_at_most_as_fast_as_it_can_be_braked() -> None:
+    section = Section(0.5, 1.0, ScalarLimits(10.0, 2.0, math.inf), False)
+    assert speed_profile([section], 2.0 * (1.0 + 1e-12))[-1] == pytest.approx((1.0, 0.5, 2.0, -2.0, 0.0))
+    with pytest.raises(TooFast, match="too fast to slow down in time"):
+        speed_profile([section], 2.0 * (1.0 + 1e-6))
+
+
+def test_a_blend_is_entered_at_most_as_fast_as_it_can_be_passed() -> None:
+    sections = [
+        Section(0.0, 0.4, ScalarLimits(1.0, math.inf, math.inf), True),
+        Section(0.4, 1.0, ScalarLimits(10.0, 2.0, math.inf), False),
+    ]
+    assert speed_profile(sections, 0.8)[0] == (0.5, 0.0, 0.8, 0.0, 0.0)
+    with pytest.raises(TooFast):
+        speed_profile(sections, 1.1)
+
+
+def test_a_law_that_goes_on_from_a_speed_is_the_rest_of_the_fastest() -> None:
+    phases = ToppRa().continue_to_rest(line(2.0, 0.0), limits(2, 1.0, 2.0), 0.25, 1.0)
+    assert math.fsum(phase.duration for phase in phases) == pytest.approx(1.75 / 1.0 + 1.0 / 4.0, rel=1e-12)
+
+
+def test_a_speed_from_which_nothing_slows_down_in_time_is_refused() -> None:
+    with pytest.raises(TimingFailed, match=r"no motion from s = 1\.9 at ds/dt = .* to rest keeps the limits"):
+        ToppRa().continue_to_rest(line(2.0, 0.0), limits(2, 1.0, 2.0), 1.9, 1.0)
+
+
+@pytest.mark.parametrize("start", [0.5, 1.5, 2.5, 3.5])
+def test_what_goes_on_from_a_speed_rests_at_the_corners_ahead_and_holds_the_limits(start: float) -> None:
+    path = blended([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [2.0, 1.0], [2.0, 2.0]], [0.0, 0.3, 0.0, 0.3, 0.0])
+    slow = limits(2, 1.57, 1.0)
+    phases = np.array(ToppRa().continue_to_rest(path, slow, start, 0.2))
+    law = phases[:, 1:] / [1.0, 1.0, 2.0, 6.0]
+    trajectory = Trajectory(path, phases[:, 0], law, 1.0, (start, path.length))
+    assert trajectory.begin == start
+    assert trajectory.s(0.0, 1) == 0.2
+    at_rest = law[1:, 0][law[1:, 1] == 0.0]
+    assert at_rest == pytest.approx(path.knots[[2]] if start < path.knots[2] else [])
+    assert peaks(trajectory, slow).highest < 1.005
 
 
 def test_a_short_way_from_a_stop_bounds_the_speed_on_a_blend() -> None:
