@@ -241,6 +241,7 @@ def test_limits_hold_while_distances_are_asked() -> None:
         (np.array([[0.0, math.nan]]), 0.05, r"Q\[0\]"),
         (np.array([[0.0, 0.0], [0.0, 9.0]]), 0.05, r"Q\[1\]"),
         (np.zeros((1, 2)), -0.1, "within"),
+        (np.zeros((1, 2)), 1.5, "within"),
         (np.zeros((1, 2)), math.nan, "within"),
     ],
 )
