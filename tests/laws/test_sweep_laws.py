@@ -212,13 +212,14 @@ def test_what_does_not_move_is_in_nobodys_way() -> None:
 
 @pytest.mark.parametrize("padding", [0.0, 0.004])
 @pytest.mark.parametrize(("more", "clear"), [(1.1e-5, True), (0.9e-5, False)])
-def test_a_motion_keeps_ten_micrometres_and_seven_quarters_of_the_padding(
-    padding: float, more: float, clear: bool
+@pytest.mark.parametrize(("radius", "doubt"), [(0.02, 0.0), (0.0005, 0.0005)])
+def test_a_motion_keeps_ten_micrometres_and_seven_quarters_of_the_padding_and_small_solids_half_a_millimetre(
+    padding: float, more: float, clear: bool, radius: float, doubt: float
 ) -> None:
     robot = load_robot("wxai")
     x, y, z = (robot.tool_pose(robot.home) @ np.array([0.1, 0.0, 0.0, 1.0]))[:3].tolist()
-    table = Obstacle("table", Box((0.04, 0.04, 0.02)), Pose((x, y, z - 0.03 - 1.75 * padding - more)))
-    scene = Scene((table,), (Attached("ball", Sphere(0.02), Pose((0.1, 0.0, 0.0))),))
+    table = Obstacle("table", Box((0.04, 0.04, 0.02)), Pose((x, y, z - 0.01 - radius - doubt - 1.75 * padding - more)))
+    scene = Scene((table,), (Attached("ball", Sphere(radius), Pose((0.1, 0.0, 0.0))),))
     home = robot.home[None]
     assert Sweep(CollisionChecker(robot, scene, padding=padding), ["table"]).still_free(home, home).tolist() == [clear]
 
