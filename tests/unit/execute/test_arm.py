@@ -192,6 +192,10 @@ def test_limits_that_make_no_sense_are_refused(velocity: float, upper: float) ->
         ArmLimits(np.zeros(6), np.full(6, upper), np.full(6, velocity))
 
 
+def test_a_joint_of_an_arm_may_be_held_in_one_place() -> None:
+    assert ArmLimits(np.ones(6), np.ones(6), np.ones(6)).upper.tolist() == [1.0] * 6
+
+
 def test_an_arm_that_says_it_may_be_faster_than_the_robot_is_not_driven_faster(arm: FakeArm) -> None:
     motion = there().unwrap()[1].dilated(0.05)
     arm.velocity = 1e6
