@@ -53,8 +53,8 @@ class Rehearsal:
         """The figures, of plain JSON values."""
         return {
             **self.report.document(),
-            "contacts": [_told(contact) for contact in self.contacts],
-            "meant_contacts": [_told(contact) for contact in self.meant],
+            "contacts": [_record(contact) for contact in self.contacts],
+            "meant_contacts": [_record(contact) for contact in self.meant],
             "loose": {
                 name: {"position": list(pose.position), "quaternion_wxyz": list(pose.quaternion)}
                 for name, pose in self.loose.items()
@@ -118,5 +118,5 @@ def taken(plan: Executable, robot: Robot) -> tuple[str, ...]:
     return tuple(sorted({owner.name for pair in pairs if pair & fingers for owner in pair - fingers}))
 
 
-def _told(contact: ArmContact) -> dict[str, Any]:
+def _record(contact: ArmContact) -> dict[str, Any]:
     return {**vars(contact), "position": list(contact.position)}

@@ -53,8 +53,8 @@ def main() -> None:
     tell({"ready": simulation.model.ngeom})
     threading.Thread(target=_report, args=(events, tell), daemon=True).start()
     for _ in sys.stdin:
-        told = {"time": monitor.time, "contacts": [c.to_dict() for c in monitor.active_contacts()]}
-        events.put({**told, "bodies": _loose(mujoco, simulation)})  # behind all events before
+        state = {"time": monitor.time, "contacts": [c.to_dict() for c in monitor.active_contacts()]}
+        events.put({**state, "bodies": _loose(mujoco, simulation)})  # behind all events before
     server.stop()
     simulation.stop()
 

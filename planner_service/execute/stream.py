@@ -96,7 +96,7 @@ def execute(
     """
     how = streaming or Streaming()
     simulated = driver.simulated is True
-    robot, motions, found = admitted(
+    robot, motions, proven = admitted(
         plan,
         robot,
         service,
@@ -110,8 +110,8 @@ def execute(
     require_drivable(motions, robot, arm.limits, speed, how.start_tolerance)
     run = _Run(arm, robot, how, speed)
     run.require_at("start", motions[0], 0.0)
-    if found is not None and robot.gripper is not None:
-        require_free_opening(found, arm.gripper_width(), how.gripper_tolerance)
+    if proven is not None and robot.gripper is not None:
+        require_free_opening(proven, arm.gripper_width(), how.gripper_tolerance)
     run.drive(motions)
     return run.report()
 
@@ -124,7 +124,7 @@ class _Run:
         self.began = time.perf_counter()
         self.done: list[tuple[str, Trajectory, _Log]] = []
         self.planned: FloatArray = np.zeros(robot.n)
-        self.told: FloatArray = self.planned
+        self.commanded: FloatArray = self.planned
         self.width: float | None = None
         self.error: BaseException | None = None
         self.held: str | None = None
@@ -142,9 +142,9 @@ class _Run:
         for motion in motions:
             ticks = motion.trajectory.duration / self.speed * self.how.rate
             if not ticks < MAX_SAMPLES:
-                found = f"{self.speed:g}, {ticks:.3g} commands in {motion.name}"
-                raise refusal("speed", found, f"one at which a motion has fewer than {MAX_SAMPLES}")
-        self.planned = self.told = motions[0].trajectory(0.0)
+                speed = f"{self.speed:g}, {ticks:.3g} commands in {motion.name}"
+                raise refusal("speed", speed, f"one at which a motion has fewer than {MAX_SAMPLES}")
+        self.planned = self.commanded = motions[0].trajectory(0.0)
         try:
             self._supervise(motions)
             if self.error is not None and not isinstance(self.error, Exception):
@@ -249,7 +249,7 @@ class _Run:
     def _told_to_hold(self) -> str:
         wanted, where = self.planned, "the last planned configuration, as it gave no reading that can be believed"
         with suppress(Exception):  # whatever it is, the arm has to be told
-            wanted, where = self.arm.positions(self.told), "where it was"
+            wanted, where = self.arm.positions(self.commanded), "where it was"
         for _ in range(TRIES):
             try:
                 self.arm.hold(wanted)
@@ -268,8 +268,8 @@ class _Run:
             self.width = width
             return
         closing = grips and not width > self.width
-        told = squeezed(self.robot, width, self.how.squeeze) if closing else width
-        self.arm.move_gripper(told, self.how.gripper_time)
+        commanded = squeezed(self.robot, width, self.how.squeeze) if closing else width
+        self.arm.move_gripper(commanded, self.how.gripper_time)
         self.width = width
         self._stand(self.how.gripper_time)
         self._require_width(width)
@@ -277,17 +277,17 @@ class _Run:
     def _require_width(self, width: float) -> None:
         """Raise unless the gripper gets there before it should have settled; closed on nothing it is beyond."""
         late = time.perf_counter() + self.how.settle
-        while not abs((found := self.arm.gripper_width()) - width) <= self.how.gripper_tolerance:
+        while not abs((actual := self.arm.gripper_width()) - width) <= self.how.gripper_tolerance:
             if time.perf_counter() >= late:
                 expected = f"{width:.4f} within {self.how.gripper_tolerance:g} (gripper_tolerance)"
-                raise refusal("gripper", f"{found:.4f}", expected)
+                raise refusal("gripper", f"{actual:.4f}", expected)
             self._stand(LOOK)
 
     def _stand(self, seconds: float) -> None:
         """Wait, and ask the arm all the while where it is, so that no reading jumps unseen."""
         end = time.perf_counter() + seconds
         while (left := end - time.perf_counter()) > 0.0:
-            self.arm.positions(self.told)
+            self.arm.positions(self.commanded)
             time.sleep(min(1.0 / self.how.rate, left))
 
     def _follow(self, motion: Motion) -> None:
@@ -316,9 +316,9 @@ class _Run:
                 tick += 1
                 log.skipped += tick <= last
             k = min(tick, last)
-            self.planned, self.told = q[k], np.stack([q[k], ahead[k]])
+            self.planned, self.commanded = q[k], np.stack([q[k], ahead[k]])
             arm.command(ahead[k], qd[k], qdd[k])
-            measured = arm.positions(self.told)
+            measured = arm.positions(self.commanded)
             log.add(time.perf_counter() - began, ahead[k], measured, late)
             self._require_followed(measured, q[min(max(tick - behind, 0), last) : k + 1])
             tick += 1
@@ -356,5 +356,5 @@ class _Log:
     def recording(self) -> Recording:
         t, commanded, measured, late = zip(*self.rows, strict=True) if self.rows else ((), (), (), ())
         shape = (len(self.rows), self.n)
-        told, seen = np.array(commanded).reshape(shape), np.array(measured).reshape(shape)
-        return Recording(np.array(t), told, seen, np.array(late), self.skipped)
+        commands, readings = np.array(commanded).reshape(shape), np.array(measured).reshape(shape)
+        return Recording(np.array(t), commands, readings, np.array(late), self.skipped)

@@ -20,22 +20,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from planner_service.certify import Certificate, ExemptInterval, GripperMotion, Refusal
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import InvalidRequest
-from planner_service.files.schema import (
-    Count,
-    FirstOnly,
-    Joints,
-    NamePair,
-    Numbers,
-    Prose,
-    Reading,
-    Record,
-    Rows,
-    Text,
-    Vector2,
-    Vector4,
-    at_most,
-    recorded,
-)
+from planner_service.files import schema
 from planner_service.geometry.arrays import read_only
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
@@ -61,18 +46,18 @@ MAX_PAIRS = 100_000
 ROUNDING = 1e-9
 """By which sums may differ from one machine to another."""
 
-PairList = Annotated[list[NamePair], FirstOnly(), at_most(MAX_PAIRS)]
-Notes = Annotated[list[Prose], FirstOnly(), at_most(10 * MAX_ENTRIES)]
+PairList = Annotated[list[schema.NamePair], schema.FirstOnly(), schema.at_most(MAX_PAIRS)]
+Notes = Annotated[list[schema.Prose], schema.FirstOnly(), schema.at_most(10 * MAX_ENTRIES)]
 
 
 def result_record(result: PlanResult) -> dict[str, Any]:
     """A plan or its failure, with what it cost, as a JSON object."""
-    return recorded("result", lambda: ResultRecord.of(result)).document()
+    return schema.recorded("result", lambda: ResultRecord.of(result)).document()
 
 
 def certificate_record(certificate: Certificate) -> dict[str, Any]:
     """What was proven of a curve, as a JSON object."""
-    return recorded("certificate", lambda: CertificateRecord.of(certificate)).document()
+    return schema.recorded("certificate", lambda: CertificateRecord.of(certificate)).document()
 
 
 def _one_of(kind: type[enum.Enum]) -> Callable[[str], str]:
@@ -89,7 +74,7 @@ def _one_of(kind: type[enum.Enum]) -> Callable[[str], str]:
 def _null_for_infinity(value: Any, info: ValidationInfo) -> Any:
     """JSON has no infinity."""
     infinite = isinstance(value, float) and not math.isfinite(value)
-    return None if infinite and not isinstance(info.context, Reading) else value
+    return None if infinite and not isinstance(info.context, schema.Reading) else value
 
 
 def _or_infinity(value: float | None) -> float:
@@ -102,26 +87,26 @@ Unbounded = Annotated[float | None, BeforeValidator(_null_for_infinity)]
 """Null where it is infinite."""
 
 
-class CountsRecord(Record):
+class CountsRecord(schema.Record):
     """``CheckCounts``."""
 
     makes = CheckCounts
 
-    states: Count
-    edges: Count
-    distances: Count
+    states: schema.Count
+    edges: schema.Count
+    distances: schema.Count
 
 
-class StageRecord(Record):
+class StageRecord(schema.Record):
     """A ``StageReport``."""
 
     stage: StageName
-    states: Count
-    edges: Count
-    distances: Count
+    states: schema.Count
+    edges: schema.Count
+    distances: schema.Count
     seconds: float
     length: float | None
-    note: Prose
+    note: schema.Prose
 
     @classmethod
     def fields_of(cls, value: StageReport) -> dict[str, Any]:
@@ -133,21 +118,21 @@ class StageRecord(Record):
         return StageReport(Stage(self.stage), counts, self.seconds, self.length, self.note)
 
 
-class ContactRecord(Record):
+class ContactRecord(schema.Record):
     """A ``Contact``."""
 
     makes = Contact
 
-    a: Text
-    b: Text
+    a: schema.Text
+    b: schema.Text
     depth: float = Field(alias="depth_at_most")
 
 
-class BlockedRecord(Record):
+class BlockedRecord(schema.Record):
     """One entry of ``Failure.blocked_by``."""
 
-    a: Text
-    b: Text
+    a: schema.Text
+    b: schema.Text
     share: float
 
     @cached_property
@@ -155,15 +140,15 @@ class BlockedRecord(Record):
         return self.a, self.b, self.share
 
 
-class FailureRecord(Record):
+class FailureRecord(schema.Record):
     """A ``Failure``."""
 
     stage: StageName
     reason: ReasonName
-    detail: Prose
-    contacts: Annotated[list[ContactRecord], at_most(MAX_PAIRS)]
-    nearest_free: Joints | None
-    blocked_by: Annotated[list[BlockedRecord], at_most(MAX_PAIRS)]
+    detail: schema.Prose
+    contacts: Annotated[list[ContactRecord], schema.at_most(MAX_PAIRS)]
+    nearest_free: schema.Joints | None
+    blocked_by: Annotated[list[BlockedRecord], schema.at_most(MAX_PAIRS)]
 
     @cached_property
     def value(self) -> Failure:
@@ -171,7 +156,7 @@ class FailureRecord(Record):
         return Failure(**arguments | {"nearest_free": self.nearest_free and read_only(self.nearest_free)})
 
 
-class ExemptRecord(Record):
+class ExemptRecord(schema.Record):
     """An ``ExemptInterval``."""
 
     makes = ExemptInterval
@@ -179,10 +164,10 @@ class ExemptRecord(Record):
     s_start: float
     s_end: float
     pairs: PairList
-    reason: Prose
+    reason: schema.Prose
 
 
-class RefusalRecord(Record):
+class RefusalRecord(schema.Record):
     """A ``Refusal``."""
 
     makes = Refusal
@@ -190,22 +175,22 @@ class RefusalRecord(Record):
     s_start: float
     s_end: float
     s: float
-    a: Text
-    b: Text
-    detail: Prose
+    a: schema.Text
+    b: schema.Text
+    detail: schema.Prose
     spent: bool
 
 
-class CertificateRecord(Record):
+class CertificateRecord(schema.Record):
     """A ``Certificate``; its clearance is null where nothing can touch or nothing was proven."""
 
     certified: bool
     clearance: Unbounded
-    distances: Count
+    distances: schema.Count
     padding: float
-    exempt: Annotated[list[ExemptRecord], at_most(MAX_ENTRIES)]
+    exempt: Annotated[list[ExemptRecord], schema.at_most(MAX_ENTRIES)]
     refusal: RefusalRecord | None
-    part: Vector2 | None
+    part: schema.Vector2 | None
     allowed: PairList
 
     @cached_property
@@ -218,7 +203,7 @@ class CertificateRecord(Record):
         return Certificate(**arguments)
 
 
-class GripperMotionRecord(Record):
+class GripperMotionRecord(schema.Record):
     """A ``GripperMotion``."""
 
     makes = GripperMotion
@@ -229,11 +214,11 @@ class GripperMotionRecord(Record):
     certificate: CertificateRecord
 
 
-class PeakRecord(Record):
+class PeakRecord(schema.Record):
     """A ``Peak``."""
 
     ratio: Unbounded
-    joint: Count
+    joint: schema.Count
     time: float
 
     @cached_property
@@ -241,7 +226,7 @@ class PeakRecord(Record):
         return Peak(_or_infinity(self.ratio), self.joint, self.time)
 
 
-class PeaksRecord(Record):
+class PeaksRecord(schema.Record):
     """``LimitPeaks``."""
 
     makes = LimitPeaks
@@ -251,7 +236,7 @@ class PeaksRecord(Record):
     jerk: PeakRecord
 
 
-class MotionRecord(Record):
+class MotionRecord(schema.Record):
     """A ``MotionReport``; the duration with stops is null where there is none."""
 
     peaks: PeaksRecord
@@ -265,7 +250,7 @@ class MotionRecord(Record):
         return MotionReport(**self.arguments | {"stop_duration": _or_infinity(self.stop_duration)})
 
 
-class FiguresRecord(Record):
+class FiguresRecord(schema.Record):
     """``Figures``."""
 
     makes = Figures
@@ -277,26 +262,26 @@ class FiguresRecord(Record):
     shortfall: float
 
 
-class PolishRecord(Record):
+class PolishRecord(schema.Record):
     """A ``PolishReport``."""
 
     makes = PolishReport
 
-    method: Text
+    method: schema.Text
     kept: bool
     before: FiguresRecord
     after: FiguresRecord
-    iterations: Count
-    gradients: Count
-    note: Prose
+    iterations: schema.Count
+    gradients: schema.Count
+    note: schema.Prose
 
 
-class PathRecord(Record):
+class PathRecord(schema.Record):
     """A ``JointPath``."""
 
     length: float
-    waypoints: Rows
-    blends: Numbers
+    waypoints: schema.Rows
+    blends: schema.Numbers
 
     @cached_property
     def value(self) -> JointPath:
@@ -309,14 +294,14 @@ class PathRecord(Record):
         return path
 
 
-class TrajectoryRecord(Record):
+class TrajectoryRecord(schema.Record):
     """A ``Trajectory``, its path apart."""
 
     duration: float
     dilation: float
-    durations: Numbers
-    coefficients: Annotated[list[Vector4], FirstOnly()]
-    part: Vector2 | None
+    durations: schema.Numbers
+    coefficients: Annotated[list[schema.Vector4], schema.FirstOnly()]
+    part: schema.Vector2 | None
 
     def along(self, path: JointPath) -> Trajectory:
         """The trajectory along a path; InvalidRequest if it is none."""
@@ -329,18 +314,18 @@ class TrajectoryRecord(Record):
         return trajectory
 
 
-class ResultRecord(Record):
+class ResultRecord(schema.Record):
     """A ``PlanResult``, without what only the process that made it knows: roadmap, trace and origin."""
 
     ok: bool
     failure: FailureRecord | None
-    goal_index: Count | None
-    attempts: Count
+    goal_index: schema.Count | None
+    attempts: schema.Count
     padding: float
     deterministic: bool
     notes: Notes
     counts: CountsRecord
-    stages: Annotated[list[StageRecord], at_most(MAX_ENTRIES)]
+    stages: Annotated[list[StageRecord], schema.at_most(MAX_ENTRIES)]
     certificate: CertificateRecord | None
     motion: MotionRecord | None
     polish: PolishRecord | None

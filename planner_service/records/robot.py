@@ -11,18 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from planner_service.errors import InvalidRequest
-from planner_service.files.schema import (
-    Count,
-    FirstOnly,
-    Joints,
-    NamePair,
-    Numbers,
-    Prose,
-    Record,
-    Text,
-    Vector3,
-    at_most,
-)
+from planner_service.files import schema
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
@@ -39,9 +28,9 @@ MAX_PAIRS = 100_000
 UNIT = 1e-6
 """By which an axis or a direction may be off its length of 1."""
 
-Texts = Annotated[list[Text], FirstOnly(), at_most(MAX_SHAPES)]
-Pairs = Annotated[list[NamePair], FirstOnly(), at_most(MAX_PAIRS)]
-Matrix = Annotated[list[Numbers], FirstOnly(), at_most(4)]
+Texts = Annotated[list[schema.Text], schema.FirstOnly(), schema.at_most(MAX_SHAPES)]
+Pairs = Annotated[list[schema.NamePair], schema.FirstOnly(), schema.at_most(MAX_PAIRS)]
+Matrix = Annotated[list[schema.Numbers], schema.FirstOnly(), schema.at_most(4)]
 
 
 def _placement(field: str, rows: list[list[float]]) -> FloatArray:
@@ -63,36 +52,36 @@ def _require_unit(field: str, values: list[float]) -> None:
         raise InvalidRequest(field, values, "a unit vector")
 
 
-class LimitsRecord(Record):
+class LimitsRecord(schema.Record):
     """``JointLimits``."""
 
     makes = JointLimits
 
-    lower: Joints
-    upper: Joints
-    velocity: Joints
-    acceleration: Joints
-    jerk: Joints
+    lower: schema.Joints
+    upper: schema.Joints
+    velocity: schema.Joints
+    acceleration: schema.Joints
+    jerk: schema.Joints
 
 
-class NamedPoseRecord(Record):
+class NamedPoseRecord(schema.Record):
     """A named configuration."""
 
-    name: Text
-    q: Joints
+    name: schema.Text
+    q: schema.Joints
 
     @cached_property
     def value(self) -> tuple[str, FloatArray]:
         return self.name, np.array(self.q)
 
 
-class BodyRecord(Record):
+class BodyRecord(schema.Record):
     """A ``Body``."""
 
-    name: Text
+    name: schema.Text
     parent: Annotated[int, Field(ge=-1, le=MAX_JOINTS)]
     placement: Matrix
-    axis: Vector3
+    axis: schema.Vector3
     prismatic: bool
     q_index: Annotated[int, Field(ge=-1, le=MAX_JOINTS)]
 
@@ -104,37 +93,37 @@ class BodyRecord(Record):
         return Body(self.name, self.parent, placement, np.array(self.axis), self.prismatic, self.q_index)
 
 
-class LinkShapeRecord(Record):
+class LinkShapeRecord(schema.Record):
     """A ``LinkShape``."""
 
     makes = LinkShape
 
-    link: Text
-    body: Count
+    link: schema.Text
+    body: schema.Count
     shape: ShapeRecord
     pose: PoseRecord
 
 
-class ContactRecord(Record):
+class ContactRecord(schema.Record):
     """An ``AllowedContact``."""
 
     makes = AllowedContact
 
-    links: NamePair
-    reason: Prose
+    links: schema.NamePair
+    reason: schema.Prose
 
 
-class GripperRecord(Record):
+class GripperRecord(schema.Record):
     """A ``Gripper``."""
 
     joints: Texts
     links: Texts
     lower: float
     upper: float
-    closed: Annotated[list[LinkShapeRecord], at_most(MAX_SHAPES)]
-    directions: Annotated[list[Vector3], FirstOnly()]
-    approach: Vector3
-    closing: Vector3
+    closed: Annotated[list[LinkShapeRecord], schema.at_most(MAX_SHAPES)]
+    directions: Annotated[list[schema.Vector3], schema.FirstOnly()]
+    approach: schema.Vector3
+    closing: schema.Vector3
 
     @cached_property
     def value(self) -> Gripper:
@@ -151,35 +140,35 @@ class GripperRecord(Record):
         return Gripper(**self.arguments)
 
 
-class RetreatRecord(Record):
+class RetreatRecord(schema.Record):
     """An ``ExemptRetreat``."""
 
     makes = ExemptRetreat
 
-    pose: Text
-    to: Joints
+    pose: schema.Text
+    to: schema.Joints
     pairs: Pairs
-    reason: Prose
+    reason: schema.Prose
 
 
-class RobotRecord(Record):
+class RobotRecord(schema.Record):
     """A ``Robot`` with its hash, which has to be that of its content."""
 
-    name: Text
-    hash: Text
-    joint_names: Annotated[list[Text], Field(min_length=1), at_most(MAX_JOINTS)]
+    name: schema.Text
+    hash: schema.Text
+    joint_names: Annotated[list[schema.Text], Field(min_length=1), schema.at_most(MAX_JOINTS)]
     limits: LimitsRecord
-    named_poses: Annotated[list[NamedPoseRecord], at_most(MAX_JOINTS)]
+    named_poses: Annotated[list[NamedPoseRecord], schema.at_most(MAX_JOINTS)]
     base_links: Texts
-    tool_frame: Text
-    tool_body: Count
+    tool_frame: schema.Text
+    tool_body: schema.Count
     tool_placement: Matrix
-    bodies: Annotated[list[BodyRecord], Field(min_length=2), at_most(MAX_JOINTS + 1)]
-    shapes: Annotated[list[LinkShapeRecord], at_most(MAX_SHAPES)]
-    allowed_contacts: Annotated[list[ContactRecord], at_most(MAX_PAIRS)]
+    bodies: Annotated[list[BodyRecord], Field(min_length=2), schema.at_most(MAX_JOINTS + 1)]
+    shapes: Annotated[list[LinkShapeRecord], schema.at_most(MAX_SHAPES)]
+    allowed_contacts: Annotated[list[ContactRecord], schema.at_most(MAX_PAIRS)]
     gripper: GripperRecord | None
     gripper_width: float
-    retreats: Annotated[list[RetreatRecord], at_most(MAX_JOINTS)]
+    retreats: Annotated[list[RetreatRecord], schema.at_most(MAX_JOINTS)]
     inverse: Literal["numeric", "wxai"]
     settle_time: Annotated[float, Field(ge=0.0, le=3600.0)]
 

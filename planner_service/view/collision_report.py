@@ -71,10 +71,10 @@ class CollisionReporter:
         clearance = float(self.clearances(q[None], expected)[0])
         if clearance > 0.0 and not pairs:
             return CollisionReport(clearance, (), (), ())
-        found = self._checker.contacts(q)
-        contacts = tuple(contact for contact in found if frozenset((contact.a, contact.b)) not in pairs)
-        may_be = tuple(contact for contact in found if contact not in contacts)
-        return CollisionReport(clearance, contacts, may_be, self._contact_points(q, found))
+        touching = self._checker.contacts(q)
+        contacts = tuple(contact for contact in touching if frozenset((contact.a, contact.b)) not in pairs)
+        may_be = tuple(contact for contact in touching if contact not in contacts)
+        return CollisionReport(clearance, contacts, may_be, self._contact_points(q, touching))
 
     def _contact_points(
         self, q: FloatArray, contacts: tuple[Contact, ...]

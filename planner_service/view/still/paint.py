@@ -173,19 +173,19 @@ def _darken(image: Image, shadow: FloatArray) -> None:
     part = (1.0 - (1.0 - SHADE) * shadow[y, x])[:, None]
     for i in range(FINE):
         for j in range(FINE):
-            here = image[i::FINE, j::FINE]
-            here[y, x] = (here[y, x] * part).astype(np.uint8)
+            samples = image[i::FINE, j::FINE]
+            samples[y, x] = (samples[y, x] * part).astype(np.uint8)
 
 
 def _edges(owners: IntArray) -> NDArray[np.bool_]:
     """Samples next to one of another solid or of none, on the side of the solid."""
-    found = np.zeros(owners.shape, dtype=bool)
+    edges = np.zeros(owners.shape, dtype=bool)
     across, down = owners[:, 1:] != owners[:, :-1], owners[1:] != owners[:-1]
-    found[:, 1:] |= across
-    found[:, :-1] |= across
-    found[1:] |= down
-    found[:-1] |= down
-    return found & (owners >= 0)
+    edges[:, 1:] |= across
+    edges[:, :-1] |= across
+    edges[1:] |= down
+    edges[:-1] |= down
+    return edges & (owners >= 0)
 
 
 def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
@@ -196,8 +196,8 @@ def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
     if not len(where):
         return out.reshape(keys.shape)
     axes = _light_axes(combined(camera.axes.T, np.array(LIGHT)))
-    here, corners = combined(axes, _points(where, keys, camera)), combined(axes, scene.corners)
-    low, high = here.min(axis=0), here.max(axis=0)
+    shown, corners = combined(axes, _points(where, keys, camera)), combined(axes, scene.corners)
+    low, high = shown.min(axis=0), shown.max(axis=0)
     high[2] = max(float(high[2]), float(corners[:, :, 2].max()))  # what is above the picture casts shadows, too
     span = np.maximum(high - low, 1e-9)
     scale = np.array([SHADOW_MAP, SHADOW_MAP, 1.0]) / span
@@ -205,8 +205,8 @@ def _shadows(scene: _Triangles, camera: Camera, keys: KeyArray) -> FloatArray:
     depth = np.where(keys_of_light == EMPTY, 0.0, nearness_of(keys_of_light))
     slope = scene.facing[numbers_of(keys.ravel()[where])]
     sample = float(span[:2].max()) / SHADOW_MAP
-    limit = ((here[:, 2] - low[2]) + BIAS * sample / slope) * scale[2]
-    x, y = (((here[:, k] - low[k]) * scale[k] - 0.5).astype(np.int64) for k in range(2))
+    limit = ((shown[:, 2] - low[2]) + BIAS * sample / slope) * scale[2]
+    x, y = (((shown[:, k] - low[k]) * scale[k] - 0.5).astype(np.int64) for k in range(2))
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
         out[where] += depth[np.minimum(y + i, SHADOW_MAP - 1), np.minimum(x + j, SHADOW_MAP - 1)] > limit
     return out.reshape(keys.shape) / 4.0
@@ -239,7 +239,7 @@ def _blend_ghosts(image: Image, keys: KeyArray, ghosts: Sequence[tuple[KeyArray,
     )
     flat = image.reshape(-1, 3)
     colours = flat[where].astype(np.float64)
-    edges = [_edges(ghost.owners_at(found)).ravel()[where] for found, ghost in ghosts]
+    edges = [_edges(ghost.owners_at(keys_of_ghost)).ravel()[where] for keys_of_ghost, ghost in ghosts]
     for rank in stack.argsort(axis=0, kind="stable")[::-1]:
         for k, (_, ghost) in enumerate(ghosts):
             rows = np.flatnonzero((rank == k) & (stack[k] != EMPTY))
@@ -255,11 +255,11 @@ def _draw_lines(image: Image, keys: KeyArray, lines: Sequence[Line], lens: Camer
         return
     strips = [ribbon(lens, line.points, line.width * FINE, LIFT) for line in lines]
     numbers = np.repeat(np.arange(len(lines)), [len(strip) for strip in strips])
-    found = cover(np.concatenate(strips), numbers, (keys.shape[1], keys.shape[0])).ravel()
-    where = np.flatnonzero(found != EMPTY)
-    which = numbers_of(found[where])
+    line_keys = cover(np.concatenate(strips), numbers, (keys.shape[1], keys.shape[0])).ravel()
+    where = np.flatnonzero(line_keys != EMPTY)
+    which = numbers_of(line_keys[where])
     hidden = np.array([line.hidden for line in lines])[which]
-    share = np.where(found[where] <= keys.ravel()[where], 1.0, hidden)[:, None]
+    share = np.where(line_keys[where] <= keys.ravel()[where], 1.0, hidden)[:, None]
     flat, colours = image.reshape(-1, 3), np.array([line.colour for line in lines])[which]
     flat[where] = (flat[where] + share * (colours - flat[where])).astype(np.uint8)
 

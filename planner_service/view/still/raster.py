@@ -109,9 +109,9 @@ def cover(triangles: FloatArray, numbers: IntArray, size: tuple[int, int]) -> Ke
     slope, low = _planes(triangles)
     for part in (slice(a, b) for a, b in pairwise(bounds)):
         of, left, many = which[part], spans[0][part], count[part]
-        here = low[of] + slope[of, 1] * (row[part] + 0.5) + slope[of, 0] * (left + 0.5)
+        near_left = low[of] + slope[of, 1] * (row[part] + 0.5) + slope[of, 0] * (left + 0.5)
         step = _counted(np.zeros_like(many), many)
-        near = np.repeat(here, many) + np.repeat(slope[of, 0], many) * step
+        near = np.repeat(near_left, many) + np.repeat(slope[of, 0], many) * step
         key = np.clip((1.0 - near) * 2.0**32, 0.0, 2.0**32 - 1.0).astype(np.uint64) << HALF
         key |= np.repeat(numbers[of].astype(np.uint64), many)
         np.minimum.at(keys, np.repeat(row[part] * width + left, many) + step, key)
