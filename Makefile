@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 # One thread per process: the pinned counts do not depend on it, the timings do.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo quick test lint types bench attack mutants measures micro docs wheel clean
+.PHONY: demo quick test lint types bench attack mutants measures docs wheel clean
 .DEFAULT_GOAL := demo
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
@@ -56,9 +56,6 @@ mutants: $(BIN)/.dev  ## do the tests notice small faults: 40 in each package, i
 
 measures: $(BIN)/.dev  ## the tables of docs/figures, printed
 	$(BIN)/python -m benchmarks all
-
-micro: $(BIN)/.dev  ## what the parts of a plan take, by pytest-benchmark
-	$(BIN)/python -m pytest benchmarks/micro --benchmark-columns=min,median,iqr,rounds
 
 docs: $(BIN)/.docs  ## the pages and the reference as a site in site/, links checked
 	NO_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict

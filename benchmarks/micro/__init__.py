@@ -1,1 +1,0 @@
-"""Micro-benchmarks of the service's parts by pytest-benchmark: ``make micro``, never ``make test``."""
