@@ -4,37 +4,30 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from contextlib import suppress
+from typing import TypeVar
 
 __all__ = ["up_to_seconds", "whole"]
 
 MOST = 10**9
+T = TypeVar("T")
 
 
 def whole(least: int, most: int = MOST) -> Callable[[str], int]:
     """An argument that is a whole number from ``least`` to ``most``."""
-
-    def read(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = least - 1
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"got {text!r}; expected a whole number from {least} to {most:,}")
-        return value
-
-    return read
+    return _reader(int, lambda value: least <= value <= most, f"a whole number from {least} to {most:,}")
 
 
 def up_to_seconds(most: float) -> Callable[[str], float]:
     """An argument that is a number of seconds above 0."""
+    return _reader(float, lambda value: 0.0 < value <= most, f"seconds, above 0 and at most {most:g}")
 
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = 0.0
-        if not 0.0 < value <= most:
-            raise argparse.ArgumentTypeError(f"got {text!r}; expected seconds, above 0 and at most {most:g}")
-        return value
+
+def _reader(kind: Callable[[str], T], fits: Callable[[T], bool], expected: str) -> Callable[[str], T]:
+    def read(text: str) -> T:
+        with suppress(ValueError):
+            if fits(value := kind(text)):
+                return value
+        raise argparse.ArgumentTypeError(f"got {text!r}; expected {expected}")
 
     return read

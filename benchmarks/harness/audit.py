@@ -43,12 +43,7 @@ class Auditor:
     """
 
     def __init__(
-        self,
-        robot: str,
-        scene: Scene,
-        *,
-        gripper_width: float | None = None,
-        allowed: Sequence[tuple[str, str]] = (),
+        self, robot: str, scene: Scene, *, gripper_width: float | None = None, allowed: Sequence[tuple[str, str]] = ()
     ) -> None:
         folder = Path(robot).parent if robot.endswith(".toml") else data_folder("robots") / robot
         self._scene = tables_of(scene)

@@ -19,16 +19,7 @@ from rich.table import Table
 import planner_service as ps
 from benchmarks.harness.audit import Auditor, between
 from benchmarks.harness.report import Promise, Report, Row, table
-from planner_service.execute import (
-    ArmLimits,
-    Driver,
-    ExecutionStopped,
-    Rehearsal,
-    SimulatedArm,
-    Streaming,
-    execute,
-    rehearse,
-)
+from planner_service import execute as streaming
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records.plan_file import SavedTask
 from planner_service.tasks import Segment
@@ -36,7 +27,7 @@ from planner_service.tasks.pick_place import places_on
 
 __all__ = ["ERRANDS", "STREAMING", "Cut", "Errand", "audited", "control", "errand", "promises", "run", "stop_rows"]
 
-STREAMING = Streaming(latest=0.5)
+STREAMING = streaming.Streaming(latest=0.5)
 """A stream that is half a second late is no measurement; less happens on a machine that does other things."""
 
 PADDING = 0.005
@@ -59,7 +50,7 @@ class Errand:
     end: ps.Pose
 
 
-def errand(name: str, arm: SimulatedArm) -> Errand:
+def errand(name: str, arm: streaming.SimulatedArm) -> Errand:
     """Out of the bin round the post onto the tray, or from place to place on the board inside the shelf."""
     service = ps.PlannerService("wxai", arm.seen())
     home = service.robot.home
@@ -101,7 +92,7 @@ ERRANDS = {
 """Scenes, and what is taken in them."""
 
 
-def audited(work: Errand, done: Rehearsal) -> list[str]:
+def audited(work: Errand, done: streaming.Rehearsal) -> list[str]:
     """What Coal says of the configurations that were recorded in each motion: "free", or what touches."""
     told = []
     for segment, scene, motion in zip(work.task.segments, work.scenes, done.report.motions, strict=False):
@@ -112,7 +103,7 @@ def audited(work: Errand, done: Rehearsal) -> list[str]:
     return told
 
 
-def control() -> tuple[ps.Trajectory, Rehearsal]:
+def control() -> tuple[ps.Trajectory, streaming.Rehearsal]:
     """The straight joint motion from above the bin to above the tray, through the post, which nobody planned."""
     scene = ps.load_scene("bin").without("blue_block")
     robot = ps.load_robot("wxai")
@@ -125,20 +116,20 @@ def control() -> tuple[ps.Trajectory, Rehearsal]:
     if service.checker.edge_is_free(*path.waypoints):
         raise RuntimeError("the control is free: it shows nothing")
     motion = ps.Trapezoidal().time_path(path, robot.limits)
-    with SimulatedArm(robot, scene, path.waypoints[0]) as arm:
-        return motion, rehearse(arm, motion, robot, STREAMING, allow_unproven=True)
+    with streaming.SimulatedArm(robot, scene, path.waypoints[0]) as arm:
+        return motion, streaming.rehearse(arm, motion, robot, STREAMING, allow_unproven=True)
 
 
 class Cut:
     """A driver that fails at some moment, and then holds where the arm is, or to compare where it was told to be."""
 
-    def __init__(self, driver: Driver, moment: float, *, where_told: bool) -> None:
+    def __init__(self, driver: streaming.Driver, moment: float, *, where_told: bool) -> None:
         self.driver, self.moment, self.where_told = driver, moment, where_told
         self.simulated, self.lag = driver.simulated, driver.lag
         self.began = math.inf
         self.told = self.stood = driver.positions()
 
-    def limits(self) -> ArmLimits:
+    def limits(self) -> streaming.ArmLimits:
         return self.driver.limits()
 
     def positions(self) -> FloatArray:
@@ -177,10 +168,10 @@ def stop_rows() -> list[Row]:
     path = np.array([robot.tool_pose(q)[:3, 3] for q in motion(np.linspace(0.0, motion.duration, 2000))])
     rows = []
     for where_told in (False, True):
-        with SimulatedArm(robot, service.scene, motion(0.0)) as arm, closing(arm.connect()) as driver:
+        with streaming.SimulatedArm(robot, service.scene, motion(0.0)) as arm, closing(arm.connect()) as driver:
             cut = Cut(driver, fastest, where_told=where_told)
-            with suppress(ExecutionStopped):
-                execute(plan, cut, robot, STREAMING)
+            with suppress(streaming.ExecutionStopped):
+                streaming.execute(plan, cut, robot, STREAMING)
             seen = []
             until = time.perf_counter() + 1.0
             while time.perf_counter() < until:
@@ -199,9 +190,9 @@ def run() -> Report:
     """All of it, about a minute and a half of real time."""
     rows: list[Row] = []
     for name, (scene, taken) in ERRANDS.items():
-        with SimulatedArm(ps.load_robot("wxai"), scene, loose=(taken,)) as arm:
+        with streaming.SimulatedArm(ps.load_robot("wxai"), scene, loose=(taken,)) as arm:
             work = errand(name, arm)
-            done = rehearse(arm, work.task, ps.load_robot("wxai"), STREAMING)
+            done = streaming.rehearse(arm, work.task, ps.load_robot("wxai"), STREAMING)
         verdicts = audited(work, done)
         placed = math.dist(done.loose[taken].position, work.end.position)
         for motion, verdict in zip(done.report.motions, verdicts, strict=True):
