@@ -210,12 +210,11 @@ COLUMNS = ("attack", "inputs", "answered", "refused", *KINDS, "minutes")
 
 
 def _cells(summaries: Sequence[Summary]) -> list[list[str]]:
-    rows = []
-    for one in summaries:
-        kinds = [f"{one.found.get(kind, 0):,}" for kind in KINDS]
-        rows.append([one.name, f"{one.inputs:,}", f"{one.passed:,}", f"{one.refused:,}", *kinds])
-        rows[-1].append(f"{one.seconds / 60.0:.1f}")
-    return rows
+    def cells(one: Summary) -> list[str]:
+        counts = (one.inputs, one.passed, one.refused, *(one.found.get(kind, 0) for kind in KINDS))
+        return [one.name, *(f"{count:,}" for count in counts), f"{one.seconds / 60.0:.1f}"]
+
+    return list(map(cells, summaries))
 
 
 def _tell(folders: Sequence[Path], text: Path | None, console: Console) -> int:
@@ -246,6 +245,6 @@ def _measured(summaries: Sequence[Summary]) -> list[str]:
 
 def markdown(summaries: Sequence[Summary]) -> str:
     """The table, and what was counted and measured, as Markdown."""
-    rows = [list(COLUMNS), ["---", *["---:"] * (len(COLUMNS) - 1)], *_cells(summaries)]
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    return "\n".join(lines) + "\n\n" + "".join(f"- {line}.\n" for line in _measured(summaries))
+    rows = [COLUMNS, ("---", *["---:"] * (len(COLUMNS) - 1)), *_cells(summaries)]
+    lines = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    return lines + "\n" + "".join(f"- {line}.\n" for line in _measured(summaries))

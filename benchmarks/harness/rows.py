@@ -186,25 +186,18 @@ def _refused(name: str) -> float:
 # Lines, declared.
 
 
-def _printable(text: str) -> str:
-    if not text.replace("\n", "").isprintable():
-        raise ValueError("a text of printable characters")
-    return text
+def _expected(fits: Callable[[Any], bool], what: str) -> AfterValidator:
+    def read(value: Any) -> Any:
+        if not fits(value):
+            raise ValueError(what)
+        return value
+
+    return AfterValidator(read)
 
 
-def _known_version(version: int) -> int:
-    if version != VERSION:
-        raise ValueError(f"version {VERSION}")
-    return version
-
-
-def _known_verdict(verdict: str) -> str:
-    if verdict not in VERDICTS:
-        raise ValueError(f"one of {', '.join(VERDICTS)}")
-    return verdict
-
-
-Words = Annotated[str, AfterValidator(_printable)]
+Words = Annotated[str, _expected(lambda text: text.replace("\n", "").isprintable(), "a text of printable characters")]
+Version = Annotated[Count, _expected(lambda version: version == VERSION, f"version {VERSION}")]
+Verdict = Annotated[str, _expected(lambda verdict: verdict in VERDICTS, f"one of {', '.join(VERDICTS)}")]
 
 
 class _Open(Record):
@@ -222,7 +215,7 @@ class _Environment(_Open):
 
 
 class _Header(_Open):
-    version: Annotated[Count, AfterValidator(_known_version)]
+    version: Version
     suite: Words
     environment: _Environment
 
@@ -252,7 +245,7 @@ class _Peaks(_Open):
 
 
 class _Audit(_Open):
-    verdict: Annotated[str, AfterValidator(_known_verdict)]
+    verdict: Verdict
     step: float | None
     depth: float | None
     pair: Annotated[list[Words], of_length(2, "two names, or null")] | None
