@@ -381,6 +381,19 @@ def test_a_simulation_that_talks_nonsense_is_ended_at_once(line: str, monkeypatc
     arm.close()
 
 
+def test_a_simulation_that_dies_is_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    spawned = subprocess.Popen
+
+    def failing(command: list[str], **how: Any) -> Any:
+        return spawned(["sh", "-c", 'echo \'{"ready": 1}\'; read line; echo "the table is on fire" >&2'], **how)
+
+    monkeypatch.setattr(subprocess, "Popen", failing)
+    arm = SimulatedArm(load_robot("wxai"), Scene())
+    with pytest.raises(BrokenInvariant, match="ended by itself: the table is on fire"):
+        arm.contacts()
+    arm.close()
+
+
 def test_a_simulation_may_complain_at_length(monkeypatch: pytest.MonkeyPatch) -> None:
     spawned = subprocess.Popen
 

@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -137,6 +138,21 @@ def test_a_motion_outside_position_limits_is_refused(whose: str, arm: FakeArm) -
     assert arm.told == []
 
 
+@pytest.mark.parametrize("side", ["lower", "upper"])
+@pytest.mark.parametrize("beyond", [5e-5, 2e-4])
+def test_what_a_controller_rounded_is_within_its_limits(beyond: float, side: str, arm: FakeArm) -> None:
+    """Controllers keep their limits in single precision."""
+    whole, wide = motion_of(there()), arm.limits()
+    points = whole.path.waypoints
+    end = points.min(axis=0) + beyond if side == "lower" else points.max(axis=0) - beyond
+    arm.limits = lambda: replace(wide, **{side: end})  # type: ignore[method-assign]
+    if beyond < 1e-4:
+        execute(whole, arm, robot(), QUICK, allow_unproven=True)
+        return
+    with pytest.raises(InvalidRequest, match="expected the arm's"):
+        execute(whole, arm, robot(), QUICK, allow_unproven=True)
+
+
 def test_an_arm_of_other_joints_is_refused() -> None:
     with pytest.raises(InvalidRequest, match="the 6 joints of wxai"):
         execute(there(), FakeArm(np.zeros(5)), robot(), QUICK)
@@ -219,6 +235,20 @@ def test_errors_are_told_joint_by_joint_and_in_metres_of_the_tool(arm: FakeArm) 
     moved = robot().tool_pose(motion.trajectory(motion.duration) + arm.off)[:3, 3]
     assert motion.tool_lag >= float(np.linalg.norm(end - moved)) - 1e-12
     assert 0.0 < motion.tool_off_path <= motion.tool_lag
+
+
+def test_an_arm_that_runs_on_past_its_end_is_off_its_path(arm: FakeArm, clock: FakeTime) -> None:
+    whole, began = motion_of(there()), clock.now
+    end = np.array(whole(whole.duration))
+
+    def further() -> FloatArray:
+        after = clock.now - began
+        return whole(after) if after < whole.duration else end + 0.005 * STEP / np.abs(STEP).max()
+
+    arm.seen = further
+    (motion,) = execute(there(), arm, robot(), QUICK).motions
+    beyond = robot().tool_pose(motion.recording.measured[-1])[:3, 3] - robot().tool_pose(end)[:3, 3]
+    assert motion.tool_off_path == pytest.approx(float(np.linalg.norm(beyond)), rel=1e-9)
 
 
 def test_an_arm_that_is_only_late_is_on_its_path(arm: FakeArm, clock: FakeTime) -> None:
@@ -494,6 +524,15 @@ def test_the_report_is_plain_json(arm: FakeArm) -> None:
     assert document["motions"][0]["ticks"] > 50
     assert document["simulated"] is True
     assert len(document["motions"][0]["final_error"]) == 6
+
+
+def test_an_error_of_the_arm_is_not_cleared_by_connecting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever stopped the arm by its error decides when it may move again."""
+    library = MagicMock(RuntimeError=RuntimeError, LogicError=ValueError)
+    monkeypatch.setitem(sys.modules, "trossen_arm", library)
+    TrossenDriver("192.168.1.2", timeout=3.0)
+    *_, address, clear_error, timeout = library.TrossenArmDriver().configure.call_args.args
+    assert (address, clear_error, timeout) == ("192.168.1.2", False, 3.0)
 
 
 def test_without_the_driver_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
