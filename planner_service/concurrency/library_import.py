@@ -6,6 +6,7 @@ the process ends. Ctrl-C interrupts the main thread, so another thread imports, 
 
 from __future__ import annotations
 
+import _imp
 import os
 import threading
 from collections.abc import Callable
@@ -59,9 +60,23 @@ def loaded(load: Callable[[], Any]) -> Any:
             except BaseException as error:
                 errors.append(error)
 
+        _release_import_lock()
         thread = threading.Thread(target=work, name=f"planner-service: {load.__name__}")
         thread.start()
         thread.join()
         if errors:
             raise errors[0]
     return _libraries[load]
+
+
+def _release_import_lock() -> None:
+    """Release Python's import lock if this thread holds it, or no other thread could ever import.
+
+    Python holds it for a few lines of each import only. Ctrl-C between its acquisition and the ``try`` that releases it
+    leaves it held (``importlib._bootstrap``, at least up to 3.13).
+    """
+    while _imp.lock_held():
+        try:
+            _imp.release_lock()
+        except RuntimeError:  # it is another thread's
+            return
