@@ -231,8 +231,8 @@ def test_a_head_that_is_no_object_is_refused(text: bytes, tmp_path: Path) -> Non
     assert refused(path, written({**parts(path), "head": np.frombuffer(text, dtype=np.uint8)}))
 
 
-@pytest.mark.parametrize("change", ["twice", "reversed", "beyond", "loop", "order"])
-def test_edges_that_are_none_are_refused(change: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("change", ["twice", "reversed", "beyond", "below", "loop", "threes", "flat"])
+def test_edges_that_are_none_are_refused_by_name(change: str, tmp_path: Path) -> None:
     path = saved(tmp_path)
     arrays = parts(path)
     edges = arrays["edges"].copy()
@@ -242,11 +242,41 @@ def test_edges_that_are_none_are_refused(change: str, tmp_path: Path) -> None:
         edges[0] = edges[0][::-1]
     if change == "beyond":
         edges[0, 1] = len(arrays["milestones"])
+    if change == "below":
+        edges[0, 0] = -1
     if change == "loop":
         edges[0, 1] = edges[0, 0]
-    if change == "order":
-        edges[[0, 1]] = edges[[1, 0]]
+    if change == "threes":
+        edges = np.hstack([edges, edges[:, :1]])
+    if change == "flat":
+        edges = edges.reshape(-1)
+    path.write_bytes(written({**arrays, "edges": edges}))
+    with pytest.raises(InvalidFile, match=r"edges: got .* expected each edge once, as two different milestones of 23"):
+        Roadmap.load(path)
+
+
+def test_edges_in_another_order_are_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    arrays = parts(path)
+    edges = arrays["edges"].copy()
+    edges[[0, 1]] = edges[[1, 0]]
     assert refused(path, written({**arrays, "edges": edges}))
+
+
+@pytest.mark.parametrize("kind", ["milestone", "edge"])
+@pytest.mark.parametrize(("what", "least", "most"), [("verdicts", 0, 4), ("blockers", -1, 1)])
+def test_what_is_known_of_a_roadmap_is_read_in_its_range(
+    kind: str, what: str, least: int, most: int, tmp_path: Path
+) -> None:
+    path = saved(tmp_path)
+    arrays = parts(path)
+    name = f"{kind}_{what}"
+    too_low, too_high = arrays[name].astype(np.int64), arrays[name].astype(np.int64)
+    too_low[0], too_high[0] = least - 1, most + 1
+    for numbers in (too_low, too_high, arrays[name][:-1]):
+        path.write_bytes(written({**arrays, name: numbers}))
+        with pytest.raises(InvalidFile, match=rf"{name}: got .* whole numbers in \[{least}, {most}\]"):
+            Roadmap.load(path)
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
