@@ -14,6 +14,7 @@ import pytest
 from auditor.checker import IndependentChecker
 from benchmarks.worlds import queries
 from planner_service import (
+    CheckCounts,
     CollisionChecker,
     Cylinder,
     InvalidRequest,
@@ -21,6 +22,7 @@ from planner_service import (
     JointStep,
     MotionStep,
     Obstacle,
+    Optimise,
     PlannerService,
     PlanRequest,
     PlanResult,
@@ -460,3 +462,13 @@ def test_a_path_that_turns_back_stops_there(discs: PlannerService) -> None:
     result = discs.follow([[0.0, 0.0], [-0.5, 0.0], [0.0, 0.0]])
     assert result.unwrap()[1].duration == pytest.approx(2 * there)
     assert present(result.certificate).certified
+
+
+def test_an_optimisation_instead_of_a_search_is_not_asked_about_a_free_line_and_does_not_search_about_another() -> None:
+    request = asked((0.0, 0.0), (2.4, 0.0), planner=Optimise())
+    free = PlannerService("planar2", Scene(())).plan(request)
+    assert free.ok
+    assert free.stage(Stage.SEARCH).counts == CheckCounts()
+    blocked = PlannerService("planar2", Scene((thin_post(1.2),))).plan(request)
+    assert blocked.ok or present(blocked.failure).reason is Reason.OPTIMUM_IN_COLLISION
+    assert blocked.stage(Stage.SEARCH).counts.states > 0
