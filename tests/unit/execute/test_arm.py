@@ -160,7 +160,7 @@ def test_a_driver_may_change_what_it_is_given() -> None:
         ("lag", np.full(6, np.nan)),
         ("lag", np.full(6, np.inf)),
         ("lag", np.full(6, -1.0)),
-        ("lag", np.full(6, 5.0)),
+        ("lag", np.full(6, 1.001)),
         ("lag", np.zeros(7)),
         ("lag", None),
         ("simulated", float("nan")),
