@@ -147,15 +147,12 @@ class Detours:
     def _beyond(self, goal: FloatArray) -> Iterator[Place]:
         """Places straight beyond the old end."""
         path, limits = self._path, self._checker.robot.limits
-        last = len(path.waypoints) - 1
-        if last == 0:
-            return
         end, direction = path.waypoints[-1], path(path.length, 1)
         away = joint_distance(end.tolist(), goal.tolist())
         for part in BEYOND:
             q = end + direction * (part * away)
             if part * away > ROOM and np.all((q >= limits.lower) & (q <= limits.upper)):
-                yield Place(path.length + part * away, last, q)
+                yield Place(path.length + part * away, len(path.waypoints) - 1, q)
 
     def _place(self, s: float, since: float) -> Place:
         """The first place from s on that is on a straight piece, or a waypoint whose blend begins after ``since``."""
