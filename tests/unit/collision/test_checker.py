@@ -458,3 +458,23 @@ def test_a_blend_outside_the_joint_limits_is_refused() -> None:
     path = JointPath(np.array([[-4.0, 0.0], [-3.5, 0.0], [-3.5, 1.0]]), np.array([0.0, 0.4, 0.0]))
     with pytest.raises(InvalidRequest, match="shoulder in"):
         checker.blend_is_free(path, 1)
+
+
+@pytest.mark.parametrize("backend", ["fcl", "numpy", "auto"])
+def test_many_states_are_judged_as_each_of_them_and_each_is_counted_once(backend: Any) -> None:
+    Q = np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2))
+    checker = CollisionChecker(PLANAR, DISCS, backend=backend)
+    told = checker.states_are_free(Q)
+    assert checker.counts.states == len(Q)
+    assert told.tolist() == [planar().state_is_free(q) for q in Q]
+    assert told.tolist() == [planar_gap(q) > 0.0 for q in Q]
+
+
+@pytest.mark.parametrize("backend", ["fcl", "numpy", "auto"])
+def test_of_an_edge_that_collides_the_states_up_to_the_first_are_counted_its_ends_first(backend: Any) -> None:
+    free, touching = (0.0, 0.0), np.array([math.pi / 4, -math.pi / 4])
+    assert planar_gap(free) > 0.0 > planar_gap(touching)
+    for ends, count in (((touching, free), 1), ((free, touching), 2), ((touching, touching), 1)):
+        checker = CollisionChecker(PLANAR, DISCS, backend=backend)
+        assert checker.edge_hit(*ends) is not None
+        assert checker.counts.states == count
