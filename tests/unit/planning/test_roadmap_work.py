@@ -97,6 +97,7 @@ def test_a_plan_changes_no_roadmap_and_brings_back_what_it_learned() -> None:
     first = ask(service, roadmap)
     assert first.ok
     learned = present(first.roadmap)
+    assert "other terms" not in first.stage(Stage.SEARCH).note
     assert replace(roadmap).hash == before
     assert learned.hash != before
     assert roadmap.edge_knowledge.count(Verdict.UNKNOWN) == len(roadmap.edges)
@@ -117,6 +118,16 @@ def test_what_the_roadmap_does_not_connect_is_searched_by_rrtconnect_unless_it_m
     assert "no path there: rrtconnect" in found.stage(Stage.SEARCH).note
     refused = ask(service, replace(nothing, fallback=False))
     assert present(refused.failure).reason is Reason.PLANNING_FAILED
+
+
+@pytest.mark.parametrize("milestones", [3, 300])
+def test_the_roadmap_that_a_planner_grew_is_in_the_result(milestones: int) -> None:
+    query = queries.load("bin")[0]
+    grown_for = PRM(milestones=milestones, neighbours=8)
+    result = cell().plan(PlanRequest(query.start, query.goal, planner=grown_for, retries=0, time_limit=None))
+    assert result.ok
+    assert len(present(result.roadmap).milestones) >= milestones
+    assert lies(present(result.roadmap), cell()) == []
 
 
 def test_a_memory_of_paths_begins_with_nothing_and_answers_the_same_question_without_a_check() -> None:
