@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
@@ -10,10 +12,12 @@ from planner_service.certify import Certifier
 from planner_service.concurrency.polling import Prepared
 from planner_service.planning import Pace
 from planner_service.planning.accounting import Limits, PlanAccounting, PlanContext
+from planner_service.planning.endpoints import find_ends
 from planner_service.replanning import Outcome
 from planner_service.replanning.detour import Detours, Place
 from planner_service.replanning.splice import SwitchPoint, Underway
 from planner_service.scene.scene import Scene
+from planner_service.timing.laws import TimingFailed
 from tests.support.optional import present
 from tests.unit.replanning.test_replan import EMPTY, disc, room, small, swing, trajectory_of
 
@@ -107,6 +111,17 @@ def test_a_free_motion_is_not_left_for_a_path_that_is_hardly_shorter(sideways: f
     assert found.result.notes == ()  # nothing was timed
 
 
+@pytest.mark.parametrize(
+    ("sideways", "outcome"), [(0.3, Outcome.KEPT), (0.4, Outcome.KEPT), (0.5, Outcome.KEPT), (0.7, Outcome.NEW)]
+)
+def test_nor_for_one_on_which_the_robot_arrives_hardly_sooner(sideways: float, outcome: Outcome) -> None:
+    bent = room().follow([[0.0, 0.0], [1.2, sideways], [2.4, 0.0]], pace=Pace(ToppRa()), blends=(0.0, 0.2, 0.0))
+    found = room().replan(bent, at_time=0.1, latency=0.02)
+    assert found.outcome is outcome
+    left = trajectory_of(bent).duration - found.splice
+    assert (trajectory_of(found).duration <= 0.97 * left) == (outcome is Outcome.NEW)
+
+
 @pytest.mark.parametrize("most", [100, 1000])
 def test_looking_for_something_better_than_a_free_motion_takes_a_fifth_of_the_budget(most: int) -> None:
     service = room().with_scene(disc(1.2))
@@ -148,3 +163,25 @@ def test_ten_seconds_of_latency_are_the_most() -> None:
     found = room().replan(swing(), at_time=0.5, latency=10.0)
     assert (found.outcome, found.splice) == (Outcome.KEPT, 10.5)
     assert present(found.path).waypoints.tolist() == JointPath(np.array([[2.4, 0.0]])).waypoints.tolist()
+
+
+@pytest.mark.parametrize("goal", [(2.4, 0.0), (2.2, 0.9)])
+def test_of_a_few_new_motions_the_quickest_is_taken_but_a_good_one_at_once(goal: tuple[float, float]) -> None:
+    service, at = room().with_scene(disc(1.8)), 0.3
+    request = PlanRequest((0.0, 0.0), goal, max_checks=20_000, time_limit=None)
+    motion = Underway(trajectory_of(swing()), at, at + 0.1)
+    switch, limits = next(motion.switch_points()), service.robot.limits
+    accounting = PlanAccounting(service.checker, Limits(20_000, 20_000, None, None))
+    certifier = Prepared(lambda: Certifier(service.robot, service.scene))
+    context = PlanContext(request, service.checker, certifier, accounting)
+    detours, (end, *_) = Detours(context, motion.path, np.zeros((0, 2))), find_ends(context).goals
+    times: list[float] = []
+    for place in detours.places(switch, motion.stop_from(switch, limits), end.q):
+        candidate = present(detours.candidate(switch, place, end))
+        with suppress(TimingFailed):
+            times.append(motion.onward(candidate.path, switch, ToppRa(), limits)[0].duration)
+    found = service.replan(swing(), at_time=at, goal=goal, request=request)
+    assert min(times) < times[0]
+    good = times[0] <= 1.3 * (motion.trajectory.duration - motion.splice)
+    assert good == (goal == (2.2, 0.9))
+    assert trajectory_of(found).duration == pytest.approx(times[0] if good else min(times), rel=1e-9)
