@@ -478,3 +478,30 @@ def test_of_an_edge_that_collides_the_states_up_to_the_first_are_counted_its_end
         checker = CollisionChecker(PLANAR, DISCS, backend=backend)
         assert checker.edge_hit(*ends) is not None
         assert checker.counts.states == count
+
+
+def test_the_independent_checker_names_the_joint_that_is_outside_its_range() -> None:
+    second = IndependentChecker(ROOT / "robots" / "planar2", ROOT / "scenes" / "discs.toml")
+    for q, joint in (
+        ((3.2, 0.0), "shoulder"),
+        ((-3.2, 0.0), "shoulder"),
+        ((0.0, 3.2), "elbow"),
+        ((0.0, -3.2), "elbow"),
+    ):
+        touch = present(second.touch(q))
+        assert (touch.a, touch.b, touch.q) == (joint, "limit", q)
+
+
+@pytest.mark.parametrize("duration", [1.0, 0.01])
+def test_the_independent_checker_samples_a_motion_as_densely_as_it_promises(duration: float) -> None:
+    second = IndependentChecker(ROOT / "robots" / "planar2", {"obstacle": [], "attached": []})
+    asked: list[FloatArray] = []
+
+    def q(t: FloatArray) -> FloatArray:
+        asked.append(np.stack([2.0 * t / duration, 0.0 * t], axis=-1))
+        return asked[-1]
+
+    assert second.trajectory_is_free(q, duration, motion_step=0.01)
+    moved = (second.reach * np.abs(np.diff(asked[-1], axis=0))).sum(axis=1)
+    assert moved.max() <= 0.01
+    assert (asked[-1][0].tolist(), asked[-1][-1].tolist()) == ([0.0, 0.0], [2.0, 0.0])
