@@ -494,14 +494,16 @@ def test_the_independent_checker_names_the_joint_that_is_outside_its_range() -> 
 
 @pytest.mark.parametrize("duration", [1.0, 0.01])
 def test_the_independent_checker_samples_a_motion_as_densely_as_it_promises(duration: float) -> None:
-    second = IndependentChecker(ROOT / "robots" / "planar2", {"obstacle": [], "attached": []})
-    asked: list[FloatArray] = []
+    second = IndependentChecker(ROOT / "robots" / "wxai", {"obstacle": [], "attached": []})
+    times: list[FloatArray] = []
 
     def q(t: FloatArray) -> FloatArray:
-        asked.append(np.stack([2.0 * t / duration, 0.0 * t], axis=-1))
-        return asked[-1]
+        times.append(t)
+        return WXAI.home + np.outer(t / duration, [0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
 
     assert second.trajectory_is_free(q, duration, motion_step=0.01)
-    moved = (second.reach * np.abs(np.diff(asked[-1], axis=0))).sum(axis=1)
-    assert moved.max() <= 0.01
-    assert (asked[-1][0].tolist(), asked[-1][-1].tolist()) == ([0.0, 0.0], [2.0, 0.0])
+    fastest = np.diff(times[0]).max() * (second.reach * WXAI.limits.velocity).sum()
+    assert fastest <= 0.01
+    assert fastest > 0.008 or duration < 1.0
+    assert (second.reach * np.abs(np.diff(q(times[-1]), axis=0))).sum(axis=1).max() <= 0.01
+    assert (times[-1][0], times[-1][-1]) == (0.0, duration)
