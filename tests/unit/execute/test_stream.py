@@ -512,7 +512,10 @@ def test_a_task_that_has_no_plan_is_not_executed(arm: FakeArm) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("speed", 0.0), ("speed", 1.1), ("rate", 5.0), ("settle", -1.0), ("latest", math.nan), ("latest", 0)],
+    [
+        *(("speed", 0.0), ("speed", 1.1), ("rate", 5.0), ("start_tolerance", -0.5), ("settle", -1.0)),
+        *(("latest", math.nan), ("latest", 0)),
+    ],
 )
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidRequest, match=name):
@@ -530,7 +533,7 @@ def test_an_error_of_the_arm_is_not_cleared_by_connecting(monkeypatch: pytest.Mo
     """Whoever stopped the arm by its error decides when it may move again."""
     library = MagicMock(RuntimeError=RuntimeError, LogicError=ValueError)
     monkeypatch.setitem(sys.modules, "trossen_arm", library)
-    TrossenDriver("192.168.1.2", timeout=3.0)
+    assert not TrossenDriver("192.168.1.2", timeout=3.0).simulated
     *_, address, clear_error, timeout = library.TrossenArmDriver().configure.call_args.args
     assert (address, clear_error, timeout) == ("192.168.1.2", False, 3.0)
 
