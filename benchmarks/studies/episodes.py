@@ -32,7 +32,7 @@ MILLION = 1_000_000
 MOST_FAILURES = 0.05
 
 KEPT = ("requests", "episodes", "failures", "motions", "certified", "frames", "motion_seconds", "states")
-"""What of the summary is told."""
+"""The fields of the summary that are printed."""
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,10 @@
 Commands follow an absolute clock: tick k is due k / rate seconds after the beginning, however long earlier ticks took.
 A tick whose time has passed is left out; a stream that is too late is stopped.
 
-The arm is told to hold where it is, as measured. It has been there, so that is free, and only its momentum carries it
-further. The last command lies ahead of it, by its lag along the tangent of the path, where nothing is proven. Only if
-the arm gives no reading, or an impossible one, it is told to hold the last planned configuration, which is proven free.
+A stopped arm is commanded to hold its measured position. That position is free, because the arm is there; only its
+momentum carries it further. The last command would lead it on, by its lag along the tangent of the path, where nothing
+is proven. If the reading is missing or impossible, the arm is commanded to hold the last planned configuration instead,
+which is proven free.
 
 Commands are sent from a thread of their own. No signal interrupts it, so Ctrl-C cannot come between a failure and the
 hold, and the caller's thread, which waits for it, notices a driver that does not return.

@@ -5,8 +5,8 @@ At a waypoint W, with unit tangents u before and v after it, the corner from d b
     dq/ds = u + (v - u) f(y),   f(y) = 1/2 + (5 y - y^5) / 8,   y = (s - s_W) / d in [-1, 1].
 
 Its integral, of degree six, runs from ``W - d u`` to ``W + d v``. f has slope 0 at both ends, so the second derivative
-is zero there: the curve is C2 and its third derivative bounded. The slope of f is at most 5/8, where that of a cubic is
-3/4, so that joints may pass the corner faster. Because f grows from 0 to 1, the blend is no longer than the corner
+is zero there: the curve is C2, with a bounded third derivative. The slope of f is at most 5/8 (a cubic's reaches 3/4),
+so joints may pass the corner faster. Because f grows from 0 to 1, the blend is no longer than the corner
 (abs(dq/ds) <= 1), turns each joint back at most once, and stays in the triangle of the corner, hence within the joint
 limits. The functions take k blends at once, and one s for each.
 """
@@ -116,8 +116,8 @@ class Blends:
 def _turning(before: FloatArray, after: FloatArray) -> FloatArray:
     """y at which u + (v - u) f(y) is zero where u and v have different signs, else 1.
 
-    f(-y) = 1 - f(y), and with y = z - 1 the square root of f is z times that of a polynomial which is positive for
-    y <= 0. Newton's method is applied to it because it has no double root, as f has; the polynomial's first term gives
+    f(-y) = 1 - f(y), so y <= 0 is enough. There, with y = z - 1, f is z^2 times a positive polynomial. Newton's method
+    solves for the square root of f, because f itself has a double root at z = 0; the polynomial's constant term gives
     the initial value.
     """
     out = np.ones_like(before)

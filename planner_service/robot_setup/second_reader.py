@@ -21,7 +21,9 @@ __all__ = ["Agreement", "compare_with_yourdfpy"]
 
 CONFIGURATIONS = 16
 TOLERANCE = 1e-6
+
 NO_GEOMETRY = {"dynamics", "safety_controller", "calibration", "visual", "inertial"}
+"""Elements that do not decide where links and shapes are."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ def compare_with_yourdfpy(
 
     Args:
         path: The URDF, for messages.
-        root: Its ``<robot>``. What has no say in where things stand, such as visuals, is kept from yourdfpy.
+        root: Its ``<robot>``. Visuals and other elements that do not decide where links stand are left out.
         locked: Positions of the joints that do not move, in rad or m.
 
     Raises:
