@@ -43,6 +43,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.planners import (
     PRM,
     RRT,
+    BalancedRRTConnect,
     LazyPRM,
     RRTConnect,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "PRM",
     "RRT",
     "Attached",
+    "BalancedRRTConnect",
     "Box",
     "BrokenInvariant",
     "CancelToken",

@@ -19,14 +19,13 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval, Grip
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.collision.budget import Cancelled
-from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.validation import flag, instance
 from planner_service.parallel import Engine
 from planner_service.path.joint_path import JointPath
-from planner_service.planning.accounting import Limits, in_turn
+from planner_service.planning.accounting import Limits, held_to
 from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import WayOut, way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
@@ -56,7 +55,8 @@ os.register_at_fork(after_in_child=renew_locks)
 class PlannerService:
     """Plans motions of one robot in one scene, and counts what that costs.
 
-    Several threads may use it: calls take turns, first come, first served. After a fork, build a new one in the child.
+    Several threads may use it at the same time: each call gets what it would get alone, counts included. After a fork,
+    build a new one in the child.
 
     Args:
         robot: A robot, or the name or file of one (``load_robot``).
@@ -78,8 +78,7 @@ class PlannerService:
         self._edge_step, self._allowed = edge_step, pairs_of_names("allowed", allowed)
         self._planning = self._new_checker()
         self.world = World(self.robot, self.scene, self._planning.allowed, self._planning.edge_step)
-        self._certifier = Prepared(self._new_certifier)
-        self._turns = FairLock()
+        self._certifier = Prepared(self._new_certifier, quick=self._planning.quick)
         self._process = os.getpid()
 
     @classmethod
@@ -144,7 +143,7 @@ class PlannerService:
         instance("request", request, PlanRequest, "a PlanRequest")
         flag("trace", trace)
         tracer = Tracer() if trace else None
-        result = plan(request, self._planning, self._certifier, self._turns, cancel=cancel, tracer=tracer)
+        result = plan(request, self._planning, self._certifier, cancel=cancel, tracer=tracer)
         return replace(result, trace=None if tracer is None else tracer.trace, origin=Origin(self.world, request))
 
     def plan_many(
@@ -226,7 +225,6 @@ class PlannerService:
             previous,
             self._planning,
             self._certifier,
-            self._turns,
             at_time=at_time,
             latency=latency,
             request=request,
@@ -329,7 +327,7 @@ class PlannerService:
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
         request = FollowRequest(waypoints, contacts, pace, blends, padding)
-        result = follow(request, self._planning, self._certifier, self._turns, cancel=cancel)
+        result = follow(request, self._planning, self._certifier, cancel=cancel)
         return replace(result, origin=Origin(self.world, None, pace))
 
     def build_roadmap(
@@ -364,7 +362,7 @@ class PlannerService:
             with bar("roadmap", progress) as report:
                 return grow(planner, self._planning.variant(padding=padding), seed=seed, progress=report)
 
-        return self._in_turn(grown, cancel)
+        return self._limited(grown, cancel)
 
     def path_memory(self, *, padding: float = 0.001) -> Roadmap:
         """An empty roadmap that remembers every path planned with it: ``result.roadmap`` has one path more.
@@ -376,7 +374,7 @@ class PlannerService:
             InvalidRequest: a padding that is no distance.
         """
         self._require_own_process()
-        checker = self._in_turn(lambda: self._planning.variant(padding=padding))
+        checker = self._planning.variant(padding=padding)
         nothing = Roadmap.of(np.zeros((0, self.robot.n)), reach=checker.reach)
         return replace(nothing, terms=Terms.of(checker), remember=True)
 
@@ -396,7 +394,7 @@ class PlannerService:
         if not isinstance(roadmap, Roadmap):
             raise InvalidRequest("roadmap", roadmap, "a Roadmap")
         padding = 0.001 if roadmap.terms is None else roadmap.terms.padding
-        return self._in_turn(lambda: update(roadmap, self._planning.variant(padding=padding)), cancel)
+        return self._limited(lambda: update(roadmap, self._planning.variant(padding=padding)), cancel)
 
     def way_out(self, q: ArrayLike, *, seed: int = 0) -> WayOut | None:
         """A short motion from a colliding configuration q (n,) to a free one; q itself if free, None if none is found.
@@ -406,7 +404,7 @@ class PlannerService:
         self._require_own_process()
         require_seed(seed)
         start = joint_vector("q", q, self.robot)
-        return self._in_turn(lambda: way_out(self._planning, start, np.random.default_rng(seed)))
+        return self._limited(lambda: way_out(self._planning, start, np.random.default_rng(seed)))
 
     def view(
         self,
@@ -434,8 +432,8 @@ class PlannerService:
 
         return show(self.world, shown, host=host, port=port, block=block)
 
-    def _in_turn(self, act: Callable[[], T], cancel: CancelToken | None = None) -> T:
-        return in_turn(self._turns, self._planning.ledger, Limits(cancel=cancel), act)
+    def _limited(self, act: Callable[[], T], cancel: CancelToken | None = None) -> T:
+        return held_to(Limits(cancel=cancel), self._planning.ledger, act)
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:

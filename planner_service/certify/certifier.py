@@ -182,7 +182,8 @@ class Certifier:
             exempt: Stretches on which pairs are not judged. At the ends of a stretch they are, unless the path ends or
                 another stretch begins there.
             part: The interval of s to judge; None for the whole path.
-            charge: Called with the number of bounds before each batch of them; what it raises passes through.
+            charge: Called with numbers of bounds, all in all what is counted: before each batch of them, but by the
+                compiled prover once a millisecond at most. What it raises passes through.
 
         Raises:
             InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],

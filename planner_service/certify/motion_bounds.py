@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from planner_service.certify.pairs import Frame, Piece, ProofPairs
 from planner_service.certify.separation import Facing, Solids, centre_of
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, read_only
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Body, Robot
 
@@ -24,8 +25,8 @@ ROUNDING = 1e-9
 """Relative, and far above what a few dozen operations round."""
 
 
-class Motion:
-    """Poses, gaps and motion bounds of the listed pairs of one robot.
+class _Arm:
+    """Poses and motion bounds of the pieces that ride on a robot; they do not depend on what stands around it.
 
     Between two nodes of a path joint k travels ``t_k``, its total variation. Against the parent of an ancestor j a
     point of a body moves by at most ``sum r_k t_k`` over the joints k from j outwards to the body, r_k its largest
@@ -38,27 +39,21 @@ class Motion:
     Attributes:
         n: Length of q.
         limits: Of q, lower and upper, (2, n).
-        first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
-        children, roots: Of the pairs, as ``ProofPairs`` has them.
-        size: Radius of the second piece of each pair, (p,).
-        riding: How many pieces ride.
-        fixed: World poses of those that do not, (3, 4, k).
         depth: How many joints move the piece that most joints move.
+        joints: How many move each piece, (pieces,).
+        steps: Of each two pieces how many joints move only the one and only the other, (2, pieces, pieces).
+        body: Of each piece, (pieces,).
+        local: The pose of each piece in its body, (3, 4, 1, pieces).
     """
 
-    def __init__(self, robot: Robot, listed: ProofPairs) -> None:
-        bodies, riding = robot.bodies, listed.riding
-        self.first, self.second = listed.pairs.T.copy()
+    def __init__(self, robot: Robot, riding: Sequence[Piece]) -> None:
+        bodies = robot.bodies
         self.n = robot.n
         self.limits = np.stack([robot.limits.lower, robot.limits.upper])
-        self.riding = len(riding)
-        self._rides = self.second < self.riding
-        self.fixed = _table([_centred(piece) for piece in listed.standing])
+        self._riding = len(riding)
         self._solids = Solids.of([piece.shape for piece in riding])
-        self._every = Solids.of([piece.shape for piece in (*riding, *listed.standing)])
-        self._every_radius = self._every.radius()
-        self._local = _table([_centred(piece) for piece in riding])[:, :, None]
-        self._body = np.array([piece.body for piece in riding], dtype=np.intp)
+        self.local = _table([_centred(piece) for piece in riding])[:, :, None]
+        self.body = np.array([piece.body for piece in riding], dtype=np.intp)
         self._columns = np.array([max(body.q_index, 0) for body in bodies], dtype=np.intp)
         self._moved = np.array([body.q_index >= 0 for body in bodies])
         self._parents = [body.parent for body in bodies]
@@ -72,44 +67,26 @@ class Motion:
         self._slides = self._sliding[self._chains]
         self._radius = self._solids.radius()
         self._far = self._farthest(robot, chains)
-        self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
-        self._steps[0] = np.array([len(chain) for chain in chains], dtype=np.intp)[self.first]
-        for k in np.flatnonzero(self._rides).tolist():
-            self._steps[:, k] = _steps(chains[self.first[k]], chains[self.second[k]])
-        self.children: IntArray = listed.children
-        self.roots: IntArray = listed.roots
-        self.size: FloatArray = self._every_radius[self.second]
+        self.joints: IntArray = np.array([len(chain) for chain in chains], dtype=np.intp)
+        of_bodies = [_chain(self._parents, body) for body in range(len(bodies))]
+        steps = np.array([[_steps(one, two) for two in of_bodies] for one in of_bodies], dtype=np.intp)
+        self.steps: IntArray = steps[self.body[:, None], self.body].transpose(2, 0, 1)
 
-    @property
-    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:
-        """All of this as numbers, for compiled code that does the same.
-
-        The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
-        (``_joint``), (bodies, 54); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
-        hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
-        piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
-        other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of q, lower and upper, (2, n).
-        """
+    @cached_property
+    def tables(self) -> tuple[FloatArray, FloatArray]:
+        """Bodies and links as ``Motion.tables`` has them."""
         columns = np.where(self._moved, self._columns, -1)
         joints = [table[:, :, 0].transpose(2, 0, 1).reshape(-1, 12) for table in self._joints]
         bodies = np.column_stack([self._parents, columns, self._sliding, self._axes[:, 0].T, *joints])
-        frames = np.concatenate([self._local[:, :, 0], self.fixed], axis=2).transpose(2, 0, 1).reshape(-1, 12)
-        every = self._every
-        on = np.full(len(frames), -1)
-        on[: self.riding] = self._body
-        hulls = np.full(len(frames), -1) if every.hulls is None else every.hulls.rows
-        pieces = np.column_stack([on, every.half.T, every.disc, every.ball, self._every_radius, hulls, frames])
         links = [(k, body, self._far[row, k]) for k, chain in enumerate(self._links) for row, body in enumerate(chain)]
-        pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
-        corners = [] if every.hulls is None else every.hulls.clouds()
-        return self.n, bodies, pieces, self.riding, np.array(links).reshape(-1, 3), pairs, corners, self.limits
+        return read_only(bodies), read_only(np.array(links).reshape(-1, 3))
 
     def _farthest(self, robot: Robot, chains: Sequence[Sequence[int]]) -> FloatArray:
         """Distances from the joint axes that no configuration within the limits exceeds, (depth, pieces)."""
         ends = np.maximum(np.abs(robot.limits.lower), np.abs(robot.limits.upper)).tolist()
         out = np.zeros(self._chains.shape)
         for column, chain in enumerate(chains):
-            total = _length(self._local[:, 3, 0, column]) + float(self._radius[column])
+            total = _length(self.local[:, 3, 0, column]) + float(self._radius[column])
             for row, body in enumerate(robot.bodies[index] for index in chain):
                 out[row, column] = total * (1.0 + ROUNDING)
                 total += _length(body.placement[:3, 3]) + (ends[body.q_index] if body.prismatic else 0.0)
@@ -123,7 +100,7 @@ class Motion:
             from the axes that move it, its own body's first, then inwards, (m, depth, riding).
         """
         bodies = self._body_poses(q)
-        poses = _composed(bodies[..., self._body], self._local)
+        poses = _composed(bodies[..., self.body], self.local)
         return poses.reshape(3, 4, -1), self._radii(bodies, poses)
 
     def _body_poses(self, q: FloatArray) -> FloatArray:
@@ -187,11 +164,81 @@ class Motion:
     def _summed(self, radii: FloatArray, share: float, travel: FloatArray) -> FloatArray:
         """The sums of radius times travel, each radius larger by that ``share`` of the sum before it."""
         per_body = np.where(self._moved, travel[:, self._columns], 0.0)
-        out = np.zeros((self.depth + 1, len(travel), self.riding))
+        out = np.zeros((self.depth + 1, len(travel), self._riding))
         for k, chain in enumerate(self._chains):
             radius = np.minimum(radii[:, k] + share * out[k], self._far[k])
             out[k + 1] = out[k] + np.where(self._slides[k], 1.0, radius) * per_body[:, chain]
         return out
+
+
+@lru_cache(maxsize=16)
+def _arm_of(robot: Robot, riding: tuple[Piece, ...]) -> _Arm:
+    """Built once for all scenes in which the robot holds nothing else."""
+    return _Arm(robot, riding)
+
+
+class Motion:
+    """Poses, gaps and motion bounds of the listed pairs of one robot.
+
+    Attributes:
+        n: Length of q.
+        limits: Of q, lower and upper, (2, n).
+        first, second: The pieces of each pair, (p,); those of obstacles are numbered after the pieces that ride.
+        children, roots: Of the pairs, as ``ProofPairs`` has them.
+        size: Radius of the second piece of each pair, (p,).
+        riding: How many pieces ride.
+        fixed: World poses of those that do not, (3, 4, k).
+        depth: How many joints move the piece that most joints move.
+    """
+
+    def __init__(self, robot: Robot, listed: ProofPairs) -> None:
+        self._arm = arm = _arm_of(robot, listed.riding)
+        self.first, self.second = listed.pairs.T.copy()
+        self.n, self.limits = arm.n, arm.limits
+        self.riding, self.depth = len(listed.riding), arm.depth
+        self._rides = self.second < self.riding
+        self.fixed = _table([_centred(piece) for piece in listed.standing])
+        self._every = Solids.of([piece.shape for piece in (*listed.riding, *listed.standing)])
+        self._every_radius = self._every.radius()
+        self._steps = np.zeros((2, len(self.first)), dtype=np.intp)
+        self._steps[0] = arm.joints[self.first]
+        self._steps[:, self._rides] = arm.steps[:, self.first[self._rides], self.second[self._rides]]
+        self.children: IntArray = listed.children
+        self.roots: IntArray = listed.roots
+        self.size: FloatArray = self._every_radius[self.second]
+
+    @property
+    def tables(self) -> tuple[int, FloatArray, FloatArray, int, FloatArray, IntArray, list[FloatArray], FloatArray]:
+        """All of this as numbers, for compiled code that does the same.
+
+        The length of q; of each body parent, entry of q (-1: none), whether it slides, axis, and four 3 x 4 tables
+        (``_joint``), (bodies, 54); of each piece body (-1: it stands), half lengths, disc, ball, radius, number of its
+        hull (-1: none), and frame, (pieces, 20); how many ride; of each and each body that carries it, its own first,
+        piece, body and distance from the axis, (k, 3); of each pair pieces, joints that move only the one and only the
+        other, first child and how many, (p, 6); corners (v, 3) of the hulls; limits of q, lower and upper, (2, n).
+        """
+        arm, every = self._arm, self._every
+        frames = np.concatenate([arm.local[:, :, 0], self.fixed], axis=2).transpose(2, 0, 1).reshape(-1, 12)
+        on = np.full(len(frames), -1)
+        on[: self.riding] = arm.body
+        hulls = np.full(len(frames), -1) if every.hulls is None else every.hulls.rows
+        pieces = np.column_stack([on, every.half.T, every.disc, every.ball, self._every_radius, hulls, frames])
+        pairs = np.column_stack([self.first, self.second, *self._steps, self.children])
+        corners = [] if every.hulls is None else every.hulls.clouds()
+        bodies, links = arm.tables
+        return self.n, bodies, pieces, self.riding, links, pairs, corners, self.limits
+
+    def nodes(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """As ``_Arm.nodes``."""
+        return self._arm.nodes(q)
+
+    def motions(self, radii_a: FloatArray, radii_b: FloatArray, travel: FloatArray) -> FloatArray:
+        """As ``_Arm.motions``."""
+        return self._arm.motions(radii_a, radii_b, travel)
+
+    def motions_about(self, radii: FloatArray, travel: FloatArray) -> FloatArray:
+        """As ``_Arm.motions_about``."""
+        return self._arm.motions_about(radii, travel)
 
     def pair_motions(self, motions: FloatArray, pair: IntArray, stretch: IntArray) -> FloatArray:
         """How far the pieces of pairs move against each other on stretches, at most: picked from ``motions``."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class ProofPairs:
 
     def __init__(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> None:
         tool = _frame(robot.tool_placement)
-        riding = [Piece(("link", s.link), s.body, s.shape, _frame(s.pose.matrix)) for s in robot.shapes]
+        riding = list(_links_of(robot))
         for a in scene.attached:
             frame = _times(tool, _frame(a.pose.matrix))
             solid = _pieces(a.shape, frame)
@@ -120,23 +121,25 @@ class ProofPairs:
         plain = name not in self._twice and not name.endswith((" (link)", " (object)"))
         return name if plain else f"{name} ({kind})"
 
-    def _contacts(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> set[frozenset[Owner]]:
-        contacts = {frozenset((("link", a), ("link", b))) for a, b in (c.links for c in robot.allowed_contacts)}
+    def _contacts(self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]) -> set[tuple[Owner, Owner]]:
+        """Owners that may touch, either of them first."""
+        contacts = {(("link", a), ("link", b)) for a, b in (c.links for c in robot.allowed_contacts)}
         shaped = {shape.link for shape in robot.shapes}
         for attached in scene.attached:
             for link in attached.touch_links:
                 if link not in shaped:
                     raise UnknownName("touch link", link, shaped)
-                contacts.add(frozenset((("object", attached.name), ("link", link))))
+                contacts.add((("object", attached.name), ("link", link)))
         for a, b in pairs_of_names("allowed", allowed):
             self.check_name("link or object", a)
             self.check_name("link or object", b)
-            contacts.add(frozenset((self._called[a], self._called[b])))
-        return contacts
+            contacts.add((self._called[a], self._called[b]))
+        return contacts | {(b, a) for a, b in contacts}
 
     def _listed(self) -> tuple[IntArray, IntArray]:
         """The pairs, and the children of each."""
-        rows: list[IntArray] = [np.zeros((0, 2), dtype=np.intp)]
+        first: list[IntArray] = [np.zeros(0, dtype=np.intp)]
+        second: list[IntArray] = [np.zeros(0, dtype=np.intp)]
         total = 0
         places: list[tuple[int, range, int]] = []
         for run, partners in self._partners():
@@ -145,20 +148,24 @@ class ProofPairs:
             if total + len(run) * len(others) > MAX_PAIRS:
                 count = total + len(run) * len(others)
                 raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must be apart")
-            ends = np.cumsum([len(blocks[0]), *map(len, partners)]).tolist()
-            for i in run:
-                places += [(i, o, total + at) for o, at in zip(partners, ends, strict=False) if o in self._trees]
-                rows.append(_with(i, others))
-                total += len(others)
+            first.append(np.arange(run.start, run.stop).repeat(len(others)))
+            second += [others] * len(run)
+            if self._trees:
+                ends = np.cumsum([len(blocks[0]), *map(len, partners)]).tolist()
+                for k, i in enumerate(run):
+                    begin = total + k * len(others)
+                    places += [(i, o, begin + at) for o, at in zip(partners, ends, strict=False) if o in self._trees]
+            total += len(run) * len(others)
         children: list[IntArray] = [np.zeros((total, 2), dtype=np.intp)]
-        for i, numbers, first in places:
+        for i, numbers, begin in places:
             tree = self._trees[numbers]
-            rows.append(_with(i, np.array([each.number for each in tree], dtype=np.intp)))
-            shift = {True: first - numbers.start, False: total - tree[0].number}  # from pieces to pairs
+            first.append(np.full(len(tree), i, dtype=np.intp))
+            second.append(np.array([each.number for each in tree], dtype=np.intp))
+            shift = {True: begin - numbers.start, False: total - tree[0].number}  # from pieces to pairs
             begins = [each.first + shift[each.first < numbers.stop] for each in tree]
             children.append(np.array([begins, [each.count for each in tree]], dtype=np.intp).T)
             total += len(tree)
-        return np.concatenate(rows), np.concatenate(children)
+        return np.stack([np.concatenate(first), np.concatenate(second)], axis=1), np.concatenate(children)
 
     def _partners(self) -> Iterator[tuple[range, list[range]]]:
         """Riding pieces of one owner on one body, and what each of them must be apart from."""
@@ -170,15 +177,15 @@ class ProofPairs:
             yield run, [o for o in (*runs[k + 1 :], *self._obstacles) if self._must_part(a, self._pieces[o.start])]
 
     def _must_part(self, a: Piece, b: Piece) -> bool:
-        if a.owner == b.owner or frozenset((a.owner, b.owner)) in self._may_touch:
+        if not (a.body > 0 if b.body == FIXED else a.body != b.body or a.held or b.held):
             return False
-        if b.body == FIXED:
-            return a.body > 0
-        return a.body != b.body or a.held or b.held
+        return a.owner != b.owner and (a.owner, b.owner) not in self._may_touch
 
 
-def _with(i: int, others: IntArray) -> IntArray:
-    return np.stack([np.full(len(others), i, dtype=np.intp), others], axis=1)
+@lru_cache(maxsize=16)
+def _links_of(robot: Robot) -> tuple[Piece, ...]:
+    """The pieces of a robot's own links: they are the same in every scene."""
+    return tuple(Piece(("link", s.link), s.body, s.shape, _frame(s.pose.matrix)) for s in robot.shapes)
 
 
 def _pieces(solid: Solid, frame: Frame) -> Iterator[tuple[Shape, Frame]]:

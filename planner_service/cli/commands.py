@@ -64,7 +64,7 @@ def plan(
     goal: options.Goals,
     scene: options.SceneName,
     robot: options.RobotName = "wxai",
-    planner: options.PlannerName = "rrtconnect",
+    planner: options.PlannerName = options.DEFAULT.planner.name,
     timing: options.TimingName = "toppra",
     seed: options.Seed = options.DEFAULT.seed,
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
@@ -118,7 +118,7 @@ def pick_place(
     scene: options.SceneName = "bin",
     target: options.Target = "blue_block",
     onto: options.Onto = "tray",
-    planner: options.PlannerName = "rrtconnect",
+    planner: options.PlannerName = options.DEFAULT.planner.name,
     timing: options.TimingName = "toppra",
     seed: options.Seed = options.DEFAULT.seed,
     max_checks: options.MaxChecks = options.DEFAULT.max_checks,
@@ -267,7 +267,7 @@ def doctor(
     seed: options.Seed = 0,
     as_json: options.AsJson = False,
 ) -> None:
-    """Show which compiled kernels collision checks and proofs use, and compare them with their references."""
+    """Show which compiled code is in use, and compare it with its references: checks, searches, proofs and timing."""
     with bad_input_exits():
         health = examine(load_robot(robot), load_world(scene), states=states, seed=seed)
     if as_json:
@@ -332,6 +332,7 @@ def _plot(file: str, service: PlannerService, request: PlanRequest, result: Plan
 def _health_lines(health: Health, where: str) -> list[str]:
     kernels = (
         ("checks", health.checks, f"random states of {where}", " ({:,} collide)", "state"),
+        ("searches", health.searches, "shortened paths between free ones", " ({:,} are given up)", "path"),
         ("proofs", health.proofs, "short edges between them", " ({:,} are refused)", "edge"),
         ("timing", health.timing, "paths through them, with toppra and numpy", "", "path"),
     )

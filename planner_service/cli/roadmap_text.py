@@ -181,7 +181,7 @@ def roadmap_facts(roadmap: Roadmap, file_bytes: int) -> list[tuple[str, str]]:
     rows += [("built by", built_by_text(roadmap))]
     rows += [("cost", str(built.counts))] if built is not None else []
     rows += [("milestones", milestones_text(roadmap)), ("edges", edges_text(roadmap))]
-    fallback = "RRTConnect searches if the roadmap has no path" if roadmap.fallback else "no fallback planner"
+    fallback = "BalancedRRTConnect searches if the roadmap has no path" if roadmap.fallback else "no fallback planner"
     remember = "paths found are added" if roadmap.remember else "paths found are not added"
     return [*rows, ("queries", f"{fallback}; {remember}"), ("size", size_text(roadmap, file_bytes))]
 

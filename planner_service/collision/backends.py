@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, get_args
 
 import numpy as np
@@ -44,6 +45,9 @@ _FIRST_ROWS = 8
 
 _ROWS_AT_ONCE = 64
 """Rows between two looks at the limits, where these take microseconds each."""
+
+_NATIVE_ROWS_AT_ONCE = 256
+"""The same of the kernel, to which most edges are one question: 8 ms in a cloud of 50,000 points, a tenth elsewhere."""
 
 
 class FirstHit(Protocol):
@@ -91,9 +95,13 @@ class NarrowPhase:
 
     def __init__(self, robot: Robot, parts: Parts) -> None:
         self._robot, self.parts = robot, parts
-        self.fcl = FclObjects(parts.shapes, [part.T for part in parts.parts])
-        riding = parts.parts[: parts.riding]
-        self._local = [(p.body, (*p.T[:3, :3].ravel().tolist(), *p.T[:3, 3].tolist())) for p in riding]
+        self.fcl = FclObjects(tuple(parts.shapes), [part.T for part in parts.parts], {})
+
+    @cached_property
+    def _local(self) -> list[tuple[int, tuple[float, ...]]]:
+        """Of each part that rides its body, and its pose there: rows of the rotation, then the position."""
+        riding = self.parts.parts[: self.parts.riding]
+        return [(p.body, (*p.T[:3, :3].ravel().tolist(), *p.T[:3, 3].tolist())) for p in riding]
 
     def touching(self, q: Sequence[float], pairs: Sequence[int]) -> Iterator[int]:
         """Those of some pairs, given by their numbers, that touch at q (n,), in the order given."""
@@ -200,10 +208,10 @@ class NativeBackend:
     """FCL is asked about what the kernel leaves undecided; whole edges are checked in one call.
 
     Attributes:
-        kernel: Finds the next row that is not free; thread-safe, unlike FCL's objects.
+        kernel: Finds the next row that is not free; thread-safe.
     """
 
-    rows_at_once = _ROWS_AT_ONCE
+    rows_at_once = _NATIVE_ROWS_AT_ONCE
 
     def __init__(self, narrow_phase: NarrowPhase, kernel: _core.CollisionKernel) -> None:
         self.narrow_phase, self.kernel = narrow_phase, kernel
@@ -233,20 +241,15 @@ class NativeBackend:
         """The first row that collides, where ``check_from`` has the kernel check the rows from one on."""
         check = check_from(start)
         while check.undecided:
-            pair = self._first_touching(check.q, check.pairs)
+            pair = self.first_touching(check.q, check.pairs)
             if pair is not None:
                 return Collision(check.row, check.fraction, pair)
             check = check_from(check.row + 1)
         return None if check.free else Collision(check.row, check.fraction, check.pair)
 
-    def _first_touching(self, q: list[float], pairs: list[int]) -> int | None:
-        """The first pair that touches at q, where those are undecided and maybe more behind them."""
-        touching = next(self.narrow_phase.touching(q, pairs), None)
-        if touching is not None:
-            return touching
-        # the kernel stops at the first part with an undecided pair: others may be behind it
-        more = [pair for pair in self.kernel.candidates(np.array([q]))[1] if pair not in pairs]
-        return next(self.narrow_phase.touching(q, more), None) if more else None
+    def first_touching(self, q: list[float], pairs: list[int]) -> int | None:
+        """The first of the pairs left undecided at q (n,) that touches."""
+        return next(self.narrow_phase.touching(q, pairs), None)
 
 
 def make_backend(

@@ -76,25 +76,27 @@ class Solids:
     @classmethod
     def of(cls, shapes: Sequence[Shape]) -> Solids:
         """The solids of shapes, in their order."""
-        half = np.zeros((len(shapes), 3))
-        ball, disc = np.zeros(len(shapes)), np.zeros(len(shapes))
         hulls = np.full(len(shapes), -1, dtype=np.intp)
         corners: list[FloatArray] = []
-        for k, (shape, centre) in enumerate(zip(shapes, centres_of(shapes), strict=True)):
-            if isinstance(shape, Mesh):
-                hulls[k] = len(corners)
-                corners.append(np.ascontiguousarray((shape.vertices - centre).T))
-                half[k] = np.abs(corners[-1]).max(axis=1)
-            elif isinstance(shape, Box):
-                half[k] = shape.half
+        rows: list[tuple[float, float, float, float, float]] = []
+        for k, shape in enumerate(shapes):
+            if isinstance(shape, Box):
+                rows.append((*shape.half, 0.0, 0.0))
             elif isinstance(shape, Sphere):
-                ball[k] = shape.radius
+                rows.append((0.0, 0.0, 0.0, shape.radius, 0.0))
             elif isinstance(shape, Capsule):
-                half[k, 2], ball[k] = shape.length / 2, shape.radius
+                rows.append((0.0, 0.0, shape.length / 2, shape.radius, 0.0))
             elif isinstance(shape, Cylinder):
-                half[k, 2], disc[k] = shape.length / 2, shape.radius
+                rows.append((0.0, 0.0, shape.length / 2, 0.0, shape.radius))
+            elif isinstance(shape, Mesh):
+                hulls[k] = len(corners)
+                corners.append(np.ascontiguousarray((shape.vertices - _centre_of(shape)).T))
+                x, y, z = np.abs(corners[-1]).max(axis=1).tolist()
+                rows.append((x, y, z, 0.0, 0.0))
             else:
                 raise BrokenInvariant(f"no bound for a {type(shape).__name__}")
+        table = np.array(rows, dtype=np.float64).reshape(-1, 5)
+        half, ball, disc = (np.ascontiguousarray(part) for part in (table[:, :3], table[:, 3], table[:, 4]))
         return cls(half, ball, disc, hulls, tuple(corners))
 
     def take(self, rows: IntArray | slice) -> Solids:
@@ -145,8 +147,13 @@ def centres_of(shapes: Sequence[Shape]) -> FloatArray:
     out = np.zeros((len(shapes), 3))
     for k, shape in enumerate(shapes):
         if isinstance(shape, Mesh):
-            out[k] = 0.5 * (shape.vertices.min(axis=0) + shape.vertices.max(axis=0))
+            out[k] = _centre_of(shape)
     return out
+
+
+def _centre_of(mesh: Mesh) -> FloatArray:
+    """The centre of the box around a hull, (3,)."""
+    return np.asarray(0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)))
 
 
 def doubt_of(solids: Solids) -> float:

@@ -8,7 +8,7 @@ import time
 import weakref
 from collections import Counter
 from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,7 +16,16 @@ from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.validation import number, whole
 from planner_service.presentation.tables import Table
 
-__all__ = ["CancelToken", "Cancelled", "CheckBudgetSpent", "CheckCounts", "Ledger", "SearchStopped", "TimeBoxSpent"]
+__all__ = [
+    "CancelToken",
+    "Cancelled",
+    "CheckBudgetSpent",
+    "CheckCounts",
+    "Ledger",
+    "SearchStopped",
+    "Tally",
+    "TimeBoxSpent",
+]
 
 MAX_STATES = 2**63 - 1
 """More states than anyone judges."""
@@ -85,24 +94,51 @@ class CancelToken:
         return self._event.is_set()
 
 
-class Ledger:
-    """Running counts, shared by a checker and its variants, the limits of each thread, and the lock that guards both.
+class Tally:
+    """What one thread has asked. No other thread changes it, so it needs no lock.
 
-    Limits belong to the thread whose block set them: what another thread judges neither uses them up nor meets them.
+    Attributes:
+        states: As in ``CheckCounts``; so are ``edges`` and ``distances``.
+        hits: How often each pair was found to collide, by names.
     """
 
     def __init__(self) -> None:
-        self.lock = threading.RLock()
         self.states = 0
         self.edges = 0
         self.distances = 0
         self.hits: Counter[tuple[str, str]] = Counter()
-        self._threads = _Threads()
 
     @property
     def counts(self) -> CheckCounts:
         """The counts so far."""
         return CheckCounts(self.states, self.edges, self.distances)
+
+
+class Ledger:
+    """Running counts, shared by a checker and its variants, and the limits of each thread.
+
+    Each thread counts by itself: what a call costs is the difference of its thread's counts, whatever other threads ask
+    meanwhile. Limits too belong to the thread whose block set them.
+    """
+
+    def __init__(self) -> None:
+        self._tallies: dict[int, Tally] = {}
+        self._threads = _Threads(self._tallies)
+
+    @property
+    def counts(self) -> CheckCounts:
+        """The counts so far, of all threads."""
+        return sum((tally.counts for tally in list(self._tallies.values())), CheckCounts())
+
+    @property
+    def hits(self) -> Counter[tuple[str, str]]:
+        """How often each pair was found to collide, by names, in all threads."""
+        return sum((tally.hits for tally in list(self._tallies.values())), Counter())
+
+    @property
+    def own(self) -> Tally:
+        """What this thread has asked so far."""
+        return self._threads.tally
 
     def limited(
         self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
@@ -124,11 +160,8 @@ class Ledger:
         return _Block(self._threads.own, apart=True)
 
     def let_go(self) -> None:
-        """End what a call of this thread may have left behind when Ctrl-C came: limits, and its hold of the lock."""
+        """End the limits that a call of this thread may have left behind when Ctrl-C came."""
         self._threads.own.hold()
-        with suppress(RuntimeError):  # not held by this thread, or not any more
-            while True:
-                self.lock.release()
 
     def poll(self) -> None:
         """Raise if the time box is over or the call was cancelled; costs no check."""
@@ -156,13 +189,17 @@ class Ledger:
 
     def record_states(self, judged: int) -> None:
         """Record states that were judged, as many as there was room for."""
-        self.states += judged
-        self._threads.own.states += judged
+        threads = self._threads
+        threads.tally.states += judged
+        threads.own.states += judged
+
+    def record_hit(self, pair: tuple[str, str]) -> None:
+        """Record that a pair was found to collide, by its names."""
+        self._threads.tally.hits[pair] += 1
 
     def charge_distances(self, bounds: int) -> None:
         """Record clearance bounds."""
-        with self.lock:
-            self.distances += bounds
+        self._threads.tally.distances += bounds
 
 
 class _Limits(NamedTuple):
@@ -175,7 +212,7 @@ class _Limits(NamedTuple):
 
 
 class _Thread:
-    """What one thread has judged, and the limits of the blocks it is in, the outermost first.
+    """How many states one thread has spent, and the limits of the blocks it is in, the outermost first.
 
     A block is known weakly: one that Ctrl-C kept from ending is gone with its frame, and so are its limits.
     """
@@ -218,10 +255,15 @@ class _Thread:
 
 
 class _Threads(threading.local):
-    """What each thread has of its own."""
+    """What each thread has of its own.
 
-    def __init__(self) -> None:
+    Tallies are kept by the number of their thread. A thread that ended leaves its number to a later one, which counts
+    on from there: so there are never more tallies than there were threads at a time.
+    """
+
+    def __init__(self, tallies: dict[int, Tally]) -> None:
         self.own = _Thread()
+        self.tally = tallies.setdefault(threading.get_ident(), Tally())
 
 
 @dataclass(eq=False)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.collision.backends import BackendName, Collision, FirstHit, NativeBackend, make_backend
-from planner_service.collision.budget import CancelToken, CheckCounts, Ledger, SearchStopped
+from planner_service.collision.budget import CancelToken, CheckBudgetSpent, CheckCounts, Ledger, SearchStopped
 from planner_service.collision.contact import Contact, EdgeHit, deepest, rounded_down
 from planner_service.collision.edge_sampling import (
     MAX_SEGMENTS,
@@ -34,6 +35,7 @@ from planner_service.concurrency.polling import Prepared, asked
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, read_only
 from planner_service.geometry.validation import instance, number, numbers, whole
+from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
@@ -46,8 +48,13 @@ __all__ = ["BackendName", "CollisionChecker", "Contact", "EdgeHit"]
 MAX_VARIANTS = 32
 """Variants kept, the oldest forgotten first: a plan needs a handful, and building one again changes no answer."""
 
+FEW_PAIRS = 5_000
+"""Pairs up to which a call with a time limit need not be able to leave halfway what is prepared for them."""
+
 LIMIT_SLACK = 1e-9
 """Radians or metres by which rounding may carry a configuration over a joint limit."""
+
+T = TypeVar("T")
 
 _ALL, _COARSE, _REST = Samples
 """Looked up once: before Python 3.12 this takes as long for a member of an enum as some of the checks below."""
@@ -55,6 +62,12 @@ _ALL, _COARSE, _REST = Samples
 
 _Key = tuple[float, tuple[tuple[str, str], ...], float | None]
 """Padding, allowed pairs and motion step of a variant."""
+
+
+class _Last(threading.local):
+    """The collision that each thread found last."""
+
+    hit: FirstHit | None = None
 
 
 class CollisionChecker:
@@ -92,24 +105,27 @@ class CollisionChecker:
             raise InvalidRequest("edge_step", edge_step, "a rule such as MotionStep(0.010)")
         self.robot = instance("robot", robot, Robot, "a Robot")
         self.scene = instance("scene", scene, Scene, "a Scene")
-        self.edge_step: EdgeStep = MotionStep() if edge_step is None else edge_step
-        self.padding = float(padding)
-        self.allowed = sorted_pairs(allowed)
-        self.ledger = Ledger()
-        self._last: FirstHit | None = None
-        self._coarse_segments = coarse_segments_of(self.edge_step)
-        self._parts = Parts(robot, scene, padding=self.padding, allowed=self.allowed)
         self.backend = backend
-        self._backend = make_backend(backend, robot, self._parts, lambda: self._broadphase)
-        self._reach: list[float] = robot.reach(self._parts.carried).tolist()
-        self._lower = [value - LIMIT_SLACK for value in robot.limits.lower.tolist()]
-        self._upper = [value + LIMIT_SLACK for value in robot.limits.upper.tolist()]
-        self._rows_at_once = self._backend.rows_at_once
-        self._kernel = self._configured_kernel()
+        self.ledger = Ledger()
         self._variants: dict[_Key, CollisionChecker] = {}
         self._preparing: dict[_Key, Prepared[CollisionChecker]] = {}
-        self._asked_step = self.edge_step
-        self._motion_step: float | None = None
+        self._asked_step: EdgeStep = MotionStep() if edge_step is None else edge_step
+        pairs = sorted_pairs(allowed)
+        self._judge(Parts(robot, scene, padding=float(padding), allowed=pairs), float(padding), pairs, None)
+
+    def _judge(self, parts: Parts, padding: float, allowed: tuple[tuple[str, str], ...], finest: float | None) -> None:
+        """Prepare for these pieces, which have the padding, and for edges sampled at least this finely."""
+        self._parts, self.padding, self.allowed, self._motion_step = parts, padding, allowed, finest
+        step = self._asked_step
+        self.edge_step: EdgeStep = step if finest is None else FinestStep((step, MotionStep(finest)))
+        self._last = _Last()
+        self._coarse_segments = coarse_segments_of(self.edge_step)
+        self._backend = make_backend(self.backend, self.robot, parts, lambda: self._broadphase)
+        self._reach: list[float] = self.robot.reach(parts.carried).tolist()
+        self._lower = [value - LIMIT_SLACK for value in self.robot.limits.lower.tolist()]
+        self._upper = [value + LIMIT_SLACK for value in self.robot.limits.upper.tolist()]
+        self._rows_at_once = self._backend.rows_at_once
+        self._kernel = self._configured_kernel()
 
     def variant(
         self,
@@ -134,24 +150,30 @@ class CollisionChecker:
             return self
         known = self._variants.get(key)
         if known is None:
-            step = self._asked_step if finest is None else FinestStep((self._asked_step, MotionStep(finest)))
 
             def keep() -> CollisionChecker:
-                other = CollisionChecker(
-                    self.robot, self.scene, edge_step=step, padding=padding, allowed=pairs, backend=self.backend
-                )
-                other.ledger, other._variants, other._preparing = self.ledger, self._variants, self._preparing
-                other._asked_step, other._motion_step = self._asked_step, finest
+                other = self._varied(padding, pairs, finest)
                 for old in list(self._variants)[: len(self._variants) + 1 - MAX_VARIANTS]:
                     self._variants.pop(old, None)
                 self._variants[key] = other
                 self._preparing.pop(key, None)
                 return other
 
-            if not asked():
+            if self.quick or not asked():
                 return keep()
             return self._preparing.setdefault(key, Prepared(keep)).get()  # which a call that was ended may have begun
         return known
+
+    def _varied(self, padding: float, allowed: tuple[tuple[str, str], ...], finest: float | None) -> CollisionChecker:
+        other = object.__new__(CollisionChecker)
+        other.robot, other.scene, other.backend, other.ledger = self.robot, self.scene, self.backend, self.ledger
+        other._variants, other._preparing, other._asked_step = self._variants, self._preparing, self._asked_step
+        if allowed == self.allowed:
+            parts = self._parts.padded(padding)
+        else:
+            parts = Parts(self.robot, self.scene, padding=padding, allowed=allowed)
+        other._judge(parts, padding, allowed, finest)
+        return other
 
     def _configured_kernel(self) -> _core.CollisionKernel | None:
         """The kernel if it checks states and edges itself; None without one, or with a user's own edge step."""
@@ -171,7 +193,7 @@ class CollisionChecker:
 
     @property
     def counts(self) -> CheckCounts:
-        """What was asked so far, of this checker and its variants."""
+        """What was asked so far, of this checker and its variants, by all threads."""
         return self.ledger.counts
 
     @property
@@ -188,6 +210,11 @@ class CollisionChecker:
     def pair_count(self) -> int:
         """Pairs of pieces judged in each state, robot against itself and against the scene."""
         return len(self._parts.pairs)
+
+    @property
+    def quick(self) -> bool:
+        """Whether there are so few pairs that a variant, or a proof's tables, take a few milliseconds."""
+        return self.pair_count <= FEW_PAIRS
 
     def limited(
         self, *, states: int | None = None, deadline: float | None = None, token: CancelToken | None = None
@@ -211,16 +238,15 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         if self._kernel is not None:
-            with self.ledger.lock:
-                self.ledger.require_room()
-                check = self._kernel.check_state(q)
-                if check.free:
-                    self.ledger.record_states(1)
-                    return True
-                if check.colliding:
-                    self.ledger.record_states(1)
-                    self._note(check)
-                    return False
+            self.ledger.require_room()
+            check = self._kernel.check_state(q)
+            if check.free:
+                self.ledger.record_states(1)
+                return True
+            if check.colliding:
+                self.ledger.record_states(1)
+                self._note(check)
+                return False
         return self._first_collision(self._configuration("q", q)[None]) is None
 
     def states_are_free(self, Q: ArrayLike) -> BoolArray:
@@ -236,11 +262,10 @@ class CollisionChecker:
         free = np.ones(len(rows), dtype=bool)
         start = 0
         while start < len(rows):
-            with self.ledger.lock:
-                self.ledger.require_room()
-                stop = self._stop(start, len(rows))
-                free[[start + row for row in self._backend.colliding(np.array(rows[start:stop]))]] = False
-                self.ledger.record_states(stop - start)
+            self.ledger.require_room()
+            stop = self._stop(start, len(rows))
+            free[[start + row for row in self._backend.colliding(np.array(rows[start:stop]))]] = False
+            self.ledger.record_states(stop - start)
             start = stop
         return free
 
@@ -279,21 +304,69 @@ class CollisionChecker:
     def _edge(self, q1: ArrayLike, q2: ArrayLike, known: Known, samples: Samples) -> FirstHit | None:
         if not isinstance(known, Known):
             raise InvalidRequest("known", known, "Known.NEITHER, START, END or BOTH")
-        ledger = self.ledger
-        with ledger.lock:
-            if self._kernel is not None and self._has_room():
-                check = self._kernel.check_edge(q1, q2, known._value_, samples._value_, self._stop(0, MAX_SEGMENTS))
-                if not check.refused:
-                    ledger.edges += samples is not _REST
-                    ledger.record_states(check.judged)
-                    return None if check.free else self._decided(q1, q2, check)
-            a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
-            edge = SampledEdge(a, b, judged_ends(a, b, known), self._segments(a, b))
-            coarse = edge.end_rows + coarse_samples(edge.segments, self._coarse_segments)
-            start = coarse if samples is _REST else 0
-            ledger.edges += samples is not _REST
-            rows = coarse if samples is _COARSE else edge.rows
-            return self._counted(partial(self._backend.first_collision_on, edge), rows, start)
+        if self._kernel is not None and self._has_room():
+            check = self._kernel.check_edge(q1, q2, known._value_, samples._value_, self._stop(0, MAX_SEGMENTS))
+            if not check.refused:
+                self.ledger.own.edges += samples is not _REST
+                self.ledger.record_states(check.judged)
+                return None if check.free else self._decided(q1, q2, check)
+        a, b = self._configuration("q1", q1).tolist(), self._configuration("q2", q2).tolist()
+        edge = SampledEdge(a, b, judged_ends(a, b, known), self._segments(a, b))
+        coarse = edge.end_rows + coarse_samples(edge.segments, self._coarse_segments)
+        start = coarse if samples is _REST else 0
+        self.ledger.own.edges += samples is not _REST
+        rows = coarse if samples is _COARSE else edge.rows
+        return self._counted(partial(self._backend.first_collision_on, edge), rows, start)
+
+    def compiled_oracle(
+        self, starts: Sequence[tuple[float, ...]], goals: Sequence[tuple[float, ...]]
+    ) -> _core.EdgeOracle | None:
+        """What compiled searches ask (``SearchOracle.core``); None without the kernel, or with a user's own edge step.
+
+        Args:
+            starts: Configurations at which motions are counted apart.
+            goals: The same, counted on their own.
+        """
+        core, backend = load_core(), self._backend
+        if self._kernel is None or core is None or not isinstance(backend, NativeBackend):
+            return None
+
+        def decide(q: list[float], pairs: list[int]) -> int:
+            pair = backend.first_touching(q, pairs)
+            return -1 if pair is None else pair
+
+        oracle: _core.EdgeOracle = core.EdgeOracle(self._kernel, starts, goals, decide, self.ledger.poll)
+        return oracle
+
+    def counted(self, oracle: _core.EdgeOracle, ask: Callable[[], T]) -> T:
+        """What ``ask`` returns, which asks a compiled oracle of this checker: its checks are counted, and limits hold.
+
+        Raises:
+            InvalidRequest: An edge leaves the joint limits, or has too many samples.
+        """
+        ledger, free_to_judge = self.ledger, self._has_room()
+        room = ledger.room()
+        oracle.allow(-1 if room is None else room, not free_to_judge)
+        try:
+            try:
+                return ask()
+            finally:
+                self._record(oracle)
+        except RuntimeError:
+            if oracle.spent:
+                raise CheckBudgetSpent("the check budget is spent") from None
+            if oracle.refused is not None:
+                self.segments(*oracle.refused)  # says what is wrong with that edge
+            raise
+
+    def _record(self, oracle: _core.EdgeOracle) -> None:
+        states, edges, hits = oracle.take()
+        self.ledger.own.edges += edges
+        self.ledger.record_states(states)
+        for pair, count in hits.items():
+            self.ledger.own.hits[self._parts.names(pair)] += count
+        if hits:
+            self._last.hit = Collision(0, oracle.last_fraction, oracle.last_pair)
 
     def _has_room(self) -> bool:
         """Whether a state may be judged; if not, what forbids it is raised once there is a state to judge."""
@@ -399,10 +472,9 @@ class CollisionChecker:
         outside = np.flatnonzero(~((rows >= self._lower) & (rows <= self._upper)).all(axis=1))  # NaN is outside
         if len(outside):
             self._configuration(f"Q[{outside[0]}]", rows[outside[0]])
-        with self.ledger.lock:
-            self.ledger.poll()
-            near = self._measuring_kernel.near(rows, within)
-            self.ledger.charge_distances(near.measured)
+        self.ledger.poll()
+        near = self._measuring_kernel.near(rows, within)
+        self.ledger.charge_distances(near.measured)
         return NearPairs(near.rows, near.pairs, near.distances, near.points, near.gradients)
 
     @cached_property
@@ -427,10 +499,9 @@ class CollisionChecker:
             InvalidRequest: q has the wrong shape, is not finite, or lies outside the joint limits.
         """
         q = self._configuration("q", q)
-        with self.ledger.lock:
-            self.ledger.require_room()
-            pairs = np.array(self._backend.touching(q), dtype=np.intp)
-            self.ledger.record_states(1)
+        self.ledger.require_room()
+        pairs = np.array(self._backend.touching(q), dtype=np.intp)
+        self.ledger.record_states(1)
         overlaps = self._broadphase.overlaps(q, pairs).tolist()
         return deepest(zip(map(self._parts.names, pairs.tolist()), overlaps, strict=True))
 
@@ -449,8 +520,7 @@ class CollisionChecker:
 
     def _first_collision(self, Q: FloatArray) -> Collision | None:
         """Judge configurations (m, n) in order, up to the first that collides, and count them."""
-        with self.ledger.lock:  # FCL objects are moved from question to question
-            return self._counted(partial(self._backend.first_collision, Q), len(Q))
+        return self._counted(partial(self._backend.first_collision, Q), len(Q))
 
     def _stop(self, start: int, rows: int) -> int:
         """Up to which row to judge in one go, from ``start``: none more than there is room for."""
@@ -476,13 +546,13 @@ class CollisionChecker:
 
     def _note(self, hit: FirstHit) -> None:
         """Remember a collision as the last, and count which pair it is of."""
-        self._last = hit
-        self.ledger.hits[self._parts.names(hit.pair)] += 1
+        self._last.hit = hit
+        self.ledger.record_hit(self._parts.names(hit.pair))
 
     @property
     def last_hit(self) -> EdgeHit | None:
-        """The collision found last; of a single configuration its place on an edge means nothing."""
-        return self._named(self._last)
+        """The collision that this thread found last; of a single configuration its place on an edge means nothing."""
+        return self._named(self._last.hit)
 
     def _named(self, hit: FirstHit | None) -> EdgeHit | None:
         return None if hit is None else EdgeHit(hit.fraction, *self._parts.names(hit.pair))

@@ -9,6 +9,7 @@ orthonormal because they come from our own kinematics of validated values.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 
 import fcl
@@ -38,24 +39,31 @@ def geometry_of(shape: object) -> fcl.CollisionGeometry:
     raise BrokenInvariant(f"FCL is not trusted with a {type(shape).__name__}")
 
 
-class FclObjects:
+class FclObjects(threading.local):
     """Collision objects built when first asked for, moved and asked in pairs; a check allocates nothing but poses.
+
+    Each thread has its own, for they are moved from question to question; what they are made of is shared.
 
     Args:
         frames: Where each stands as long as it is not placed elsewhere, homogeneous matrices.
+        geometries: Those built so far, by the number of their shape.
     """
 
-    def __init__(self, shapes: Sequence[Shape], frames: Sequence[FloatArray]) -> None:
-        self._shapes, self._frames = tuple(shapes), tuple(frames)
-        self._objects: list[fcl.CollisionObject | None] = [None] * len(self._shapes)
+    def __init__(
+        self, shapes: Sequence[Shape], frames: Sequence[FloatArray], geometries: dict[int, fcl.CollisionGeometry]
+    ) -> None:
+        self._shapes, self._frames, self._geometries = shapes, frames, geometries
+        self._objects: list[fcl.CollisionObject | None] = [None] * len(shapes)
         self._request = fcl.CollisionRequest()
         self._result = fcl.CollisionResult()
 
     def _object(self, index: int) -> fcl.CollisionObject:
         made = self._objects[index]
         if made is None:
-            T = self._frames[index]
-            made = fcl.CollisionObject(geometry_of(self._shapes[index]), fcl.Transform(T[:3, :3], T[:3, 3]))
+            geometry, T = self._geometries.get(index), self._frames[index]
+            if geometry is None:
+                geometry = self._geometries.setdefault(index, geometry_of(self._shapes[index]))
+            made = fcl.CollisionObject(geometry, fcl.Transform(T[:3, :3], T[:3, 3]))
             self._objects[index] = made
         return made
 

@@ -7,6 +7,7 @@ in which its answer is undefined. Where the kernel was not built, ``Broadphase``
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from planner_service.collision.bounds import Solids, centres_of, doubt_of
 from planner_service.collision.edge_sampling import EdgeStep, FinestStep, JointStep, MotionStep, coarse_segments_of
 from planner_service.collision.pairs import Parts
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.native.loading import load_core
 from planner_service.robot.model import Robot
 
@@ -78,6 +79,7 @@ def _simple_rules(step: EdgeStep) -> list[EdgeStep]:
     return [simple for rule in step.rules for simple in _simple_rules(rule)]
 
 
+@lru_cache(maxsize=16)
 def _joints(robot: Robot) -> FloatArray:
     """Each body but the base: parent, entry of q, whether it slides, axis, rotation and position of its placement."""
     rows = [
@@ -91,13 +93,13 @@ def _joints(robot: Robot) -> FloatArray:
         ]
         for body in robot.bodies[1:]
     ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 18)
+    return read_only(np.array(rows, dtype=np.float64).reshape(-1, 18))
 
 
 def _places(parts: Parts) -> FloatArray:
     """Of each part its body, -1 for the world, then rotation and centre in it."""
-    T = np.array([part.T for part in parts.parts]).reshape(-1, 4, 4)
-    R, centre = T[:, :3, :3], centres_of(parts.shapes)
+    T, centre = parts.frames, centres_of(parts.shapes)
+    R = T[:, :3, :3]
     t = T[:, :3, 3] + (R @ centre[..., None])[..., 0]
     bodies = np.array([float(part.body) for part in parts.parts])
     return np.column_stack([bodies, R.reshape(-1, 9), t])

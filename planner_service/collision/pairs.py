@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import cast
 
 import numpy as np
 
@@ -66,6 +69,7 @@ class Parts:
     Attributes:
         labels: What links and objects are called.
         carried: The pieces of carried objects as ``Robot.reach`` takes them: body, shape, pose in the body.
+        frames: The pose of each piece in its body, or in the world, (parts, 4, 4).
         runs: Numbers from and to which the pieces of each obstacle go, those of one being neighbours in space.
         crowds: Those of many.
         pairs: Pairs to judge, (p, 2), in the order in which they are judged; the first of each rides on the robot.
@@ -77,7 +81,7 @@ class Parts:
 
     def __init__(self, robot: Robot, scene: Scene, *, padding: float, allowed: Iterable[tuple[str, str]]) -> None:
         self.labels = Names(robot, scene)
-        riding = [Part(Owner(Kind.LINK, s.link), s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes]
+        riding = list(_links_of(robot))
         tool = Pose.from_matrix(robot.tool_placement)
         held = [(a, tool @ a.pose) for a in scene.attached]
         self.carried = tuple((robot.tool_body, *piece) for a, pose in held for piece in _posed(a.shape, pose))
@@ -94,13 +98,25 @@ class Parts:
             standing += [Part(Owner(Kind.OBJECT, o.name), -1, shape, T) for shape, T in _placed(o.shape, o.pose)]
             runs.append((first, len(riding) + len(standing)))
         self.parts = tuple(riding + standing)
+        self.frames = read_only(np.array([part.T for part in self.parts]).reshape(-1, 4, 4))
         self.riding = len(riding)
         self.runs = tuple(runs)
         self.crowds = tuple(run for run in runs if run[1] - run[0] >= MANY)
-        self.shapes = tuple(part.shape.grown(padding / 2) if padding else part.shape for part in self.parts)
+        self.shapes = self._grown(padding)
         self._allowed = self._allowed_pairs(robot, scene, allowed)
         self.pairs = self._pairs()
         self._names: dict[int, tuple[str, str]] = {}  # of those that were asked for
+
+    def padded(self, padding: float) -> Parts:
+        """The same pieces and pairs with another padding."""
+        other = copy(self)
+        other.shapes = self._grown(padding)
+        return other
+
+    def _grown(self, padding: float) -> tuple[Shape, ...]:
+        if not padding:
+            return tuple(part.shape for part in self.parts)
+        return tuple(_grown_by(cast(Hashable, part.shape), padding / 2) for part in self.parts)
 
     def _allowed_pairs(
         self, robot: Robot, scene: Scene, allowed: Iterable[tuple[str, str]]
@@ -123,30 +139,39 @@ class Parts:
             pairs.append(frozenset(known[name] for name in pair))
         return frozenset(pairs)
 
-    def _may_touch(self, a: Part, b: Part) -> bool:
-        if a.owner == b.owner or frozenset((a.owner, b.owner)) in self._allowed:
-            return True
-        if a.body >= 0 and b.body >= 0:
-            return a.body == b.body and not (a.carried or b.carried)
-        moving = a if b.body < 0 else b
-        return not moving.moves
+    def _must_part(self, a: Part, b: Part) -> bool:
+        """Whether a piece that rides must stay apart from another of another owner, unless that contact is allowed."""
+        if b.body < 0:
+            return a.moves
+        return a.body != b.body or a.carried or b.carried
 
     def _pairs(self) -> IntArray:
-        riding = self._riding_runs()
-        rows = [np.zeros((0, 2), dtype=np.intp)]
+        runs = [*self._riding_runs(), *self.runs]
+        riding = len(runs) - len(self.runs)
+        heads = [self.parts[first] for first, _ in runs]
+        numbers = [np.arange(*run) for run in runs]
+        owners: dict[Owner, int] = {}  # by number: owners themselves take long to look up
+        owner = [owners.setdefault(head.owner, len(owners)) for head in heads]
+        allowed = {tuple(sorted(owners[one] for one in pair)) for pair in self._allowed if pair <= owners.keys()}
+        none: IntArray = np.zeros(0, dtype=np.intp)
+        firsts, seconds = list[IntArray]((none,)), list[IntArray]((none,))
         count = 0
-        for k, run in enumerate(riding):
-            part = self.parts[run[0]]
+        for k, part in enumerate(heads[:riding]):
+            mine = owner[k]
             judged = [
-                other for other in (*self.runs, *riding[k + 1 :]) if not self._may_touch(part, self.parts[other[0]])
+                numbers[other]
+                for other in (*range(riding, len(runs)), *range(k + 1, riding))
+                if self._must_part(part, heads[other])
+                and owner[other] != mine
+                and (min(mine, owner[other]), max(mine, owner[other])) not in allowed
             ]
-            count += (run[1] - run[0]) * sum(end - first for first, end in judged)
+            count += len(numbers[k]) * sum(map(len, judged))
             if count > MAX_PAIRS:
                 raise InvalidRequest("scene", count, f"at most {MAX_PAIRS:,} pairs of pieces that must stay apart")
-            others = np.concatenate([np.zeros(0, dtype=np.intp), *(np.arange(*other) for other in judged)])
-            first = np.repeat(np.arange(*run), len(others))
-            rows.append(np.stack([first, np.tile(others, run[1] - run[0])], axis=1))
-        return np.concatenate(rows)
+            others = np.concatenate([none, *judged])
+            firsts.append(numbers[k].repeat(len(others)))
+            seconds += [others] * len(numbers[k])
+        return np.stack([np.concatenate(firsts), np.concatenate(seconds)], axis=1)
 
     def _riding_runs(self) -> list[tuple[int, int]]:
         """Numbers from and to which pieces of one owner that ride on one body go."""
@@ -161,6 +186,18 @@ class Parts:
             i, j = self.pairs[pair]
             labels = self._names[pair] = self.labels.of(self.parts[i].owner), self.labels.of(self.parts[j].owner)
         return labels
+
+
+@lru_cache(maxsize=16)
+def _links_of(robot: Robot) -> tuple[Part, ...]:
+    """The pieces of a robot's own links: they are the same in every scene."""
+    return tuple(Part(Owner(Kind.LINK, s.link), s.body, s.shape, read_only(s.pose.matrix)) for s in robot.shapes)
+
+
+@lru_cache(maxsize=1024)
+def _grown_by(shape: Hashable, margin: float) -> Shape:
+    """A shape grown: most of a new scene's are those of the scene before."""
+    return cast(Shape, shape).grown(margin)
 
 
 def require_padding(padding: object) -> None:

@@ -47,16 +47,21 @@ class Prepared(Generic[T]):
     """A value that takes long to compute: computed once, when first requested, in a thread of its own.
 
     Callers poll while they wait. If one is interrupted, the computation continues for the next caller.
+
+    Args:
+        quick: It takes a few milliseconds: the caller computes it.
     """
 
-    def __init__(self, make: Callable[[], T]) -> None:
-        self._make = make
+    def __init__(self, make: Callable[[], T], *, quick: bool = False) -> None:
+        self._make, self._quick = make, quick
         self._made: list[T] = []
         self._failed: list[BaseException] = []
         self._thread: threading.Thread | None = None
 
     def get(self) -> T:
         """The value; raises what computing it raised."""
+        if not self._made and self._quick:
+            self._made.append(self._make())
         if not self._made:
             if self._thread is None:
                 thread = threading.Thread(target=self._work, name="planner-service: prepared", daemon=True)

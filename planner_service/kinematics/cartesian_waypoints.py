@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose, Sphere
 from planner_service.kinematics.inverse import LINE_METRES, LINE_RADIANS, interpolate, rotation_distance
+from planner_service.kinematics.tool_arm import tool_arm
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 
@@ -40,9 +42,17 @@ def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) ->
         waypoints: A straight tool line, each piece of which is within that tolerance.
         keep: Rows that must stay, in addition to the first and last.
     """
+    arm, stops = tool_arm(robot), sorted({*keep, len(waypoints) - 1} - {0})
+    if arm is None:
+        return waypoints[_thinned(robot, waypoints, stops)]
+    return waypoints[arm.thinned(np.ascontiguousarray(waypoints, dtype=np.float64), stops)]
+
+
+def _thinned(robot: Robot, waypoints: FloatArray, stops: Sequence[int]) -> list[int]:
+    """The rows that are kept: the reference of ``ToolArm.thinned``."""
     poses = [Pose.from_matrix(robot.tool_pose(q)) for q in waypoints]
     kept = [0]
-    for stop in sorted({*keep, len(waypoints) - 1} - {0}):
+    for stop in stops:
         while kept[-1] < stop:
             first, span = kept[-1], stop - kept[-1]
             while span > 1 and not _fits(
@@ -50,21 +60,29 @@ def thinned(robot: Robot, waypoints: FloatArray, *, keep: Sequence[int] = ()) ->
             ):
                 span = max(1, span * 3 // 4)
             kept.append(first + span)
-    return waypoints[kept]
+    return kept
 
 
 def line_blends(robot: Robot, waypoints: FloatArray) -> FloatArray:
     """The widest blend (rad) at each corner of a thinned tool line (N, n) within the line's tolerance, (N,)."""
-    path, tool = JointPath(waypoints), Pose.from_matrix(robot.tool_placement)
-    reach = robot.reach([(robot.tool_body, Sphere(_POINT), tool)])
+    path, reach = JointPath(waypoints), _tool_reach(robot)
     widths = np.zeros(len(waypoints))
     if len(path.waypoints) < len(waypoints):
         return widths
     for k in path.corners:
         turn = np.abs(path(path.knots[k], 1) - path(path.knots[k - 1], 1)).tolist()
-        metres = math.fsum(r * t for r, t in zip(reach.tolist(), turn, strict=True))
+        metres = math.fsum(r * t for r, t in zip(reach, turn, strict=True))
         widths[k] = _BLEND_SHARE / _CORNER_DISTANCE / max(metres / LINE_METRES, math.fsum(turn) / LINE_RADIANS)
     return widths
+
+
+@lru_cache(maxsize=16)
+def _tool_reach(robot: Robot) -> list[float]:
+    """Metres that the tool frame's origin moves per unit of each joint at most."""
+    reach: list[float] = robot.reach(
+        [(robot.tool_body, Sphere(_POINT), Pose.from_matrix(robot.tool_placement))]
+    ).tolist()
+    return reach
 
 
 def _fits(robot: Robot, ends: list[list[float]], first: Pose, last: Pose) -> bool:

@@ -18,7 +18,8 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, items, numbers, whole
-from planner_service.kinematics.numeric_inverse import descend
+from planner_service.kinematics.numeric_inverse import STEPS, Descent, descend
+from planner_service.kinematics.tool_arm import tool_arm
 from planner_service.kinematics.tool_chain import ToolChain
 from planner_service.kinematics.wxai_inverse import WxaiInverse
 from planner_service.robot.model import Robot
@@ -173,7 +174,7 @@ def _numeric_solutions(
     first = [*given, robot.home]
     for _ in range(MAX_ROUNDS):
         starts = np.array([*first, *(low + (high - low) * rng.random((STARTS, robot.n)))])
-        end = descend(robot, pose, starts)
+        end = _descended(robot, pose, starts)
         solutions: list[tuple[float, ...]] = []
         for q in end.q[end.arrived].tolist():
             if all(_distance(q, other) > DISTINCT for other in solutions):
@@ -182,6 +183,16 @@ def _numeric_solutions(
             return solutions
         first = []
     return []
+
+
+def _descended(robot: Robot, pose: Pose, starts: FloatArray) -> Descent:
+    """``descend``, by the compiled code where it was built."""
+    arm = tool_arm(robot)
+    if arm is None:
+        return descend(robot, pose, starts)
+    rows = [value for row, x in zip(pose.rotation_rows, pose.position, strict=True) for value in (*row, x)]
+    q, arrived = arm.descend(np.array(rows), np.ascontiguousarray(starts, dtype=np.float64), True, STEPS)
+    return Descent(q, np.array(arrived, dtype=np.bool_).ravel())
 
 
 def _sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
@@ -267,12 +278,21 @@ def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> T
     walk = _Walk(robot, begin, to if isinstance(to, Pose) else _shifted(begin, to), q)
     if begin == walk.end:
         return ToolLine(q[np.newaxis], 1.0)
+    arm = tool_arm(robot, closed_form=robot.inverse == "wxai")
+    whole_line = None if arm is None else arm.walk(_numbers(begin), _numbers(walk.end), q, points)
+    if whole_line is not None:
+        return ToolLine(whole_line, 1.0)
     shortest = 1.0 / (points - 1) / 2**MAX_HALVINGS
     for k in range(1, points):
         stop = walk.to(k / (points - 1), shortest)
         if stop is not None:
             return ToolLine(np.array(walk.waypoints), walk.fraction, stop)
     return ToolLine(np.array(walk.waypoints), 1.0)
+
+
+def _numbers(pose: Pose) -> list[float]:
+    """Position and quaternion."""
+    return [*pose.position, *pose.quaternion]
 
 
 def _shifted(pose: Pose, shift: Any) -> Pose:
@@ -313,7 +333,7 @@ class _Walk:
     def _next(self, pose: Pose, before: FloatArray) -> FloatArray | None:
         """The configuration for a pose nearest to the one before, or None."""
         if self._closed_form is None:
-            end = descend(self._robot, pose, before[np.newaxis])
+            end = _descended(self._robot, pose, before[np.newaxis])
             return read_only(end.q[0]) if end.arrived[0] else None
         near = before.tolist()
         solutions = self._closed_form.solve(pose, [near])

@@ -18,7 +18,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
-__all__ = ["Descent", "descend"]
+__all__ = ["STEPS", "Descent", "descend", "length_scale"]
 
 EXACT = 1e-8
 """A start has arrived when its tool is this close to the pose, in metres and radians. At 1e-6 one solution of the
@@ -37,6 +37,9 @@ arrive."""
 AT_LIMIT = 1e-12
 """A joint this close to its limit (rad) is on it."""
 
+STEPS = 40
+"""The most steps of a start."""
+
 SPAN_SHARE = 0.2
 """A metre counts as a radian at this share of the stretched arm's length. Of 0.1 to 1.0, most starts arrive at 0.1 and
 0.2 (40 % on the WidowX AI for random reachable poses, 37 % at 1.0)."""
@@ -50,8 +53,8 @@ class Descent:
     arrived: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
-def descend(robot: Robot, pose: Pose, starts: FloatArray, *, limited: bool = True, steps: int = 40) -> Descent:
-    """Move all starts towards configurations that bring the tool to ``pose``.
+def descend(robot: Robot, pose: Pose, starts: FloatArray, *, limited: bool = True, steps: int = STEPS) -> Descent:
+    """Move all starts towards configurations that bring the tool to ``pose``: the reference of ``ToolArm.descend``.
 
     Args:
         starts: Shape (m, n).
@@ -131,7 +134,7 @@ class _Chain:
         self._axes = np.array([body.axis for body in bodies]).reshape(-1, 3, 1)
         placement = robot.tool_placement
         self._turn, self._offset = placement[:3, :3], placement[:3, 3]
-        self._scale = 1.0 / _span(robot, indices)
+        self._scale = length_scale(robot)
 
     def error(self, q: FloatArray, target: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """At q (n, m) the scaled error (6, m), its Jacobian (6, n, m), and the larger error in m and rad (m,)."""
@@ -167,8 +170,9 @@ def _rotation_vector(current: FloatArray, target: FloatArray) -> tuple[FloatArra
     return v * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0), angle
 
 
-def _span(robot: Robot, indices: list[int]) -> float:
-    """The length (m) at which a radian counts as a metre: a share of the stretched arm from first joint to tool."""
+def length_scale(robot: Robot) -> float:
+    """Radians that a metre counts as: one over a share of the stretched arm from first joint to tool."""
+    indices = chain_to_base(robot.bodies, robot.tool_body)
     offsets = [robot.bodies[i].placement[:3, 3] for i in indices[:-1]] + [robot.tool_placement[:3, 3]]
     total = sum(math.sqrt(sum(v * v for v in offset.tolist())) for offset in offsets)
-    return SPAN_SHARE * total if total > 0.0 else 1.0
+    return 1.0 / (SPAN_SHARE * total) if total > 0.0 else 1.0

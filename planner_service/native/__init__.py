@@ -1,4 +1,4 @@
-"""The compiled core ``_core``: collision checking today; compiled search, smoothing and timing belong here too.
+"""The compiled core ``_core``: collision checks, searches, smoothing and timing.
 
 It is one extension module, built from ``module.cpp`` and one folder for each package that it serves. It is optional:
 where no compiler was at hand, the package does without. The proof has compiled code of its own in ``certify/native``,

@@ -1,6 +1,6 @@
 """The compiled core (module.cpp)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +39,7 @@ class RowCheck(_Check):
     Attributes:
         row: Its number.
         q: The configuration.
-        pairs: Numbers of the first pair that may collide and of some more, in their order.
+        pairs: Numbers of the pairs that may collide, in their order, up to the first that surely does.
     """
 
     @property
@@ -155,3 +155,250 @@ class CollisionKernel:
 
     def near(self, Q: NDArray[np.float64], within: float, /) -> NearArrays:
         """All pairs nearer than ``within`` metres at rows of Q (m, n), by row. Equal bits on every processor."""
+
+class Oracle:
+    """What compiled searching and smoothing ask; see search/oracle.hpp. Any of its answers may raise."""
+
+class EdgeOracle(Oracle):
+    """What compiled searches ask: ``SearchOracle.core`` (edge_cache.py). Used by one thread at a time.
+
+    Args:
+        kernel: Configured for edges.
+        starts, goals: Configurations at which motions are counted apart.
+        decide: The first pair that touches at a configuration, given those in doubt there; -1 if none does.
+        poll: Raises if the call is over its time or cancelled; called every few milliseconds.
+    """
+
+    def __init__(
+        self,
+        kernel: CollisionKernel,
+        starts: Sequence[tuple[float, ...]],
+        goals: Sequence[tuple[float, ...]],
+        decide: Callable[[list[float], list[int]], int],
+        poll: Callable[[], None],
+    ) -> None: ...
+    def edge_is_free(self, a: Sequence[float], b: Sequence[float], known: int, /) -> bool: ...
+    def edge_is_free_coarse(self, a: Sequence[float], b: Sequence[float], known: int, /) -> bool: ...
+    def allow(self, room: int, poll_first: bool, /) -> None:
+        """Set how many states may be judged, below 0 any number, and whether ``poll`` is called before the first."""
+
+    def take(self) -> tuple[int, int, dict[int, int]]:
+        """States and edges judged since the last time, and how often which pair, by its number, collided."""
+
+    @property
+    def spent(self) -> bool:
+        """Whether the last question ended since no more states might be judged."""
+
+    @property
+    def refused(self) -> tuple[list[float], list[float]] | None:
+        """The edge that the last question ended at, which leaves the joint limits or has too many samples."""
+
+    @property
+    def last_fraction(self) -> float:
+        """Where the collision found last is on its edge."""
+
+    @property
+    def last_pair(self) -> int:
+        """The pair that collided last, by its number."""
+
+    @property
+    def motions(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Free and colliding motions tried at starts, then at goals."""
+
+class TieredOracle(Oracle):
+    """``TieredOracle`` of edge_cache.py: what its oracles judge is counted by ``roomy``.
+
+    Args:
+        roomy: Judges what is not near one of the ends.
+        tight: The oracle of each end that needs less padding; kept alive by the caller.
+        near_end: Radians from such an end in which its oracle judges.
+    """
+
+    def __init__(
+        self, roomy: EdgeOracle, tight: Sequence[tuple[Sequence[float], EdgeOracle]], near_end: float
+    ) -> None: ...
+
+class BalancedSearch:
+    """One search as search/balanced.py describes it; releases the interpreter's lock."""
+
+    def __init__(
+        self, oracle: Oracle, lower: Sequence[float], upper: Sequence[float], range: float, seed: int
+    ) -> None: ...
+    def run(self, start: Sequence[float], goals: Sequence[Sequence[float]], /) -> list[list[float]]:
+        """A path from the start to the goal reached first; only an exception ends it without one."""
+
+    def grown(self) -> tuple[list[list[float]], list[tuple[int, int]]]:
+        """The milestones of both trees, and which of them are joined."""
+
+def shortcut(
+    waypoints: NDArray[np.float64], oracle: Oracle, draws: Sequence[float], misses: int, /
+) -> NDArray[np.float64]:
+    """``smoothing.shortcut`` with two draws for each of the tries."""
+
+def pulled_in(waypoints: NDArray[np.float64], oracle: Oracle, /) -> NDArray[np.float64]:
+    """``smoothing.pulled_in``."""
+
+def without_short_pieces(waypoints: NDArray[np.float64], oracle: Oracle, /) -> NDArray[np.float64]:
+    """``smoothing.without_short_pieces``."""
+
+def blend_widths(
+    waypoints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    tangents: NDArray[np.float64],
+    corners: Sequence[int],
+    sizes: NDArray[np.float64],
+    oracle: Oracle,
+    least: float,
+    /,
+) -> list[float]:
+    """The width of the blend at each corner as ``smoothing.blended`` finds it, 0 for a stop."""
+
+class ToolArm:
+    """An arm as inverse kinematics sees it (kinematics/tool_arm.py).
+
+    Args:
+        table: ``Robot.body_table``.
+        chain: Of each body from the tool to the base its number, joint, whether it slides, and axis (k, 6).
+        tool: Rows of T_body_tool (12,).
+        scale: Radians that a metre counts as.
+        lower, upper: The joint limits (n,).
+        closed_form: The numbers of a ``WxaiInverse``; empty for an arm without a closed form.
+        hypot: ``math.hypot``.
+    """
+
+    def __init__(
+        self,
+        table: NDArray[np.float64],
+        tool_body: int,
+        chain: NDArray[np.float64],
+        tool: NDArray[np.float64],
+        scale: float,
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        closed_form: Sequence[float],
+        hypot: Callable[..., float],
+    ) -> None: ...
+    def descend(
+        self, target: NDArray[np.float64], starts: NDArray[np.float64], limited: bool, steps: int
+    ) -> tuple[NDArray[np.float64], list[bool]]:
+        """Where the starts (m, n) end on their way to tool rows ``target`` (12,), and which of them arrive."""
+
+    def walk(
+        self, begin: Sequence[float], end: Sequence[float], start: NDArray[np.float64], points: int
+    ) -> NDArray[np.float64] | None:
+        """Waypoints of the line between two poses (position, quaternion); None if it is left to Python."""
+
+    def thinned(self, waypoints: NDArray[np.float64], stops: Sequence[int]) -> list[int]:
+        """The rows that keep the tool on its line, ``stops`` among them."""
+
+Peak = tuple[float, int, float]
+"""Ratio to the limit, joint and time, as in ``limit_check.Peak``."""
+
+def time_path(
+    waypoints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    tangents: NDArray[np.float64],
+    breaks: NDArray[np.float64],
+    lines: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    blends: NDArray[np.float64],
+    corners: Sequence[int],
+    velocity: NDArray[np.float64],
+    acceleration: NDArray[np.float64],
+    jerk: NDArray[np.float64],
+    gridpoints: int,
+    /,
+) -> tuple[tuple[object, ...], tuple[Peak, Peak, Peak]] | None:
+    """The arguments of ``Trajectory.checked`` after the path, and the peaks before the motion was slowed down.
+
+    None where ``laws.reference_time_with_peaks`` has to decide.
+
+    Args:
+        waypoints, knots, tangents, breaks, lines, rows, blends: ``JointPath.tables``.
+        gridpoints: TOPP-RA's; 0 for trapezoids with a constant speed on each blend.
+    """
+
+def continue_to_rest(
+    waypoints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    tangents: NDArray[np.float64],
+    breaks: NDArray[np.float64],
+    lines: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    blends: NDArray[np.float64],
+    corners: Sequence[int],
+    velocity: NDArray[np.float64],
+    acceleration: NDArray[np.float64],
+    jerk: NDArray[np.float64],
+    gridpoints: int,
+    s_start: float,
+    speed: float,
+    blend_share: float,
+    /,
+) -> list[list[float]] | None:
+    """The phases of ``ToppRa.continue_to_rest``; None where the reference has to decide."""
+
+def stop_duration(
+    waypoints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    tangents: NDArray[np.float64],
+    turns: Sequence[int],
+    velocity: NDArray[np.float64],
+    acceleration: NDArray[np.float64],
+    /,
+) -> float | None:
+    """``laws.stop_duration`` of trapezoids; None where the reference has to decide."""
+
+class Neighbours:
+    """The neighbours of each milestone: those of k are the rows from ``starts[k]`` to ``starts[k + 1]``."""
+
+    def __init__(
+        self,
+        starts: NDArray[np.int64],
+        other: NDArray[np.int64],
+        lengths: NDArray[np.float64],
+        pieces: NDArray[np.int64],
+    ) -> None: ...
+
+class AddedNeighbours:
+    """Further neighbours of some milestones: other end, length and number of the edge."""
+
+    def __init__(self, rows: Mapping[int, Sequence[tuple[int, float, int]]]) -> None: ...
+
+class PlaceTree:
+    """A trunk's milestones, whose edge is -1, or the points on its edges, edge by edge, for ``nearest_places``."""
+
+    def __init__(self, points: NDArray[np.float64], edges: NDArray[np.int64], reach: NDArray[np.float64]) -> None: ...
+
+class MorePlaces:
+    """The places beside those of the trees: milestones, whose edge is -1, and points on edges, edge by edge."""
+
+    def __init__(
+        self, points: NDArray[np.float64], edges: NDArray[np.int64], milestones: NDArray[np.int64]
+    ) -> None: ...
+
+def nearest_places(
+    milestones: PlaceTree,
+    on_edges: PlaceTree | None,
+    more: MorePlaces,
+    offered: NDArray[np.bool_],
+    free: NDArray[np.bool_],
+    q: NDArray[np.float64],
+    count: int,
+    /,
+) -> tuple[list[tuple[float, int, int, tuple[float, ...]]], bool]:
+    """``nearest._reference``: the places among the ``count`` nearest of each tree, and whether there are no others."""
+
+def shortest(
+    trunk: Neighbours,
+    added: AddedNeighbours,
+    joins: Mapping[int, Sequence[tuple[int, float, int]]],
+    bound: NDArray[np.float64],
+    nodes: NDArray[np.uint8],
+    pieces: NDArray[np.uint8],
+    start: int,
+    last_end: int,
+    effort: int,
+    poll: Callable[[], None],
+) -> tuple[list[tuple[int, int, int]] | None, int]:
+    """``Query.reference_shortest``: the path, None if there is none, and how many nodes may still be expanded."""

@@ -296,6 +296,16 @@ class JointPath:
         return float(self.knots[-1])
 
     @property
+    def tangents(self) -> FloatArray:
+        """Unit tangents of the lines between waypoints, (N - 1, n)."""
+        return self._polyline.tangents
+
+    @property
+    def turns(self) -> tuple[int, ...]:
+        """Indices of inner waypoints where the polyline turns, blended or not."""
+        return self._polyline.turns
+
+    @property
     def corners(self) -> tuple[int, ...]:
         """Indices of inner waypoints where the direction jumps, so that the robot has to stop."""
         blends = self.blends.tolist()
@@ -393,14 +403,13 @@ class JointPath:
         """The tables of ``__call__`` and ``travel``, for compiled code that computes the same bits.
 
         Waypoints (N, n), knots (N,), tangents of the lines between them (N - 1, n), breaks (m + 1,); the line of each
-        piece (m,) and its blend or -1 (m,); the distances moved up to each break (m + 1, n); and of each blend s,
-        width, corner, tangents before and after, and where joints turn back, (k, 2 + 4 n).
+        piece (m,) and its blend or -1 (m,); and of each blend s, width, corner, and tangents before and after,
+        (k, 2 + 3 n).
         """
-        c = self._curves
-        corners = self.waypoints[self.blends > 0.0]
-        blends = np.column_stack([c.s, c.width, corners, c.before, c.after, c.turning])
-        lines = (self._lines, self._rows, self._travelled, blends)
-        return (self.waypoints, self.knots, self._polyline.tangents, self.breaks, *lines)
+        rows = np.flatnonzero(self.blends > 0.0)
+        columns = self.knots[rows, None], self.blends[rows, None], self.waypoints[rows]
+        blends = np.concatenate([*columns, self.tangents[rows - 1], self.tangents[rows]], axis=1)
+        return (self.waypoints, self.knots, self.tangents, self.breaks, self._lines, self._rows, blends)
 
     def reversed(self) -> JointPath:
         """The same curve from its end to its start."""

@@ -94,6 +94,23 @@ class Trajectory:
         knots, geometry = read_only(list(accumulate(h.tolist(), initial=0.0))), _geometry(self.path, c, ends)
         set_fields(self, durations=h, coefficients=c, knots=knots, geometry=geometry, _ends=ends)
 
+    @classmethod
+    def checked(
+        cls,
+        path: JointPath,
+        durations: FloatArray,
+        coefficients: FloatArray,
+        knots: FloatArray,
+        ends: FloatArray,
+        geometry: IntArray,
+        dilation: float,
+    ) -> Trajectory:
+        """A trajectory from arrays of compiled code, which has checked and computed what ``Trajectory`` does."""
+        trajectory = object.__new__(cls)
+        set_fields(trajectory, path=path, durations=durations, coefficients=coefficients, dilation=dilation, part=None)
+        set_fields(trajectory, knots=knots, geometry=geometry, _ends=ends)
+        return trajectory
+
     def __repr__(self) -> str:
         return f"Trajectory({self.path!r}, <{self.duration:.6g} s in {len(self.durations)} pieces>)"
 
@@ -101,11 +118,10 @@ class Trajectory:
     def tables(self) -> tuple[FloatArray | IntArray, ...]:
         """The path's tables and those of s(t), for compiled code that computes the same bits.
 
-        As ``JointPath.tables`` without the distances travelled; then durations (m,), coefficients (m, 4), knots
-        (m + 1,), where each piece ends (m,), and the piece of the path on which it runs (m,).
+        As ``JointPath.tables``; then durations (m,), coefficients (m, 4), knots (m + 1,), where each piece ends (m,),
+        and the piece of the path on which it runs (m,).
         """
-        *path, _, blends = self.path.tables
-        return (*path, blends, self.durations, self.coefficients, self.knots, self._ends, self.geometry)
+        return (*self.path.tables, self.durations, self.coefficients, self.knots, self._ends, self.geometry)
 
     @property
     def begin(self) -> float:

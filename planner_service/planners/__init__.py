@@ -1,4 +1,4 @@
-"""The planners, each a small frozen dataclass of settings: ``PlanRequest(..., planner=RRTConnect(range=0.5))``.
+"""The planners, each a small frozen dataclass of settings: ``PlanRequest(..., planner=BalancedRRTConnect(range=0.5))``.
 
 Write your own by giving a class a ``name``, a ``patience`` and ``search(problem)``: see ``Planner``.
 """
@@ -20,6 +20,7 @@ from planner_service.search.planners import (
     KPIECE1,
     LBKPIECE1,
     RRT,
+    BalancedRRTConnect,
     BITstar,
     InformedRRTstar,
     RRTConnect,
@@ -39,6 +40,7 @@ __all__ = [
     "PRM",
     "RRT",
     "BITstar",
+    "BalancedRRTConnect",
     "InformedRRTstar",
     "LazyPRM",
     "Oracle",
@@ -55,7 +57,7 @@ __all__ = [
     "planner_by_name",
 ]
 
-_TREES = (RRTConnect, RRT, RRTstar, InformedRRTstar, SORRTstar, BITstar, AORRTC, FMT, BFMT)
+_TREES = (BalancedRRTConnect, RRTConnect, RRT, RRTstar, InformedRRTstar, SORRTstar, BITstar, AORRTC, FMT, BFMT)
 _OTHERS = (KPIECE1, BKPIECE1, LBKPIECE1, PRM, PRMstar, LazyPRM)
 PLANNERS: Mapping[str, type[Any]] = MappingProxyType({planner.name: planner for planner in (*_TREES, *_OTHERS)})
 """Every planner that can be made from its name alone, by that name."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -12,9 +13,8 @@ from typing import TypeVar
 import numpy as np
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
-from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
-from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared, ask_from_now_on
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -35,7 +35,7 @@ __all__ = [
     "StageEntry",
     "certified_path",
     "certify",
-    "in_turn",
+    "held_to",
     "narrower",
     "require_proven",
     "unproven",
@@ -60,7 +60,7 @@ class Limits:
     Attributes:
         states: States it may check; None for no limit.
         search_states: How many of them searching may use.
-        seconds: Wall time, from the moment its turn has come.
+        seconds: Wall time.
         cancel: Ends it when cancelled.
     """
 
@@ -70,8 +70,8 @@ class Limits:
     cancel: CancelToken | None = None
 
 
-def in_turn(turns: FairLock, ledger: Ledger, limits: Limits, act: Callable[[], T]) -> T:
-    """What ``act`` returns: called when the turn has come, and held to the limits from then on.
+def held_to(limits: Limits, ledger: Ledger, act: Callable[[], T]) -> T:
+    """What ``act`` returns, held to the limits.
 
     However it ends, this thread is left as it was, even by Ctrl-C between any two steps: this is why the steps that
     undo it are there twice.
@@ -79,27 +79,19 @@ def in_turn(turns: FairLock, ledger: Ledger, limits: Limits, act: Callable[[], T
     Raises:
         SearchStopped: A limit was reached.
     """
-
-    def wanted() -> None:
-        if limits.cancel is not None and limits.cancel.cancelled:
-            raise Cancelled("cancelled while waiting for its turn")
-
-    def limited() -> T:
+    try:
         try:
-            try:
-                ledger.let_go()
-                deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
-                with ledger.limited(states=limits.states, deadline=deadline, token=limits.cancel):
-                    ask_from_now_on(ledger.poll)
-                    return act()
-            finally:
-                ask_from_now_on(None)
-                ledger.let_go()
+            ledger.let_go()
+            deadline = None if limits.seconds is None else time.monotonic() + limits.seconds
+            with ledger.limited(states=limits.states, deadline=deadline, token=limits.cancel):
+                ask_from_now_on(ledger.poll)
+                return act()
         finally:
             ask_from_now_on(None)
             ledger.let_go()
-
-    return turns.hold(limited, wanted)
+    finally:
+        ask_from_now_on(None)
+        ledger.let_go()
 
 
 class StageEntry:
@@ -111,7 +103,7 @@ class StageEntry:
 
 
 class PlanAccounting:
-    """The stages of one call as they happen, and its result at the end.
+    """The stages of one call as they happen, and its result at the end; of the thread that it is made in.
 
     Stages write into it what the result will say; what they need of each other they hand on as values.
 
@@ -121,12 +113,12 @@ class PlanAccounting:
     """
 
     def __init__(self, checker: CollisionChecker, limits: Limits, roadmap: Roadmap | None = None) -> None:
-        self._checker = checker
         self._ledger = checker.ledger
+        self._tally = checker.ledger.own
         self._limits = limits
         self._reports: dict[Stage, StageReport] = {}
         self._stage = Stage.ENDPOINTS
-        self._hits = checker.ledger.hits.copy()
+        self._hits = Counter(self._tally.hits)
         self.notes: list[str] = []
         self.deterministic = True
         self.padding = 0.0
@@ -140,19 +132,21 @@ class PlanAccounting:
         """Charge what the block costs to ``stage``, however it ends; a stage entered again adds up."""
         self._stage = stage
         entry = StageEntry()
-        counts, clock = self._ledger.counts, time.perf_counter()
+        counts, clock = self._tally.counts, time.perf_counter()
         try:
             yield entry
         finally:
-            spent, seconds = self._ledger.counts - counts, time.perf_counter() - clock
+            spent, seconds = self._tally.counts - counts, time.perf_counter() - clock
             self._add(StageReport(stage, spent, seconds, entry.length, entry.note))
             if logger.isEnabledFor(logging.DEBUG):
                 logger.debug("%s: %s, %.1f ms; %s", stage.value, spent, seconds * 1e3, entry.note or "no note")
 
     def _add(self, report: StageReport) -> None:
-        before = self._reports.get(report.stage, StageReport(report.stage, CheckCounts(), 0.0))
-        counts, seconds = before.counts + report.counts, before.seconds + report.seconds
-        self._reports[report.stage] = replace(report, counts=counts, seconds=seconds)
+        before = self._reports.get(report.stage)
+        if before is not None:
+            counts, seconds = before.counts + report.counts, before.seconds + report.seconds
+            report = StageReport(report.stage, counts, seconds, report.length, report.note)
+        self._reports[report.stage] = report
 
     @contextmanager
     def improving(self, entry: StageEntry, what: str) -> Iterator[None]:
@@ -178,30 +172,16 @@ class PlanAccounting:
         self.notes.append(note)
         logger.info("%s", note)
 
-    def within_limits(self, turns: FairLock, act: Callable[[], T]) -> T:
-        """What ``act`` returns: called when the turn has come, and held to the limits from then on.
+    def within_limits(self, act: Callable[[], T]) -> T:
+        """What ``act`` returns, held to the limits.
 
         Raises:
             NoPlan: A limit was reached.
         """
-
-        def noted() -> T:
-            self._hits = self._checker.ledger.hits.copy()
-            return act()
-
         try:
-            return in_turn(turns, self._checker.ledger, self._limits, noted)
+            return held_to(self._limits, self._ledger, act)
         except SearchStopped as stopped:
             raise NoPlan(self._stopped(stopped)) from stopped
-
-    @contextmanager
-    def apart(self) -> Iterator[None]:
-        """Without a turn and without limits, for what asks nothing but the certifier: it is counted here alone."""
-        ledger, self._ledger = self._ledger, Ledger()
-        try:
-            yield
-        finally:
-            self._ledger = ledger
 
     def charge(self, bounds: int) -> None:
         """Count clearance bounds of the certifier.
@@ -276,7 +256,7 @@ class PlanAccounting:
 
     def _unknown(self, reason: Reason, what: str) -> Failure:
         """A failure that proves nothing, with what the search kept running into."""
-        hits = self._checker.ledger.hits - self._hits
+        hits = self._tally.hits - self._hits
         total = sum(hits.values())
         worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
         blocked = tuple((a, b, count / total) for (a, b), count in worst)

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
-from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, set_fields
@@ -82,7 +81,6 @@ def follow(
     request: FollowRequest,
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
-    turns: FairLock,
     *,
     cancel: CancelToken | None = None,
 ) -> PlanResult:
@@ -122,7 +120,7 @@ def follow(
         return accounting.result(smooth, trajectory, motion, certificate=certificate)
 
     try:
-        return accounting.within_limits(turns, stages)
+        return accounting.within_limits(stages)
     except NoPlan as no_plan:
         return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate)
 

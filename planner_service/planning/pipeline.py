@@ -11,7 +11,6 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.proximity import require_kernel
-from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
@@ -68,12 +67,11 @@ def plan(
     request: PlanRequest,
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
-    turns: FairLock,
     *,
     cancel: CancelToken | None = None,
     tracer: Tracer | None = None,
 ) -> PlanResult:
-    """What comes of a request, once its turn has come.
+    """What comes of a request.
 
     Raises:
         InvalidRequest: As ``require_plannable``.
@@ -83,7 +81,7 @@ def plan(
     accounting = PlanAccounting(checker, limits, request.planner if isinstance(request.planner, Roadmap) else None)
     context = PlanContext(request, checker, certifier, accounting, tracer)
     try:
-        return accounting.within_limits(turns, lambda: _stages(context))
+        return accounting.within_limits(lambda: _stages(context))
     except NoPlan as no_plan:
         return accounting.result(failure=no_plan.failure, certificate=no_plan.certificate)
 
@@ -274,7 +272,7 @@ def _blended(context: PlanContext, route: _Route, candidates: Candidates) -> Joi
         sizes = np.full(len(path.waypoints), size)
         sizes[list(route.kept)] = 0.0
         padded = candidates.round.checker(context, candidates.padding)
-        path = blended(path, padded.blend_is_free, sizes)
+        path = blended(path, padded.blend_is_free, sizes, oracle=candidates.oracle)
         corners, stops = len(route.path.corners), len(path.corners)
         entry.note = f"{corners - stops} of {corners} corners blended"
     return path

@@ -16,7 +16,7 @@ from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
 from planner_service.robot.model import JointLimits, Robot
-from planner_service.search.planners import RRTConnect
+from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Planner
 from planner_service.timing.laws import Timing, ToppRa, effective_limits
 
@@ -37,8 +37,8 @@ class PlanRequest:
         goal: A joint vector (n,), a ``Pose`` of the tool frame in the base frame (every inverse
             kinematics solution is a goal, joints that do not move the tool staying as in the start), a
             ``PoseGoal`` with room around one, or a sequence of these, any of which will do.
-        planner: The search, which runs only when no straight line is free; or ``Optimise(...)``, which does not search
-            but improves straight lines, free or not.
+        planner: The search, which runs only when no straight line is free; ``BalancedRRTConnect()`` if not given. Or
+            ``Optimise(...)``, which does not search but improves straight lines, free or not.
         timing: The law s(t) along the path.
         seed: Decides every random choice; the same request and seed give the same plan and counts.
         max_checks: States the whole plan may check (growing a PRM has its own budget). The default is a backstop for
@@ -46,7 +46,8 @@ class PlanRequest:
         time_limit: Wall seconds for all stages and retries; None for no limit. A result that it changed says
             ``deterministic=False``.
         retries: Further searches with fresh seeds when one gives up, all with equal parts of the checks; None for as
-            many as time and checks allow, the later ones longer.
+            many as time and checks allow, the later ones longer. Of the default planner's, every second one is by
+            ``RRTConnect()``.
         padding: Metres that the search keeps from everything, except near an end that is closer.
         velocity_scale: Part in (0, 1] of the robot's velocity limits that may be used.
         acceleration_scale: The same of its accelerations, and of its jerks.
@@ -64,7 +65,7 @@ class PlanRequest:
 
     start: ArrayLike
     goal: Goal
-    planner: Planner | Optimise = field(default_factory=RRTConnect)
+    planner: Planner | Optimise = field(default_factory=BalancedRRTConnect)
     timing: Timing = field(default_factory=ToppRa)
     seed: int = 0
     max_checks: int = 10_000_000
@@ -95,7 +96,7 @@ class PlanRequest:
             _require_scale(name, getattr(self, name))
         search = callable(getattr(self.planner, "search", None)) and not isinstance(self.planner, type)
         if not isinstance(self.planner, Optimise) and not search:
-            raise InvalidRequest("planner", self.planner, "a planner such as RRTConnect()")
+            raise InvalidRequest("planner", self.planner, "a planner such as BalancedRRTConnect()")
         if self.polish is not None and not isinstance(self.polish, Optimise):
             raise InvalidRequest("polish", self.polish, "Optimise(...) or None")
         if self.polish is not None and isinstance(self.planner, Optimise):
@@ -167,12 +168,14 @@ class Pace:
     def limits(self, robot: Robot) -> JointLimits:
         """The robot's limits, scaled."""
         instance("robot", robot, Robot, "a Robot")
-        limits = replace(
-            robot.limits,
-            velocity=robot.limits.velocity * self.velocity_scale,
-            acceleration=robot.limits.acceleration * self.acceleration_scale,
-            jerk=robot.limits.jerk * self.acceleration_scale,
-        )
+        limits = robot.limits
+        if not self.velocity_scale == self.acceleration_scale == 1.0:
+            limits = replace(
+                limits,
+                velocity=limits.velocity * self.velocity_scale,
+                acceleration=limits.acceleration * self.acceleration_scale,
+                jerk=limits.jerk * self.acceleration_scale,
+            )
         return effective_limits(self.timing, limits)
 
 

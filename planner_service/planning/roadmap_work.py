@@ -82,11 +82,12 @@ def require_robot(roadmap: Roadmap, robot: Robot) -> None:
 
 def grow(planner: Grower, checker: CollisionChecker, *, seed: int, progress: Progress | None = None) -> Roadmap:
     """A roadmap of the free space as a checker sees it, with what growing it cost."""
-    limits, before = checker.robot.limits, checker.counts
+    limits, tally = checker.robot.limits, checker.ledger.own
+    before = tally.counts
     space = SearchSpace(limits.lower, limits.upper, SearchOracle(checker), checker.ledger.poll, checker.reach)
     roadmap = planner.grow(space, seed=seed, progress=progress)
     settings = {item.name: getattr(planner, item.name) for item in fields(planner)}
-    built = Built(planner.name, settings, int(seed), checker.counts - before)
+    built = Built(planner.name, settings, int(seed), tally.counts - before)
     return replace(roadmap, terms=Terms.of(checker), built=built)
 
 
@@ -126,7 +127,8 @@ def _changed(roadmap: Roadmap, current: Roadmap) -> tuple[str, ...]:
 
 def update(roadmap: Roadmap, checker: CollisionChecker) -> RoadmapUpdate:
     """A roadmap brought up to date: everything it knew that may have changed is checked again."""
-    before = checker.counts
+    tally = checker.ledger.own
+    before = tally.counts
     current = _under(roadmap, checker)
     work = _Revision(current, checker)
     work.milestones(_open(roadmap.milestone_knowledge, current.milestone_knowledge))
@@ -142,7 +144,7 @@ def update(roadmap: Roadmap, checker: CollisionChecker) -> RoadmapUpdate:
         edges - work.kept,
         int(np.count_nonzero(was_free & (now == BLOCKED))),
         int(np.count_nonzero(was_blocked & (now == FREE))),
-        checker.counts - before,
+        tally.counts - before,
     )
 
 

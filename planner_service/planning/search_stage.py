@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, pairwise, repeat
+from itertools import count, cycle, pairwise, repeat
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from planner_service.planning.result import Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow
 from planner_service.roadmap import Roadmap, Terms
 from planner_service.search.edge_cache import SearchOracle
-from planner_service.search.planners import RRTConnect
+from planner_service.search.planners import BalancedRRTConnect, RRTConnect
 from planner_service.search.problem import Planner, SearchProblem, joint_distance
 from planner_service.smoothing.smoothing import pulled_in, shortcut, without_short_pieces
 
@@ -35,6 +35,7 @@ __all__ = [
     "FIRST_TRIES",
     "Candidates",
     "SearchRound",
+    "alternating",
     "fresh_seed",
     "fresh_tries",
     "polyline_length",
@@ -118,8 +119,10 @@ def search(context: PlanContext, ends: Ends, searching: SearchRound | None = Non
     """
     searching = SearchRound(0, context.request.padding) if searching is None else searching
     accounting, padding = context.accounting, searching.padding
-    with accounting.during(Stage.SEARCH):
-        leads = None if ends.padding == padding else _leads(context, ends, searching)
+    leads = None
+    if ends.padding != padding:
+        with accounting.during(Stage.SEARCH):
+            leads = _leads(context, ends, searching)
     if leads is not None:
         accounting.notes.append(f"an end is closer than {padding * 1000:g} mm to something: only near it less is kept")
     start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
@@ -214,6 +217,7 @@ def _search(
         lower=limits.lower,
         upper=limits.upper,
         oracle=oracle,
+        seed=fresh_seed(context.request.seed, FIRST_TRIES * searching.number),
         poll=checker.ledger.poll,
         reach=checker.reach,
         grown=None if tracer is None else tracer.grown,
@@ -262,13 +266,14 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
         tries = fresh_tries(most, request.retries, planner.patience)
     spent: CheckBudgetSpent | None = None
     with checker.limited(states=most):
-        for attempt, states in enumerate(tries):
-            entry.note = planner.name + (f", try {attempt + 1}" if attempt else "")
+        for attempt, (states, searcher) in enumerate(zip(tries, alternating(planner), strict=False)):
+            entry.note = searcher.name + (f", try {attempt + 1}" if attempt else "")
             accounting.attempt(entry.note)
             seed = fresh_seed(request.seed, attempt + FIRST_TRIES * running.round.number)
             try:
+                problem = running.problem if seed == running.problem.seed else replace(running.problem, seed=seed)
                 with checker.limited(states=states):
-                    result = planner.search(replace(running.problem, seed=seed))
+                    result = searcher.search(problem)
             except CheckBudgetSpent as stopped:
                 if checker.ledger.room() == 0:
                     raise
@@ -286,14 +291,14 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
 
 
 def _over_roadmap(running: _Search, roadmap: Roadmap) -> FloatArray | None:
-    """The path over a roadmap; where it has none, RRTConnect's, unless the roadmap is to be searched alone."""
+    """The path over a roadmap; without one, a search's, unless ``fallback`` is off."""
     points, entry = None, running.entry
     if running.round.number == 0 or not roadmap.fallback:  # a roadmap knows nothing of edges sampled more closely
         points = _query(running, roadmap)
     if points is None and roadmap.fallback:
         note = f"{entry.note}; no path there: " if entry.note else ""
         try:
-            points = _with_retries(running, RRTConnect())
+            points = _with_retries(running, BalancedRRTConnect())
         finally:
             entry.note = note + entry.note
     return points
@@ -337,6 +342,11 @@ def _shortened(context: PlanContext, points: FloatArray, oracle: SearchOracle) -
             if pulled.tolist() != points.tolist():
                 return pulled, points
     return (points,)
+
+
+def alternating(planner: Planner) -> Iterator[Planner]:
+    """The planner of each try: between those of our own search OMPL's RRTConnect, which fails elsewhere."""
+    return cycle((planner, RRTConnect()) if isinstance(planner, BalancedRRTConnect) else (planner,))
 
 
 def fresh_tries(states: int, retries: int | None, patience: int) -> Iterator[int]:

@@ -24,11 +24,11 @@ from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.endpoints import GoalState
 from planner_service.planning.result import Failure, Reason, Stage
-from planner_service.planning.search_stage import FIRST_TRIES, fresh_seed, polyline_length
+from planner_service.planning.search_stage import FIRST_TRIES, alternating, fresh_seed, polyline_length
 from planner_service.replanning.splice import SwitchPoint
 from planner_service.roadmap import Roadmap
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
-from planner_service.search.planners import RRTConnect
+from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Configuration, SearchProblem, joint_distance
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 
@@ -136,11 +136,13 @@ class Detours:
             place = self._place(min(switch.s + part * (stop - switch.s), self._path.length), switch.s)
             if all(abs(place.s - other.s) > ROOM for other in places):
                 places.append(place)
-        full, bare = self._checker.variant(padding=self._request.padding), self._checker.variant(motion_step=FINEST)
+        full = self._checker.variant(padding=self._request.padding)
         wide = [place for place in places if self._free_up_to(switch.s, place.s, full)]
         yield from (place._replace(roomy=True) for place in wide)
         rest = [place for place in places if not any(place is other for other in wide)]
-        yield from (place for place in rest if self._free_up_to(switch.s, place.s, bare))
+        if rest:
+            bare = self._checker.variant(motion_step=FINEST)
+            yield from (place for place in rest if self._free_up_to(switch.s, place.s, bare))
         if beyond:
             yield from self._beyond(goal)
 
@@ -210,7 +212,7 @@ class Detours:
             sizes[index] = min(sizes[index], max(0.0, s - reached))
             if index and switch.rate > 0.0 and len(points) > 1:
                 sizes[index] = min(sizes[index], self._passable(path, index, switch))
-            path = blended(path, tight.blend_is_free, sizes, least=MIN_BLEND)
+            path = blended(path, tight.blend_is_free, sizes, least=MIN_BLEND, oracle=SearchOracle(tight))
             entry.length = path.length - s
         return CandidatePath(path, index, s, switch, searched, place.roomy)
 
@@ -268,7 +270,7 @@ class Detours:
     def _search(self, start: FloatArray, goals: FloatArray, oracle: Judge, turn: int) -> FloatArray:
         """A path from the start to one of the goals, with fresh seeds if one gives up.
 
-        RRTConnect searches where the request's planner does not search, or is a roadmap: what a roadmap knows holds
+        The default searches where the request's planner does not search, or is a roadmap: what a roadmap knows holds
         where all of the padding is kept.
 
         Raises:
@@ -277,20 +279,20 @@ class Detours:
         request, limits, ledger = self._request, self._checker.robot.limits, self._checker.ledger
         planner = request.planner
         if isinstance(planner, Roadmap | Optimise):
-            planner = RRTConnect()
+            planner = BalancedRRTConnect()
         tries = FIRST_TRIES if request.retries is None else request.retries + 1
         if planner.patience is None:
             tries = 1
         share = max(1, self._states // tries, planner.patience or 0)
         with self._accounting.during(Stage.SEARCH) as entry:
-            entry.note = planner.name
-            for attempt in range(tries):
-                self._accounting.attempt(planner.name)
+            for attempt, searcher in zip(range(tries), alternating(planner), strict=False):
+                entry.note = searcher.name + (f", try {attempt + 1}" if attempt else "")
+                self._accounting.attempt(entry.note)
                 seed = fresh_seed(request.seed, attempt + tries * turn)
                 problem = SearchProblem(start, goals, limits.lower, limits.upper, oracle, seed, ledger.poll)
                 try:
                     with self._checker.limited(states=share):
-                        points = planner.search(problem).waypoints
+                        points = searcher.search(problem).waypoints
                 except CheckBudgetSpent:
                     if ledger.room() == 0:
                         raise

@@ -18,7 +18,6 @@ import numpy as np
 from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import CheckBudgetSpent, SearchStopped, TimeBoxSpent
-from planner_service.concurrency.fair_lock import FairLock
 from planner_service.concurrency.polling import Prepared
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
@@ -80,7 +79,6 @@ def replan(
     previous: PlanResult | Replanned,
     checker: CollisionChecker,
     certifier: Prepared[Certifier],
-    turns: FairLock,
     *,
     at_time: float,
     latency: float,
@@ -104,12 +102,11 @@ def replan(
         context.accounting.notes.append(note)
     call = _Call(context, old, cancel)
     try:
-        motion = context.accounting.within_limits(turns, lambda: _before_rest(call))
-        return _from_rest(call, turns) if motion is None else motion
+        motion = context.accounting.within_limits(lambda: _before_rest(call))
+        return _from_rest(call) if motion is None else motion
     except NoPlan as no_plan:
         failure = no_plan.failure
-    with context.accounting.apart():  # a robot under way waits for nobody, and a stop is cheap
-        return _stopping(call, failure)
+    return _stopping(call, failure)  # without limits: a robot under way waits for nobody, and a stop is cheap
 
 
 def _law_of(previous: PlanResult | Replanned) -> str:
@@ -239,13 +236,13 @@ def _objection(call: _Call, contact: _DoubtfulContact) -> str:
 # What to do: a plan from rest, the old motion, or a new one.
 
 
-def _from_rest(call: _Call, turns: FairLock) -> Replanned:
+def _from_rest(call: _Call) -> Replanned:
     """A plan from where the old motion has ended when the new one begins.
 
     Raises:
         NoPlan: there is none.
     """
-    from_rest = plan(call.request, call.checker, call.certifier, turns, cancel=call.cancel)
+    from_rest = plan(call.request, call.checker, call.certifier, cancel=call.cancel)
     result = call.accounting.with_plan(from_rest)
     if from_rest.failure is not None:
         raise NoPlan(from_rest.failure)

@@ -9,10 +9,11 @@ ends, never at the splice.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import islice, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -138,21 +139,38 @@ class Underway:
 
     def moved(self, s: float) -> float:
         """An arc length of the old path on what is left of it."""
-        left = min(max(s - float(self.trajectory.path.knots[self._first]), 0.0), self.path.length)
-        near = self.path.breaks[np.abs(self.path.breaks - left) <= MEETING]
-        return float(near[0]) if len(near) else left
+        begin, length, breaks = self._places
+        left = min(max(s - begin, 0.0), length)
+        for k in range(bisect_left(breaks, left - 2.0 * MEETING), len(breaks)):
+            if abs(breaks[k] - left) <= MEETING:
+                return breaks[k]
+            if breaks[k] > left:
+                break
+        return left
+
+    @cached_property
+    def _places(self) -> tuple[float, float, list[float]]:
+        """Where what is left begins on the old path, its length, and where its pieces meet."""
+        breaks: list[float] = self.path.breaks.tolist()
+        return float(self.trajectory.path.knots[self._first]), self.path.length, breaks
+
+    @cached_property
+    def _begins(self) -> list[float]:
+        """Arc lengths where the pieces of the old law begin."""
+        return [self.moved(s) for s in self.trajectory.coefficients[:, 0].tolist()]
 
     def rows(self, until: float) -> list[_Row]:
         """The old law from the splice on."""
-        law = self.trajectory
+        law, splice = self.trajectory, self.splice
         out = []
-        for k, (began, h) in enumerate(zip(law.knots.tolist(), law.durations.tolist(), strict=False)):
-            x, end = max(self.splice - began, 0.0), min(until - began, h)
+        first = max(int(law.knots.searchsorted(splice)) - 1, 0)
+        pieces = zip(law.knots.tolist(), law.durations.tolist(), self._begins, law.coefficients.tolist(), strict=False)
+        for began, h, s, (c0, c1, c2, c3) in islice(pieces, first, None):
+            x, end = max(splice - began, 0.0), min(until - began, h)
             if end - x > SLIVER:
-                c0, c1, c2, c3 = law.coefficients[k].tolist()
-                s = c0 + x * (c1 + x * (c2 + x * c3))
+                at = self.moved(c0 + x * (c1 + x * (c2 + x * c3))) if x > 0.0 else s
                 rate = max(c1 + x * (2.0 * c2 + 3.0 * c3 * x), 0.0)
-                out.append(_Row(end - x, self.moved(s), rate, c2 + 3.0 * c3 * x, c3))
+                out.append(_Row(end - x, at, rate, c2 + 3.0 * c3 * x, c3))
         return out
 
     def rest(self) -> Trajectory:
@@ -172,7 +190,6 @@ class Underway:
         soon = self._rests[(self._rests >= t) & (self._rests <= t + HOLD)]
         t = float(soon[0]) if len(soon) else t
         s = self.s(t)
-        arrivals = np.array([self.moved(c0) for c0 in law.coefficients[:, 0].tolist()])
         blended = path.blends > 0.0
         ends = (path.knots + path.blends)[blended].tolist()
         near = [x for x in sorted([*ends, *(path.knots - path.blends)[blended].tolist()]) if s < x <= s + RUN_IN]
@@ -180,7 +197,7 @@ class Underway:
         if not near:
             yield SwitchPoint(t, s, self._rate(t))
         for x in [*near[-1:], *later]:
-            knots = law.knots[:-1][np.abs(arrivals - x) <= MEETING]
+            knots = law.knots[:-1][np.abs(np.array(self._begins) - x) <= MEETING]
             if len(knots):
                 yield SwitchPoint(float(knots[0]), x, self._rate(float(knots[0])))
 
@@ -227,17 +244,17 @@ class Underway:
 
     def _braking(self, s: float, rate: float, limits: JointLimits, margin: float) -> _Braking | None:
         """The stop that begins at s at a speed of ``rate``; None if the old law rests before it has ended."""
-        path, rows = self.path, list[_Row]()
+        path, rows, most = self.path, list[_Row](), limits.acceleration.tolist()
         rest = min([k for k in path.knots[list(path.corners)].tolist() if k > s], default=self.end)
         while s < min(rest, self.end):
             piece = path.pieces_at(np.array([s]))
             at = self._grid(s, int(piece[0]), min(rest, self.end))
-            slopes, bends = (path.on_pieces(np.repeat(piece, len(at)), at, order) for order in (1, 2))
+            slopes, bends = (path.on_pieces(np.repeat(piece, len(at)), at, order).tolist() for order in (1, 2))
             for k, (a, b) in enumerate(pairwise(at.tolist())):
                 square, length = rate * rate, b - a
-                window = _window(slopes[k : k + 2], bends[k : k + 2], square, length, limits)
+                window = _window(slopes[k : k + 2], bends[k : k + 2], square, length, most)
                 if window is None:
-                    window = _window(slopes[k : k + 1], bends[k : k + 1], square, length, limits)
+                    window = _window(slopes[k : k + 1], bends[k : k + 1], square, length, most)
                 if window is None:
                     return None
                 change = window.low + margin * (window.high - window.low)
@@ -303,21 +320,27 @@ class Underway:
         raise TimingFailed(f"limits are exceeded by {ratios.highest - 1.0:.2%}")
 
 
-def _window(slopes: FloatArray, bends: FloatArray, square: float, length: float, limits: JointLimits) -> _Window | None:
+def _window(
+    slopes: Sequence[Sequence[float]],
+    bends: Sequence[Sequence[float]],
+    square: float,
+    length: float,
+    acceleration: Sequence[float],
+) -> _Window | None:
     """The values of d2s/dt2 within the limits at both ends of an interval; None if there are none.
 
     Args:
-        slopes, bends: Derivatives of the path at both ends, (2, n), or at the first alone, (1, n).
+        slopes, bends: Derivatives of the path at both ends, or at the first alone, n numbers each.
         square: Of ds/dt at the first end.
         length: Of the interval.
+        acceleration: The limits, n numbers.
     """
-    # at the second end the square is square + 2 length u
-    per_change = slopes + np.array([[0.0], [2.0 * length]])[: len(slopes)] * bends
-    fixed = bends * square
-    acceleration = np.broadcast_to(limits.acceleration, slopes.shape)
-    on = np.abs(per_change) > MIN_SHARE
-    if not np.any(on):
-        return None
-    a, b = (-acceleration[on] - fixed[on]) / per_change[on], (acceleration[on] - fixed[on]) / per_change[on]
-    low, high = float(np.minimum(a, b).max()), float(np.maximum(a, b).min())
-    return _Window(low, high) if low <= high else None
+    low, high = -math.inf, math.inf
+    for twice, q1, q2 in zip((0.0, 2.0 * length), slopes, bends, strict=False):
+        for slope, bend, most in zip(q1, q2, acceleration, strict=True):
+            per_change = slope + twice * bend  # at the second end the square is square + 2 length u
+            if abs(per_change) > MIN_SHARE:
+                fixed = bend * square
+                a, b = (-most - fixed) / per_change, (most - fixed) / per_change
+                low, high = max(low, min(a, b)), min(high, max(a, b))
+    return _Window(low, high) if -math.inf < low <= high else None

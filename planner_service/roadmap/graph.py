@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,11 @@ from numpy.typing import ArrayLike
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
 from planner_service.geometry.validation import numbers
+from planner_service.native.loading import load_core
 from planner_service.search.problem import joint_distance
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 __all__ = ["EdgePoints", "Graph", "Neighbour", "Trunk", "checked_edges", "motion"]
 
@@ -64,6 +68,20 @@ class Trunk:
             self._lists[milestone] = neighbours
         return neighbours
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process without what is compiled, which is made anew there."""
+        return {name: value for name, value in vars(self).items() if not name.startswith("compiled")}
+
+    @cached_property
+    def compiled(self) -> _core.Neighbours | None:
+        """The neighbours of all milestones for the compiled search; None where it was not built."""
+        core = load_core()
+        if core is None:
+            return None
+        starts, *rows = self._rows
+        neighbours: _core.Neighbours = core.Neighbours(np.array(starts), *map(np.ascontiguousarray, rows))
+        return neighbours
+
     @cached_property
     def components(self) -> list[int]:
         """The connected component of each milestone, over edges of any verdict."""
@@ -96,6 +114,19 @@ class Trunk:
     def edge_point_tree(self) -> Any:
         """Them in metres of motion, for nearest-neighbour queries."""
         return _tree_of(self.edge_points.q * self.reach)
+
+    @cached_property
+    def compiled_milestones(self) -> _core.PlaceTree | None:
+        """The milestones for the compiled look-up of places; None where it was not built."""
+        core = load_core()
+        none = np.full(len(self.milestones), -1)
+        return None if core is None else core.PlaceTree(self.milestones, none, self.reach)
+
+    @cached_property
+    def compiled_edge_points(self) -> _core.PlaceTree | None:
+        """The points along all edges for it."""
+        core = load_core()
+        return None if core is None else core.PlaceTree(*self.edge_points, self.reach)
 
 
 class EdgePoints(NamedTuple):
@@ -183,6 +214,30 @@ class Graph:
         """The neighbours of a milestone; do not change the list."""
         grown = self.trunk.around(milestone) if milestone < len(self.trunk.milestones) else []
         return [*grown, *self._added[milestone]] if milestone in self._added else grown
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process without what is compiled, which is made anew there."""
+        return {name: value for name, value in vars(self).items() if not name.startswith("compiled")}
+
+    @cached_property
+    def compiled(self) -> tuple[_core.Neighbours, _core.AddedNeighbours] | None:
+        """The neighbours in the trunk and those added, for the compiled search; None where it was not built."""
+        core, trunk = load_core(), self.trunk.compiled
+        return None if core is None or trunk is None else (trunk, core.AddedNeighbours(self._added))
+
+    @cached_property
+    def compiled_added(self) -> _core.MorePlaces | None:
+        """The places that were added, for the compiled look-up; None where it was not built."""
+        return self.compiled_places()
+
+    def compiled_places(self, few: EdgePoints | None = None) -> _core.MorePlaces | None:
+        """Them and a few points on edges of the trunk."""
+        core, added = load_core(), np.arange(len(self.trunk.milestones), len(self.milestones))
+        parts = [EdgePoints(self.milestones[added], np.full(len(added), -1)), self.added_points]
+        parts += [] if few is None else [few]
+        points, edges = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        milestones = np.concatenate([added, np.full(len(edges) - len(added), -1)])
+        return None if core is None else core.MorePlaces(points, edges, milestones)
 
     def component(self, milestone: int) -> int:
         """The number of a milestone's connected component, over edges of any verdict."""

@@ -6,12 +6,14 @@ The nearest places come first, whatever the earlier queries.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
+from planner_service.native.loading import load_core
 from planner_service.roadmap.graph import EdgePoints, Graph, motion
 
 __all__ = ["Place", "nearest_places"]
@@ -21,6 +23,14 @@ LOOKED_UP = (24, 128, 1024)
 
 MAX_FREE_SHARE = 0.25
 """Share of free edges in the trunk up to which searching them one by one is faster than the tree of all edges."""
+
+JUST_WITHIN = 1.0 - 1e-9
+"""Share of the distance to the farthest found within which all are: beyond, rounding tells which of equal ones are."""
+
+PlaceRow = tuple[float, int, int, tuple[float, ...]]
+"""The fields of a ``Place``."""
+
+LookUp = Callable[[int], tuple[Iterable[PlaceRow], bool]]
 
 
 class Place(NamedTuple):
@@ -47,24 +57,44 @@ def nearest_places(graph: Graph, milestones: BoolArray, edges: BoolArray, q: Flo
         edges: Which edges may be used, (E,).
     """
     yielded: set[tuple[int, int]] = set()
+    look_up = _compiled(graph, milestones, edges, q) or partial(_reference, graph, milestones, edges, q)
     for count in LOOKED_UP:
-        (ours, to_ours), (theirs, to_theirs) = _milestones(graph, q, count), _on_edges(graph, edges, q, count)
-        ours, theirs = ours[milestones[ours]], theirs.take(edges[theirs.edge])
-        points = np.concatenate([graph.milestones[ours], theirs.q])
-        far = motion(points, q, graph.reach)
-        edge = np.concatenate([np.full(len(ours), -1), theirs.edge])
-        milestone = np.concatenate([ours, np.full(len(theirs.edge), -1)])
-        order = np.lexsort((milestone, edge, far))
-        order = order[far[order] <= min(to_ours, to_theirs)]
-        _, first = np.unique(np.where(edge < 0, -1 - milestone, edge)[order], return_index=True)
-        order = order[np.sort(first)]
-        columns = (array[order].tolist() for array in (far, edge, milestone))
-        for place in map(Place, *columns, map(tuple, points[order].tolist())):
+        places, complete = look_up(count)
+        for place in map(Place._make, places):
             if place[1:3] not in yielded:
                 yielded.add(place[1:3])
                 yield place
-        if min(to_ours, to_theirs) == np.inf:
+        if complete:
             return
+
+
+def _compiled(graph: Graph, milestones: BoolArray, edges: BoolArray, q: FloatArray) -> LookUp | None:
+    """``_reference`` compiled; None where it was not built."""
+    core, few = load_core(), _few_free(graph, edges)
+    if core is None:
+        return None
+    on_edges = graph.trunk.compiled_edge_points if few is None else None
+    more = graph.compiled_added if few is None or len(few.edge) == 0 else graph.compiled_places(few)
+    return partial(core.nearest_places, graph.trunk.compiled_milestones, on_edges, more, milestones, edges, q)
+
+
+def _reference(
+    graph: Graph, milestones: BoolArray, edges: BoolArray, q: FloatArray, count: int
+) -> tuple[Iterable[PlaceRow], bool]:
+    """The places found among the ``count`` nearest of the trunk, in their order, and whether there are no others."""
+    (ours, to_ours), (theirs, to_theirs) = _milestones(graph, q, count), _on_edges(graph, edges, q, count)
+    ours, theirs = ours[milestones[ours]], theirs.take(edges[theirs.edge])
+    points = np.concatenate([graph.milestones[ours], theirs.q])
+    far = motion(points, q, graph.reach)
+    edge = np.concatenate([np.full(len(ours), -1), theirs.edge])
+    milestone = np.concatenate([ours, np.full(len(theirs.edge), -1)])
+    order = np.lexsort((milestone, edge, far))
+    order = order[far[order] < min(to_ours, to_theirs)]
+    _, first = np.unique(np.where(edge < 0, -1 - milestone, edge)[order], return_index=True)
+    order = order[np.sort(first)]
+    columns = (array[order].tolist() for array in (far, edge, milestone))
+    rows = zip(*columns, map(tuple, points[order].tolist()), strict=True)
+    return rows, min(to_ours, to_theirs) == np.inf
 
 
 def _milestones(graph: Graph, q: FloatArray, count: int) -> tuple[IntArray, float]:
@@ -74,19 +104,24 @@ def _milestones(graph: Graph, q: FloatArray, count: int) -> tuple[IntArray, floa
     if grown <= count:
         return np.arange(len(graph.milestones)), np.inf
     far, rows = graph.trunk.milestone_tree.query(q * graph.reach, k=count, p=1)
-    return np.concatenate([np.atleast_1d(rows).astype(np.int64), added]), float(np.max(far))
+    return np.concatenate([rows.astype(np.int64), added]), float(np.max(far)) * JUST_WITHIN
 
 
 def _on_edges(graph: Graph, edges: BoolArray, q: FloatArray, count: int) -> tuple[EdgePoints, float]:
     """The nearest points on edges, unordered, and a distance from q within which there are no others."""
-    added, trunk = graph.added_points, graph.trunk
-    free = np.flatnonzero(edges[: len(trunk.edges)])
-    beyond = np.inf
-    if len(free) <= MAX_FREE_SHARE * len(trunk.edges):
-        near = EdgePoints.along(trunk, free, trunk.spacing)
-    elif len(trunk.edge_points.edge) <= count:
+    added, trunk, near, beyond = graph.added_points, graph.trunk, _few_free(graph, edges), np.inf
+    if near is None:
         near = trunk.edge_points
-    else:
-        far, rows = trunk.edge_point_tree.query(q * graph.reach, k=count, p=1)
-        near, beyond = trunk.edge_points.take(rows), float(np.max(far))
+        if len(near.edge) > count:
+            far, rows = trunk.edge_point_tree.query(q * graph.reach, k=count, p=1)
+            near, beyond = near.take(np.sort(rows)), float(np.max(far)) * JUST_WITHIN
     return EdgePoints(np.concatenate([near.q, added.q]), np.concatenate([near.edge, added.edge])), beyond
+
+
+def _few_free(graph: Graph, edges: BoolArray) -> EdgePoints | None:
+    """The points on the free edges of the trunk if these are few."""
+    trunk = graph.trunk
+    free = edges[: len(trunk.edges)]
+    if np.count_nonzero(free) > MAX_FREE_SHARE * len(free):
+        return None
+    return EdgePoints.along(trunk, np.flatnonzero(free), trunk.spacing)

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import heapq
 import math
+from array import array
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Protocol
@@ -21,6 +22,7 @@ import numpy as np
 from planner_service.collision.contact import EdgeHit
 from planner_service.collision.edge_sampling import KNOWN_ENDS
 from planner_service.geometry.arrays import BoolArray, FloatArray
+from planner_service.native.loading import load_core
 from planner_service.roadmap.graph import Graph, Neighbour
 from planner_service.roadmap.nearest import Place, nearest_places
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
@@ -93,7 +95,7 @@ class Query:
 
     def __init__(self, graph: Graph, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> None:
         self._graph, self._problem = graph, problem
-        self._offered = milestones.verdicts != Verdict.BLOCKED, edges.free
+        self._offered = milestones.possible, edges.free
         self._oracle: CoarseOracle = of_tuples(problem.oracle)
         self._glances = hasattr(problem.oracle, "edge_is_free_coarse")
         self._count, self._edges = len(graph.milestones), len(graph.edges)
@@ -108,9 +110,9 @@ class Query:
         self._on: dict[int, list[int]] = {}  # the nodes on an edge
         self.learned: tuple[dict[int, Lesson], dict[int, Lesson]] = ({}, {})
         goals = problem.goals
-        self._bound: list[float] = []
+        self._bound = array("d")
         if self._count:
-            self._bound = np.array([distances(graph.milestones, goal) for goal in goals]).min(axis=0).tolist()
+            self._bound.frombytes(np.array([distances(graph.milestones, goal) for goal in goals]).min(axis=0).tobytes())
         self._goals = [tuple(goal) for goal in goals.tolist()]
         self._ends = [self._new_end(tuple(problem.start.tolist())), *map(self._new_end, self._goals)]
         self._start = self._ends[0].node
@@ -176,7 +178,7 @@ class Query:
                 if not end.shadowed:
                     return
                 place = end.shadowed.pop(0)
-            elif any(self._in_shadow(end, place.q, hit) for hit in end.hits):
+            elif end.hits and self._in_shadow(end, place.q, end.hits):
                 end.shadowed.append(place)
                 continue
             self._join_to(end, place)
@@ -203,17 +205,22 @@ class Query:
         self._joins.setdefault(a, []).append((b, length, piece))
         self._joins.setdefault(b, []).append((a, length, piece))
 
-    def _in_shadow(self, end: _End, q: Configuration, hit: Configuration) -> bool:
-        """Whether the edge from an end to q passes near the collision of another one, given relative to that end."""
+    def _in_shadow(self, end: _End, q: Configuration, hits: Iterable[Configuration]) -> bool:
+        """Whether the edge from an end to q passes near collisions of other ones, given relative to that end."""
         along = self._moved(end, q)
-        square = dot = away = 0.0
-        for x, y in zip(along, hit, strict=True):
+        square = 0.0
+        for x in along:
             square += x * x
-            dot += x * y
-        share = min(max(dot / square, 0.0), 1.0) if square > 0.0 else 0.0
-        for x, y in zip(along, hit, strict=True):
-            away += abs(y - share * x)
-        return away < SHADOW
+        for hit in hits:
+            dot = away = 0.0
+            for x, y in zip(along, hit, strict=True):
+                dot += x * y
+            share = min(max(dot / square, 0.0), 1.0) if square > 0.0 else 0.0
+            for x, y in zip(along, hit, strict=True):
+                away += abs(y - share * x)
+            if away < SHADOW:
+                return True
+        return False
 
     def _moved(self, end: _End, q: Configuration) -> Configuration:
         """The motion from an end to q, each joint in metres."""
@@ -224,6 +231,20 @@ class Query:
 
         Of equal costs the smaller node wins.
         """
+        core, neighbours = load_core(), self._graph.compiled
+        if core is None or neighbours is None:
+            return self.reference_shortest()
+        bound = np.frombuffer(self._bound)
+        nodes, pieces = (np.frombuffer(verdicts, np.uint8) for verdicts in (self._node, self._piece))
+        ends = self._start, self._start + len(self._goals)
+        path, self._effort = core.shortest(
+            *neighbours, self._joins, bound, nodes, pieces, *ends, self._effort, self._problem.poll
+        )
+        found: list[tuple[int, int, int]] | None = path
+        return found
+
+    def reference_shortest(self) -> list[tuple[int, int, int]] | None:
+        """The same in Python."""
         start, bound, nodes, pieces, joins = self._start, self._bound, self._node, self._piece, self._joins
         count, around = self._count, self._graph.around
         last_end, best = start + len(self._goals), math.inf
@@ -350,7 +371,7 @@ class Query:
             moved = self._moved(end, self._at(node))
             end.hits.append(tuple(hit.fraction * x for x in moved))
             near = (
-                piece for piece in end.open if self._in_shadow(end, self._at(self._ends_of[piece][1]), end.hits[-1])
+                piece for piece in end.open if self._in_shadow(end, self._at(self._ends_of[piece][1]), [end.hits[-1]])
             )
             self._shaded.update(near)
         self._join(end)

@@ -67,7 +67,7 @@ class Roadmap:
         terms: The robot, scene and settings for which the verdicts hold; None for those of the space it was grown in.
         pending: Obstacles against which FREE_BEFORE milestones and edges have not been checked.
         built: How it was grown; None if it was made from parts.
-        fallback: Whether ``plan`` tries RRTConnect if the roadmap does not connect start and goal.
+        fallback: Whether ``plan`` searches without it if the roadmap does not connect start and goal.
         remember: Whether ``plan`` adds the path it found to ``result.roadmap``, as milestones and edges.
     """
 
@@ -190,8 +190,8 @@ class Roadmap:
 
     def prepare(self) -> None:
         """Build the lookup tables of queries, for all roadmaps made from this one; 100,000 milestones take 0.3 s."""
-        blocked = self.milestone_knowledge.verdicts == Verdict.BLOCKED
-        next(nearest_places(self.graph, ~blocked, self.edge_knowledge.free, np.zeros(self.graph.n)), None)
+        offered = self.milestone_knowledge.possible, self.edge_knowledge.free
+        next(nearest_places(self.graph, *offered, np.zeros(self.graph.n)), None)
         if len(self.milestones):
             self.graph.around(0)
             self.graph.component(0)

@@ -116,6 +116,11 @@ class Knowledge:
         """Which are FREE or FREE_BEFORE."""
         return np.asarray((self.verdicts == Verdict.FREE) | (self.verdicts == Verdict.FREE_BEFORE))
 
+    @cached_property
+    def possible(self) -> BoolArray:
+        """Which are not BLOCKED."""
+        return np.asarray(self.verdicts != Verdict.BLOCKED)
+
     def count(self, verdict: Verdict) -> int:
         """How many have a verdict."""
         return int(np.count_nonzero(self.verdicts == verdict))

@@ -1,4 +1,4 @@
-"""Whether compiled code was built and gives the answers of its references: random states, short edges, timed paths."""
+"""Whether compiled code was built and gives the answers of its references: states, searches, proofs, timed paths."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ import numpy as np
 
 from planner_service.certify import Certifier
 from planner_service.certify.prover import instruction_sets as proof_instruction_sets
-from planner_service.collision import CollisionChecker
+from planner_service.collision import CollisionChecker, MotionStep
+from planner_service.collision.budget import CheckBudgetSpent
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import whole
@@ -24,7 +25,11 @@ from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
-from planner_service.timing.laws import ToppRa
+from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.planners import BalancedRRTConnect
+from planner_service.search.problem import SearchProblem
+from planner_service.smoothing.smoothing import pulled_in, shortcut
+from planner_service.timing.laws import ToppRa, reference_time_with_peaks
 from planner_service.timing.limit_check import LimitPeaks, peaks, reference_peaks
 
 __all__ = ["MAX_STATES", "Comparison", "Health", "examine"]
@@ -37,7 +42,10 @@ STATES_PER_EDGE = 20
 Question = TypeVar("Question", FloatArray, JointPath)
 
 STATES_PER_PATH = 100
-"""One path is timed for so many states judged: by the references that takes tens of milliseconds."""
+"""One path is searched, and one timed, for so many states judged: by the references that takes tens of milliseconds."""
+
+MAX_SEARCH = 10_000
+"""States after which a search is given up."""
 
 SAME_DURATION = 1e-9
 """Relative: toppra's own tolerance is larger than what is found, 5e-11."""
@@ -77,24 +85,26 @@ class Health:
 
     Attributes:
         checks: Of states: which pair touches first, by the kernel and by FCL asked about every pair.
+        searches: Of free states: the shortened path from one to the next to the last bit, and what it cost.
         proofs: Of short edges: their certificates, to the last bit.
         timing: Of blended paths: their durations by TOPP-RA, compared with the toppra library to 1e-9; and peaks and
             the tool's speed, to the last bit.
     """
 
     checks: Comparison
+    searches: Comparison
     proofs: Comparison
     timing: Comparison
 
     @property
     def agrees(self) -> bool:
         """Whether all answers are the same."""
-        return self.checks.differences == self.proofs.differences == self.timing.differences == 0
+        return not any(part.differences for part in (self.checks, self.searches, self.proofs, self.timing))
 
 
 def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) -> Health:
-    """Check random configurations within the joint limits, prove a short edge at every twentieth, and time a path
-    through four of them at every hundredth, both ways.
+    """Check random configurations within the joint limits, prove a short edge at every twentieth, and search and time a
+    path through some of them for every hundredth, both ways.
 
     Raises:
         InvalidRequest: ``states`` is no integer from 1 to 1,000,000.
@@ -106,6 +116,10 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     kernel, reference = CollisionChecker(robot, scene), CollisionChecker(robot, scene, backend="fcl")
     checkers = (partial(_first_contact, kernel), partial(_first_contact, reference))
     checks = _compared(kernel.instruction_set, instruction_sets(), Q, checkers)
+    free = [q for q in Q if kernel.state_is_free(q)][: 1 + states // STATES_PER_PATH]
+    ends = [np.array(pair) for pair in pairwise([*free, *free[:1]])]
+    searchers = (partial(_searched, kernel), partial(_searched, CollisionChecker(robot, scene, edge_step=_InPython())))
+    searches = _compared(kernel.instruction_set, instruction_sets(), ends, searchers)
     chosen = Q[::STATES_PER_EDGE]
     edges = [np.array([a, a + SHARE * (b - a)]) for a, b in pairwise([*chosen, Q[0]])]
     certifiers = Certifier(robot, scene), Certifier(robot, scene, backend="numpy")
@@ -116,7 +130,28 @@ def examine(robot: Robot, scene: Scene, *, states: int = 1000, seed: int = 0) ->
     used = None if load_core() is None else "baseline"
     timers = partial(_timed, robot), partial(_timed_again, robot)
     timers[1](paths[0])  # loads the toppra library
-    return Health(checks, proofs, _compared(used, (used,) if used else (), paths, timers))
+    return Health(checks, searches, proofs, _compared(used, (used,) if used else (), paths, timers))
+
+
+class _InPython:
+    """Keeps searching and smoothing in Python, as any edge step of a user's own."""
+
+    def segments(self, dq: Sequence[float], reach: Sequence[float]) -> int:
+        return MotionStep().segments(dq, reach)
+
+
+def _searched(checker: CollisionChecker, ends: FloatArray) -> tuple[bool, Any]:
+    limits, before = checker.robot.limits, checker.counts
+    oracle = SearchOracle(checker, ends[:1], ends[1:])
+    problem = SearchProblem(ends[0], ends[1:], limits.lower, limits.upper, oracle)
+    try:
+        with checker.limited(states=MAX_SEARCH):
+            found = BalancedRRTConnect().search(problem).waypoints
+    except CheckBudgetSpent:
+        found = None
+    if found is not None:
+        found = pulled_in(shortcut(found, oracle, np.random.default_rng(0)), oracle)
+    return found is None, (None if found is None else found.tolist(), checker.counts - before)
 
 
 def _path(points: FloatArray) -> JointPath:
@@ -150,7 +185,7 @@ def _timed(robot: Robot, path: JointPath) -> tuple[bool, Any]:
 
 def _timed_again(robot: Robot, path: JointPath) -> tuple[bool, Any]:
     duration = ToppRa(backend="toppra").time_path(path, robot.limits).duration
-    trajectory = ToppRa().time_path(path, robot.limits)
+    trajectory, _ = reference_time_with_peaks(ToppRa(), path, robot.limits, None)
     found = reference_peaks(trajectory, robot.limits)
     return False, _Motion(duration, found, reference_tool_speed(robot, trajectory))
 
@@ -176,7 +211,7 @@ def _compared(
     for backend in backends:
         clock = time.perf_counter()
         answers.append([backend(question) for question in questions])
-        took.append((time.perf_counter() - clock) / len(questions) * 1e6)
+        took.append((time.perf_counter() - clock) / max(1, len(questions)) * 1e6)
     differences = sum(a != b for a, b in zip(*answers, strict=True))
     refused = sum(answer[0] for answer in answers[1])
     return Comparison(used, available, len(questions), refused, differences, *took)

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
+from planner_service.collision.edge_sampling import KNOWN_ENDS
 from planner_service.geometry.arrays import FloatArray
+from planner_service.native.loading import load_core
 from planner_service.search.problem import SELF, Configuration, joint_distance
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 __all__ = ["SearchOracle", "TieredOracle"]
 
 MIN_MOTIONS_BOXED_IN = 20
 """Motions tried at a start or goal, none of them free, before it is reported as boxed in."""
 
-
+T = TypeVar("T")
 State = FloatArray | Configuration
 Part = tuple["SearchOracle", Configuration, Configuration, Known]
 """A part of an edge with what judges it, and which of its ends are known to be free."""
@@ -29,23 +35,28 @@ class SearchOracle:
     """The checker with the padding of the search and a memory of free edges.
 
     It also counts free and colliding motions at the starts and goals, to report which of them is boxed in.
+
+    Attributes:
+        core: The same compiled, which answers wherever there is one; None without the kernel, or with a user's own edge
+            step. Whoever asks it does so within ``counted``.
     """
 
     def __init__(
         self, checker: CollisionChecker, starts: Iterable[FloatArray] = (), goals: Iterable[FloatArray] = ()
     ) -> None:
         self._checker = checker
-        self._edges: dict[tuple[Configuration, Configuration], bool] = {}
-        """Edges not found to collide, in either direction, and whether all their samples were checked."""
-        self._starts: set[Configuration] = {tuple(start.tolist()) for start in starts}
-        self._goals: set[Configuration] = {tuple(goal.tolist()) for goal in goals}
-        self._ends = self._starts | self._goals
-        self._motions = {"start": Counter[bool](), "goal": Counter[bool]()}
+        ends = [_tuple(q) for q in starts], [_tuple(q) for q in goals]
+        self.core = checker.compiled_oracle(*ends)
+        self._judge = _Reference(checker, *ends) if self.core is None else self.core
+
+    def counted(self, ask: Callable[[], T]) -> T:
+        """What ``ask`` returns, which asks ``core``: what that judges is counted, and limits hold."""
+        return ask() if self.core is None else self._checker.counted(self.core, ask)
 
     @property
     def states(self) -> int:
-        """States counted so far."""
-        return self._checker.ledger.states
+        """States that this thread has counted so far."""
+        return self._checker.ledger.own.states
 
     @property
     def last_hit(self) -> EdgeHit | None:
@@ -67,50 +78,80 @@ class SearchOracle:
         return self._checker.state_is_free(q)
 
     def edge_is_free(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> bool:
-        """Whether the edge is free with the padding of the search."""
-        return self.edge_hit(q1, q2, known=known) is None
-
-    def edge_hit(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> EdgeHit | None:
-        """Where the edge collides with the padding of the search, None if free; a free edge is checked only once."""
-        a, b = _tuple(q1), _tuple(q2)
-        key = (a, b) if a <= b else (b, a)
-        judged = self._edges.get(key)
-        if judged:
-            return None
-        if judged is None:
-            hit = self._checker.edge_hit(a, b, known=known)
-            self._note(a, b, free=hit is None)
-        else:
-            del self._edges[key]
-            hit = self._checker.finish_edge(a, b)
-        if hit is None:
-            self._edges[key] = True
-        return hit
+        """Whether the edge is free with the padding of the search; a free edge is checked only once."""
+        return self._asked(self._judge.edge_is_free, _tuple(q1), _tuple(q2), known)
 
     def edge_is_free_coarse(self, q1: Configuration, q2: Configuration, *, known: Known = Known.NEITHER) -> bool:
         """Whether a first look at a few samples of the edge finds no collision; ``edge_is_free`` judges the others."""
-        key = (q1, q2) if q1 <= q2 else (q2, q1)
+        return self._asked(self._judge.edge_is_free_coarse, q1, q2, known)
+
+    def edge_hit(self, q1: State, q2: State, *, known: Known = Known.NEITHER) -> EdgeHit | None:
+        """Where the edge collides with the padding of the search, None if free; a free edge is checked only once."""
+        return None if self.edge_is_free(q1, q2, known=known) else self.last_hit
+
+    def _asked(
+        self,
+        judge: Callable[[Configuration, Configuration, int], bool],
+        a: Configuration,
+        b: Configuration,
+        known: Known,
+    ) -> bool:
+        return self.counted(lambda: judge(a, b, known._value_))
+
+    def boxed_in(self) -> str:
+        """Which ends no motion could leave, as the end of a sentence; empty if both could be left."""
+        tried = zip(("start", "goal"), self._judge.motions, strict=True)
+        return "".join(
+            f"; none of the {colliding} motions tried at the {end} was free: it is boxed in"
+            for end, (free, colliding) in tried
+            if colliding >= MIN_MOTIONS_BOXED_IN and not free
+        )
+
+
+class _Reference:
+    """What ``SearchOracle`` does where nothing is compiled; native/search/edge_oracle.cpp is the same."""
+
+    def __init__(self, checker: CollisionChecker, starts: list[Configuration], goals: list[Configuration]) -> None:
+        self._checker = checker
+        self._edges: dict[tuple[Configuration, Configuration], bool] = {}
+        """Edges not found to collide, in either direction, and whether all their samples were checked."""
+        self._ends = frozenset(starts), frozenset(goals)
+        self._tried = Counter[bool](), Counter[bool]()
+
+    @property
+    def motions(self) -> tuple[tuple[int, int], ...]:
+        """Free and colliding motions tried at starts, then at goals."""
+        return tuple((tried[True], tried[False]) for tried in self._tried)
+
+    def edge_is_free(self, a: Configuration, b: Configuration, known: int) -> bool:
+        key = (a, b) if a <= b else (b, a)
+        judged = self._edges.get(key)
+        if judged is None:
+            free = self._checker.edge_is_free(a, b, known=KNOWN_ENDS[known])
+            self._note(a, b, free=free)
+        elif judged:
+            return True
+        else:
+            del self._edges[key]
+            free = self._checker.finish_edge(a, b) is None
+        if free:
+            self._edges[key] = True
+        return free
+
+    def edge_is_free_coarse(self, a: Configuration, b: Configuration, known: int) -> bool:
+        key = (a, b) if a <= b else (b, a)
         if key in self._edges:
             return True
-        free = self._checker.edge_is_free_coarse(q1, q2, known=known)
+        free = self._checker.edge_is_free_coarse(a, b, known=KNOWN_ENDS[known])
         if free:
             self._edges[key] = False
-        if q1 in self._ends or q2 in self._ends:
-            self._note(q1, q2, free=free)
+        self._note(a, b, free=free)
         return free
 
     def _note(self, a: Configuration, b: Configuration, *, free: bool) -> None:
         """Count a motion if it starts or ends at a start or goal."""
-        for end, configurations in (("start", self._starts), ("goal", self._goals)):
-            self._motions[end][free] += a in configurations or b in configurations
-
-    def boxed_in(self) -> str:
-        """Which ends no motion could leave, as the end of a sentence; empty if both could be left."""
-        return "".join(
-            f"; none of the {tried[False]} motions tried at the {end} was free: it is boxed in"
-            for end, tried in self._motions.items()
-            if tried[False] >= MIN_MOTIONS_BOXED_IN and not tried[True]
-        )
+        for ends, tried in zip(self._ends, self._tried, strict=True):
+            tried[free] += a in ends or b in ends
 
 
 class TieredOracle:
@@ -119,10 +160,21 @@ class TieredOracle:
     Args:
         roomy: Checks all other states, and edges beyond 0.2 rad from such a start or goal.
         tight: For each such start or goal the oracle of that state and of edges within 0.2 rad.
+
+    Attributes:
+        core: As of ``SearchOracle``.
     """
 
     def __init__(self, roomy: SearchOracle, tight: Mapping[Configuration, SearchOracle]) -> None:
         self._roomy, self._tight = roomy, dict(tight)
+        core, cores = load_core(), [(q, oracle.core) for q, oracle in tight.items() if oracle.core is not None]
+        self.core: _core.TieredOracle | None = None
+        if core is not None and roomy.core is not None and len(cores) == len(tight):
+            self.core = core.TieredOracle(roomy.core, cores, NEAR_END)
+
+    def counted(self, ask: Callable[[], T]) -> T:
+        """What ``ask`` returns, which asks ``core``: what that judges is counted, and limits hold."""
+        return self._roomy.counted(ask)
 
     @property
     def states(self) -> int:

@@ -1,6 +1,7 @@
 """The tree planners: small frozen dataclasses of settings with one method, ``search``.
 
-Each runs OMPL's algorithm of the same name (Sucan, Moll & Kavraki, IEEE RAM 19(4), 2012) through ``search/ompl.py``.
+``BalancedRRTConnect`` is our own; the others run OMPL's algorithm of the same name (Sucan, Moll & Kavraki, IEEE RAM
+19(4), 2012) through ``search/ompl.py``.
 Distances are L2 norms over the joints, in radians if all of them are revolute. Equal problems with equal seeds have
 equal results.
 """
@@ -11,7 +12,7 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from planner_service.geometry.validation import number, whole
-from planner_service.search import ompl
+from planner_service.search import balanced, ompl
 from planner_service.search.problem import SearchProblem, SearchResult
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "LBKPIECE1",
     "RRT",
     "BITstar",
+    "BalancedRRTConnect",
     "InformedRRTstar",
     "RRTConnect",
     "RRTstar",
@@ -127,8 +129,25 @@ class _Batch(Settings):
 
 
 @dataclass(frozen=True)
+class BalancedRRTConnect(_Tree):
+    """The default: RRTConnect that always grows the smaller of its trees, with dynamic domains (search/balanced.py).
+
+    Attributes:
+        range: Longest edge, in joint distance (rad). Measured on public problems of a seven-joint arm, the states of
+            hard searches hardly differ from 0.7 to 1.5.
+    """
+
+    range: float = 1.0
+    name: ClassVar[str] = "balancedrrtconnect"
+
+    def search(self, problem: SearchProblem) -> SearchResult:
+        """See ``Planner``."""
+        return balanced.search(problem, self.range)
+
+
+@dataclass(frozen=True)
 class RRTConnect(_Tree):
-    """Two trees that grow towards each other: the default, quick to a first path (Kuffner & LaValle, ICRA 2000).
+    """OMPL's two trees that grow towards each other, quick to a first path (Kuffner & LaValle, ICRA 2000).
 
     Attributes:
         range: Longest edge, in joint distance (rad). Measured on the WidowX AI in six scenes, 0.7 to 1.0 take a fifth

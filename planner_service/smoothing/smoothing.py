@@ -5,6 +5,9 @@ for cuts that gain next to nothing. So every verdict is remembered, the longest 
 cut between random points is tried only if it gains enough. Then corners that hug an obstacle with a few joints are
 pulled in, joint by joint, as far as they stay free; pieces too short for a blend are cut out if that is free; and each
 corner gets the widest free blend.
+
+For an oracle with a compiled part, its ``core``, all of this is compiled as well. The Python below is the reference:
+the same questions in the same order, and the same bits.
 """
 
 from __future__ import annotations
@@ -12,7 +15,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Protocol
+from types import ModuleType
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +24,7 @@ from numpy.typing import ArrayLike
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.native.loading import load_core
 from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
 from planner_service.search.problem import CoarseOracle, Configuration, Oracle, joint_distance
@@ -74,6 +79,7 @@ def shortcut(
 
     Args:
         waypoints: Shape (N, n); the caller knows its pieces to be free.
+        rng: Two numbers for each of the tries are drawn at once.
         tries: The most random cuts to draw.
         misses: Stop after so many cuts in a row that collide or gain too little.
 
@@ -84,11 +90,15 @@ def shortcut(
     points = read_only(waypoints)
     if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
         raise InvalidRequest("waypoints", points.tolist(), "at least one row of finite joint values")
+    draws = rng.random(2 * tries).tolist()
+    shorter: FloatArray | None = _compiled(oracle, lambda core, asked: core.shortcut(points, asked, draws, misses))
+    if shorter is not None:
+        return shorter
     chain = [tuple(q) for q in points.tolist()]
     chain = [q for k, q in enumerate(chain) if k == 0 or q != chain[k - 1]]
     verdicts = _Verdicts(oracle, chain)
     chain = _skip_vertices(chain, verdicts)
-    return read_only(_cut_at_random(chain, verdicts, rng, tries, misses))
+    return read_only(_cut_at_random(chain, verdicts, draws, misses))
 
 
 def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
@@ -97,7 +107,11 @@ def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
     First all joints go half the way, then one joint at a time, while a coarse check finds both pieces free. The corner
     moves to the last of these places where a full check finds them free. The ends stay.
     """
-    chain = [tuple(q) for q in read_only(waypoints).tolist()]
+    points = read_only(waypoints)
+    pulled: FloatArray | None = _compiled(oracle, lambda core, asked: core.pulled_in(points, asked))
+    if pulled is not None:
+        return pulled
+    chain = [tuple(q) for q in points.tolist()]
     done: set[Corner] = set()
     for _ in range(PULL_ROUNDS):
         least = MIN_PULL * math.fsum(joint_distance(a, b) for a, b in pairwise(chain))
@@ -114,7 +128,11 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
 
     The ends stay, and the result is never longer. Each corner tried costs one edge check.
     """
-    chain = list(read_only(waypoints))
+    points = read_only(waypoints)
+    kept: FloatArray | None = _compiled(oracle, lambda core, asked: core.without_short_pieces(points, asked))
+    if kept is not None:
+        return kept
+    chain = list(points)
     k = 1
     while k < len(chain) - 1:
         before, corner, after = chain[k - 1 : k + 2]
@@ -128,7 +146,12 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
 
 
 def blended(
-    path: JointPath, is_free: Callable[[JointPath, int], bool], sizes: FloatArray, *, least: float = MIN_BLEND
+    path: JointPath,
+    is_free: Callable[[JointPath, int], bool],
+    sizes: FloatArray,
+    *,
+    least: float = MIN_BLEND,
+    oracle: CoarseOracle | None = None,
 ) -> JointPath:
     """Blend each corner of a path as widely as is free, halving the width until it is; else the corner stays a stop.
 
@@ -139,10 +162,16 @@ def blended(
         sizes: For each waypoint the largest arc length (rad) that its blend may replace before and after the corner,
             shape (N,); 0 leaves the corner.
         least: The narrowest blend (rad).
+        oracle: An oracle that finds the same blends free; its compiled part is asked instead, if it has one.
     """
+    widths, corners = path.blends.copy(), list(path.corners)
+    curve = path.waypoints, path.knots, path.tangents
+    free = _compiled(oracle, lambda core, asked: core.blend_widths(*curve, corners, sizes, asked, least))
+    if free is not None:
+        widths[corners] = free
+        return path.with_blends(widths)
     lengths = (path.knots[1:] - path.knots[:-1]).tolist()
-    widths = path.blends.copy()
-    for k in path.corners:
+    for k in corners:
         if path.turns_back(k):
             continue
         width = min(float(sizes[k]), BLEND_SHARE * min(lengths[k - 1], lengths[k]))
@@ -150,6 +179,12 @@ def blended(
             width /= 2.0
         widths[k] = width if width >= least else 0.0
     return path.with_blends(widths)
+
+
+def _compiled(oracle: Any, ask: Callable[[ModuleType, Any], Any]) -> Any:
+    """What ``ask`` makes of the compiled core and the compiled part of an oracle; None without these."""
+    core, answers = load_core(), getattr(oracle, "core", None)
+    return None if core is None or answers is None else oracle.counted(lambda: ask(core, answers))
 
 
 def _only(width: float, k: int, count: int) -> FloatArray:
@@ -190,15 +225,15 @@ def _skip_vertices(chain: list[Configuration], verdicts: _Verdicts) -> list[Conf
 
 
 def _cut_at_random(
-    chain: list[Configuration], verdicts: _Verdicts, rng: np.random.Generator, tries: int, misses: int
+    chain: list[Configuration], verdicts: _Verdicts, draws: Sequence[float], misses: int
 ) -> list[Configuration]:
     history = [chain]
     missed = 0
-    for _ in range(tries):
+    for u, v in zip(draws[::2], draws[1::2], strict=True):
         if missed >= misses or len(chain) < 3:
             break
         missed += 1
-        shorter = _cut(chain, *rng.random(2).tolist())
+        shorter = _cut(chain, u, v)
         if shorter is not None and verdicts.is_free(*shorter[0]):
             chain, missed = shorter[1], 0
             history.append(chain)

@@ -368,9 +368,10 @@ class _Task:
         fitting = []
         for q in solutions:
             checker = contact.made[0].checker
-            before = checker.counts
+            tally = checker.ledger.own
+            before = tally.counts
             objection = contact.objection(checker, q)
-            self._spent += checker.counts - before
+            self._spent += tally.counts - before
             if objection:
                 refused.append(objection)
             else:

@@ -4,6 +4,9 @@ A corner without a blend is a stop: passing it at speed would take infinite acce
 limits become limits of s(t): on straight sections ds/dt <= min v_i / abs(dq_i/ds), and likewise for acceleration and
 jerk; on blends they follow from the chain rule. The limits are then verified on every result, between grid points too,
 and a result that exceeds one is slowed down.
+
+Trapezoids and TOPP-RA are compiled, too, from the path to the motion and its peaks. The Python below is the reference:
+it has the same bits, and does what compiled code leaves to it, a caller's own speed limits, jerk, and every failure.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate, pairwise
+from types import ModuleType
 from typing import Literal, Protocol
 
 import numpy as np
@@ -21,10 +25,11 @@ import numpy as np
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.arrays import FloatArray, cosines_and_sines
 from planner_service.geometry.validation import number, whole
+from planner_service.native.loading import load_core
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
-from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, peaks, require_limits
+from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, Peak, peaks, require_limits
 from planner_service.timing.profiles import Phase, Section, TooFast, speed_profile, trapezoid
 from planner_service.timing.segments import PathSegment, SpeedLimit, path_segments, straight_sections
 from planner_service.timing.time_optimal import GridLimits, grid_limits, two_passes
@@ -37,6 +42,8 @@ __all__ = [
     "ToppRa",
     "Trapezoidal",
     "effective_limits",
+    "reference_stop_duration",
+    "reference_time_with_peaks",
     "stop_duration",
     "time_with_peaks",
     "within_limits",
@@ -187,6 +194,23 @@ class ToppRa:
             InvalidRequest: as ``time_path``.
             TimingFailed: The speed is too high to slow down in time, or there is no solution.
         """
+        core, gridpoints = _compiled(self, path, limits, speed_limit)
+        if core is not None and 0.0 <= s_start <= path.length and speed >= 0.0 and 0.0 < blend_share <= 1.0:
+            rows = core.continue_to_rest(*_question(path, limits), gridpoints, s_start, speed, blend_share)
+            if rows is not None:
+                return list(map(Phase._make, rows))
+        return self.reference_continuation(path, limits, s_start, speed, speed_limit, blend_share)
+
+    def reference_continuation(
+        self,
+        path: JointPath,
+        limits: JointLimits,
+        s_start: float,
+        speed: float,
+        speed_limit: SpeedLimit | None = None,
+        blend_share: float = 1.0,
+    ) -> list[Phase]:
+        """``continue_to_rest`` in Python: the same bits."""
         require_limits(path, limits, jerk=False)
         phases: list[Phase] = []
         with _overflow_fails():
@@ -232,6 +256,17 @@ def stop_duration(path: JointPath, timing: Timing, limits: JointLimits) -> float
     Raises:
         InvalidRequest, TimingFailed: as ``Timing.time_path``.
     """
+    core, _ = _compiled(timing, path, limits, None)
+    if core is not None:
+        tables = path.waypoints, path.knots, path.tangents, path.turns
+        seconds: float | None = core.stop_duration(*tables, limits.velocity, limits.acceleration)
+        if seconds is not None:
+            return seconds
+    return reference_stop_duration(path, timing, limits)
+
+
+def reference_stop_duration(path: JointPath, timing: Timing, limits: JointLimits) -> float:
+    """``stop_duration`` in Python: the same bits."""
     sharp = path.with_blends(None)
     if type(timing) not in (ToppRa, Trapezoidal, SCurve):
         return timing.time_path(sharp, limits).duration
@@ -254,6 +289,36 @@ def time_with_peaks(
     Raises:
         InvalidRequest, TimingFailed: as ``Timing.time_path``.
     """
+    core, gridpoints = _compiled(timing, path, limits, speed_limit)
+    timed = None if core is None else core.time_path(*_question(path, limits), gridpoints)
+    if timed is None:
+        return reference_time_with_peaks(timing, path, limits, speed_limit)
+    motion, found = timed
+    trajectory, highest = Trajectory.checked(path, *motion), LimitPeaks(*map(Peak._make, found))
+    return trajectory, highest if trajectory.dilation == 1.0 else highest.dilated(trajectory.dilation)
+
+
+def _compiled(
+    timing: Timing, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
+) -> tuple[ModuleType | None, int]:
+    """The compiled core and the grid points it uses (0: trapezoids); None where only Python can time this request."""
+    gridpoints = timing.gridpoints if type(timing) is ToppRa and timing.backend == "own" else 0
+    if speed_limit is not None or (not gridpoints and type(timing) is not Trapezoidal):
+        return None, 0
+    if type(path) is not JointPath or type(limits) is not JointLimits or len(limits.velocity) != path.n:
+        return None, 0
+    return load_core(), gridpoints
+
+
+def _question(path: JointPath, limits: JointLimits) -> tuple[object, ...]:
+    """A path, its corners and the limits as compiled code takes them."""
+    return (*path.tables, path.corners, limits.velocity, limits.acceleration, limits.jerk)
+
+
+def reference_time_with_peaks(
+    timing: Timing, path: JointPath, limits: JointLimits, speed_limit: SpeedLimit | None
+) -> tuple[Trajectory, LimitPeaks]:
+    """``time_with_peaks`` in Python: the same bits."""
     jerk = isinstance(timing, SCurve)
     if isinstance(timing, ToppRa):
         law = timing.phases

@@ -61,7 +61,8 @@ def grid_limits(segment: PathSegment, points: FloatArray, unit: float, entry: fl
     joints, length = segment.moving, segment.length
     velocity, acceleration = segment.limits.velocity[joints] * unit, segment.limits.acceleration[joints] * (unit * unit)
     s = segment.start + points * length
-    first, second = (segment.derivative(s, order)[:, joints] * math.pow(length, order) for order in (1, 2))
+    scales = (length, length * length)
+    first, second = (segment.derivative(s, k + 1)[:, joints] * scale for k, scale in enumerate(scales))
     with np.errstate(divide="ignore", over="ignore"):
         speeds = np.where(first != 0.0, velocity / np.abs(first), math.inf).min(axis=1)
     if segment.speed_limit is not None:

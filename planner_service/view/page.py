@@ -14,7 +14,7 @@ import numpy as np
 from planner_service.collision import CancelToken
 from planner_service.errors import PlannerServiceError
 from planner_service.geometry.arrays import FloatArray
-from planner_service.planners import PLANNERS
+from planner_service.planners import PLANNERS, BalancedRRTConnect
 from planner_service.presentation.tables import markdown_escaped
 from planner_service.view import lines
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
@@ -196,7 +196,7 @@ class Page:
 
     def _add_planning(self) -> None:
         gui = self._server.gui
-        self._planner = gui.add_dropdown("planner", tuple(PLANNERS), initial_value="rrtconnect")
+        self._planner = gui.add_dropdown("planner", tuple(PLANNERS), initial_value=BalancedRRTConnect.name)
         self._seed = gui.add_number("seed", 0, min=0, step=1)
         self._plan = gui.add_button("plan")
         self._plan.on_click(lambda _: self.plan(self._planner.value, int(self._seed.value)))

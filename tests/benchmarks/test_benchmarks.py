@@ -17,32 +17,37 @@ from rich.console import Console
 
 import planner_service as ps
 from benchmarks import __main__ as command
-from benchmarks.baselines import plain_ompl
 from benchmarks.baselines.lesson import STEP, Lesson, Toy, VertexShortcut, cut_vertices, length_of, samples
 from benchmarks.baselines.pairwise import PairwiseFcl
+from benchmarks.baselines.peers.environments import Environment
+from benchmarks.baselines.peers.versions import HERE, THEN, version_here, version_then
 from benchmarks.harness.attempts import Disc
-from benchmarks.harness.report import Promise, Report, Row, p50, p95, show, write_json
+from benchmarks.harness.report import Promise, Report, Row, grouped, p50, p95, show, write_json
 from benchmarks.studies import (
     agreement,
     backends,
+    bits,
     differential,
     latency,
+    law,
     panda,
     planners,
     proven,
     proven_tables,
+    replan,
     scaling,
+    smoothing,
     speed,
     tasks,
+    throughput,
     toy,
 )
-from benchmarks.studies.problems import public_problems
 from benchmarks.studies.states import run_lesson
 from benchmarks.worlds import drawn, queries, sheets
 from benchmarks.worlds.queries import SCENES, Region
 from planner_service.certify import Certificate, Refusal
 from planner_service.collision.native_kernel import instruction_sets
-from planner_service.errors import UnknownName
+from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.planners import PLANNERS
 from planner_service.search.edge_cache import SearchOracle
@@ -472,59 +477,50 @@ def test_an_uncertified_stored_query_breaks_a_promise_and_a_drawn_one_does_not(
 # --- the kernel, for speed and for its answers
 
 
-def test_edges_are_judged_at_their_end_and_then_by_bisection() -> None:
-    assert plain_ompl.fractions(1).ravel().tolist() == [1.0]
-    assert plain_ompl.fractions(4).ravel().tolist() == [1.0, 0.5, 0.25, 0.75]
-    assert sorted(plain_ompl.fractions(37).ravel().tolist()) == [k / 37 for k in range(1, 38)]
-
-
-@pytest.mark.parametrize("kind", [plain_ompl.ONE_BY_ONE, *plain_ompl.BATCHED])
-def test_all_ways_to_ask_coal_say_of_an_edge_what_the_checker_says(kind: str) -> None:
-    robot, scene = ps.load_robot(queries.ROBOT), ps.load_scene("bin")
-    checker = ps.CollisionChecker(robot, scene, edge_step=ps.JointStep(0.05))
-    edges, verdicts = plain_ompl.coal_edges(robot, scene)[kind], []
-    for a, b in backends.edges_of(checker, 60, seed=4):
-        verdicts.append(checker.edge_is_free(a, b))
-        samples = a + (b - a) * plain_ompl.fractions(checker.segments(a, b))
-        assert edges.edge_is_free(np.concatenate([a[None], samples])) == verdicts[-1]
-        assert edges.state_is_free(a.tolist()) == checker.state_is_free(a)
-    assert 10 < sum(verdicts) < 50
+@pytest.fixture(scope="module")
+def both_versions() -> tuple[Environment, Environment]:
+    """This version, twice: 0.1.0 is not installed for a test."""
+    return version_here(), version_then(Path(sys.executable))
 
 
 @pytest.fixture(scope="module")
-def sped() -> list[Row]:
-    return list(panda.rows_of(public_problems().problems[::25], turns=1))
+def in_turn(both_versions: tuple[Environment, Environment]) -> list[Row]:
+    return list(panda.rows_in_turn(both_versions, seeds=1, problems=3))
 
 
-def test_both_sides_of_the_panda_searches_find_a_path_with_the_same_settings(sped: list[Row]) -> None:
-    for row in sped:
-        assert list(row["ms"]) == [panda.OURS, plain_ompl.ONE_BY_ONE, *plain_ompl.BATCHED]
-        assert all(length is not None for length in row["raw"].values())
-        assert row["same"]
-        assert (row["plan"]["certified"], row["plan"]["rejected"]) == (True, None)
+def test_two_versions_plan_the_same_problems_and_the_auditor_rejects_none(in_turn: list[Row]) -> None:
+    assert len(in_turn) == 6
+    for here, then in zip(*(grouped(in_turn, "tool")[tool] for tool in (HERE, THEN)), strict=True):
+        assert (here["problem"], here["path_hash"]) == (then["problem"], then["path_hash"])
+        assert (here["ok"], here["audit"]["verdict"]) == (True, "free")
+        assert 0.0 < here["stage_cpu_seconds"]["search"] < here["cpu_seconds"]
 
 
-def test_the_promises_of_the_panda_problems_are_kept_by_good_figures_and_broken_by_each_bad_one(
-    sped: list[Row],
-) -> None:
-    plan: Row = {"certified": True, "rejected": None, "search and shortcut ms": 3.0, "length": 4.5}
-    row = {"problem": "p", "ms": {panda.OURS: 1.0, "other": 3.5}, "raw": {panda.OURS: 8.0}, "plan": plan}
-    bad = [
-        {"raw": {panda.OURS: None}},
-        {"plan": plan | {"rejected": "link x box"}},
-        {"ms": {panda.OURS: 1.0, "other": 2.9}},
-        {"ms": {panda.OURS: 2.1, "other": 9.0}},
-        {"plan": plan | {"search and shortcut ms": 8.1}},
-        {"plan": plan | {"length": 4.9}},
+def test_panda_promises_are_kept_by_good_figures_and_broken_by_each_bad_one(in_turn: list[Row]) -> None:
+    old: Row = {"tool": THEN, "cpu_seconds": 1.0, "stage_cpu_seconds": {"search": 1.0}}
+    good: Row = {"cpu_seconds": 0.25, "stage_cpu_seconds": {"search": 0.12}, "length": 4.8}
+    rows = [row | (old if row["tool"] == THEN else good) for row in in_turn]
+    bad: list[Row] = [
+        {"ok": False},
+        {"audit": {"verdict": "colliding", "pair": ["link", "box"]}},
+        {"cpu_seconds": 0.26},
+        {"stage_cpu_seconds": {"search": 0.13}},
+        {"length": 4.9},
     ]
-    assert [promise.text for promise in panda.promises([row]) if not promise.kept] == []
+    assert [promise.text for promise in panda.promises(rows) if not promise.kept] == []
     for k, change in enumerate(bad):
-        kept = [promise.kept for promise in panda.promises([row | change])]
-        assert kept == [number != k for number in range(len(bad))]
-    assert len(panda.promises(sped)) == len(bad)
+        worse = rows[:1] if k == 0 else [row for row in rows if row["tool"] == HERE]
+        changed = [row | change if row in worse else row for row in rows]
+        assert [promise.kept for promise in panda.promises(changed)] == [number != k for number in range(len(bad))]
 
 
-REDUCED = {"wxai bin": (360, 24), "panda_mbm shelf": (360, 24), "planar2 pins": (600, 60)}
+def test_a_version_to_compare_with_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRequest, match="--against"):
+        panda.run(against=tmp_path / "bin" / "python")
+    assert command.main(["panda", "--seeds", "0"]) == 2
+
+
+REDUCED = {"wxai bin": (360, 24), "panda_mbm shelf": (360, 24), "ur5 bin": (360, 24), "planar2 pins": (600, 60)}
 
 
 @pytest.mark.parametrize("name", differential.CASES)
@@ -557,9 +553,43 @@ def test_other_seeds_ask_other_states_and_the_same_seed_the_same() -> None:
     assert [kind for kind, *_ in asked[0]] == list(differential.KINDS)
 
 
+def test_parts_are_asked_in_processes_and_make_up_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(differential, "PART", 40)
+    report = differential.run("planar2", 100, 10, seed=1)
+    counts = [sum(row["number"] for row in report.rows if row["what"] == what) for what in ("states", "edges")]
+    assert counts == [100, 10]
+    assert [promise.kept for promise in report.promises] == [bool(instruction_sets())]
+
+
 def test_a_robot_that_is_not_compared_is_refused() -> None:
-    with pytest.raises(UnknownName, match="ur5"):
-        differential.run("ur5")
+    with pytest.raises(UnknownName, match="xarm7"):
+        differential.run("xarm7")
+
+
+def test_plans_are_the_same_in_every_way_and_another_bit_breaks_the_promise(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = bits.run(plans=3, threads=(2,))
+    ways = [bits.NOTHING, *instruction_sets(), [bits.NOTHING, *instruction_sets()][-1]]
+    assert [row["way"] for row in report.rows] == ways
+    assert [promise.kept for promise in report.promises] == [True] * (len(ways) - 1)
+    told = {(row["way"], row["threads"]): row for row in report.rows}
+    told[ways[-1], 2]["told"][1]["counts"] = "others"
+    monkeypatch.setattr(bits, "_asked", lambda way, threads, plans: told[way, threads])
+    assert [promise.kept for promise in bits.run(plans=3, threads=(2,)).promises] == [True] * (len(ways) - 2) + [False]
+
+
+def test_the_law_is_compared_with_toppra_and_its_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = law.run(paths=8, seed=3)
+    assert [row["robot"] for row in report.rows] == 2 * list(law.ROBOTS)
+    assert all(promise.kept for promise in report.promises)
+    monkeypatch.setattr(law, "reference_stop_duration", lambda *_: 1.0)
+    assert [promise.kept for promise in law.run(paths=1, seed=3).promises] == [True, True, False]
+
+
+def test_smoothing_is_compared_with_its_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert [promise.kept for promise in smoothing.run(paths=2).promises] == [True]
+    turns = iter(range(2))
+    monkeypatch.setattr(smoothing, "pulled_in", lambda points, _: points + next(turns) * 1e-12)
+    assert [promise.kept for promise in smoothing.run(paths=1).promises] == [False]
 
 
 def test_boxes_spread_over_the_workspace_leave_the_same_edges_free() -> None:
@@ -594,16 +624,26 @@ def test_scenes_of_more_boxes_are_measured_and_a_steep_rise_breaks_the_promise()
         assert [promise.kept for promise in scaling.promises(rows, pieces)] == [ratio < 3.0, True]
 
 
-def test_plans_and_straight_lines_are_timed_and_slow_ones_break_their_promise() -> None:
-    plans = list(latency.plan_rows(("bin",), 2, 1, ("JointStep(0.02)",)))
+def test_plans_and_straight_lines_are_timed_and_slow_ones_break_their_promise(
+    both_versions: tuple[Environment, Environment],
+) -> None:
+    plans = list(latency.plan_rows(both_versions, ("bin",), 2, ("JointStep(0.02)",)))
     straight = list(latency.straight_rows(("shelf",), 2, 1))
-    assert [len(row["ms"]) for row in plans] == [2]
+    assert [(len(row["ms"]), len(row["then"])) for row in plans] == [(2, 2)]
     assert [len(row["ms"]["whole"]) for row in straight] == [2, 2]
-    good = [[row | {"ms": [15.0] * 19 + [60.0]} for row in plans]]
-    good.append([row | {"ms": {"decided": [0.9]}} for row in straight])
-    assert all(promise.kept for promise in latency.promises(*good))
-    slow = [plans[0] | {"ms": [15.1, 15.1]}], [row | {"ms": {"decided": [1.0]}} for row in straight]
-    assert not any(promise.kept for promise in latency.promises(*slow))
+    for ms, decided, whole in ((3.5, 1.0, 2.0), (3.6, 1.0, 2.0), (3.5, 1.1, 2.0), (3.5, 1.0, 2.1)):
+        told = [row | {"ms": [ms] * 2, "then": [10.0] * 2} for row in plans]
+        lines = [row | {"ms": {"decided": [decided], "whole": [whole]}} for row in straight]
+        kept = [promise.kept for promise in latency.promises(told, lines)]
+        assert kept == [ms == 3.5, decided == 1.0, whole == 2.0]
+
+
+def test_each_slow_step_of_replanning_breaks_its_promise() -> None:
+    row: Row = {"kind": "a ball moves", "scene": "bin", "ms": [6.0] * 19 + [100.0], "jumps": [0.0] * 3, "stops": [0]}
+    row |= {"uncertified": 0, "touching": 0, "outcomes": {"UNSAFE": 0}}
+    for ms, broken in ((row["ms"], []), ([5.0] * 18 + [101.0] * 2, [0]), ([6.1] * 20, [1])):
+        kept = [promise.kept for promise in replan.promises([row | {"ms": ms}])]
+        assert [k for k, held in enumerate(kept) if not held] == broken
 
 
 def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
@@ -614,10 +654,18 @@ def test_a_line_that_is_said_to_be_free_is_free_with_padding() -> None:
         assert result.stage(ps.Stage.SEARCH).counts.states == 0
 
 
+def test_threads_and_processes_are_timed_on_the_same_plans() -> None:
+    row = throughput.measured("wxai, free straight lines", rounds=1, seconds=0.01)
+    assert min(row["one"], row["threads"], row["processes"]) > 0.0
+    kept, broken = {**row, "threads": 0.95 * row["processes"]}, {**row, "threads": 0.5 * row["processes"]}
+    assert throughput.promises((kept,))[0].kept
+    assert not throughput.promises((kept, broken))[0].kept
+
+
 def test_without_an_argument_everything_there_is_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main([]) == 0
     listed = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line[:1].strip()}
-    assert listed == {"all", "differential", *command.MEASURES, *command.COMMANDS, *command.STORED}
+    assert listed == {"all", *command.MEASURES, *command.APART, *command.COMMANDS, *command.STORED}
 
 
 @pytest.mark.parametrize(("asked", "code"), [("all", 1), ("view", 2)])

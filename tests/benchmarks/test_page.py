@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from benchmarks.harness.report import Promise, Report, table_of
 from benchmarks.harness.rows import Results, Row
 from benchmarks.pages import page
 from benchmarks.pages.page_builds import builds
@@ -368,6 +369,20 @@ def test_a_text_without_the_part_is_refused(tmp_path: Path) -> None:
     assert text.read_text("utf-8") == "<!-- generated: some -->\n"
 
 
+def test_a_measure_is_written_into_its_part_of_a_text(tmp_path: Path) -> None:
+    text = tmp_path / "measured.md"
+    text.write_text("Before.\n<!-- generated: speed -->\nold\n<!-- end of speed -->\nAfter.\n", "utf-8")
+    shown = table_of("Fast", [{"scene": "bin", "ms": "1.0 / 2.0"}, {"scene": "a|b", "ms": "3"}], caption="CPU time.")
+    promises = (Promise("at most 2 ms", "1.0", True), Promise("at most 0.5 ms", "1.0", False))
+    page.write_measure(Report("speed", (), (shown,), promises), text)
+    assert text.read_text("utf-8") == (
+        "Before.\n<!-- generated: speed -->\n\n| scene | ms |\n| --- | ---: |\n| bin | 1.0 / 2.0 |\n| a\\|b | 3 |\n\n"
+        "CPU time.\n\n- kept: at most 2 ms: 1.0\n- MISSED: at most 0.5 ms: 1.0\n\n<!-- end of speed -->\nAfter.\n"
+    )
+    with pytest.raises(InvalidFile, match="<!-- generated: slow --> is missing"):
+        page.write_measure(Report("slow", (), (shown,)), text)
+
+
 def test_a_command_that_would_write_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         reported(results_file(tmp_path / "some.jsonl", row()))
@@ -414,8 +429,9 @@ def test_building_and_asking_are_told_apart() -> None:
     growing = {"roadmap": {"states": 1_000, "edges": 9, "distances": 0}}
     once = [row(k, planner="roadmap", checks=counted(20), built=size) for k in range(4)]
     each = [row(k, planner="prm", checks=growing | counted(20)) for k in range(4)]
-    trees = [row(k, checks=counted(120)) for k in range(4)]
-    (sheet,) = sheets_of([Results(HEADER, (*trees, *once, *each))])
+    trees = [row(k, planner="balancedrrtconnect", checks=counted(120)) for k in range(4)]
+    ompls = [row(k, checks=counted(150)) for k in range(4)]
+    (sheet,) = sheets_of([Results(HEADER, (*trees, *ompls, *once, *each))])
     found = builds(sheet)
     assert found is not None
     told = {line[0].text: [cell.text for cell in line[1:]] for line in found.rows}
@@ -423,14 +439,15 @@ def test_building_and_asking_are_told_apart() -> None:
     assert told["roadmap"][-1] == "10"
     assert told["prm"][:2] == ["each plan", "1,000"]
     assert told["prm"][3] == "20.0 / 20.0"
-    assert (told["prm"][-1], told["rrtconnect"][0]) == ("–", "–")
+    assert (told["prm"][-1], told["balancedrrtconnect"][0], told["rrtconnect"][0]) == ("–", "–", "–")
     assert "Building and asking" in page.page_of([sheet])
     assert "| built |" in page.filled("<!-- generated: some -->\n<!-- end of some -->\n", [sheet], Path("a.md"))
 
 
 def test_a_roadmap_that_saves_nothing_never_pays_and_without_any_there_is_no_table() -> None:
     size = {"states": 1_000, "edges": 9, "distances": 0, "milestones": 5, "joined": 6, "cpu_seconds": 0.5}
-    (sheet,) = sheets_of([Results(HEADER, (row(0), row(0, planner="roadmap", built=size)))])
+    tree = row(0, planner="balancedrrtconnect")
+    (sheet,) = sheets_of([Results(HEADER, (tree, row(0, planner="roadmap", built=size)))])
     found = builds(sheet)
     assert found is not None
     assert found.rows[0][-1].text == "never"

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import sys
+import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -49,7 +50,7 @@ class Fake:
         self.job = job
 
     def solve(self, problem, seed, answer):
-        name = problem["problem"]
+        name, begun = problem["problem"], time.monotonic()
         if name == "noisy":
             print("noise on the answers' channel")
             os.write(1, b"and below Python\\n")
@@ -65,6 +66,7 @@ class Fake:
         with answer.stage("search"):
             answer.raw = [problem["start"], problem["start"], problem["goals"][0]]
         answer.checks["search"] = 7
+        answer.seconds["setup"] = begun
         answer.waypoints = [problem["start"], problem["goals"][0]]
 
 serve(("numpy",), Fake)
@@ -102,6 +104,15 @@ def test_what_a_peer_prints_does_not_get_among_its_answers(tmp_path: Path) -> No
     assert replies[1].answer["waypoints"] == [[0.0], [1.0]]
     assert replies[1].versions == {"numpy": np.__version__}
     assert "noise" in (tmp_path / "stderr.txt").read_text("utf-8")
+
+
+def test_a_problem_is_begun_when_its_reply_is_asked_for(tmp_path: Path) -> None:
+    replies = fake(tmp_path).replies(job("good", "good"))
+    next(replies)
+    time.sleep(0.2)
+    asked, second = time.monotonic(), next(replies).answer
+    assert second is not None
+    assert second["seconds"]["setup"] > asked
 
 
 def test_an_exception_is_the_answer_to_its_problem_alone(tmp_path: Path) -> None:
@@ -277,7 +288,7 @@ def test_once_a_peer_is_installed_rows_that_say_it_is_not_are_made_anew(
         made.extend(task.problem.id for task in todo)
         yield from (row_of(run, replied(task.problem), task.problem) for task in todo)
 
-    monkeypatch.setattr(running, "_rows", answered)
+    monkeypatch.setattr(running, "rows_of", answered)
     for _ in range(2):
         run_into(run, out, environment, Console(file=said, width=200))
     assert made == ["near/0", "near/1"]
@@ -362,8 +373,9 @@ def imported(source: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("source", ADAPTERS, ids=lambda path: path.stem)
-def test_adapters_import_nothing_of_ours_but_how_to_talk(source: Path) -> None:
-    ours = {name for name in imported(source) if name.partition(".")[0] in ("planner_service", "benchmarks", "tests")}
+def test_adapters_import_the_peer_and_nothing_of_ours_but_how_to_talk(source: Path) -> None:
+    names = imported(source) - {source.stem.removesuffix("_adapter")}
+    ours = {name for name in names if name.partition(".")[0] in ("planner_service", "benchmarks", "tests")}
     assert ours == {"benchmarks.baselines.peers.adapter_protocol"}
 
 

@@ -19,6 +19,7 @@ import pytest
 
 from planner_service import (
     PRM,
+    BalancedRRTConnect,
     CancelToken,
     CollisionChecker,
     PlannerService,
@@ -34,11 +35,12 @@ from planner_service.collision import checker as judging
 from planner_service.concurrency import fair_lock as turns
 from planner_service.planners import AORRTC, Planner
 from planner_service.planning import accounting, pipeline, search_stage
-from planner_service.search import ompl
+from planner_service.search import balanced, edge_cache, ompl
 
 START, GOAL = (-2.5, 2.0), (2.2, -2.2)
 
-FILES = {str(module.__file__) for module in (ledger, turns, accounting, ompl, service, pipeline, search_stage, judging)}
+HELD = (ledger, turns, accounting, ompl, balanced, edge_cache, service, pipeline, search_stage, judging)
+FILES = {str(module.__file__) for module in HELD}
 """Where Ctrl-C strikes: whatever holds a limit, a lock or a turn."""
 
 SAMPLE = None if "EVERY_LINE" in os.environ else 100
@@ -115,7 +117,11 @@ def request(planner: Planner | None = None) -> PlanRequest:
     return PlanRequest(START, GOAL, planner=planner or RRTConnect(), time_limit=60.0)
 
 
-@pytest.mark.parametrize("planner", [RRTConnect(range=1.5), AORRTC(checks=20), PRM(milestones=5)], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "planner",
+    [BalancedRRTConnect(), RRTConnect(range=1.5), AORRTC(checks=20), PRM(milestones=5)],
+    ids=lambda p: p.name,
+)
 def test_after_ctrl_c_at_any_line_of_a_plan_the_next_is_the_same(planner: Planner) -> None:
     here = PlannerService("planar2", "discs")
     asked = request(planner)

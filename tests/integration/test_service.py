@@ -266,8 +266,11 @@ def test_a_call_cancelled_while_waiting_for_its_turn_ends_too() -> None:
         ({"padding": 0.5}, r"padding: got 0.5; expected a number in \[0, 0.1\]"),
         ({"velocity_scale": 0.0}, r"velocity_scale: got 0.0"),
         ({"acceleration_scale": 1.5}, r"acceleration_scale: got 1.5"),
-        ({"planner": "rrt"}, r"planner: got 'rrt'; expected a planner such as RRTConnect\(\)"),
-        ({"planner": RRTConnect}, r"planner: got <class .*RRTConnect'>; expected a planner such as RRTConnect\(\)"),
+        ({"planner": "rrt"}, r"planner: got 'rrt'; expected a planner such as BalancedRRTConnect\(\)"),
+        (
+            {"planner": RRTConnect},
+            r"planner: got <class .*RRTConnect'>; expected a planner such as BalancedRRTConnect\(\)",
+        ),
         ({"timing": "fast"}, r"timing: got 'fast'"),
         ({"timing": Trapezoidal}, r"timing: got <class"),
     ],
@@ -371,7 +374,7 @@ def test_contact_is_allowed_only_on_the_stretch_it_is_meant_for(discs: PlannerSe
 REQUESTS = [asked(seed=seed, goal=goal) for seed in (0, 1, 7) for goal in (GOAL, (-2.0, 1.0), (2.6, -0.4))]
 
 
-def test_threads_take_turns_and_get_what_they_would_have_got_alone(discs: PlannerService) -> None:
+def test_threads_get_what_they_would_have_got_alone(discs: PlannerService) -> None:
     alone = [fingerprint(discs.plan(request)) for request in REQUESTS]
     together: dict[int, str] = {}
     threads = [

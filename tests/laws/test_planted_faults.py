@@ -113,8 +113,8 @@ def degrees(patch: Patch, robot: Robot, scene: Scene) -> tuple[Robot, Scene]:
 
 def still_points(patch: Patch, robot: Robot, scene: Scene) -> tuple[Robot, Scene]:
     """The proof takes points for nearer to the axes than they are, and so for slower."""
-    whole = motions.Motion._radii
-    patch.setattr(motions.Motion, "_radii", lambda self, bodies, poses: 0.2 * whole(self, bodies, poses))
+    whole = motions._Arm._radii
+    patch.setattr(motions._Arm, "_radii", lambda self, bodies, poses: 0.2 * whole(self, bodies, poses))
     return robot, scene
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -45,6 +46,7 @@ def interrupt_growing(monkeypatch: pytest.MonkeyPatch, planner: type[PRM | PRMst
     grow = planner.grow
 
     def interrupted(*arguments: Any, **settings: Any) -> Roadmap:
+        gc.collect()  # a Ctrl-C that falls into a finaliser of what earlier tests left behind is lost
         timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))  # well within the growing
         timer.start()
         try:

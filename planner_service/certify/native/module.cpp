@@ -5,10 +5,12 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <set>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "clearance.hpp"
 #include "edge.hpp"
@@ -58,18 +60,30 @@ std::vector<const Variant*> variants() {
     return out;
 }
 
-// Calls back into Python.
+// Calls back into Python, but once a millisecond at most: to wait for the interpreter takes longer than many bounds.
 class PythonCharge final : public Charge {
   public:
     explicit PythonCharge(nb::handle callable) : callable_(callable) {}
     void bounds(std::int64_t count) override {
         if (callable_.is_none()) return;
+        untold_ += count;
+        const auto now = Clock::now();
+        if (now < next_) return;
+        next_ = now + std::chrono::milliseconds(1);
         nb::gil_scoped_acquire acquire;
-        callable_(count);
+        tell();
+    }
+
+    // Tells of what was not told yet. The caller holds the interpreter.
+    void tell() {
+        if (untold_ > 0) callable_(std::exchange(untold_, 0));
     }
 
   private:
+    using Clock = std::chrono::steady_clock;
     nb::handle callable_;
+    std::int64_t untold_ = 0;
+    Clock::time_point next_ = Clock::now() + std::chrono::milliseconds(1);
 };
 
 std::vector<double> padded(const Rows& corners, const std::vector<std::size_t>& chosen) {
@@ -128,9 +142,8 @@ class Prover {
     const char* variant() const { return variant_->name; }
 
     nb::tuple prove(const Rows& waypoints, const Numbers& knots, const Rows& tangents, const Numbers& breaks,
-                    const Wholes& lines, const Wholes& blends, const Rows& travelled, const Rows& corners,
-                    const Rows& spans, const WholeRows& roots, double enough, nb::handle charge) const {
-        const Curve curve = curve_of(waypoints, knots, tangents, breaks, lines, blends, travelled, corners);
+                    const Wholes& lines, const Wholes& blends, const Rows& corners, const Rows& spans, const WholeRows& roots, double enough, nb::handle charge) const {
+        const Curve curve = curve_of(waypoints, knots, tangents, breaks, lines, blends, corners);
         require(spans.shape(1) == 2 && roots.shape(1) == 2, "two numbers for each span and root");
         require_finite(spans);
         require_finite(&enough, 1);
@@ -151,6 +164,7 @@ class Prover {
             nb::gil_scoped_release release;
             out = Tree(model_, *variant_, curve, enough, told).run(stretches, std::move(rows));
         }
+        told.tell();
         return nb::make_tuple(out.asked, out.most, out.proven, static_cast<int>(out.end), out.pair, out.span.start,
                               out.span.end, out.s, out.gap);
     }
@@ -158,7 +172,7 @@ class Prover {
     // The verdict on the straight edge between two configurations; none if one is no array of n doubles within the limits.
     EdgeAnswer edge(nb::handle q1, nb::handle q2, double enough, double nearer, double slack) const {
         const auto n = static_cast<std::size_t>(model_.dof);
-        std::vector<double> points(2 * n), tangent(n), travelled(2 * n, 0.0);
+        std::vector<double> points(2 * n), tangent(n);
         if (!read(q1, slack, points.data()) || !read(q2, slack, points.data() + n)) return {};
         double square = 0.0;
         for (std::size_t k = 0; k < n; ++k) {
@@ -170,8 +184,7 @@ class Prover {
         for (std::size_t k = 0; k < n; ++k) tangent[k] = (points[n + k] - points[k]) / length;
         const std::int64_t line = 0, blend = -1;
         const std::size_t pieces = length > 0.0 ? 1 : 0;
-        const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, travelled.data(), &line,
-                              &blend, nullptr});
+        const Curve curve(n, {pieces + 1, pieces, points.data(), knots, tangent.data(), knots, &line, &blend, nullptr});
         nb::gil_scoped_release release;
         return {true, Edge(model_, *variant_, curve, enough, nearer).run(roots_)};
     }
@@ -319,21 +332,20 @@ class Prover {
     }
 
     Curve curve_of(const Rows& waypoints, const Numbers& knots, const Rows& tangents, const Numbers& breaks,
-                   const Wholes& lines, const Wholes& blends, const Rows& travelled, const Rows& corners) const {
+                   const Wholes& lines, const Wholes& blends, const Rows& corners) const {
         const std::size_t n = waypoints.shape(1), count = waypoints.shape(0), pieces = lines.shape(0);
         require(n == static_cast<std::size_t>(model_.dof) && count > 0, "a path of another robot");
         require(knots.shape(0) == count && tangents.shape(0) + 1 == count && tangents.shape(1) == n, "knots of another path");
         require(breaks.shape(0) == pieces + 1 && blends.shape(0) == pieces, "pieces of another path");
-        require(travelled.shape(0) == pieces + 1 && travelled.shape(1) == n, "pieces of another path");
-        require(corners.shape(1) == 2 + 4 * n, "blends of another path");
-        for (const auto* rows : {&waypoints, &tangents, &travelled, &corners}) require_finite(*rows);
+        require(corners.shape(1) == 2 + 3 * n, "blends of another path");
+        for (const auto* rows : {&waypoints, &tangents, &corners}) require_finite(*rows);
         for (const auto* numbers : {&knots, &breaks}) require_finite(numbers->data(), numbers->shape(0));
         for (std::size_t k = 0; k < pieces; ++k) {
             whole(lines.data()[k], 0, static_cast<std::int64_t>(count) - 2, "no such line");
             whole(blends.data()[k], -1, static_cast<std::int64_t>(corners.shape(0)) - 1, "no such blend");
         }
         return Curve(n, {count, pieces, waypoints.data(), knots.data(), tangents.data(), breaks.data(),
-                         travelled.data(), lines.data(), blends.data(), corners.data()});
+                         lines.data(), blends.data(), corners.data()});
     }
 };
 
@@ -359,7 +371,7 @@ NB_MODULE(_proof, m) {
              nb::arg("pairs"), nb::arg("hulls"), nb::arg("limits"), nb::arg("variant") = "")
         .def_prop_ro("variant", &Prover::variant)
         .def("prove", &Prover::prove, nb::arg("waypoints"), nb::arg("knots"), nb::arg("tangents"), nb::arg("breaks"),
-             nb::arg("lines"), nb::arg("blends"), nb::arg("travelled"), nb::arg("corners"), nb::arg("spans"),
+             nb::arg("lines"), nb::arg("blends"), nb::arg("corners"), nb::arg("spans"),
              nb::arg("roots"), nb::arg("enough"), nb::arg("charge").none())
         .def("edge", &Prover::edge)
         .def("clearances", &Prover::clearances);

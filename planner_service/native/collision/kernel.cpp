@@ -1,6 +1,5 @@
 // The kernel as Python sees it (_core.pyi): a model built from arrays, and what is asked of it.
 #include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -8,13 +7,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <stdexcept>
+#include <optional>
 #include <string>
 
+#include "../arrays.hpp"
 #include "distance.hpp"
 #include "kernel.hpp"
 #include "model.hpp"
 #include "samples.hpp"
+#include "tables.hpp"
 
 namespace nb = nanobind;
 
@@ -22,13 +23,11 @@ namespace collision {
 
 namespace {
 
-using Rows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using arrays::array_of;
+using arrays::NumberRows;
+using arrays::require;
+using arrays::Rows;
 using Anything = nb::ndarray<nb::ro, nb::device::cpu>;
-using NumberRows = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-
-void require(bool condition, const char* what) {
-    if (!condition) throw std::invalid_argument(what);
-}
 
 int whole(std::int64_t value, std::int64_t low, std::int64_t high, const char* what) {
     require(low <= value && value <= high, what);
@@ -68,14 +67,6 @@ void reach_of(const Solid& s, const double* R, double* out) {
     }
 }
 
-// A numpy array that keeps the numbers of a vector.
-template <typename T>
-nb::object array_of(std::vector<T>&& values, std::initializer_list<std::size_t> shape) {
-    auto* kept = new std::vector<T>(std::move(values));
-    const nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-    return nb::ndarray<nb::numpy, T>(kept->data(), shape, owner).cast();
-}
-
 // ``Near`` as arrays.
 struct NearArrays {
     nb::object rows, pairs, distances, points, gradients;
@@ -84,6 +75,18 @@ struct NearArrays {
 
 // Which samples of an edge are checked: ``Samples`` in edge_sampling.py.
 enum class Samples { all, coarse, rest };
+
+// Lets other threads into the interpreter while so much is judged that it takes longer than to wait for it again.
+class Released {
+  public:
+    explicit Released(std::int64_t pairs) {
+        if (pairs > MANY) released_.emplace();
+    }
+
+  private:
+    static constexpr std::int64_t MANY = 100'000;  // some 0.1 ms
+    std::optional<nb::gil_scoped_release> released_;
+};
 
 class Kernel {
   public:
@@ -103,15 +106,20 @@ class Kernel {
 
     const char* variant() const { return variant_->name; }
 
+    View view() const {
+        require(!settings_.lower.empty(), "a kernel that is configured for edges");
+        return View{model_, *variant_, settings_};
+    }
+
     std::vector<std::pair<int, int>> candidates(const Rows& Q) const {
         const int m = rows_of(Q);
-        nb::gil_scoped_release release;
+        const Released released(pairs_of(m));
         return collision::candidates(model_, *variant_, Q.data(), m);
     }
 
     RowCheck check_rows(const Rows& Q, int start, int stop) const {
         require(0 <= start && start <= stop && stop <= rows_of(Q), "start <= stop <= rows");
-        nb::gil_scoped_release release;
+        const Released released(pairs_of(stop - start));
         return collision::check_rows(model_, *variant_, Q.data(), start, stop);
     }
 
@@ -119,7 +127,7 @@ class Kernel {
                              int stop) const {
         const Edge edge = edge_of(std::move(a), std::move(b), ends, segments);
         require(0 <= start && start <= stop && stop <= edge.rows(), "start <= stop <= rows");
-        nb::gil_scoped_release release;
+        const Released released(pairs_of(stop - start));
         return collision::check_rows(model_, *variant_, edge, start, stop);
     }
 
@@ -128,13 +136,16 @@ class Kernel {
         require(std::isfinite(within), "a distance in metres");
         Near found;
         {
-            nb::gil_scoped_release release;
+            const Released released(pairs_of(m));
             found = collision::near(model_, Q.data(), m, within);
         }
         const std::size_t count = found.rows.size(), n = static_cast<std::size_t>(model_.dof);
-        return {array_of(std::move(found.rows), {count}),         array_of(std::move(found.pairs), {count}),
-                array_of(std::move(found.distances), {count}),    array_of(std::move(found.points), {count, 2, 3}),
-                array_of(std::move(found.gradients), {count, n}), found.measured};
+        return {array_of<std::int64_t>(std::move(found.rows), {count}),
+                array_of<std::int64_t>(std::move(found.pairs), {count}),
+                array_of<double>(std::move(found.distances), {count}),
+                array_of<double>(std::move(found.points), {count, 2, 3}),
+                array_of<double>(std::move(found.gradients), {count, n}),
+                found.measured};
     }
 
     void configure(std::vector<double> lower, std::vector<double> upper, std::vector<double> reach,
@@ -145,6 +156,10 @@ class Kernel {
         for (const double step : motion_steps) require(step > 0.0, "a step is positive");
         for (const double step : joint_steps) require(step > 0.0, "a step is positive");
         require(1 <= coarse_segments && coarse_segments <= 1000, "1 to 1000 segments between coarse samples");
+        require_finite(lower.data(), n);
+        require_finite(upper.data(), n);
+        bound_motion(model_, lower, upper);
+        add_tables(model_, lower, upper);
         settings_ = Settings{std::move(lower),        std::move(upper),       std::move(reach),
                              std::move(motion_steps), std::move(joint_steps), coarse_segments};
     }
@@ -154,7 +169,7 @@ class Kernel {
         if (!read(q, values)) return nb::cast(RowCheck{Status::refused, 0, 0.0, {}, {}});
         RowCheck check;
         {
-            nb::gil_scoped_release release;
+            const Released released(pairs_of(1));
             check = collision::check_rows(model_, *variant_, values.data(), 0, 1);
         }
         return check.status == Status::free ? free_ : nb::cast(std::move(check));
@@ -177,7 +192,7 @@ class Kernel {
         const int stop = std::min(start + max_rows, out.rows);
         RowCheck check;
         {
-            nb::gil_scoped_release release;
+            const Released released(pairs_of(stop - start));
             check = collision::check_rows(model_, *variant_, edge, start, stop);
         }
         if (check.status == Status::colliding) {
@@ -207,6 +222,7 @@ class Kernel {
     Model model_;
     Settings settings_;
     const Variant* variant_ = nullptr;
+    int pairs_ = 0;
     nb::object free_ = nb::cast(RowCheck{});  // of every free state the same: to make one takes as long as some checks
     nb::object array_ = nb::module_::import_("numpy").attr("ndarray");
 
@@ -232,6 +248,9 @@ class Kernel {
         for (std::size_t k = 0; k < n; ++k) out[k] = values[static_cast<std::int64_t>(k) * array.stride(0)];
         return within_limits(settings_, out);
     }
+
+    // How many pairs there are in some configurations.
+    std::int64_t pairs_of(int rows) const { return static_cast<std::int64_t>(rows) * pairs_; }
 
     int rows_of(const Rows& Q) const {
         require(Q.shape(1) == static_cast<std::size_t>(model_.dof), "a configuration of another robot");
@@ -274,13 +293,24 @@ class Kernel {
     void add_hulls(const std::vector<Rows>& hulls) {
         for (const auto& corners : hulls) {
             require(corners.shape(1) == 3 && corners.shape(0) > 0, "corners of shape (v, 3)");
+            require(corners.shape(0) < 1U << 24U, "fewer corners, whose numbers are whole in single precision");
             require_finite(corners);
-            const std::size_t count = corners.shape(0), padded = (count + LANES - 1) / LANES * LANES;
-            model_.hulls.push_back(Hull{model_.corners.size(), padded});
+            const std::size_t count = corners.shape(0), padded = (count + FLOATS - 1) / FLOATS * FLOATS;
+            double radius = 0.0;
+            for (std::size_t i = 0; i < count; ++i) {
+                const double* c = corners.data() + 3 * i;
+                radius = std::max(radius, std::sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]));
+            }
+            require(radius < FARTHEST, "corners that far away");
+            // Of a height c.l each of the three terms is rounded five times at most: the numbers c and l, their product
+            // and two sums; each time by 2^-24 of it. So a height is 3e-7 |c| |l| off at most, and the corner that
+            // looks highest is 6e-7 |c| |l| below the highest.
+            model_.hulls.push_back(Hull{model_.corners.size(), padded, radius, 6e-7 * radius});
             for (std::size_t k = 0; k < 3; ++k)
                 for (std::size_t i = 0; i < padded; ++i)
                     model_.corners.push_back(corners.data()[3 * std::min(i, count - 1) + k]);
         }
+        for (const double corner : model_.corners) model_.rounded_corners.push_back(static_cast<float>(corner));
     }
 
     // Rows: body (-1: it stands), rotation (9), position (3); half lengths (3), ball, disc, hull.
@@ -346,13 +376,14 @@ class Kernel {
         const std::size_t obstacles = model_.run_first.size();
         model_.first_pair.assign(model_.riders.size() * obstacles, -1);
         const auto count = whole(static_cast<std::int64_t>(pairs.shape(0)), 0, 2'000'000'000, "too many pairs");
+        pairs_ = count;
         std::int64_t with_world = 0;
         for (int k = 0; k < count; ++k) {
             const int i = whole(pairs.data()[2 * k], 0, riding - 1, "the first of a pair rides");
             const int j = whole(pairs.data()[2 * k + 1], 0, riding + standing - 1, "no such part");
             if (j < riding) {
                 require(model_.own_pairs.empty() || model_.own_pairs.back().first <= i, "pairs go by their first");
-                model_.own_pairs.push_back({i, j, k});
+                model_.own_pairs.push_back({i, j, k, -1});
                 continue;
             }
             ++with_world;
@@ -363,6 +394,9 @@ class Kernel {
                 model_.first_pair[static_cast<std::size_t>(i) * obstacles + run] = k;
         }
         check_pairs(pairs, with_world);
+        model_.own_from.assign(model_.riders.size() + 1, 0);
+        for (const auto& pair : model_.own_pairs) ++model_.own_from[static_cast<std::size_t>(pair.first) + 1];
+        for (std::size_t i = 1; i < model_.own_from.size(); ++i) model_.own_from[i] += model_.own_from[i - 1];
     }
 
     // Every pair with the world has the number that is worked out for it, and there are no others.
@@ -394,6 +428,8 @@ nb::class_<Check> bind_check(nb::module_& m, const char* name) {
 }
 
 }  // namespace
+
+View view_of(nb::handle kernel) { return nb::cast<const Kernel&>(kernel).view(); }
 
 void bind(nb::module_& m) {
     m.def("instruction_sets", [] {

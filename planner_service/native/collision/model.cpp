@@ -1,6 +1,7 @@
 #include "model.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <new>
 
 namespace collision {
@@ -9,6 +10,7 @@ namespace {
 
 constexpr int LEAF = 4;
 constexpr std::align_val_t ALIGNED{64};
+constexpr double ORTHONORMAL = 1.0 + 1e-5;  // what rotations that are not quite may add to a length, and more
 
 void around(const std::vector<Stander>& standers, Node& node) {
     for (int k = 0; k < 3; ++k) {
@@ -57,10 +59,52 @@ void build_nodes(Model& model) {
     if (!model.standers.empty()) split(model, 0, static_cast<int>(model.standers.size()));
 }
 
-void add(Candidates& candidates, int pair, unsigned lanes, unsigned deep) { candidates.entries.push_back({pair, lanes, deep}); }
+// A turn moves no point of a rider farther than that is from the axis, which goes through the origin of the joint's own
+// body; a slide moves all points alike.
+void bound_motion(Model& model, const std::vector<double>& lower, const std::vector<double>& upper) {
+    const auto length = [](const double* v) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
+    model.travel.clear();
+    for (std::size_t k = 0; k < lower.size(); ++k)
+        model.travel.push_back(std::max(std::fabs(lower[k]), std::fabs(upper[k])));
+    model.reach.assign(model.riders.size() * model.joints.size(), 0.0);
+    for (std::size_t i = 0; i < model.riders.size(); ++i) {
+        const Rider& rider = model.riders[i];
+        const Solid& s = rider.solid;
+        const double corner[3] = {s.half[0] + s.disc, s.half[1] + s.disc, s.half[2]};
+        const double radius = s.hull >= 0 ? model.hulls[static_cast<std::size_t>(s.hull)].radius : length(corner);
+        double far = length(rider.position) + s.ball + radius + MOTION_SLACK;
+        for (int body = rider.body; body > 0;) {
+            const auto k = static_cast<std::size_t>(body - 1);
+            const Joint& joint = model.joints[k];
+            const bool slides = joint.motion == Motion::slide;
+            model.reach[i * model.joints.size() + k] = (slides ? length(joint.axis) : far) * ORTHONORMAL;
+            far += length(joint.offset);
+            if (slides) far += length(joint.axis) * model.travel[static_cast<std::size_t>(joint.q_index)];
+            body = joint.parent;
+        }
+    }
+}
 
-Workspace::Workspace(std::size_t bytes) : data_(::operator new(bytes, ALIGNED)) {}
+void add(Candidates& candidates, const Candidate& candidate) { candidates.entries.push_back(candidate); }
+
+void add_doubted(Candidates& candidates, int pair) { candidates.doubted.push_back(pair); }
+
+void sort_by_pair(Candidates& candidates) {
+    const auto before = [](const Candidate& a, const Candidate& b) { return a.pair < b.pair; };
+    std::sort(candidates.entries.begin(), candidates.entries.end(), before);
+}
+
 Workspace::~Workspace() { ::operator delete(data_, ALIGNED); }
+
+void* Workspace::of(std::size_t bytes) {
+    if (bytes > bytes_) {
+        void* larger = ::operator new(bytes, ALIGNED);
+        ::operator delete(data_, ALIGNED);
+        data_ = larger;
+        bytes_ = bytes;
+    }
+    return data_;
+}
 
 std::vector<const Variant*> variants() {
     std::vector<const Variant*> out{&baseline};

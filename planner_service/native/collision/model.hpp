@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 namespace collision {
@@ -32,11 +33,16 @@ struct Solid {
     int hull;  // -1: none
 };
 
+constexpr double FARTHEST = 1e15;  // metres: products of two such lengths are numbers in single precision, too
+constexpr std::size_t FLOATS = 2 * LANES;  // corners of a hull looked at side by side
+
 // Corners about the centre of the box around them, x's then y's then z's; ``padded`` of each, the last repeated, so that
 // they can be read in whole vectors.
 struct Hull {
     std::size_t start;
     std::size_t padded;
+    double radius;  // how far a corner is from the centre at most
+    double blur;    // metres by which the corner that is farthest in single precision may be short of the farthest
 };
 
 // A box along the world's axes in single precision, rounded outwards; the fourth numbers are 0.
@@ -90,6 +96,15 @@ struct Node {
 
 struct OwnPair {
     int first, second, number;
+    int table;  // -1: none
+};
+
+// Where an own pair is proven apart, by the two joints that move its solids to each other.
+struct Table {
+    int joint[2], cells[2];
+    double low[2], per[2];  // where the cells begin, and how many there are per unit
+    double motion;          // metres that the solids move to each other at most from the middle of a cell to its rim
+    std::shared_ptr<std::vector<unsigned char>> proofs;  // filled as cells are asked for, by any thread
 };
 
 struct Model {
@@ -101,10 +116,19 @@ struct Model {
     std::vector<Node> nodes;        // the first is around everything
     std::vector<Hull> hulls;
     std::vector<double> corners;
+    std::vector<float> rounded_corners;
     std::vector<OwnPair> own_pairs;  // by their first
+    std::vector<int> own_from;       // of a rider: where those begin of which it is the first; and where all end
+    std::vector<Table> tables;
+    std::vector<double> reach;   // riders x joints: metres that a joint moves any point of a rider per unit; 0: none
+    std::vector<double> travel;  // of each entry of q: how far from 0 it may be for that to hold
     std::vector<int> run_of;       // of a part that stands, by its number: the obstacle
     std::vector<int> run_first;    // of an obstacle: its first part
     std::vector<int> first_pair;   // riders x obstacles: the number of the pair with its first part, -1: not checked
+
+    // Whether there are so many pieces that a look at nodes lane by lane pays, and at riders one by one, for one of
+    // them may collide with many; and that none pays at windows of samples.
+    bool crowded() const { return standers.size() > 64; }
 
     int pair_number(std::size_t rider, const Stander& b) const {
         const auto part = static_cast<std::size_t>(b.part);
@@ -117,38 +141,65 @@ struct Model {
 // Sorts ``standers`` into ``nodes``.
 void build_nodes(Model& model);
 
-// Pairs that are not proven apart, each with the lanes (bits) in which it is not, and in which it surely overlaps.
+constexpr double MOTION_SLACK = 1e-9;  // metres: what rounding does to places, and more
+
+// Works out how far joints move riders within these limits.
+void bound_motion(Model& model, const std::vector<double>& lower, const std::vector<double>& upper);
+
+// A pair that is not proven apart.
+struct Candidate {
+    int pair;
+    int rider, other;  // its first, and the number of its stander or, if it is one of the robot's own, of the pair
+    bool own;
+    unsigned lanes;    // in which it is not proven apart
+    double margin;     // by which it was to be
+    bool parted;       // in the lane looked at last, by the direction v: it often parts the next
+    double v[3];
+};
+
 struct Candidates {
-    struct Entry {
-        int pair;
-        unsigned lanes, deep;
-    };
-    std::vector<Entry> entries;
+    std::vector<Candidate> entries;
+    std::vector<int> doubted;  // pairs of a single lane
 };
 
 // Not inlined: what is compiled for wider instructions must not share a template's code with the rest of the program.
-void add(Candidates& candidates, int pair, unsigned lanes, unsigned deep);
+void add(Candidates& candidates, const Candidate& candidate);
+void add_doubted(Candidates& candidates, int pair);
+void sort_by_pair(Candidates& candidates);
 
-// Memory one call works in.
+// The first lane that is not free, and whether the last of its ``doubted`` pairs surely overlaps.
+struct FirstDoubted {
+    int lane = -1;
+    bool certain = false;
+};
+
+// Memory that calls work in, one after the other: it grows as they need and is kept.
 class Workspace {
   public:
-    explicit Workspace(std::size_t bytes);
+    Workspace() = default;
     ~Workspace();
     Workspace(const Workspace&) = delete;
     Workspace& operator=(const Workspace&) = delete;
-    void* data() const { return data_; }
+    void* of(std::size_t bytes);
 
   private:
-    void* data_;
+    void* data_ = nullptr;
+    std::size_t bytes_ = 0;
 };
 
 // One variant of the code that checks a block of up to LANES configurations.
 struct Variant {
     const char* name;
     std::size_t (*bytes)(const Model& model);
-    // q: LANES values of the first joint, then of the second, ...; lanes: those that count; candidates: added to. Unless
-    // ``every`` pair is asked for, a lane is left alone after the first rider that has a pair in doubt there.
-    void (*check)(const Model& model, const double* q, unsigned lanes, bool every, void* workspace, Candidates& candidates);
+    // q: LANES values of the first joint, then of the second, ...; lanes: those that count. Both set the candidates.
+    // All pairs, in no order, each with all lanes in which it is not proven apart; or, unless ``by`` is null, not proven
+    // to stay apart while each entry of q changes by so much.
+    void (*find)(const Model& model, const double* q, unsigned lanes, const double* by, void* workspace,
+                 Candidates& candidates);
+    // The first of the lanes that is not proven free: ``doubted`` are its pairs in their order that are not proven
+    // apart, up to the first that surely overlaps. Unless ``among`` is null, all others are known to be apart.
+    FirstDoubted (*find_first)(const Model& model, const double* q, unsigned lanes, const std::vector<Candidate>* among,
+                               void* workspace, Candidates& candidates);
 };
 
 extern const Variant baseline;

@@ -7,14 +7,80 @@ namespace collision {
 
 namespace {
 
-constexpr int FIRST = LANES;  // rows checked before the others: an edge that collides mostly does so early
+constexpr int MANY = 16;   // rows from which on a look at windows of them pays
+constexpr int KEPT = 512;  // segments up to which orders of samples are kept: at most 1 MB a thread
+
+// The interior samples of an edge, in bisection order; and their places in it as they follow each other on the edge.
+struct Order {
+    std::vector<int> samples, along;
+};
+
+Order order_of(int segments, int count) {
+    Order out{bisection_order(segments, count), {}};
+    for (std::size_t i = 0; i < out.samples.size(); ++i) out.along.push_back(static_cast<int>(i));
+    const auto sample = [&out](int i) { return out.samples[static_cast<std::size_t>(i)]; };
+    std::sort(out.along.begin(), out.along.end(), [&](int i, int k) { return sample(i) < sample(k); });
+    return out;
+}
+
+// What a thread works in, kept from one question to the next: to allocate it takes as long as some checks.
+struct Scratch {
+    Workspace workspace;
+    Candidates candidates, near;
+    std::vector<Candidate> among;
+    std::vector<double> side_by_side, q, by;
+    std::vector<int> rows, samples;
+    std::vector<Order> orders = std::vector<Order>(KEPT + 1);
+    Order long_order;
+
+    // The first ``count`` samples at least.
+    const Order& order(int segments, int count) {
+        if (segments > KEPT) return long_order = order_of(segments, count);
+        Order& known = orders[static_cast<std::size_t>(segments)];
+        if (known.samples.empty()) known = order_of(segments, segments - 1);
+        return known;
+    }
+};
+
+Scratch& scratch() {
+    static thread_local Scratch own;
+    return own;
+}
+
+// The first row so far that is not free; rows after it need no check.
+class Earliest {
+  public:
+    explicit Earliest(int stop) : row_(stop), stop_(stop) {}
+
+    int row() const { return row_; }
+    bool found() const { return row_ < stop_; }
+
+    void note(int row, bool certain, const std::vector<int>& pairs) {
+        if (row >= row_) return;
+        row_ = row;
+        certain_ = certain;
+        pairs_ = pairs;
+    }
+
+    RowCheck check(double fraction, std::vector<double> q) {
+        const Status status = certain_ && pairs_.size() == 1 ? Status::colliding : Status::undecided;
+        return RowCheck{status, row_, fraction, std::move(q), std::move(pairs_)};
+    }
+
+  private:
+    int row_, stop_;
+    bool certain_ = false;
+    std::vector<int> pairs_;
+};
 
 // Puts configurations side by side and hands them to a variant, LANES at a time.
 class Block {
   public:
-    Block(const Model& model, const Variant& variant, bool every)
-        : model_(model), variant_(variant), every_(every), memory_(variant.bytes(model)),
-          q_(static_cast<std::size_t>(LANES * model.dof)) {}
+    Block(const Model& model, const Variant& variant)
+        : model_(model), variant_(variant), workspace_(scratch().workspace.of(variant.bytes(model))),
+          q_(scratch().side_by_side), candidates_(scratch().candidates) {
+        q_.resize(static_cast<std::size_t>(LANES * model.dof));
+    }
 
     bool full() const { return count_ == LANES; }
     bool empty() const { return count_ == 0; }
@@ -25,60 +91,39 @@ class Block {
         rows_[count_++] = row;
     }
 
-    // Calls ``each(row, pair, deep)`` for what is in doubt.
-    template <class Each>
-    void check(Each each) {
+    // Empties the block, whose rows were put in their order; pairs that are not ``among`` these are known to be apart.
+    void check(Earliest& earliest, const std::vector<Candidate>* among = nullptr) {
+        if (empty()) return;
+        const unsigned lanes = take_lanes();
+        const auto [lane, certain] = variant_.find_first(model_, q_.data(), lanes, among, workspace_, candidates_);
+        if (lane >= 0) earliest.note(rows_[lane], certain, candidates_.doubted);
+    }
+
+    // Empties the block: all pairs that are not proven apart, also where joints move ``by`` so much.
+    void find(Candidates& found, const double* by = nullptr) {
+        const unsigned lanes = take_lanes();
+        variant_.find(model_, q_.data(), lanes, by, workspace_, found);
+    }
+
+  private:
+    const Model& model_;
+    const Variant& variant_;
+    void* workspace_;
+    std::vector<double>& q_;
+    Candidates& candidates_;
+    int rows_[LANES] = {};
+    int count_ = 0;
+
+    unsigned take_lanes() {
         const unsigned lanes = (1U << count_) - 1U;
         for (int lane = count_; lane < LANES; ++lane)  // so that the boxes swept over all lanes are no larger
             for (int k = 0; k < model_.dof; ++k) {
                 const auto first = static_cast<std::size_t>(LANES * k);
                 q_[first + static_cast<std::size_t>(lane)] = q_[first];
             }
-        candidates_.entries.clear();
-        variant_.check(model_, q_.data(), lanes, every_, memory_.data(), candidates_);
-        for (const auto& entry : candidates_.entries)
-            for (int lane = 0; lane < count_; ++lane)
-                if ((entry.lanes >> lane & 1U) != 0U) each(rows_[lane], entry.pair, (entry.deep >> lane & 1U) != 0U);
         count_ = 0;
+        return lanes;
     }
-
-  private:
-    const Model& model_;
-    const Variant& variant_;
-    bool every_;
-    Workspace memory_;
-    std::vector<double> q_;
-    int rows_[LANES] = {};
-    int count_ = 0;
-    Candidates candidates_;
-};
-
-// The first row so far that is not free, and its pairs; rows after it need no check.
-class Earliest {
-  public:
-    explicit Earliest(int stop) : row_(stop), stop_(stop) {}
-
-    int row() const { return row_; }
-    bool found() const { return row_ < stop_; }
-
-    void note(int row, int pair, bool deep) {
-        if (row > row_) return;
-        if (row < row_) pairs_.clear();
-        row_ = row;
-        pairs_.emplace_back(pair, deep);
-    }
-
-    RowCheck check(double fraction, std::vector<double> q) {
-        std::sort(pairs_.begin(), pairs_.end());
-        std::vector<int> numbers;
-        for (const auto& [pair, deep] : pairs_) numbers.push_back(pair);
-        const Status status = pairs_.front().second ? Status::colliding : Status::undecided;
-        return RowCheck{status, row_, fraction, std::move(q), std::move(numbers)};
-    }
-
-  private:
-    int row_, stop_;
-    std::vector<std::pair<int, bool>> pairs_;
 };
 
 }  // namespace
@@ -143,73 +188,136 @@ double Edge::fraction(int row, int k) const {
     return forward_ ? along : 1.0 - along;
 }
 
+bool Edge::within(const std::vector<double>& travel) const {
+    for (std::size_t k = 0; k < travel.size(); ++k)
+        if (!(std::fabs(a_[k]) <= travel[k] && std::fabs(b_[k]) <= travel[k])) return false;
+    return !travel.empty();
+}
+
+void Edge::motion(double share, double* by) const {
+    for (std::size_t k = 0; k < a_.size(); ++k) by[k] = std::fabs(b_[k] - a_[k]) * share;
+}
+
+void Edge::at(double along, double* q) const {
+    const auto &first = forward_ ? a_ : b_, &last = forward_ ? b_ : a_;
+    for (std::size_t i = 0; i < first.size(); ++i) q[i] = first[i] + (last[i] - first[i]) * along;
+}
+
 void Edge::sample(int row, int k, double* q) const {
     if (row < ends_) {
         const auto& end = row == 0 && first_end_is_a_ ? a_ : b_;
         std::copy(end.begin(), end.end(), q);
         return;
     }
-    const auto &first = forward_ ? a_ : b_, &last = forward_ ? b_ : a_;
-    const double along = static_cast<double>(k) / static_cast<double>(segments_);
-    for (std::size_t i = 0; i < first.size(); ++i) q[i] = first[i] + (last[i] - first[i]) * along;
+    at(static_cast<double>(k) / static_cast<double>(segments_), q);
 }
 
 std::vector<std::pair<int, int>> candidates(const Model& model, const Variant& variant, const double* Q, int m) {
     std::vector<std::pair<int, int>> out;
-    Block block(model, variant, true);
-    const auto note = [&out](int row, int pair, bool) { out.emplace_back(row, pair); };
+    Block block(model, variant);
+    Candidates& found = scratch().candidates;
     for (int row = 0; row < m; ++row) {
         block.put(row, Q + static_cast<std::ptrdiff_t>(row) * model.dof);
-        if (block.full() || row == m - 1) block.check(note);
+        if (!block.full() && row < m - 1) continue;
+        block.find(found);
+        for (const auto& entry : found.entries)
+            for (int lane = 0; lane < LANES; ++lane)
+                if ((entry.lanes >> lane & 1U) != 0U) out.emplace_back(block.row(lane), entry.pair);
     }
     std::sort(out.begin(), out.end());
     return out;
 }
 
 RowCheck check_rows(const Model& model, const Variant& variant, const double* Q, int start, int stop) {
-    Block block(model, variant, false);
+    Block block(model, variant);
     Earliest earliest(stop);
-    const auto note = [&earliest](int row, int pair, bool deep) { earliest.note(row, pair, deep); };
     for (int row = start; row < stop && !earliest.found(); ++row) {
         block.put(row, Q + static_cast<std::ptrdiff_t>(row) * model.dof);
-        if (block.full() || row == stop - 1) block.check(note);
+        if (block.full() || row == stop - 1) block.check(earliest);
     }
     if (!earliest.found()) return {};
     const double* q = Q + static_cast<std::ptrdiff_t>(earliest.row()) * model.dof;
     return earliest.check(0.0, std::vector<double>(q, q + model.dof));
 }
 
+// Finds the pairs that may come near each other in windows of LANES samples that follow each other: a window is looked at
+// in its middle, for pairs that are not apart by more than what they move to each other from there to its ends.
+void look_at_windows(Block& block, const Edge& edge, const std::vector<int>& samples, Candidates& near) {
+    auto &q = scratch().q, &by = scratch().by;
+    const auto last = samples.size() - 1;
+    int widest = 0;
+    for (std::size_t first = 0; first <= last; first += LANES) {
+        const int low = samples[first], high = samples[std::min(first + LANES - 1, last)];
+        widest = std::max(widest, high - low);
+        edge.at(0.5 * (low + high) / edge.segments(), q.data());
+        block.put(static_cast<int>(first / LANES), q.data());
+    }
+    by.resize(q.size());
+    edge.motion(0.5 * widest / edge.segments(), by.data());
+    block.find(near, by.data());
+}
+
 RowCheck check_rows(const Model& model, const Variant& variant, const Edge& edge, int start, int stop) {
-    const auto order = bisection_order(edge.segments(), stop - edge.ends());
-    const auto place = [&](int row) {
-        return row < edge.ends() ? 0 : order[static_cast<std::size_t>(row - edge.ends())];
+    const Order& order = scratch().order(edge.segments(), stop - edge.ends());
+    const auto sample = [&](int row) {
+        return row < edge.ends() ? 0 : order.samples[static_cast<std::size_t>(row - edge.ends())];
     };
-    Block block(model, variant, false);
+    Block block(model, variant);
     Earliest earliest(stop);
-    const auto note = [&earliest](int row, int pair, bool deep) { earliest.note(row, pair, deep); };
-    std::vector<double> q(static_cast<std::size_t>(model.dof));
+    auto& q = scratch().q;
+    q.resize(static_cast<std::size_t>(model.dof));
     const auto put = [&](int row) {
-        edge.sample(row, place(row), q.data());
+        edge.sample(row, sample(row), q.data());
         block.put(row, q.data());
     };
-    const int early = std::min(start + FIRST, stop);
-    for (int row = start; row < early; ++row) put(row);
-    if (!block.empty()) block.check(note);
-    if (!earliest.found() && early < stop) {  // the others as they follow each other on the edge, not in their order
-        std::vector<std::pair<int, int>> along;
-        along.reserve(static_cast<std::size_t>(stop - early));
-        for (int row = early; row < stop; ++row) along.emplace_back(place(row), row);
-        std::sort(along.begin(), along.end());
-        for (const auto& [k, row] : along) {
-            if (row <= earliest.row()) put(row);
-            if (block.full()) block.check(note);
+    const auto told = [&]() -> RowCheck {
+        if (!earliest.found()) return {};
+        const int row = earliest.row(), k = sample(row);
+        edge.sample(row, k, q.data());
+        return earliest.check(edge.fraction(row, k), q);
+    };
+    int early = start;  // rows checked before the others: an edge that collides mostly does so early
+    do {  // one block, and a second if that is the last
+        for (const int end = std::min(early + LANES, stop); early < end; ++early) put(early);
+        block.check(earliest);
+    } while (!earliest.found() && early < stop && stop - early <= LANES);
+    if (earliest.found() || early == stop) return told();
+
+    // The others as they follow each other on the edge, not in their order.
+    auto &rows = scratch().rows, &samples = scratch().samples;
+    auto& among = scratch().among;
+    Candidates& near = scratch().near;
+    const bool bounded = !model.crowded() && edge.within(model.travel);
+    const auto check = [&] {
+        const bool windows = bounded && static_cast<int>(rows.size()) > MANY;
+        if (windows) look_at_windows(block, edge, samples, near);
+        for (std::size_t first = 0; first < rows.size(); first += LANES) {
+            if (windows) {
+                among.clear();
+                for (const auto& c : near.entries)
+                    if ((c.lanes >> (first / LANES) & 1U) != 0U) among.push_back(c);
+                if (among.empty()) continue;
+            }
+            const auto begin = rows.begin() + static_cast<std::ptrdiff_t>(first);
+            const auto end = rows.begin() + static_cast<std::ptrdiff_t>(std::min(first + LANES, rows.size()));
+            std::sort(begin, end);
+            for (auto row = begin; row != end && *row < earliest.row(); ++row) put(*row);
+            block.check(earliest, windows ? &among : nullptr);
         }
-        if (!block.empty()) block.check(note);
+        rows.clear();
+        samples.clear();
+    };
+    rows.clear();
+    samples.clear();
+    for (const int place : order.along) {
+        const int row = edge.ends() + place;
+        if (row < early || row >= earliest.row()) continue;
+        rows.push_back(row);
+        samples.push_back(sample(row));
+        if (rows.size() == LANES * LANES) check();
     }
-    if (!earliest.found()) return {};
-    const int row = earliest.row(), k = place(row);
-    edge.sample(row, k, q.data());
-    return earliest.check(edge.fraction(row, k), q);
+    check();
+    return told();
 }
 
 }  // namespace collision

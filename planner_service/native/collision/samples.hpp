@@ -40,6 +40,12 @@ class Edge {
     // Fraction of the way from a to b; ``k`` of segments for a row that is no end.
     double fraction(int row, int k) const;
     void sample(int row, int k, double* q) const;
+    // At a fraction of the way from the end that samples are computed from.
+    void at(double along, double* q) const;
+    // How far each entry of q goes in a share of the way.
+    void motion(double share, double* by) const;
+    // Whether all of it is as near to 0 as this.
+    bool within(const std::vector<double>& travel) const;
 
   private:
     std::vector<double> a_, b_;
@@ -53,13 +59,13 @@ class Edge {
 // Undecided: some pairs are neither proven apart nor proven to overlap, or not all rows were checked.
 enum class Status { refused, free, colliding, undecided };
 
-// The first row that is not free: it collides in its first pair, or its pairs are not decided. Of a free one no row.
+// The first row that is not free: it collides in its first pair, or that is not decided. Of a free one no row.
 struct RowCheck {
     Status status = Status::free;
     int row = 0;
     double fraction = 0.0;
     std::vector<double> q;
-    std::vector<int> pairs;  // in their order: the first that may collide and some more
+    std::vector<int> pairs;  // in their order: those that may collide, up to the first that surely does
 };
 
 // How far an edge was checked: ``judged`` rows, of which the last collides if any does. Of an edge that is undecided

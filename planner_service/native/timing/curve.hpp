@@ -8,25 +8,44 @@
 
 namespace timing {
 
+// One blend; see path/corner_blend.py.
+struct Blend {
+    std::size_t joints;
+    double s, width;
+    const double *corner, *before, *after;
+
+    double y(double at) const { return std::min(std::max((at - s) / width, -1.0), 1.0); }
+
+    void position(double at, double* out) const {
+        const double y_at = y(at), square = y_at * y_at;
+        const double turned = (y_at + 1.0) / 2.0 + (square - 1.0) * 0.3125 - (square * square * square - 1.0) / 48.0;
+        for (std::size_t k = 0; k < joints; ++k) {
+            const double start = corner[k] - before[k] * width, end = corner[k] + after[k] * width;
+            const double low = std::min(std::min(start, corner[k]), end), high = std::max(std::max(start, corner[k]), end);
+            const double along = before[k] * (y_at + 1.0 - turned) + after[k] * turned;
+            out[k] = std::min(std::max(start + along * width, low), high);
+        }
+    }
+
+    void tangent(double at, double* out) const {
+        const double y_at = y(at), square = y_at * y_at, share = 0.5 + y_at * (5.0 - square * square) / 8.0;
+        for (std::size_t k = 0; k < joints; ++k) out[k] = before[k] + (after[k] - before[k]) * share;
+    }
+};
+
 // JointPath.tables; see there.
 struct Path {
     std::size_t joints, waypoint_count, pieces;
     const double *waypoints, *knots, *tangents, *breaks;
     const std::int64_t *lines, *rows;  // of each piece between breaks: its line, and its blend or -1
-    const double* blends;              // of each blend s, width; corner, before, after, turning, n numbers each
-
-    struct Blend {
-        double s, width;
-        const double *corner, *before, *after;
-        double y(double at) const { return std::min(std::max((at - s) / width, -1.0), 1.0); }
-    };
+    const double* blends;              // of each blend s, width; corner, before, after, n numbers each
 
     bool blended(std::size_t piece) const { return rows[piece] >= 0; }
     double length() const { return knots[waypoint_count - 1]; }
 
     Blend blend(std::size_t piece) const {
-        const double* from = blends + static_cast<std::size_t>(rows[piece]) * (2 + 4 * joints);
-        return {from[0], from[1], from + 2, from + 2 + joints, from + 2 + 2 * joints};
+        const double* from = blends + static_cast<std::size_t>(rows[piece]) * (2 + 3 * joints);
+        return {joints, from[0], from[1], from + 2, from + 2 + joints, from + 2 + 2 * joints};
     }
 
     // The index of the piece on which s lies; at a break that of the later one.
@@ -42,9 +61,7 @@ struct Path {
             std::copy(line, line + joints, out);
             return;
         }
-        const Blend b = blend(piece);
-        const double y = b.y(s), square = y * y, share = 0.5 + y * (5.0 - square * square) / 8.0;
-        for (std::size_t k = 0; k < joints; ++k) out[k] = b.before[k] + (b.after[k] - b.before[k]) * share;
+        blend(piece).tangent(s, out);
     }
 
     // q(s), for s from 0 to the path's length.
@@ -62,15 +79,7 @@ struct Path {
             std::copy(end, end + joints, out);
             return;
         }
-        const Blend b = blend(piece);
-        const double y = b.y(s), square = y * y;
-        const double turned = (y + 1.0) / 2.0 + (square - 1.0) * 0.3125 - (square * square * square - 1.0) / 48.0;
-        for (std::size_t k = 0; k < joints; ++k) {
-            const double start = b.corner[k] - b.before[k] * b.width, end = b.corner[k] + b.after[k] * b.width;
-            const double low = std::min(std::min(start, b.corner[k]), end), high = std::max(std::max(start, b.corner[k]), end);
-            const double along = b.before[k] * (y + 1.0 - turned) + b.after[k] * turned;
-            out[k] = std::min(std::max(start + along * b.width, low), high);
-        }
+        blend(piece).position(s, out);
     }
 };
 

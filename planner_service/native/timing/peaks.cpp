@@ -108,10 +108,32 @@ std::optional<Peak> jump(const Path& path, const Motion& motion) {
     return Peak{infinity, at % n, motion.knots[at / n]};
 }
 
-using Polynomial = std::vector<double>;
+// The coefficients of a polynomial, the constant term first, or those of Bernstein's form. A velocity on a blend has the highest
+// degree: f is of degree five, and y and ds/dt are of degrees three and two where s(t) has jerk.
+class Polynomial {
+  public:
+    static constexpr std::size_t most = 18;
+
+    explicit Polynomial(std::size_t size) : size_(size) { std::fill(values_, values_ + size, 0.0); }
+    std::size_t size() const { return size_; }
+    double& operator[](std::size_t k) { return values_[k]; }
+    double operator[](std::size_t k) const { return values_[k]; }
+    const double* begin() const { return values_; }
+    const double* end() const { return values_ + size_; }
+    void pop_back() { --size_; }
+    void insert_constant(double term) {
+        std::copy_backward(values_, values_ + size_, values_ + size_ + 1);
+        values_[0] = term;
+        ++size_;
+    }
+
+  private:
+    double values_[most];
+    std::size_t size_;
+};
 
 Polynomial product(const Polynomial& a, const Polynomial& b) {
-    Polynomial out(a.size() + b.size() - 1, 0.0);
+    Polynomial out(a.size() + b.size() - 1);
     for (std::size_t i = 0; i < b.size(); ++i)
         for (std::size_t k = 0; k < a.size(); ++k) out[i + k] += a[k] * b[i];
     return out;
@@ -141,7 +163,7 @@ struct Rates {
     Polynomial plain, turning;
 };
 
-Rates rates_of(const Path::Blend& blend, const double* c, double h, std::size_t terms) {
+Rates rates_of(const Blend& blend, const double* c, double h, std::size_t terms) {
     const double y0 = (c[0] - blend.s) / blend.width, cube = y0 * y0 * y0;
     Polynomial travel(terms), y(terms), speed(terms);
     double power = h;
@@ -151,16 +173,25 @@ Rates rates_of(const Path::Blend& blend, const double* c, double h, std::size_t 
         speed[k] = travel[k] * static_cast<double>(k + 1) / h;
         power *= h;
     }
-    Polynomial share{-0.125};
+    Polynomial share(1);
+    share[0] = -0.125;
     for (const double term : {-0.625 * y0, -1.25 * y0 * y0, -1.25 * cube, 0.625 * (1.0 - cube * y0),
                               0.5 + y0 * (5.0 - cube * y0) / 8.0}) {
         share = product(share, y);
-        share.insert(share.begin(), term);
+        share.insert_constant(term);
     }
-    Rates out{Polynomial(speed), product(share, speed)};
-    out.plain.resize(out.turning.size(), 0.0);
+    Rates out{Polynomial(share.size() + terms - 1), product(share, speed)};
+    for (std::size_t k = 0; k < terms; ++k) out.plain[k] = speed[k];
     return out;
 }
+
+// Bernstein coefficients of each joint's ratio to its limit on pieces of time: for each piece ``size`` rows of ``joints``.
+struct Ratios {
+    std::size_t pieces, size, joints;
+    std::vector<double> values;
+
+    double* row(std::size_t piece, std::size_t i) { return &values[(piece * size + i) * joints]; }
+};
 
 struct Interval {
     std::size_t row;  // piece of time x joints + joint
@@ -194,26 +225,35 @@ class Search {
     Search(Peak best, std::size_t joints, const std::vector<double>& starts, const std::vector<double>& durations)
         : best_(best), joints_(joints), starts_(starts), durations_(durations) {}
 
-    Peak highest(std::vector<Interval> intervals) {
-        std::vector<double> begins, ends;
-        for (Interval& each : intervals) {
-            begins.push_back(std::fabs(each.b.front()));
-            ends.push_back(std::fabs(each.b.back()));
-            each.bound = largest_size(each.b);
+    Peak highest(Ratios& ratios) {
+        std::vector<double> begins, ends, bounds;
+        for (std::size_t piece = 0; piece < ratios.pieces; ++piece)
+            for (std::size_t k = 0; k < joints_; ++k) {
+                begins.push_back(std::fabs(ratios.row(piece, 0)[k]));
+                ends.push_back(std::fabs(ratios.row(piece, ratios.size - 1)[k]));
+                double bound = begins.back();
+                for (std::size_t i = 1; i < ratios.size; ++i) bound = larger(bound, std::fabs(ratios.row(piece, i)[k]));
+                bounds.push_back(bound);
+            }
+        better(begins, [](std::size_t k) { return Place{k, 0.0}; });
+        better(ends, [](std::size_t k) { return Place{k, 1.0}; });
+        std::vector<Interval> intervals;
+        for (std::size_t row = 0; row < bounds.size(); ++row) {
+            if (!(bounds[row] > best_.ratio * (1.0 + exact))) continue;
+            intervals.push_back({row, 0.0, 1.0, bounds[row], Polynomial(ratios.size)});
+            for (std::size_t i = 0; i < ratios.size; ++i) intervals.back().b[i] = ratios.row(row / joints_, i)[row % joints_];
         }
-        better(begins, intervals, [](const Interval&) { return 0.0; });
-        better(ends, intervals, [](const Interval&) { return 1.0; });
-        const std::size_t rounds = most_rounds * (1 + intervals.size() / intervals_per_most);
+        const std::size_t rounds = most_rounds * (1 + bounds.size() / intervals_per_most);
         for (std::size_t count = 0; count <= rounds; ++count) {
             const double needed = best_.ratio * (1.0 + exact);
             intervals.erase(std::remove_if(intervals.begin(), intervals.end(),
                                            [&](const Interval& each) { return !(each.bound > needed); }),
                             intervals.end());
             if (intervals.empty()) break;
-            std::vector<double> bounds;
+            bounds.clear();
             for (const Interval& each : intervals) bounds.push_back(each.bound);
             if (count == rounds || largest(bounds) == infinity) {
-                better(bounds, intervals, [](const Interval& each) { return each.low; });
+                better(bounds, [&](std::size_t k) { return Place{intervals[k].row, intervals[k].low}; });
                 break;
             }
             if (intervals.size() > batch)
@@ -229,13 +269,18 @@ class Search {
     std::size_t joints_;
     const std::vector<double>&starts_, &durations_;
 
+    struct Place {
+        std::size_t row;
+        double share;
+    };
+
     template <class At>
-    void better(const std::vector<double>& values, const std::vector<Interval>& intervals, At at) {
+    void better(const std::vector<double>& values, At at) {
         const std::size_t k = index_of_largest(values);
         if (!(values[k] > best_.ratio)) return;
-        const Interval& found = intervals[k];
+        const Place found = at(k);
         const std::size_t piece = found.row / joints_;
-        best_ = {values[k], found.row % joints_, starts_[piece] + at(found) * durations_[piece]};
+        best_ = {values[k], found.row % joints_, starts_[piece] + found.share * durations_[piece]};
     }
 
     // Splits the first intervals (de Casteljau): their first parts come first, then their second parts, then the others.
@@ -259,7 +304,7 @@ class Search {
             values.push_back(std::fabs(second.b[0]));
             seconds.push_back(std::move(second));
         }
-        better(values, seconds, [](const Interval& each) { return each.low; });
+        better(values, [&](std::size_t k) { return Place{seconds[k].row, seconds[k].low}; });
         out.insert(out.end(), std::make_move_iterator(seconds.begin()), std::make_move_iterator(seconds.end()));
         out.insert(out.end(), std::make_move_iterator(intervals.begin() + static_cast<std::ptrdiff_t>(now)),
                    std::make_move_iterator(intervals.end()));
@@ -286,23 +331,26 @@ void blend_peaks(const Path& path, const Motion& motion, const std::vector<const
         rates.push_back(rates_of(path.blend(piece), motion.cubic(rows[r]), durations[r], terms));
     }
     for (std::size_t order = 0; order < limits.size(); ++order) {
-        std::vector<Interval> intervals;
+        const double* limit = limits[order];
+        Ratios ratios{rows.size(), rates[0].plain.size(), n, std::vector<double>(rows.size() * rates[0].plain.size() * n)};
+        bool all_finite = true;
         for (std::size_t r = 0; r < rows.size(); ++r) {
             const Polynomial plain = bernstein(rates[r].plain), turning = bernstein(rates[r].turning);
-            for (std::size_t k = 0; k < n; ++k) {
-                Interval each{r * n + k, 0.0, 1.0, 0.0, Polynomial(plain.size())};
-                for (std::size_t i = 0; i < plain.size(); ++i) {
-                    const double moving = before[r * n + k] * plain[i] + turn[r * n + k] * turning[i];
-                    double ratio = moving / limits[order][k];
-                    if (moving == 0.0) ratio = 0.0;  // a joint that stands still may have any limit
-                    each.b[i] = std::isnan(ratio) ? infinity : ratio;
+            const double *u = &before[r * n], *w = &turn[r * n];
+            for (std::size_t i = 0; i < plain.size(); ++i) {
+                double* row = ratios.row(r, i);
+                for (std::size_t k = 0; k < n; ++k) row[k] = (u[k] * plain[i] + w[k] * turning[i]) / limit[k];
+                for (std::size_t k = 0; k < n; ++k) all_finite &= std::isfinite(row[k]);
+                if (all_finite) continue;
+                for (std::size_t k = 0; k < n; ++k) {
+                    if (u[k] * plain[i] + w[k] * turning[i] == 0.0) row[k] = 0.0;  // a joint that stands still may have any limit
+                    if (std::isnan(row[k])) row[k] = infinity;
                 }
-                intervals.push_back(std::move(each));
             }
             differentiate(rates[r].plain, durations[r]);
             differentiate(rates[r].turning, durations[r]);
         }
-        peaks[order] = Search(peaks[order], n, starts, durations).highest(std::move(intervals));
+        peaks[order] = Search(peaks[order], n, starts, durations).highest(ratios);
     }
 }
 

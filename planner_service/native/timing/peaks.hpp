@@ -3,7 +3,7 @@
 
 #include <array>
 
-#include "curve.hpp"
+#include "segments.hpp"
 
 namespace timing {
 
@@ -11,10 +11,6 @@ struct Peak {
     double ratio = 0.0;
     std::size_t joint = 0;
     double time = 0.0;
-};
-
-struct Limits {
-    const double *velocity, *acceleration, *jerk;
 };
 
 // The peaks of velocity, acceleration and jerk, each relative to its limit.

@@ -1,15 +1,17 @@
 // Timing as Python sees it (_core.pyi).
 #include "timing.hpp"
 
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include <memory>
-#include <stdexcept>
+#include <optional>
 #include <tuple>
 
-#include "peaks.hpp"
+#include "../arrays.hpp"
+#include "law.hpp"
 #include "tool_speed.hpp"
 #include "two_passes.hpp"
 
@@ -19,24 +21,13 @@ namespace timing {
 
 namespace {
 
-using Rows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Row = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Numbers = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Out = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
+using arrays::array_of;
+using arrays::Numbers;
+using arrays::require;
+using arrays::Row;
+using arrays::Rows;
 
-void require(bool condition, const char* what) {
-    if (!condition) throw std::invalid_argument(what);
-}
-
-Out array_of(const std::vector<double>& values) {
-    auto held = std::make_unique<double[]>(values.size());
-    std::copy(values.begin(), values.end(), held.get());
-    double* data = held.release();
-    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
-    return Out(data, {values.size()}, owner);
-}
-
-Out passes(const Rows& first, const Rows& second, const Row& acceleration, const Row& squares, const Row& points, double entry) {
+nb::object passes(const Rows& first, const Rows& second, const Row& acceleration, const Row& squares, const Row& points, double entry) {
     const std::size_t count = points.shape(0), joints = acceleration.shape(0);
     require(count >= 2 && squares.shape(0) == count, "a square for each of at least two points");
     for (const Rows* rows : {&first, &second})
@@ -45,10 +36,36 @@ Out passes(const Rows& first, const Rows& second, const Row& acceleration, const
     nb::gil_scoped_release released;
     std::vector<double> speeds = two_passes(grid, entry);
     nb::gil_scoped_acquire acquired;
-    return array_of(speeds);
+    return array_of<double>(std::move(speeds), {speeds.size()});
 }
 
-// The tables of a path and of a motion along it; checked, so that no index leads outside them.
+// The tables of a path, checked, so that no index leads outside them. They live as long as the arrays they are of.
+Path path_of(const Rows& waypoints, const Row& knots, const Rows& tangents, const Row& breaks, const Numbers& lines,
+             const Numbers& rows, const Rows& blends) {
+    const std::size_t n = waypoints.shape(1), points = waypoints.shape(0), pieces = lines.shape(0);
+    require(points >= 1 && knots.shape(0) == points && tangents.shape(0) + 1 == points && tangents.shape(1) == n,
+            "a knot for each waypoint, a tangent for each line");
+    require(breaks.shape(0) == pieces + 1 && rows.shape(0) == pieces && blends.shape(1) == 2 + 3 * n, "tables of a path");
+    for (std::size_t k = 0; k < pieces; ++k) {
+        require(lines.data()[k] >= 0 && lines.data()[k] + 1 < static_cast<std::int64_t>(points), "no such line");
+        require(rows.data()[k] < static_cast<std::int64_t>(blends.shape(0)), "no such blend");
+    }
+    return {n, points, pieces, waypoints.data(), knots.data(), tangents.data(), breaks.data(), lines.data(), rows.data(), blends.data()};
+}
+
+Limits limits_of(const Path& path, const Row& velocity, const Row& acceleration, const Row& jerk) {
+    for (const Row* row : {&velocity, &acceleration, &jerk}) require(row->shape(0) == path.joints, "a limit for each joint");
+    return {velocity.data(), acceleration.data(), jerk.data()};
+}
+
+// Waypoints between the first and the last, in order.
+std::vector<std::size_t> inner_waypoints(const Path& path, const std::vector<std::size_t>& given) {
+    for (std::size_t k = 0; k < given.size(); ++k)
+        require((k == 0 ? 0 : given[k - 1]) < given[k] && given[k] + 1 < path.waypoint_count, "inner waypoints in order");
+    return given;
+}
+
+// The tables of a path and of a motion along it.
 struct Trajectory {
     Path path;
     Motion motion;
@@ -58,21 +75,14 @@ struct Trajectory {
 
     Trajectory(const Rows& waypoints, const Row& knots, const Rows& tangents, const Row& breaks, const Numbers& lines,
                const Numbers& rows, const Rows& blends, const Row& durations, const Rows& coefficients, const Row& times,
-               const Row& ends, const Numbers& geometry) {
-        const std::size_t n = waypoints.shape(1), points = waypoints.shape(0), pieces = lines.shape(0), count = durations.shape(0);
-        require(points >= 1 && knots.shape(0) == points && tangents.shape(0) + 1 == points && tangents.shape(1) == n,
-                "a knot for each waypoint, a tangent for each line");
-        require(breaks.shape(0) == pieces + 1 && rows.shape(0) == pieces && blends.shape(1) == 2 + 4 * n, "tables of a path");
-        for (std::size_t k = 0; k < pieces; ++k) {
-            require(lines.data()[k] >= 0 && lines.data()[k] + 1 < static_cast<std::int64_t>(points), "no such line");
-            require(rows.data()[k] < static_cast<std::int64_t>(blends.shape(0)), "no such blend");
-        }
+               const Row& ends, const Numbers& geometry)
+        : path(path_of(waypoints, knots, tangents, breaks, lines, rows, blends)) {
+        const std::size_t count = durations.shape(0);
         require(coefficients.shape(0) == count && coefficients.shape(1) == 4 && times.shape(0) == count + 1 &&
                     ends.shape(0) == count && geometry.shape(0) == count,
                 "tables of a motion");
         for (std::size_t k = 0; k < count; ++k)
-            require(geometry.data()[k] >= 0 && geometry.data()[k] < static_cast<std::int64_t>(pieces), "no such piece");
-        path = {n, points, pieces, waypoints.data(), knots.data(), tangents.data(), breaks.data(), lines.data(), rows.data(), blends.data()};
+            require(geometry.data()[k] >= 0 && geometry.data()[k] < static_cast<std::int64_t>(path.pieces), "no such piece");
         for (const auto* table : {&waypoints, &tangents, &blends, &coefficients}) kept_rows.push_back(*table);
         for (const auto* table : {&knots, &breaks, &durations, &times, &ends}) kept_columns.push_back(*table);
         for (const auto* table : {&lines, &rows, &geometry}) kept_numbers.push_back(*table);
@@ -90,6 +100,17 @@ Arm arm_of(const Rows& table, std::size_t tool_body, const std::array<double, 3>
     return {table.shape(0), table.data(), tool_body, {tool[0], tool[1], tool[2]}};
 }
 
+// What a law makes of a path, or None for what it leaves to Python.
+template <class Make>
+auto unless_unusual(Make make) -> std::optional<decltype(make())> {
+    const nb::gil_scoped_release released;
+    try {
+        return make();
+    } catch (const Unusual&) {
+        return std::nullopt;
+    }
+}
+
 std::tuple<double, std::size_t, double> as_tuple(const Peak& peak) { return {peak.ratio, peak.joint, peak.time}; }
 
 }  // namespace
@@ -101,9 +122,7 @@ void bind(nb::module_& m) {
                       const Rows&, const Row&, const Row&, const Numbers&>())
         .def("peaks",
              [](const Trajectory& self, const Row& velocity, const Row& acceleration, const Row& jerk) {
-                 for (const Row* row : {&velocity, &acceleration, &jerk})
-                     require(row->shape(0) == self.path.joints, "a limit for each joint");
-                 const Limits limits{velocity.data(), acceleration.data(), jerk.data()};
+                 const Limits limits = limits_of(self.path, velocity, acceleration, jerk);
                  std::array<Peak, 3> peaks;
                  {
                      nb::gil_scoped_release released;
@@ -116,10 +135,52 @@ void bind(nb::module_& m) {
             nb::gil_scoped_release released;
             return peak_tool_speed(arm, self.path, self.motion);
         });
+    m.def("time_path", [](const Rows& waypoints, const Row& knots, const Rows& tangents, const Row& breaks, const Numbers& lines,
+                          const Numbers& rows, const Rows& blends, const std::vector<std::size_t>& corners, const Row& velocity,
+                          const Row& acceleration, const Row& jerk, int gridpoints) -> nb::object {
+        const Path path = path_of(waypoints, knots, tangents, breaks, lines, rows, blends);
+        const Limits limits = limits_of(path, velocity, acceleration, jerk);
+        const auto stops = inner_waypoints(path, corners);
+        auto timed = unless_unusual([&] { return time_path({gridpoints}, path, limits, stops); });
+        if (!timed) return nb::none();
+        const std::size_t count = timed->durations.size();
+        const auto& peaks = timed->peaks;
+        const auto motion = nb::make_tuple(
+            array_of<const double>(std::move(timed->durations), {count}),
+            array_of<const double>(std::move(timed->coefficients), {count, 4}),
+            array_of<const double>(std::move(timed->knots), {count + 1}),
+            array_of<const double>(std::move(timed->ends), {count}),
+            array_of<const std::int64_t>(std::move(timed->geometry), {count}), timed->dilation);
+        return nb::make_tuple(motion, nb::make_tuple(as_tuple(peaks[0]), as_tuple(peaks[1]), as_tuple(peaks[2])));
+    });
+    m.def("continue_to_rest", [](const Rows& waypoints, const Row& knots, const Rows& tangents, const Row& breaks,
+                                 const Numbers& lines, const Numbers& rows, const Rows& blends,
+                                 const std::vector<std::size_t>& corners, const Row& velocity, const Row& acceleration,
+                                 const Row& jerk, int gridpoints, double s_start, double speed, double blend_share) -> nb::object {
+        const Path path = path_of(waypoints, knots, tangents, breaks, lines, rows, blends);
+        const Limits limits = limits_of(path, velocity, acceleration, jerk);
+        const auto stops = inner_waypoints(path, corners);
+        require(s_start >= 0.0, "a place on the path");
+        auto phases = unless_unusual([&] { return continue_to_rest({gridpoints}, path, limits, stops, s_start, speed, blend_share); });
+        if (!phases) return nb::none();
+        std::vector<std::array<double, 5>> out;  // a row for each, without jerk
+        for (const Phase& phase : *phases) out.push_back({phase.duration, phase.position, phase.speed, phase.acceleration, 0.0});
+        return nb::cast(out);
+    });
+    m.def("stop_duration", [](const Rows& waypoints, const Row& knots, const Rows& tangents, const std::vector<std::size_t>& turns,
+                              const Row& velocity, const Row& acceleration) -> std::optional<double> {
+        const std::size_t points = waypoints.shape(0), n = waypoints.shape(1);
+        require(points >= 1 && knots.shape(0) == points && tangents.shape(0) + 1 == points && tangents.shape(1) == n,
+                "a knot for each waypoint, a tangent for each line");
+        const Path path{n, points, 0, waypoints.data(), knots.data(), tangents.data(), nullptr, nullptr, nullptr, nullptr};
+        const Limits limits = limits_of(path, velocity, acceleration, acceleration);
+        const auto stops = inner_waypoints(path, turns);
+        return unless_unusual([&] { return stop_duration(path, limits, stops); });
+    });
     m.def("tool_speeds", [](const Rows& table, std::size_t tool_body, const std::array<double, 3>& tool, const Rows& Q, const Rows& Qd) {
         require(Q.shape(0) == Qd.shape(0) && Q.shape(1) == Qd.shape(1), "a velocity for each configuration");
         const Arm arm = arm_of(table, tool_body, tool, Q.shape(1));
-        return array_of(tool_speeds(arm, Q.shape(1), Q.shape(0), Q.data(), Qd.data()));
+        return array_of<double>(tool_speeds(arm, Q.shape(1), Q.shape(0), Q.data(), Qd.data()), {Q.shape(0)});
     });
 }
 

@@ -4,7 +4,7 @@
 
 namespace timing {
 
-// Adds ``two_passes``, ``trajectory_peaks`` and ``tool_speeds``.
+// Adds ``time_path``, ``continue_to_rest``, ``stop_duration``, ``two_passes``, ``tool_speeds`` and ``TrajectoryTables``.
 void bind(nanobind::module_& m);
 
 }  // namespace timing

@@ -1,5 +1,7 @@
 #include "tool_speed.hpp"
 
+#include "../arithmetic.hpp"
+
 namespace timing {
 
 namespace {
@@ -7,33 +9,17 @@ namespace {
 constexpr double spacing = 0.04, closer = 1024.0;
 constexpr int looks = 3, splits = 32, prismatic = 3;
 
-// Geometry's cosines_and_sines: Taylor series, the same bits on every processor.
-void cosine_and_sine(double x, double& cosine, double& sine) {
-    static constexpr double odd[] = {355687428096000.0, -1307674368000.0, 6227020800.0, -39916800.0, 362880.0, -5040.0, 120.0, -6.0};
-    static constexpr double even[] = {20922789888000.0, -87178291200.0, 479001600.0, -3628800.0, 40320.0, -720.0, 24.0, -2.0};
-    const double quarters = std::floor(x * 0.63661977236758134308 + 0.5);
-    const double r = (x - quarters * 1.57079632673412561417) - quarters * 6.07710050650619224932e-11, u = r * r;
-    double s = 0.0, c = 0.0;
-    for (const double factorial : odd) s = s * u + 1.0 / factorial;
-    for (const double factorial : even) c = c * u + 1.0 / factorial;
-    s = r + r * u * s;
-    c = 1.0 + u * c;
-    const auto turns = static_cast<std::int64_t>(quarters);
-    sine = (turns & 1) != 0 ? c : s;
-    cosine = (turns & 1) != 0 ? s : c;
-    if (((turns + 1) & 2) != 0) cosine = -cosine;
-    if ((turns & 2) != 0) sine = -sine;
-}
+// Two samples side by side: every processor has registers for two numbers.
+typedef double Pair __attribute__((vector_size(16)));
 
 struct Step {
-    std::size_t parent, q_index;
+    std::size_t q_index;
     int kind;
     double sign;
     const double *offset, *slide, *before, *after;  // the rotations are null if they are none
 
     explicit Step(const double* row)
-        : parent(static_cast<std::size_t>(row[0])),
-          q_index(static_cast<std::size_t>(row[1])),
+        : q_index(static_cast<std::size_t>(row[1])),
           kind(static_cast<int>(row[2])),
           sign(row[3]),
           offset(row + 4),
@@ -43,68 +29,124 @@ struct Step {
 };
 
 struct Pose {
-    double R[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-    double p[3] = {0.0, 0.0, 0.0};
+    Pair R[9], p[3];
 };
 
-void turn(double* R, const double* by) {
+void turn(Pair* R, const double* by) {
     for (int i = 0; i < 3; ++i) {
-        const double a = R[3 * i], b = R[3 * i + 1], c = R[3 * i + 2];
+        const Pair a = R[3 * i], b = R[3 * i + 1], c = R[3 * i + 2];
         for (int k = 0; k < 3; ++k) R[3 * i + k] = a * by[k] + b * by[3 + k] + c * by[6 + k];
     }
 }
 
-double along(const double* row, const double* v) { return row[0] * v[0] + row[1] * v[1] + row[2] * v[2]; }
+Pair along(const Pair* row, const double* v) { return row[0] * v[0] + row[1] * v[1] + row[2] * v[2]; }
 
-// BodyTree.poses; ``out`` has room for all bodies.
-void place(const Arm& arm, const double* q, std::vector<Pose>& out) {
-    for (std::size_t k = 0; k < arm.bodies; ++k) {
-        const Step step(arm.table + k * Arm::width);
-        Pose here = out[step.parent];
-        for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, step.offset);
-        if (step.before != nullptr) turn(here.R, step.before);
-        const double angle = q[step.q_index];
-        if (step.kind == prismatic) {
-            for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, step.slide) * angle;
-        } else {
-            double c, s;
-            cosine_and_sine(angle, c, s);
-            s = step.sign * s;
-            const int u = (step.kind + 1) % 3, w = (step.kind + 2) % 3;
-            for (int i = 0; i < 9; i += 3) {
-                const double first = here.R[i + u], second = here.R[i + w];
-                here.R[i + u] = first * c + second * s;
-                here.R[i + w] = second * c - first * s;
-            }
-            if (step.after != nullptr) turn(here.R, step.after);
-        }
-        out[k + 1] = here;
+void cosines_and_sines(const Pair& angles, Pair& cosines, Pair& sines) {
+    Pair rests;
+    std::int64_t turns[2];
+    for (int k = 0; k < 2; ++k) {
+        const arithmetic::Quarters quarters = arithmetic::quarters_of(angles[k]);
+        rests[k] = quarters.rest;
+        turns[k] = quarters.turns;
+    }
+    arithmetic::near_zero(rests, cosines, sines);
+    for (int k = 0; k < 2; ++k) {
+        double c = cosines[k], s = sines[k];
+        arithmetic::turn_back(turns[k], c, s);
+        cosines[k] = c;
+        sines[k] = s;
     }
 }
 
-double speed_at(const Arm& arm, const double* q, const double* qd, std::vector<Pose>& poses) {
-    place(arm, q, poses);
-    const Pose& tool = poses[arm.tool_body];
-    double at[3], velocity[3] = {0.0, 0.0, 0.0};
-    for (int i = 0; i < 3; ++i) at[i] = tool.p[i] + along(tool.R + 3 * i, arm.tool);
-    bool first = true;
-    for (std::size_t body = arm.tool_body; body > 0;) {
-        const Step step(arm.table + (body - 1) * Arm::width);
-        const Pose& pose = poses[body];
-        double move[3];
-        for (int i = 0; i < 3; ++i) move[i] = along(pose.R + 3 * i, step.slide);
-        if (step.kind != prismatic) {
-            const double x = move[0], y = move[1], z = move[2];
-            const double u = at[0] - pose.p[0], v = at[1] - pose.p[1], w = at[2] - pose.p[2];
-            move[0] = y * w - z * v;
-            move[1] = z * u - x * w;
-            move[2] = x * v - y * u;
+// The joints that move the tool: speeds of its origin for two samples at a time.
+class Chain {
+  public:
+    explicit Chain(const Arm& arm) : arm_(arm) {
+        for (std::size_t body = arm.tool_body; body > 0;) {
+            const double* row = arm.table + (body - 1) * Arm::width;
+            steps_.emplace_back(row);
+            body = static_cast<std::size_t>(row[0]);
         }
-        for (int i = 0; i < 3; ++i) velocity[i] = first ? move[i] * qd[step.q_index] : velocity[i] + move[i] * qd[step.q_index];
-        first = false;
-        body = step.parent;
+        std::reverse(steps_.begin(), steps_.end());
+        poses_.resize(steps_.size());
     }
-    return std::sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]);
+
+    // A number for each joint of the robot.
+    Pair speeds(const Pair* q, const Pair* qd) {
+        const Pose tool = place(q);
+        Pair at[3], velocity[3] = {};
+        for (int i = 0; i < 3; ++i) at[i] = tool.p[i] + along(tool.R + 3 * i, arm_.tool);
+        for (std::size_t k = steps_.size(); k-- > 0;) {
+            const Step& step = steps_[k];
+            const Pose& pose = poses_[k];
+            Pair move[3];
+            for (int i = 0; i < 3; ++i) move[i] = along(pose.R + 3 * i, step.slide);
+            if (step.kind != prismatic) {
+                const Pair x = move[0], y = move[1], z = move[2];
+                const Pair u = at[0] - pose.p[0], v = at[1] - pose.p[1], w = at[2] - pose.p[2];
+                move[0] = y * w - z * v;
+                move[1] = z * u - x * w;
+                move[2] = x * v - y * u;
+            }
+            const bool first = k + 1 == steps_.size();
+            for (int i = 0; i < 3; ++i) {
+                const Pair moved = move[i] * qd[step.q_index];
+                velocity[i] = first ? moved : velocity[i] + moved;
+            }
+        }
+        const Pair square = velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2];
+        return Pair{std::sqrt(square[0]), std::sqrt(square[1])};
+    }
+
+  private:
+    const Arm& arm_;
+    std::vector<Step> steps_;  // from the base to the tool
+    std::vector<Pose> poses_;
+
+    // BodyTree.poses of these bodies; returns the last.
+    Pose place(const Pair* q) {
+        const Pair zero{0.0, 0.0}, one{1.0, 1.0};
+        Pose here{{one, zero, zero, zero, one, zero, zero, zero, one}, {zero, zero, zero}};
+        for (std::size_t k = 0; k < steps_.size(); ++k) {
+            const Step& step = steps_[k];
+            for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, step.offset);
+            if (step.before != nullptr) turn(here.R, step.before);
+            const Pair angle = q[step.q_index];
+            if (step.kind == prismatic) {
+                for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, step.slide) * angle;
+            } else {
+                Pair c, s;
+                cosines_and_sines(angle, c, s);
+                s = step.sign * s;
+                const int u = (step.kind + 1) % 3, w = (step.kind + 2) % 3;
+                for (int i = 0; i < 9; i += 3) {
+                    const Pair first = here.R[i + u], second = here.R[i + w];
+                    here.R[i + u] = first * c + second * s;
+                    here.R[i + w] = second * c - first * s;
+                }
+                if (step.after != nullptr) turn(here.R, step.after);
+            }
+            poses_[k] = here;
+        }
+        return here;
+    }
+};
+
+// The speed at each of ``count`` samples, whose q and qd ``sample(k, q, qd)`` gives.
+template <class Sample>
+std::vector<double> speeds_at(const Arm& arm, std::size_t joints, std::size_t count, Sample sample) {
+    Chain chain(arm);
+    std::vector<double> out(count), q(joints), qd(joints);
+    std::vector<Pair> both_q(joints), both_qd(joints);
+    for (std::size_t k = 0; k < count; k += 2) {
+        for (std::size_t side = 0; side < 2; ++side) {
+            sample(std::min(k + side, count - 1), q.data(), qd.data());
+            for (std::size_t j = 0; j < joints; ++j) both_q[j][side] = q[j], both_qd[j][side] = qd[j];
+        }
+        const Pair speeds = chain.speeds(both_q.data(), both_qd.data());
+        for (std::size_t side = 0; side < 2 && k + side < count; ++side) out[k + side] = speeds[side];
+    }
+    return out;
 }
 
 // Trajectory.moving at one time.
@@ -126,16 +168,15 @@ void moving(const Path& path, const Motion& motion, double t, double* q, double*
 }  // namespace
 
 std::vector<double> tool_speeds(const Arm& arm, std::size_t joints, std::size_t rows, const double* q, const double* qd) {
-    std::vector<Pose> poses(arm.bodies + 1);
-    std::vector<double> out(rows);
-    for (std::size_t k = 0; k < rows; ++k) out[k] = speed_at(arm, q + k * joints, qd + k * joints, poses);
-    return out;
+    return speeds_at(arm, joints, rows, [&](std::size_t k, double* q_at, double* qd_at) {
+        std::copy(q + k * joints, q + (k + 1) * joints, q_at);
+        std::copy(qd + k * joints, qd + (k + 1) * joints, qd_at);
+    });
 }
 
 double peak_tool_speed(const Arm& arm, const Path& path, const Motion& motion) {
     if (motion.count == 0) return 0.0;
-    std::vector<Pose> poses(arm.bodies + 1);
-    std::vector<double> q(path.joints), qd(path.joints), times, speeds;
+    std::vector<double> times;
     for (std::size_t k = 0; k < motion.count; ++k) {
         const double way = motion.ends[k] - motion.cubic(k)[0];
         const double count = std::max(std::ceil(way / spacing), 1.0);
@@ -145,12 +186,10 @@ double peak_tool_speed(const Arm& arm, const Path& path, const Motion& motion) {
     times.push_back(motion.duration());
     double best = 0.0, missed = 0.003;
     for (int look = 0; look < looks && !times.empty(); ++look, missed /= closer) {
-        speeds.clear();
-        for (const double t : times) {
-            moving(path, motion, t, q.data(), qd.data());
-            speeds.push_back(speed_at(arm, q.data(), qd.data(), poses));
-            best = std::max(best, speeds.back());
-        }
+        const std::vector<double> speeds = speeds_at(arm, path.joints, times.size(), [&](std::size_t k, double* q, double* qd) {
+            moving(path, motion, times[k], q, qd);
+        });
+        best = std::max(best, *std::max_element(speeds.begin(), speeds.end()));
         if (best == 0.0) break;  // the tool's origin does not move
         std::vector<double> near;
         for (std::size_t k = 0; k + 1 < times.size(); ++k)

@@ -381,9 +381,19 @@ def test_no_batch_of_bounds_is_so_large_that_a_caller_could_not_stop_it() -> Non
     places = rng.uniform(-0.4, 0.4, (2500, 3)) + np.array([1.95, 0.0, 0.0])
     near = tuple(Obstacle(f"near_{k}", Sphere(0.001), Pose((x, y, z))) for k, (x, y, z) in enumerate(places.tolist()))
     batches: list[int] = []
-    Certifier(PLANAR, Scene(near)).certify(JointPath(SWEEP), charge=batches.append)
+    Certifier(PLANAR, Scene(near), backend="numpy").certify(JointPath(SWEEP), charge=batches.append)
     assert max(batches[1:]) <= proof_tree.BATCH
     assert len(batches) > 3
+
+
+def test_a_long_compiled_proof_can_be_stopped_every_few_milliseconds() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-0.4, 0.4, (9_000, 3)) + np.array([1.95, 0.0, 0.0])
+    near = tuple(Obstacle(f"near_{k}", Sphere(0.001), Pose((x, y, z))) for k, (x, y, z) in enumerate(places.tolist()))
+    calls: list[int] = []
+    found = Certifier(PLANAR, Scene(near)).certify(JointPath(SWEEP), charge=calls.append)
+    assert sum(calls) == found.distances
+    assert len(calls) > 3
 
 
 def test_rounding_over_a_limit_is_no_mistake() -> None:

@@ -178,7 +178,7 @@ def test_a_query_that_finds_nothing_ends_with_1_and_the_reason(tmp_path: Path) -
 def test_where_a_roadmap_has_no_path_another_planner_is_asked(tmp_path: Path) -> None:
     path = tmp_path / "poor.npz"
     Roadmap.of([[3.0, 3.0]]).save(path)
-    assert "no path there: rrtconnect" in done("query", path, *ENDS, *PLANAR)
+    assert "no path there: balancedrrtconnect" in done("query", path, *ENDS, *PLANAR)
 
 
 def test_a_plan_over_a_roadmap_is_kept_with_its_hash(there: Path, tmp_path: Path) -> None:
@@ -284,7 +284,7 @@ def test_info_shows_all_that_the_file_says(there: Path) -> None:
         "1 mm of padding",
         "prm, milestones 60, neighbours 5, max checks 2,000,000, seed 0",
         "bytes per milestone",
-        "RRTConnect searches if the roadmap has no path",
+        "BalancedRRTConnect searches if the roadmap has no path",
     ):
         assert text in words
     told = document("info", there)

@@ -20,7 +20,7 @@ from planner_service.scene.scene import Obstacle, Scene
 
 PLANAR = load_robot("planar2")
 START, GOAL = (0.0, 0.0), (3.0, 0.0)
-SAMPLES = 201
+SAMPLES = 801
 """Samples of the edge from START to GOAL, both ends included."""
 HIT_AT = 6
 """With the pin in the way: both ends, then 1/2, 1/4, 3/4 and 1/8 of the edge, the last of which collides."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
-from itertools import product, repeat
+from itertools import pairwise, product, repeat
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker
+from planner_service.certify import Certifier
 from planner_service.collision import CheckCounts, CollisionChecker, MotionStep
 from planner_service.collision import fcl as fcl_module
 from planner_service.errors import InvalidRequest, UnknownName
@@ -361,6 +362,20 @@ def test_how_finely_a_variant_samples_does_not_depend_on_which_were_made_before(
     assert fine.variant(padding=0.01).segments(q, q + 0.2) == fine.segments(q, q + 0.2)
 
 
+@pytest.mark.parametrize("allowed", [(), (("link_1", "table"),)])
+def test_a_variant_says_and_counts_what_a_checker_made_like_it_does(allowed: tuple[tuple[str, str], ...]) -> None:
+    scene, rng = load_scene("clutter"), np.random.default_rng(6)
+    first, made = CollisionChecker(WXAI, scene), CollisionChecker(WXAI, scene, padding=0.02, allowed=allowed)
+    varied = first.variant(padding=0.005).variant(padding=0.02, allowed=allowed)
+    Q = rng.uniform(WXAI.limits.lower, WXAI.limits.upper, (60, WXAI.n))
+    for a, b in pairwise(Q):
+        assert varied.contacts(a) == made.contacts(a)
+        assert varied.edge_hit(a, b) == made.edge_hit(a, b)
+    assert varied.counts == made.counts
+    assert varied.clearance(Q[0]) == made.clearance(Q[0])
+    assert any(first.state_is_free(q) and not made.state_is_free(q) for q in Q), "or the padding tests nothing"
+
+
 def test_a_variant_counts_in_the_same_ledger_and_is_made_once() -> None:
     checker = planar()
     padded = checker.variant(padding=0.01)
@@ -507,3 +522,14 @@ def test_the_independent_checker_samples_a_motion_as_densely_as_it_promises(dura
     assert fastest > 0.008 or duration < 1.0
     assert (second.reach * np.abs(np.diff(q(times[-1]), axis=0))).sum(axis=1).max() <= 0.01
     assert (times[-1][0], times[-1][-1]) == (0.0, duration)
+
+
+def test_nothing_of_one_scene_is_left_in_the_next_one_of_the_same_robot() -> None:
+    robot = load_robot("planar2")
+    bare, held = Scene(), Scene(attached=(Attached("rod", Box((0.2, 0.02, 0.02)), Pose((0.1, 0.0, 0.0))),))
+    for scene in (bare, held, bare, held):
+        checker, listed = CollisionChecker(robot, scene), Certifier(robot, scene).listed
+        pieces = len(robot.shapes) + len(scene.attached)
+        assert len(checker.parts.parts) == len(checker.variant(padding=0.01).parts.shapes) == pieces
+        assert len(listed.riding) == pieces
+        assert checker.variant(padding=0.02).parts.shapes == tuple(p.shape.grown(0.01) for p in checker.parts.parts)

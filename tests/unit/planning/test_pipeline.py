@@ -43,6 +43,7 @@ from planner_service.planning.accounting import certified_path
 from planner_service.planning.timing_stage import timed
 from planner_service.search.problem import SearchProblem, SearchResult
 from tests.support.optional import present
+from tests.support.steps import InPython
 
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
 ROOT = Path(__file__).parents[3]
@@ -196,7 +197,7 @@ def test_blends_make_every_law_faster(timing: Any) -> None:
 def test_blends_that_samples_wrongly_call_free_are_narrowed_until_they_are_proven(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    service, query = PlannerService("wxai", "post"), queries.load("post")[3]
+    service, query = PlannerService("wxai", "post", edge_step=InPython()), queries.load("post")[3]
     second = IndependentChecker(ROOT / "robots" / "wxai", ROOT / "scenes" / "post.toml")
     monkeypatch.setattr(CollisionChecker, "blend_is_free", lambda self, path, k: True)
     result = service.plan(asked(query.start, query.goal, seed=query.number))
@@ -368,9 +369,9 @@ def test_the_pace_of_a_given_polyline_is_held(discs: PlannerService) -> None:
 
 
 def test_corners_pulled_in_too_far_to_be_proven_go_back_before_anything_is_searched_again() -> None:
-    service, query = PlannerService("wxai", "shelf", edge_step=JointStep(0.02)), queries.load("shelf")[5]
+    service, query = PlannerService("wxai", "bin", edge_step=JointStep(0.05)), queries.load("bin")[9]
     result = service.plan(asked(query.start, query.goal, seed=query.number))
-    assert [note for note in result.notes if note.startswith("corners put back where they were: finger_right")]
+    assert [note for note in result.notes if note.startswith("corners put back where they were: link_6 x demo_post")]
     assert result.ok
     assert result.attempts == 1
 

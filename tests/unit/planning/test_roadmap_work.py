@@ -15,6 +15,7 @@ from auditor.checker import IndependentChecker
 from benchmarks.worlds import queries
 from planner_service import (
     PRM,
+    BalancedRRTConnect,
     Box,
     CheckCounts,
     CollisionChecker,
@@ -108,15 +109,15 @@ def test_a_plan_changes_no_roadmap_and_brings_back_what_it_learned() -> None:
     assert present(once_more.roadmap).hash == learned.hash
 
 
-def test_what_the_roadmap_does_not_connect_is_searched_by_rrtconnect_unless_it_must_not() -> None:
+def test_what_the_roadmap_does_not_connect_is_searched_by_the_default_planner_unless_it_must_not() -> None:
     service, nothing = cell(), Roadmap.of(np.zeros((0, 6)))
-    query = queries.load("bin")[0]
+    query = queries.load("bin")[1]
     alone = service.plan(PlanRequest(query.start, query.goal, time_limit=None))
-    found = ask(service, nothing)
+    found = ask(service, nothing, 1)
     assert found.ok
     assert found.counts == alone.counts
-    assert "no path there: rrtconnect" in found.stage(Stage.SEARCH).note
-    refused = ask(service, replace(nothing, fallback=False))
+    assert f"no path there: {BalancedRRTConnect.name}" in found.stage(Stage.SEARCH).note
+    refused = ask(service, replace(nothing, fallback=False), 1)
     assert present(refused.failure).reason is Reason.PLANNING_FAILED
 
 
@@ -132,11 +133,11 @@ def test_the_roadmap_that_a_planner_grew_is_in_the_result(milestones: int) -> No
 
 def test_a_memory_of_paths_begins_with_nothing_and_answers_the_same_question_without_a_check() -> None:
     service, memory = cell(), cell().path_memory()
-    first = ask(service, memory)
+    first = ask(service, memory, 1)
     assert first.roadmap is not None
     assert len(first.roadmap.milestones) >= 2
     assert lies(first.roadmap, service) == []
-    again = ask(service, first.roadmap)
+    again = ask(service, first.roadmap, 1)
     assert again.ok
     assert again.stage(Stage.SEARCH).counts.states == 0
     assert present(again.certificate).certified, "certified again"

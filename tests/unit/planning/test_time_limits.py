@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 from planner_service import (
     PRM,
     CancelToken,
-    CollisionChecker,
     LazyPRM,
     Obstacle,
     PlannerService,
@@ -26,7 +25,8 @@ from planner_service import (
     service,
 )
 from planner_service.certify import Certifier
-from planner_service.collision import Cancelled
+from planner_service.collision import Cancelled, checker
+from planner_service.collision.backends import make_backend
 from planner_service.planning import Pace
 from planner_service.replanning import Outcome
 from tests.support.optional import present
@@ -121,6 +121,7 @@ def test_the_proof_is_prepared_once_and_within_the_time_limit(
     gate: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = list[object]()
+    monkeypatch.setattr(checker, "FEW_PAIRS", 0)  # those of many take long enough to be left
     monkeypatch.setattr(service, "Certifier", held_up(gate, Certifier, made))
     here = PlannerService("planar2", "discs")
     for _ in range(2):
@@ -153,7 +154,8 @@ def test_a_checker_that_a_call_did_not_wait_for_serves_the_next(
 ) -> None:
     here = PlannerService("planar2", "discs")
     made = list[object]()
-    monkeypatch.setattr(CollisionChecker, "__init__", held_up(gate, CollisionChecker.__init__, made))
+    monkeypatch.setattr(checker, "FEW_PAIRS", 0)
+    monkeypatch.setattr(checker, "make_backend", held_up(gate, make_backend, made))
     for _ in range(3):
         assert "time limit" in str(here.plan(request(time_limit=0.2)).failure)
     assert len(made) == 1

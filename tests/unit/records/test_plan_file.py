@@ -20,7 +20,7 @@ from planner_service.files.writing import require_writable
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.path.joint_path import JointPath
-from planner_service.planners import PLANNERS, RRT, RRTConnect
+from planner_service.planners import PLANNERS, RRT, BalancedRRTConnect
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, MotionReport, PlanResult, Reason, Stage, StageReport
 from planner_service.planning.world import World
@@ -346,4 +346,4 @@ def test_a_refused_plan_leaves_the_old_file_as_it_was(there: Path) -> None:
 def test_default_planner_settings_are_written_out(there: Path) -> None:
     save_plan(SavedPlan(MADE_FOR, request(), planned()), there)
     planner = json.loads(there.read_text())["request"]["planner"]
-    assert planner == {"name": "rrtconnect", "settings": {"range": RRTConnect().range}}
+    assert planner == {"name": "balancedrrtconnect", "settings": {"range": BalancedRRTConnect().range}}

@@ -7,7 +7,18 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from planner_service import JointPath, Optimise, PlannerService, PlanRequest, PlanResult, Pose, Reason, Stage, ToppRa
+from planner_service import (
+    BalancedRRTConnect,
+    JointPath,
+    Optimise,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    Pose,
+    Reason,
+    Stage,
+    ToppRa,
+)
 from planner_service.certify import Certifier
 from planner_service.concurrency.polling import Prepared
 from planner_service.planning import Pace
@@ -17,6 +28,7 @@ from planner_service.replanning import Outcome
 from planner_service.replanning.detour import Detours, Place
 from planner_service.replanning.splice import SwitchPoint, Underway
 from planner_service.scene.scene import Scene
+from planner_service.search.problem import SearchResult
 from planner_service.timing.laws import TimingFailed
 from tests.support.optional import present
 from tests.unit.replanning.test_replan import EMPTY, disc, room, small, swing, trajectory_of
@@ -144,7 +156,16 @@ def test_a_planner_that_does_not_search_gives_way_to_one_that_does() -> None:
     request = small(swing(), planner=Optimise())
     found = room().replan(swing(), at_time=0.5, scene=disc(2.0), request=request)
     assert found.outcome is Outcome.NEW
-    assert found.result.stage(Stage.SEARCH).note == "rrtconnect"
+    assert found.result.stage(Stage.SEARCH).note == BalancedRRTConnect.name
+
+
+def test_where_the_default_finds_no_way_round_another_algorithm_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(BalancedRRTConnect, "search", lambda *_: SearchResult(None))
+    found = room().replan(swing(), at_time=0.5, scene=disc(2.0), request=small(swing()))
+    assert found.outcome is Outcome.NEW
+    assert found.result.stage(Stage.SEARCH).note == "rrtconnect, try 2"
+    alone = room().replan(swing(), at_time=0.5, scene=disc(2.0), request=small(swing(), retries=0))
+    assert alone.outcome is Outcome.STOP
 
 
 def follow_line(padding: float = 0.0) -> PlanResult:
@@ -168,7 +189,7 @@ def test_ten_seconds_of_latency_are_the_most() -> None:
 @pytest.mark.parametrize("goal", [(2.4, 0.0), (2.2, 0.9)])
 def test_of_a_few_new_motions_the_quickest_is_taken_but_a_good_one_at_once(goal: tuple[float, float]) -> None:
     service, at = room().with_scene(disc(1.8)), 0.3
-    request = PlanRequest((0.0, 0.0), goal, max_checks=20_000, time_limit=None)
+    request = PlanRequest((0.0, 0.0), goal, seed=1, max_checks=20_000, time_limit=None)
     motion = Underway(trajectory_of(swing()), at, at + 0.1)
     switch, limits = next(motion.switch_points()), service.robot.limits
     accounting = PlanAccounting(service.checker, Limits(20_000, 20_000, None, None))

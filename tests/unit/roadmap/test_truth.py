@@ -75,9 +75,10 @@ def test_a_path_that_was_not_found_over_the_roadmap_is_remembered_where_it_was_f
         search_stage, "ask", lambda roadmap, *_: RoadmapSearchResult(None, stopped=spent, roadmap=roadmap)
     )
     service, memory = cell(), cell().with_scene(Scene()).path_memory()
-    for number in range(3):
+    for number in (1, 2, 3):
         result = ask(service, memory, number)
         assert result.ok
+        assert not any("searched again" in note for note in result.notes), "or there is nothing to remember"
         assert lies(result.roadmap, service) == []
 
 

@@ -32,7 +32,7 @@ def test_the_doctor_names_the_instruction_set_and_finds_no_difference() -> None:
     assert "200 random states of wxai in bin" in done.output
     assert "proofs: " in done.output
     assert "10 short edges" in done.output
-    assert done.output.count("0 differences") == 3
+    assert done.output.count(" 0 differences") == 4
 
 
 def test_the_doctor_speaks_json() -> None:
@@ -60,7 +60,7 @@ def test_a_kernel_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(CollisionChecker, "edge_hit", blind)
     done = CliRunner().invoke(app, WORDS)
     assert done.exit_code == 70
-    assert done.output.count(" 0 differences") == 2
+    assert done.output.count(" 0 differences") == 3
 
 
 class Hopeful(Certifier):
@@ -80,7 +80,15 @@ def test_a_proof_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(health, "Certifier", Hopeful)
     done = CliRunner().invoke(app, WORDS)
     assert done.exit_code == 70
-    assert done.output.count(" 0 differences") == 2
+    assert done.output.count(" 0 differences") == 3
+
+
+@pytest.mark.slow
+def test_a_search_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(health, "pulled_in", lambda path, oracle: path if oracle.core is None else path[::-1])
+    done = CliRunner().invoke(app, WORDS)
+    assert done.exit_code == 70
+    assert done.output.count(" 0 differences") == 3
 
 
 @pytest.mark.slow
@@ -88,7 +96,7 @@ def test_a_time_law_that_errs_is_our_bug(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(health, "reference_peaks", lambda trajectory, limits: peaks(trajectory, limits).dilated(1.1))
     done = CliRunner().invoke(app, WORDS)
     assert done.exit_code == 70
-    assert done.output.count(" 0 differences") == 2
+    assert done.output.count(" 0 differences") == 3
 
 
 @pytest.mark.parametrize("states", [1, 2])

@@ -23,6 +23,7 @@ from planner_service.planners import (
     PLANNERS,
     PRM,
     RRT,
+    BalancedRRTConnect,
     BITstar,
     InformedRRTstar,
     Planner,
@@ -50,6 +51,9 @@ QUICK: dict[str, Any] = {
     "prmstar": PRMstar(milestones=150),
 }
 RANGED = tuple(planner for planner in PLANNERS.values() if "range" in {item.name for item in fields(planner)})
+CONNECTING = (BalancedRRTConnect(), RRTConnect())
+"""The default, and OMPL's planner of the same kind."""
+
 ANYTIME = ("rrtstar", "informedrrtstar", "sorrtstar", "bitstar", "aorrtc")
 
 
@@ -83,7 +87,8 @@ def test_tree_planners_solve_six_joints(name: str) -> None:
 @pytest.mark.parametrize("name", QUICK)
 def test_equal_seeds_give_equal_counts_and_paths_whatever_ran_in_between(name: str) -> None:
     first = outcome(QUICK[name])
-    outcome(RRTConnect(), seed=5)
+    for planner in CONNECTING:
+        outcome(planner, seed=5)
     assert outcome(QUICK[name]) == first
 
 
@@ -94,20 +99,21 @@ def test_seed_0_is_a_seed_of_its_own(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_second_process_finds_the_same_path() -> None:
-    code = "from tests.unit.search.test_planners import *; print(outcome(RRTConnect(), n=6, seed=3))"
+@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
+def test_a_second_process_finds_the_same_path(planner: Planner) -> None:
+    code = f"from tests.unit.search.test_planners import *; print(outcome({planner}, n=6, seed=3))"
     root = Path(__file__).parents[3]
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == str(outcome(RRTConnect(), n=6, seed=3))
+    assert done.stdout.strip() == str(outcome(planner, n=6, seed=3))
     assert done.stderr == ""
 
 
-def test_threads_do_not_disturb_each_other() -> None:
-    alone = [outcome(RRTConnect(), n=6, seed=seed) for seed in range(4)]
+@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
+def test_threads_do_not_disturb_each_other(planner: Planner) -> None:
+    alone = [outcome(planner, n=6, seed=seed) for seed in range(4)]
     together: dict[int, Any] = {}
     threads = [
-        threading.Thread(target=lambda s=seed: together.update({s: outcome(RRTConnect(), n=6, seed=s)}))
-        for seed in range(4)
+        threading.Thread(target=lambda s=seed: together.update({s: outcome(planner, n=6, seed=s)})) for seed in range(4)
     ]
     for thread in threads:
         thread.start()
@@ -216,11 +222,12 @@ def test_a_planner_that_goes_in_circles_is_ended_with_its_path() -> None:
     assert "nothing new" in result.note
 
 
-def test_rrtconnect_judges_no_configuration_twice() -> None:
+@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
+def test_two_trees_that_meet_judge_no_configuration_twice(planner: Any) -> None:
     for seed in range(10):
         world = DiscWorld()
         problem = across(world, n=6, seed=seed)
-        assert RRTConnect(range=0.3).search(problem).waypoints is not None
+        assert replace(planner, range=0.3).search(problem).waypoints is not None
         assert len(set(world.judged)) == len(world.judged)
         assert not {tuple(q.tolist()) for q in (problem.start, problem.goals[0])} & set(world.judged)
 
@@ -247,12 +254,13 @@ def test_nothing_of_a_query_outlives_it(name: str, limit: int | None) -> None:
     assert gone() is None
 
 
-def test_an_oracle_that_keeps_its_own_exception_is_let_go_of_too() -> None:
+@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
+def test_an_oracle_that_keeps_its_own_exception_is_let_go_of_too(planner: Planner) -> None:
     mine = Mock(side_effect=Stop("the limit"))
     world = DiscWorld(limit=30, error=mine)
     gone = weakref.ref(world)
     with pytest.raises(Stop, match="the limit"):
-        RRTConnect().search(across(world))
+        planner.search(across(world))
     del world, mine
     gc.collect()
     assert gone() is None
@@ -339,14 +347,18 @@ def test_a_problem_that_makes_no_sense_is_refused_by_field(field: str, value: An
         SearchProblem(**{**fields, field: value})
 
 
-def test_a_start_that_is_the_goal_is_no_crash() -> None:
+@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
+def test_a_start_that_is_the_goal_is_no_crash(planner: Planner) -> None:
     world = DiscWorld()
-    result = RRTConnect().search(across(world, goals=((-2.0, -0.2),)))
+    result = planner.search(across(world, goals=((-2.0, -0.2),)))
     assert world.found_free(present(result.waypoints))
 
 
 def test_settings_are_equal_by_value() -> None:
     assert RRTConnect(range=0.4) == RRTConnect(0.4) != RRTConnect()
+    others: list[object] = [RRTConnect(0.4), BalancedRRTConnect()]
+    assert BalancedRRTConnect(range=0.4) == BalancedRRTConnect(0.4)
+    assert BalancedRRTConnect(0.4) not in others
 
 
 @pytest.mark.slow
@@ -400,11 +412,12 @@ def test_a_child_forked_during_a_search_can_search() -> None:
     assert done.stdout.strip() == "0"
 
 
-def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free() -> None:
+@pytest.mark.parametrize("planner", CONNECTING, ids=lambda planner: planner.name)
+def test_a_path_of_edges_only_looked_at_is_judged_and_grown_again_until_every_edge_is_free(planner: Planner) -> None:
     refuted = 0
     for seed in range(5):
         worlds = GlancingWorld(), GlancingWorld()
-        first, again = (RRTConnect().search(across(world, seed=seed)).waypoints for world in worlds)
+        first, again = (planner.search(across(world, seed=seed)).waypoints for world in worlds)
         assert first is not None
         assert again is not None
         assert first.tolist() == again.tolist()

@@ -1,0 +1,139 @@
+#include "balanced.hpp"
+
+#include <algorithm>
+
+namespace search {
+
+namespace {
+
+// These are those of search/balanced.py.
+constexpr double START_RADIUS = 0.3, LEAST_RADIUS = 0.075, ALPHA = 1e-4;
+constexpr int MAX_LEFT_OUT = 1000, MAX_REFUTED = 8;
+
+}  // namespace
+
+BalancedSearch::BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed)
+    : oracle_(oracle), space_(std::move(space)), range_(range), start_radius_(START_RADIUS * space_.extent()),
+      least_radius_(LEAST_RADIUS * space_.extent()), generator_(seed), start_(space_), goal_(space_),
+      near_(space_.dof()), drawn_(space_.dof()), fresh_(space_.dof()) {}
+
+std::vector<Configuration> BalancedSearch::run(const Configuration& start, const std::vector<Configuration>& goals) {
+    start_.add(start, -1, true);
+    for (const auto& goal : goals) goal_.add(goal, -1, true);
+    for (;;) {
+        oracle_.poll();
+        const bool from_start = start_.size() <= goal_.size();
+        Tree &tree = from_start ? start_ : goal_, &other = from_start ? goal_ : start_;
+        const int node = extended(tree);
+        if (node < 0) continue;
+        const int met = connected(other, Configuration(fresh_));
+        if (met < 0) continue;
+        const int at_start = from_start ? node : met, at_goal = from_start ? met : node;
+        if (confirmed(start_, at_start) && confirmed(goal_, at_goal)) return path(at_start, at_goal);
+        if (++refuted_ == MAX_REFUTED) {
+            coarse_ = false;
+            confirm_all(start_);
+            confirm_all(goal_);
+        }
+    }
+}
+
+// The node by which a tree grew towards a random configuration, which is left in ``fresh_``; -1 if it did not grow.
+int BalancedSearch::extended(Tree& tree) {
+    space_.draw(generator_, drawn_);
+    double squared = 0.0;
+    const int nearest = tree.nearest(drawn_, squared);
+    const double distance = std::sqrt(squared);
+    if (distance > tree.radius(nearest) && left_out_ < MAX_LEFT_OUT) {
+        ++left_out_;
+        return -1;
+    }
+    left_out_ = 0;
+    tree.get(nearest, near_);
+    space_.step(near_, drawn_, distance, range_, fresh_);
+    double& radius = tree.radius(nearest);
+    if (!step_is_free(near_, fresh_, START)) {
+        radius = radius == NO_RADIUS ? start_radius_ : std::max(radius * (1.0 - ALPHA), least_radius_);
+        return -1;
+    }
+    radius *= 1.0 + ALPHA;
+    return tree.add(fresh_, nearest, !coarse_);
+}
+
+// The node by which a tree reached the target, growing towards it step by step; -1 if it did not.
+int BalancedSearch::connected(Tree& tree, const Configuration& target) {
+    double squared = 0.0;
+    int node = tree.nearest(target, squared);
+    double distance = std::sqrt(squared);
+    while (distance > 0.0) {
+        tree.get(node, near_);
+        space_.step(near_, target, distance, range_, fresh_);
+        const Known known = distance <= range_ ? BOTH : START;  // the target is a node of the other tree
+        if (!step_is_free(near_, fresh_, known)) return -1;
+        node = tree.add(fresh_, node, !coarse_);
+        distance = std::sqrt(space_.squared_distance(fresh_.data(), target.data()));
+    }
+    return node;
+}
+
+bool BalancedSearch::step_is_free(const Configuration& from, const Configuration& to, Known known) {
+    return coarse_ ? oracle_.edge_is_free_coarse(from, to, known) : oracle_.edge_is_free(from, to, known);
+}
+
+// Whether all edges from a node to its root are free; the first that is not is cut off.
+bool BalancedSearch::confirmed(Tree& tree, int node) {
+    for (; tree.parent(node) >= 0; node = tree.parent(node))
+        if (!confirm(tree, node)) return false;
+    return true;
+}
+
+// Whether the edge to a node is free at all its samples; the node is cut off if not.
+bool BalancedSearch::confirm(Tree& tree, int node) {
+    if (tree.confirmed(node)) return true;
+    tree.get(tree.parent(node), near_);
+    tree.get(node, fresh_);
+    if (!oracle_.edge_is_free(near_, fresh_, BOTH)) {
+        tree.cut(node);
+        return false;
+    }
+    tree.confirm(node);
+    return true;
+}
+
+void BalancedSearch::confirm_all(Tree& tree) {
+    for (int node = 0; node < tree.size(); ++node)
+        if (!tree.cut_off(node)) confirm(tree, node);
+}
+
+std::vector<Configuration> BalancedSearch::path(int at_start, int at_goal) const {
+    std::vector<Configuration> out;
+    Configuration q(space_.dof());
+    const auto append = [&](const Tree& tree, int node) {
+        for (; node >= 0; node = tree.parent(node)) {
+            tree.get(node, q);
+            out.push_back(q);
+        }
+    };
+    append(start_, at_start);
+    std::reverse(out.begin(), out.end());
+    append(goal_, goal_.parent(at_goal));  // where the trees met is there already
+    return out;
+}
+
+Grown BalancedSearch::grown() const {
+    Grown out;
+    for (const Tree* tree : {&start_, &goal_}) {
+        std::vector<int> numbers(static_cast<std::size_t>(tree->size()), -1);
+        Configuration q(space_.dof());
+        for (int node = 0; node < tree->size(); ++node) {
+            if (tree->cut_off(node)) continue;
+            const int number = numbers[static_cast<std::size_t>(node)] = static_cast<int>(out.milestones.size());
+            tree->get(node, q);
+            out.milestones.push_back(q);
+            if (tree->parent(node) >= 0) out.edges.emplace_back(numbers[static_cast<std::size_t>(tree->parent(node))], number);
+        }
+    }
+    return out;
+}
+
+}  // namespace search

@@ -1,0 +1,45 @@
+// RRT-Connect with balanced trees and dynamic domains; search/balanced.py is the same in Python and says what it does.
+#pragma once
+
+#include <utility>
+
+#include "tree.hpp"
+
+namespace search {
+
+struct Grown {
+    std::vector<Configuration> milestones;
+    std::vector<std::pair<int, int>> edges;
+};
+
+class BalancedSearch {
+  public:
+    BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed);
+
+    // The path from the start to the goal that is reached first. Only an exception of the oracle ends it without one.
+    std::vector<Configuration> run(const Configuration& start, const std::vector<Configuration>& goals);
+
+    // Both trees as they are.
+    Grown grown() const;
+
+  private:
+    int extended(Tree& tree);
+    int connected(Tree& tree, const Configuration& target);
+    bool step_is_free(const Configuration& from, const Configuration& to, Known known);
+    bool confirmed(Tree& tree, int node);
+    bool confirm(Tree& tree, int node);
+    void confirm_all(Tree& tree);
+    std::vector<Configuration> path(int at_start, int at_goal) const;
+
+    Oracle& oracle_;
+    Space space_;
+    double range_, start_radius_, least_radius_;
+    Generator generator_;
+    Tree start_, goal_;
+    int refuted_ = 0;      // paths with an edge that was not free after all
+    int left_out_ = 0;     // samples in a row
+    bool coarse_ = true;   // whether edges are judged coarsely first
+    Configuration near_, drawn_, fresh_;
+};
+
+}  // namespace search

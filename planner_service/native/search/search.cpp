@@ -1,0 +1,92 @@
+// Searching as Python sees it (_core.pyi).
+#include "search.hpp"
+
+#include <nanobind/stl/map.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <tuple>
+
+#include "../collision/kernel.hpp"
+#include "balanced.hpp"
+#include "edge_oracle.hpp"
+#include "tiered_oracle.hpp"
+
+namespace nb = nanobind;
+
+namespace search {
+
+namespace {
+
+// What calls Python from a search that runs without the interpreter's lock.
+EdgeOracle::Decide decide_by(nb::object ask) {
+    return [ask](const Configuration& q, const std::vector<int>& pairs) {
+        const nb::gil_scoped_acquire locked;
+        return nb::cast<int>(ask(q, pairs));
+    };
+}
+
+EdgeOracle::Poll poll_by(nb::object ask) {
+    return [ask] {
+        const nb::gil_scoped_acquire locked;
+        ask();
+    };
+}
+
+}  // namespace
+
+void bind(nb::module_& m) {
+    nb::class_<Oracle>(m, "Oracle");
+    nb::class_<EdgeOracle, Oracle>(m, "EdgeOracle")
+        .def(
+            "__init__",
+            [](EdgeOracle* self, nb::handle kernel, const std::vector<Configuration>& starts,
+               const std::vector<Configuration>& goals, nb::object decide, nb::object poll) {
+                const auto view = collision::view_of(kernel);
+                new (self) EdgeOracle(view.model, view.variant, view.settings, starts, goals, decide_by(std::move(decide)),
+                                      poll_by(std::move(poll)));
+            },
+            nb::arg("kernel"), nb::arg("starts"), nb::arg("goals"), nb::arg("decide"), nb::arg("poll"),
+            nb::keep_alive<1, 2>())
+        .def("edge_is_free", &EdgeOracle::edge_is_free)
+        .def("edge_is_free_coarse", &EdgeOracle::edge_is_free_coarse)
+        .def("allow", &EdgeOracle::allow)
+        .def("take",
+             [](EdgeOracle& self) {
+                 auto tally = self.take();
+                 return std::make_tuple(tally.states, tally.edges, std::move(tally.hits));
+             })
+        .def_prop_ro("spent", &EdgeOracle::spent)
+        .def_prop_ro("refused", &EdgeOracle::refused)
+        .def_prop_ro("last_fraction", &EdgeOracle::last_fraction)
+        .def_prop_ro("last_pair", &EdgeOracle::last_pair)
+        .def_prop_ro("motions", [](const EdgeOracle& self) {
+            const auto both = [](const Motions& tried) { return std::make_pair(tried.free, tried.colliding); };
+            return std::make_pair(both(self.starts_tried()), both(self.goals_tried()));
+        });
+    nb::class_<TieredOracle, Oracle>(m, "TieredOracle")
+        .def(
+            "__init__",
+            [](TieredOracle* self, EdgeOracle& roomy, const std::vector<std::pair<Configuration, EdgeOracle*>>& tight,
+               double near_end) {
+                for (const auto& [q, oracle] : tight)
+                    if (oracle == nullptr) throw std::invalid_argument("an oracle for each end");
+                new (self) TieredOracle(roomy, tight, near_end);
+            },
+            nb::arg("roomy"), nb::arg("tight"), nb::arg("near_end"), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>());
+    nb::class_<BalancedSearch>(m, "BalancedSearch")
+        .def(
+            "__init__",
+            [](BalancedSearch* self, Oracle& oracle, const Configuration& lower, const Configuration& upper, double range,
+               std::uint64_t seed) { new (self) BalancedSearch(oracle, Space(lower, upper), range, seed); },
+            nb::arg("oracle"), nb::arg("lower"), nb::arg("upper"), nb::arg("range"), nb::arg("seed"), nb::keep_alive<1, 2>())
+        .def("run", &BalancedSearch::run, nb::call_guard<nb::gil_scoped_release>())
+        .def("grown", [](const BalancedSearch& self) {
+            auto grown = self.grown();
+            return std::make_pair(std::move(grown.milestones), std::move(grown.edges));
+        });
+}
+
+}  // namespace search

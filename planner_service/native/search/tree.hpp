@@ -1,0 +1,49 @@
+// A tree of configurations, with the nearest to any other found by looking at all of them.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "space.hpp"
+
+namespace search {
+
+constexpr double NO_RADIUS = std::numeric_limits<double>::infinity();
+
+class Tree {
+  public:
+    explicit Tree(const Space& space) : dof_(space.dof()) { widen(64); }
+
+    // Nodes ever added, those that were cut off too.
+    int size() const { return static_cast<int>(parents_.size()); }
+    int parent(int node) const { return parents_[index(node)]; }
+    bool cut_off(int node) const { return cut_off_[index(node)] != 0; }
+
+    // How far from the node samples may be that it is extended towards.
+    double& radius(int node) { return radii_[index(node)]; }
+    // Whether all samples of the edge from the parent were judged.
+    bool confirmed(int node) const { return confirmed_[index(node)] != 0; }
+    void confirm(int node) { confirmed_[index(node)] = 1; }
+
+    int add(const Configuration& q, int parent, bool confirmed);
+    void get(int node, Configuration& q) const;
+    // The node nearest to q, of several the first, and its squared distance.
+    int nearest(const Configuration& q, double& squared) const;
+    // Takes a node and all that grew from it out of the tree.
+    void cut(int node);
+
+  private:
+    static std::size_t index(int node) { return static_cast<std::size_t>(node); }
+    const double* column(std::size_t joint) const { return values_.data() + joint * capacity_; }
+    double* column(std::size_t joint) { return values_.data() + joint * capacity_; }
+    void widen(std::size_t capacity);
+
+    std::size_t dof_, capacity_ = 0;
+    std::vector<double> values_;  // all values of the first joint, then of the second, ...; far away where no node is
+    std::vector<double> radii_;
+    std::vector<int> parents_;
+    std::vector<std::uint8_t> confirmed_, cut_off_;
+};
+
+}  // namespace search
