@@ -19,6 +19,7 @@ MEASURES = (
     *("toy", "states", "solved", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
     *("roadmaps", "optimise", "replan", "many", "episodes", "view", "execute"),
+    "throughput",
 )
 
 COMMANDS = {
@@ -38,16 +39,23 @@ COMMANDS = {
 INTERRUPTED = 130
 """The exit code of a program that was ended by Ctrl-C."""
 
+APART = ("differential", "bits", "law", "smoothing")
+"""Measures that are not among all: what they find changes with the code alone, and they take long."""
+
 STORED = ("queries",)
 """What is compared with what is stored, or stored."""
 
 SETTINGS = {
     "agreement": ("robot", "states"),
     "differential": ("robot", "states", "edges", "seed"),
+    "law": ("paths", "seed"),
+    "smoothing": ("paths",),
     "roadmaps": ("part",),
     "many": ("part",),
     "episodes": ("seed",),
     "solved": ("queries", "seeds", "seed"),
+    "panda": ("seeds", "against"),
+    "latency": ("against",),
 }
 """Arguments that a measure takes."""
 
@@ -79,19 +87,27 @@ problems  the public Panda problems of MotionBenchMaker, audited by Coal, and wh
 clouds    a UR5 around a mesh and a 50,000-point cloud: cost of a state, plans audited by Coal
 agreement verdicts next to Coal's on random and near-contact states; --robot NAME, --states N
 kernel    the compiled kernel against numpy, pair-by-pair FCL and Pinocchio's naive manager
-latency   whole plans of a service that has planned before, the first one, and free straight lines
+latency   whole plans of a service that has planned before, next to 0.1.0's, the first one, and free straight lines;
+          --against PYTHON
 replan    50 steps at 10 Hz while a post, a goal or a ball moves 1 cm a step
 scaling   what 10 to 10,000 boxes cost: building, states, edges, plans
-panda     the public Panda problems for speed: searches next to OMPL's with Coal, plans audited by Coal
+panda     the public Panda problems for speed, audited by Coal: this version next to 0.1.0, which is installed for it,
+          and to the peers that are installed, all in turn; --seeds M, --against PYTHON (of another version)
 roadmaps  warm queries, single problems, a moved obstacle, 100,000 milestones; --part warm, lazy, moved or large
 many      500 plans by every engine, two cores next to one, 10,000 in a stream, workers killed and machines lost;
           --part same, speed, growth or faults
 episodes  1,000 episodes of pick-place: written, read back, audited by Coal; what a million would cost; --seed N
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 execute   14 pick-and-place legs on the simulated arm (extra sim): tracking, contacts, stops; needs a quiet machine
+throughput plans per second of two threads with one service, next to two processes; needs a quiet machine
 view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed
-differential  a million states and 20,000 edges of three robots: the kernel is FCL pair by pair; not among all;
+differential  a million states and 20,000 edges of four robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
+bits      500 plans with every instruction set, without compiled code and from 1 to 8 threads: the same to the last bit;
+          not among all
+law       2,000 random paths timed: toppra's durations, no limit exceeded, the reference's bits; not among all;
+          --paths N, --seed S
+smoothing 500 searched Panda paths smoothed: the reference's paths and counts; not among all; --paths N
 certificates  the compiled proof against the reference: whole plans, straight edges, clearances
 queries   the stored queries are what their seed gives; --write stores them
 """
@@ -101,16 +117,19 @@ def _arguments(arguments: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", epilog=USAGE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    choices = ["all", *MEASURES, "differential", *STORED, *COMMANDS]
+    choices = ["all", *MEASURES, *APART, *STORED, *COMMANDS]
     parser.add_argument("what", nargs="?", choices=choices)
     parser.add_argument("--write", action="store_true", help=f"store instead of compare ({', '.join(STORED)})")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write rows and promises to FILE")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="also write a measure into its part of a text")
     parser.add_argument("--robot", metavar="NAME", help="the only robot to look at; all if not given")
     parser.add_argument("--part", metavar="PART", help="the only part of a measure to take; all if not given")
     for what in ("states", "edges"):
         parser.add_argument(f"--{what}", type=whole(1), metavar="N", help=f"{what} of each robot")
+    parser.add_argument("--paths", type=whole(1, 10**6), metavar="N", help="random or searched paths")
     parser.add_argument("--queries", type=whole(0, 10**6), metavar="N", help="random queries")
     parser.add_argument("--seeds", type=whole(0, 1000), metavar="M", help="plans of each public problem")
+    parser.add_argument("--against", type=Path, metavar="PYTHON", help="of an environment with the older version")
     parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")
     asked = parser.parse_args(arguments)
     for key in sorted({key for keys in SETTINGS.values() for key in keys}):
@@ -119,6 +138,8 @@ def _arguments(arguments: Sequence[str]) -> argparse.Namespace:
             parser.error(f"argument --{key}: {asked.what} has none; {takers} take it")
     if asked.part is not None and asked.part not in PARTS[asked.what]:
         parser.error(f"argument --part: {asked.what} has {', '.join(PARTS[asked.what])}")
+    if asked.markdown is not None and asked.what not in (*MEASURES, *APART):
+        parser.error("argument --markdown: it takes one measure at a time")
     if asked.write and asked.what not in STORED:
         parser.error(f"argument --write: {asked.what} stores nothing; {', '.join(STORED)} do")
     return asked
@@ -146,8 +167,8 @@ def main(given: Sequence[str]) -> int:
 
 def _measured(arguments: argparse.Namespace, console: Console) -> int:
     """Exit code 0 if every promise was kept, else 1."""
-    if arguments.json is not None:
-        require_writable(arguments.json)
+    for path in filter(None, (arguments.json, arguments.markdown)):
+        require_writable(path)
     if arguments.what == "queries":
         stored = importlib.import_module("benchmarks.harness.stored")
         return int(stored.main(write=arguments.write, console=console))
@@ -166,6 +187,8 @@ def _measured(arguments: argparse.Namespace, console: Console) -> int:
         reports.append(report)
         if arguments.json is not None:  # after each: what was measured is not lost when a later one is interrupted
             write_json(reports, arguments.json)
+        if arguments.markdown is not None:
+            importlib.import_module("benchmarks.pages.page").write_measure(report, arguments.markdown)
     kept = show(reports, console)
     for line in left_out:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

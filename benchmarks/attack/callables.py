@@ -168,7 +168,14 @@ def _values(folder: Path) -> Calls:
     timed = {"durations": law.durations, "coefficients": law.coefficients, "dilation": 1.0, "part": (0.0, path.length)}
     tree = {"range": 0.5, "goal_bias": 0.05, "checks": 2_000}
     request = ps.PlanRequest(
-        [0.0, 0.5], [0.5, 0.5], ps.RRTConnect(), ps.ToppRa(), max_checks=1_000, time_limit=1.0, retries=0, blend=0.5
+        [0.0, 0.5],
+        [0.5, 0.5],
+        ps.BalancedRRTConnect(),
+        ps.ToppRa(),
+        max_checks=1_000,
+        time_limit=1.0,
+        retries=0,
+        blend=0.5,
     )
     pairs = (("a", "b"),)
     yield from (
@@ -210,6 +217,7 @@ def _values(folder: Path) -> Calls:
         _call(ps.JointStep, angle=0.02),
         _call(ps.ToppRa, gridpoints=50),
         _call(ps.SCurve, jerk=10.0),
+        _call(ps.BalancedRRTConnect, range=0.5),
         _call(ps.RRTConnect, range=0.5),
         _call(algorithms.BKPIECE1, range=0.5),
         _call(algorithms.LBKPIECE1, range=0.5),

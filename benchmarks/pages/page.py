@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import html
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
+from rich.table import Table
 
 from benchmarks.harness import rows
+from benchmarks.harness.report import Promise, Report
 from benchmarks.pages import page_tables as tables
 from benchmarks.pages.page_builds import builds
 from benchmarks.pages.page_numbers import Sheet, sheets_of
@@ -19,7 +21,7 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.reading import read_bytes
 from planner_service.files.writing import require_writable, write_whole
 
-__all__ = ["filled", "main", "page_of"]
+__all__ = ["filled", "main", "page_of", "write_measure"]
 
 MAX_TEXT = 5_000_000
 """Bytes of a Markdown file."""
@@ -88,25 +90,51 @@ def _item(sentence: tables.Sentence) -> str:
 
 
 def filled(text: str, sheets: Sequence[Sheet], where: Path) -> str:
-    """A Markdown text with its generated parts made anew.
+    """A Markdown text with its generated parts made anew: one for each suite of the results.
 
     A part begins with a line ``<!-- generated: SUITE -->`` and ends with ``<!-- end of SUITE -->``.
 
     Raises:
         InvalidFile: a suite of the results has no part in the text, or a part no end.
     """
+    return _filled(text, {sheet.suite: _markdown(sheet) for sheet in sheets}, where)
+
+
+def _filled(text: str, parts: Mapping[str, str], where: Path) -> str:
     problems = []
-    for sheet in sheets:
-        begin, end = f"<!-- generated: {sheet.suite} -->", f"<!-- end of {sheet.suite} -->"
+    for name, content in parts.items():
+        begin, end = f"<!-- generated: {name} -->", f"<!-- end of {name} -->"
         head, found, rest = text.partition(begin)
         _, ended, tail = rest.partition(end)
         if not (found and ended):
             problems.append(f"{begin if not found else end} is missing")
             continue
-        text = f"{head}{begin}\n\n{_markdown(sheet)}\n{end}{tail}"
+        text = f"{head}{begin}\n\n{content}\n{end}{tail}"
     if problems:
         raise InvalidFile(where, problems)
     return text
+
+
+def write_measure(report: Report, where: Path) -> None:
+    """Write the tables and promises of a measure into its part of a Markdown text.
+
+    Raises:
+        InvalidFile: the text has no such part, or cannot be read.
+    """
+    parts = [_sheaf(table).markdown() for table in report.tables]
+    parts.append("".join(f"- {_promised(promise)}\n" for promise in report.promises))
+    write_whole(where, _filled(_text(where), {report.name: "\n".join(parts)}, where))
+
+
+def _sheaf(table: Table) -> tables.Sheaf:
+    cells = zip(*(column.cells for column in table.columns), strict=True)
+    heads = tuple(tables.Cell(str(column.header)) for column in table.columns)
+    rows = tuple(tuple(tables.Cell(str(cell)) for cell in row) for row in cells)
+    return tables.Sheaf(str(table.title), heads, rows, str(table.caption or ""))
+
+
+def _promised(promise: Promise) -> str:
+    return tables.Cell(f"{'kept' if promise.kept else 'MISSED'}: {promise.text}: {promise.measured}").markdown()
 
 
 def _markdown(sheet: Sheet) -> str:

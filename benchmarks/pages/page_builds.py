@@ -8,24 +8,23 @@ from benchmarks.harness.report import p50, p95, spread
 from benchmarks.harness.rows import Row, states_of
 from benchmarks.pages.page_numbers import OURS, Group, Sheet, seconds, stage_seconds
 from benchmarks.pages.page_tables import NOTHING, Cell, Sheaf
-from planner_service import Stage
+from planner_service import BalancedRRTConnect, RRTConnect, Stage
 
 __all__ = ["builds"]
 
 GROWING = Stage.ROADMAP.value
-BESIDE = "rrtconnect"
-"""The planner beside which a roadmap has to pay."""
+BESIDE = BalancedRRTConnect.name
+"""The planner beside which a roadmap has to pay: the default."""
 
 
 def builds(sheet: Sheet) -> Sheaf | None:
-    """A row for each contender that builds something, and the planner beside which it has to pay; None if none does."""
+    """A row for each contender that builds something, then the default and OMPL's RRTConnect; None if none does."""
     found = [group for group in sheet.present if group.tool == OURS and any(map(_builds, group.rows))]
     if not found:
         return None
-    beside = next((group for group in sheet.present if (group.tool, group.planner) == (OURS, BESIDE)), None)
-    lines = [_line(group, beside) for group in found]
-    if beside is not None:
-        lines.append(_line(beside, None))
+    ours = {group.planner: group for group in sheet.present if group.tool == OURS}
+    lines = [_line(group, ours.get(BESIDE)) for group in found]
+    lines += [_line(ours[name], None) for name in (BESIDE, RRTConnect.name) if name in ours]
     caption = (
         "A roadmap is built once for each scene and seed, before the queries, whose other figures leave it out; what a "
         "planner grows within a plan is in these. Query: the plan without growing, failures with what they spent. "

@@ -1,14 +1,15 @@
 """Whether the kernel says what FCL says pair by pair: every verdict, count and name, with every instruction set.
 
 States and edges of three kinds: at random; as RRTConnect asks for them; and near contact, no point of the robot being
-farther than 2 mm from where something touches first. A million states of each robot take minutes: parts of them can be
-asked in runs with different seeds.
+farther than 2 mm from where something touches first. A million states of each robot take minutes: they are asked in
+parts, on every core, and runs with different seeds ask different ones.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -29,12 +30,13 @@ from planner_service.collision.native_kernel import build_kernel, instruction_se
 from planner_service.collision.numpy_broadphase import MARGIN
 from planner_service.errors import UnknownName
 from planner_service.geometry.arrays import FloatArray
+from planner_service.parallel import Lost, Processes, Sequential
 from planner_service.search.problem import SearchProblem
 
 __all__ = ["CASES", "EDGES", "KINDS", "STATES", "Asked", "Tally", "compare", "kernels", "questions", "run"]
 
-CASES = ("wxai bin", "panda_mbm shelf", "planar2 pins")
-"""Primitives, hulls, and an arm in the plane."""
+CASES = ("wxai bin", "panda_mbm shelf", "ur5 bin", "planar2 pins")
+"""Primitives, hulls, hulls of another arm, and an arm in the plane."""
 
 KINDS = ("random", "as planned", "near contact")
 STATES, EDGES = 1_000_000, 20_000
@@ -57,8 +59,11 @@ SEARCH_STATES = 5_000
 BLOCK = 3_000
 """States that are made, and judged, before the next are made."""
 
+PART = 25_000
+"""States of a part, at most: a core has some ten seconds to do with it."""
+
 SHOWN = 5
-"""Differences that are told in words."""
+"""Differences that are printed in full."""
 
 Told = tuple[Any, int, int]
 """What was said, and the states and edges counted."""
@@ -94,6 +99,15 @@ class Tally:
                     self.differences += 1
                     self.words.append(f"{name}, {question}: {said} instead of {expected}")
         del self.words[SHOWN:]
+
+    def merge(self, other: Tally) -> None:
+        """Count what was compared elsewhere, too."""
+        self.number += other.number
+        self.colliding += other.colliding
+        self.differences += other.differences
+        self.words = [*self.words, *other.words][:SHOWN]
+        for name, seconds in other.seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
 def kernels(robot: Robot, scene: Scene, margin: float = MARGIN) -> dict[str, CollisionChecker]:
@@ -143,10 +157,10 @@ class _Searches:
 
 
 def questions(
-    robot: Robot, scene: Scene, states: int, edges: int, seed: int
+    robot: Robot, scene: Scene, states: int, edges: int, seed: int, part: int = 0
 ) -> Iterator[tuple[str, FloatArray, list[Asked]]]:
     """Kinds, states (m, n) and edges, in blocks; as many of each kind."""
-    rng = np.random.default_rng([seed, robot.n])
+    rng = np.random.default_rng([seed, robot.n, part])
     checker = CollisionChecker(robot, scene, edge_step=JointStep(STEP))
     searches = _Searches(checker, rng)
     blocks = max(1, -(-states // BLOCK))
@@ -269,25 +283,45 @@ def compare(
     return found
 
 
+@dataclass(frozen=True)
+class _Case:
+    """The work of a process: parts of a case, each a number with the states and edges it has."""
+
+    name: str
+    seed: int
+
+    def prepare(self) -> None:
+        """Nothing."""
+
+    def __call__(self, part: tuple[int, int, int]) -> dict[tuple[str, str], Tally]:
+        number, states, edges = part
+        robot, scene = case(self.name)
+        made = kernels(robot, scene)
+        made["fcl"] = CollisionChecker(robot, scene, edge_step=JointStep(STEP), backend="fcl")
+        return compare(made, questions(robot, scene, states, edges, self.seed, number))
+
+
 def _case_rows(name: str, states: int, edges: int, seed: int) -> Iterator[Row]:
-    robot, scene = case(name)
-    made = kernels(robot, scene)
-    made["fcl"] = CollisionChecker(robot, scene, edge_step=JointStep(STEP), backend="fcl")
-    console = Console(stderr=True)
-    asked = questions(robot, scene, states, edges, seed)
-    blocks = len(KINDS) * max(1, -(-states // BLOCK))
-    asked = iter(track(asked, name, blocks, console=console, disable=not console.is_terminal))
-    for (kind, what), tally in compare(made, asked).items():
+    count = max(1, -(-states // PART))
+    parts = [(k, _share(states, k, count), _share(edges, k, count)) for k in range(count)]
+    console, total = Console(stderr=True), dict[tuple[str, str], Tally]()
+    with closing((Processes() if count > 1 else Sequential()).run(_Case(name, seed), parts)) as answers:
+        for _, found in track(answers, name, count, console=console, disable=not console.is_terminal):
+            if isinstance(found, Lost):
+                raise AssertionError(f"{name}: {found.detail}")
+            for key, tally in found.items():
+                total.setdefault(key, Tally()).merge(tally)
+    for (kind, what), tally in total.items():
         each = {name: seconds / max(tally.number, 1) * 1e6 for name, seconds in tally.seconds.items()}
         row: Row = {"case": name, "kind": kind, "what": what, "number": tally.number, "colliding": tally.colliding}
-        yield row | {"differences": tally.differences, "words": tally.words, "us": each, "sets": list(made)[:-1]}
+        yield row | {"differences": tally.differences, "words": tally.words, "us": each, "sets": instruction_sets()}
 
 
 def run(robot: str | None = None, states: int = STATES, edges: int = EDGES, seed: int = 0) -> Report:
-    """Compare on all three robots, or on one; some minutes for each.
+    """Compare on all four robots, or on one; some minutes for each.
 
     Raises:
-        UnknownName: none of the three is called so.
+        UnknownName: none of the four is called so.
     """
     robots = [name.split()[0] for name in CASES]
     if robot is not None and robot not in robots:

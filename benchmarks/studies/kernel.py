@@ -15,13 +15,13 @@ from benchmarks.baselines.pairwise import PairwiseFcl
 from benchmarks.harness.report import Promise, Report, Row, least_ms, least_seconds, spread, table, table_of
 from benchmarks.studies.backends import case, checkers, edges_of
 from benchmarks.worlds import queries
-from planner_service import CollisionChecker, JointStep, RRTConnect
+from planner_service import BalancedRRTConnect, CollisionChecker, JointStep, RRTConnect
 from planner_service.collision.backends import BackendName
 from planner_service.collision.edge_sampling import interior
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
 from planner_service.search.edge_cache import SearchOracle
-from planner_service.search.problem import SearchProblem
+from planner_service.search.problem import Planner, SearchProblem
 
 __all__ = ["run"]
 
@@ -44,6 +44,8 @@ EDGE_PAIRWISE, EDGE_MANAGER, STATE_PAIRWISE, STATE_MANAGER = 300.0, 10.0, 20.0, 
 
 SEARCH_PAIRWISE = 50.0
 """What a search is to be faster by, in each scene."""
+
+PLANNERS: tuple[Planner, ...] = (BalancedRRTConnect(), RRTConnect())
 
 
 def _judging(name: str) -> Row:
@@ -84,8 +86,8 @@ def _judging(name: str) -> Row:
     return {"case": name, "edge_us": edge_us, "state_us": state_us, "unlike": unlike}
 
 
-def _searched(scene: str) -> Row:
-    """RRTConnect's search on stored queries with each backend: milliseconds, and whether all bits are equal.
+def _searched(scene: str, planner: Planner) -> Row:
+    """A planner's search on stored queries with each backend: milliseconds, and whether all bits are equal.
 
     The kernel's are the least of some turns; the others, of which some seconds are asked, have one.
     """
@@ -94,13 +96,13 @@ def _searched(scene: str) -> Row:
     told: dict[str, list[Any]] = {}
     for backend, count, turns in SEARCHED:
         checker = CollisionChecker(robot, world, edge_step=JointStep(0.02), backend=backend)
-        ran = [_search(checker, query, turns) for query in queries.load(scene)[:count]]
+        ran = [_search(checker, planner, query, turns) for query in queries.load(scene)[:count]]
         took[backend], told[backend] = [ms for ms, _ in ran], [outcome for _, outcome in ran]
     same = all(outcomes == told["auto"][: len(outcomes)] for outcomes in told.values())
-    return {"scene": scene, "ms": took, "same": same}
+    return {"scene": scene, "planner": planner.name, "ms": took, "same": same}
 
 
-def _search(checker: CollisionChecker, query: queries.Query, turns: int) -> tuple[float, Any]:
+def _search(checker: CollisionChecker, planner: Planner, query: queries.Query, turns: int) -> tuple[float, Any]:
     """The least CPU milliseconds of some searches, and the path and the counts of each of them."""
     limits = checker.robot.limits
     ends = (query.start, query.goal[None], limits.lower, limits.upper)
@@ -108,7 +110,7 @@ def _search(checker: CollisionChecker, query: queries.Query, turns: int) -> tupl
     def searched() -> Any:
         before = checker.counts
         problem = SearchProblem(*ends, oracle=SearchOracle(checker), seed=query.number)
-        waypoints = RRTConnect().search(problem).waypoints
+        waypoints = planner.search(problem).waypoints
         return None if waypoints is None else waypoints.tolist(), checker.counts - before
 
     least, found = least_ms(searched, turns)
@@ -118,12 +120,12 @@ def _search(checker: CollisionChecker, query: queries.Query, turns: int) -> tupl
 def run() -> Report:
     """Measure it all; about two minutes."""
     judging = [_judging(name) for name in CASES]
-    searched = [_searched(scene) for scene in PLANNED]
+    searched = [_searched(scene, planner) for scene in PLANNED for planner in PLANNERS]
     unlike = [row["case"] for row in judging if row["unlike"]]
     first = judging[0]
     edge, state = first["edge_us"], first["state_us"]
     other, ratios = (
-        [row["scene"] for row in searched if not row["same"]],
+        [f"{row['scene']} {row['planner']}" for row in searched if not row["same"]],
         [_ratio(row["ms"], "fcl") for row in searched],
     )
     same = "paths and counts of searches are the same to the last bit with each backend"
@@ -168,6 +170,7 @@ def _search_table(rows: list[Row]) -> Table:
     lines = (
         {
             "scene": row["scene"],
+            "planner": row["planner"],
             **{named[backend]: spread(row["ms"][backend], 1) for backend, *_ in SEARCHED},
             "x numpy": f"{_ratio(row['ms'], 'numpy'):.1f}",
             "x FCL": f"{_ratio(row['ms'], 'fcl'):.1f}",
@@ -180,4 +183,4 @@ def _search_table(rows: list[Row]) -> Table:
         f"CPU ms, p50 / p95 of {counts} stored queries; seed: the query's number, JointStep(0.02), no padding. x: the "
         "same queries next to the kernel's, in all."
     )
-    return table_of("RRTConnect's searches", lines, caption=caption)
+    return table_of("Searches", lines, caption=caption)

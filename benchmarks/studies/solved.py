@@ -22,7 +22,7 @@ from benchmarks.studies.problems import kind_of, public_problems
 from benchmarks.worlds.drawn import draw_objects
 from benchmarks.worlds.queries import ROBOT as WXAI
 from planner_service import Mesh, PlannerService, PlanRequest, PlanResult, Pose, Scene
-from planner_service.planners import BKPIECE1, LBKPIECE1, Planner, RRTConnect
+from planner_service.planners import BKPIECE1, LBKPIECE1, BalancedRRTConnect, Planner, RRTConnect
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import load_scene
 
@@ -37,7 +37,7 @@ POSES = 0.25
 SOLVED = 0.995
 MORE_TIME = 10.0
 OTHERS: tuple[tuple[Planner, float], ...]
-OTHERS = ((RRTConnect(), 1.0), (RRTConnect(), 0.0), (BKPIECE1(), 1.0), (LBKPIECE1(), 1.0))
+OTHERS = ((BalancedRRTConnect(), 1.0), (RRTConnect(), 1.0), (RRTConnect(), 0.0), (BKPIECE1(), 1.0), (LBKPIECE1(), 1.0))
 """Who is asked about what is left, for so many times as long, with which part of the padding."""
 
 CURVE_STEP = 0.001

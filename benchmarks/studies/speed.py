@@ -17,7 +17,7 @@ from benchmarks.harness.environment import ROOT
 from benchmarks.harness.report import Promise, Report, Row, p50, table_of
 from benchmarks.studies.agreement import random_states
 from benchmarks.worlds import queries
-from planner_service import CollisionChecker, MotionStep, RRTConnect
+from planner_service import BalancedRRTConnect, CollisionChecker, MotionStep
 from planner_service.collision import Known
 from planner_service.collision.edge_sampling import interior
 from planner_service.geometry.arrays import FloatArray
@@ -79,12 +79,12 @@ class Recorder:
 
 
 def asked_edges(checker: CollisionChecker, scene: str) -> list[AskedEdge]:
-    """Edges that RRTConnect asks about on the first queries of a scene."""
+    """Edges that the default planner asks about on the first queries of a scene."""
     limits = checker.robot.limits
     recorder = Recorder(checker)
     for query in queries.load(scene)[:QUERIES]:
         ends = (query.start, query.goal[None], limits.lower, limits.upper)
-        RRTConnect().search(SearchProblem(*ends, oracle=recorder, seed=query.number))
+        BalancedRRTConnect().search(SearchProblem(*ends, oracle=recorder, seed=query.number))
     return recorder.edges
 
 
@@ -193,7 +193,7 @@ def _table(rows: list[Row]) -> Table:
         if "ratio" in row
     )
     caption = (
-        f"CPU time per state, medians of {REPEATS}; edges of RRTConnect's searches at MotionStep(0.010). "
+        f"CPU time per state, medians of {REPEATS}; edges of {BalancedRRTConnect.name} at MotionStep(0.010). "
         "In a free state every pair has to be judged; a uniform one often ends at its first touching pair."
     )
     return table_of("Judging every self and scene pair", lines, caption=caption)

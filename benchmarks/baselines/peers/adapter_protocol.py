@@ -3,6 +3,8 @@
 This file and the adapters beside it are run by the peer's interpreter, in which nothing of ours is installed: they
 import the standard library, the peer and this file. Whatever the peer itself prints goes to standard error.
 
+A problem is answered when it is called for by a line on standard input, so that several peers can take turns.
+
 A job: ``{"version": 1, "robot": {...}, "settings": {...}, "time_limit": s, "problems": [...]}``. The first line that
 comes back is ``{"ready": {name: version, ...}}``, the others have "problem" and "seed" beside what ``Answer`` holds.
 """
@@ -35,6 +37,7 @@ class Answer:
         times, samples: The timed motion, where the peer times; velocities and accelerations where it tells them.
         seconds: Wall clock by stage: "setup" (the world), "search", "shortcut", "timing".
         cpu_seconds: Processor time of all stages but "setup".
+        stage_cpu_seconds: Processor time by stage.
         checks: States that were judged by stage, where somebody counts.
         error: Why there is no path.
     """
@@ -47,6 +50,7 @@ class Answer:
     accelerations: Any = None
     seconds: dict[str, float] = field(default_factory=dict)
     cpu_seconds: float = 0.0
+    stage_cpu_seconds: dict[str, float] = field(default_factory=dict)
     checks: dict[str, int] = field(default_factory=dict)
     error: str = ""
 
@@ -58,8 +62,10 @@ class Answer:
             yield
         finally:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
+            used = time.process_time() - spent
+            self.stage_cpu_seconds[name] = self.stage_cpu_seconds.get(name, 0.0) + used
             if name != "setup":
-                self.cpu_seconds += time.process_time() - spent
+                self.cpu_seconds += used
 
 
 class Peer(Protocol):
@@ -82,7 +88,7 @@ def serve(packages: tuple[str, ...], make: Callable[[Table], Peer]) -> None:
         job = json.load(file)
     peer = make(job)
     _say(channel, {"ready": {name: metadata.version(name) for name in packages}})
-    for problem in job["problems"]:
+    for problem, _ in zip(job["problems"], sys.stdin, strict=False):
         _say(channel, _answered(peer, problem))
 
 

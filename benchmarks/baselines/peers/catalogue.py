@@ -22,6 +22,7 @@ class Peer:
         library_from: A requirement whose wheel carries the ``library`` that is lent to the peer where the system's is
             too old; both None if none is needed.
         note: What to know when installing it.
+        module: What its adapter is called, ``_adapter`` added; the peer's name if empty.
     """
 
     name: str
@@ -32,11 +33,12 @@ class Peer:
     library_from: str | None = None
     library: str | None = None
     note: str = ""
+    module: str = ""
 
     @property
     def adapter(self) -> str:
         """The module that is run in the peer's environment."""
-        return f"benchmarks.baselines.peers.{self.name.replace('-', '_')}_adapter"
+        return f"benchmarks.baselines.peers.{(self.module or self.name).replace('-', '_')}_adapter"
 
 
 _ALL = (

@@ -70,7 +70,7 @@ class Child:
     problem_seconds: float = 60.0
 
     def replies(self, job: Mapping[str, Any]) -> Iterator[Reply]:
-        """A reply to each problem of a job, in order, as they come."""
+        """A reply to each problem of a job, in order; a problem is begun when its reply is asked for."""
         left: Sequence[Mapping[str, Any]] = job["problems"]
         while left:
             done = 0
@@ -89,11 +89,12 @@ class Child:
                 [*self.command, str(self.folder / "job.json")],
                 cwd=self.folder,
                 env=surroundings,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=said,
                 start_new_session=True,
             )
+        assert process.stdin is not None
         assert process.stdout is not None
         lines: queue.Queue[bytes | None] = queue.Queue()
         reader = threading.Thread(target=_listen, args=(process.stdout, lines), daemon=True)
@@ -104,6 +105,8 @@ class Child:
             _end(process)
             reader.join()
             process.stdout.close()
+            with suppress(BrokenPipeError):
+                process.stdin.close()
 
     def _conversation(
         self, job: Mapping[str, Any], process: subprocess.Popen[bytes], lines: queue.Queue[bytes | None], errors: Path
@@ -121,6 +124,7 @@ class Child:
             return
         for problem in problems:
             began = time.monotonic()
+            _call_for_the_next(process)
             answer, failure = self._next(lines, process, self.problem_seconds)
             if failure is None and not _fits(answer, problem):
                 failure = ("garbled", f"answered {str(answer)[:80]!r} instead of {problem['problem']}")
@@ -152,6 +156,13 @@ def _listen(pipe: IO[bytes], lines: queue.Queue[bytes | None]) -> None:
     while line := pipe.readline(MAX_LINE):
         lines.put(line)
     lines.put(None)
+
+
+def _call_for_the_next(process: subprocess.Popen[bytes]) -> None:
+    assert process.stdin is not None
+    with suppress(BrokenPipeError):  # its end is seen when its answer is read
+        process.stdin.write(b"\n")
+        process.stdin.flush()
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

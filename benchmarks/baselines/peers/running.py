@@ -6,7 +6,7 @@ import argparse
 import hashlib
 import math
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -31,7 +31,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot, load_robot
 
-__all__ = ["STEPS", "Run", "main", "row_of", "run_into", "tasks_of"]
+__all__ = ["STEPS", "Run", "main", "row_of", "rows_of", "run_into", "tasks_of"]
 
 STEPS = (0.01, 0.005)
 """Radians that a joint turns between two audited configurations at most, the coarser first."""
@@ -51,7 +51,11 @@ ENDS = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A peer's planner on a suite."""
+    """A peer's planner on a suite.
+
+    Attributes:
+        clearance: Whether the clearance of each path is measured, which takes longer than the rest of its audit.
+    """
 
     peer: Peer
     planner: str
@@ -59,6 +63,7 @@ class Run:
     robot: Robot
     tasks: tuple[Task, ...]
     time_limit: float = TIME_LIMIT
+    clearance: bool = True
 
     def key(self, problem: str, seed: int) -> results.Key:
         """What a row of it is a run of."""
@@ -110,6 +115,7 @@ def row_of(run: Run, reply: Reply, problem: Motion) -> results.Row:
         "seconds": seconds,
         "total_seconds": reply.waited + math.fsum(spent for stage, spent in seconds.items() if stage != "setup"),
         "cpu_seconds": reply.waited + float(answer.get("cpu_seconds") or 0.0),
+        "stage_cpu_seconds": answer.get("stage_cpu_seconds") or {},
         "raw_length": _length(_array(answer.get("raw"), run.robot.n)),
         "length": None if path is None else _length(path),
         "path_hash": None if path is None else hashlib.sha256(path.tobytes()).hexdigest(),
@@ -118,7 +124,7 @@ def row_of(run: Run, reply: Reply, problem: Motion) -> results.Row:
     if path is None:
         return row
     samples = _array(answer.get("samples"), run.robot.n)
-    return row | _motion(run.robot, answer) | _judged(problem, path, samples)
+    return row | _motion(run.robot, answer) | _judged(run, problem, path, samples)
 
 
 def _failure(reply: Reply, path: FloatArray | None, problem: Motion) -> tuple[str | None, str]:
@@ -133,13 +139,13 @@ def _failure(reply: Reply, path: FloatArray | None, problem: Motion) -> tuple[st
     return ("wrong_goal", f"the path ends {missed:.2g} rad from the goal") if missed > ENDS else (None, "")
 
 
-def _judged(problem: Motion, path: FloatArray, samples: FloatArray | None) -> results.Row:
+def _judged(run: Run, problem: Motion, path: FloatArray, samples: FloatArray | None) -> results.Row:
     """Audits of the path and of the motion, the worse of which is the row's."""
     auditor = Auditor(problem.robot, problem.scene)
     audits = {"path": _audited(auditor, path)}
     if samples is not None:
         audits["motion"] = _audited(auditor, samples)
-    clearance = auditor.clearance(between(path, STEPS[0]))
+    clearance = auditor.clearance(between(path, STEPS[0])) if run.clearance else math.nan
     return {
         "clearance": clearance if math.isfinite(clearance) else None,
         "audit": worst(list(audits.values())),
@@ -187,7 +193,8 @@ def _length(path: FloatArray | None) -> float | None:
     return None if path is None else math.fsum(np.sqrt((np.diff(path, axis=0) ** 2).sum(axis=1)).tolist())
 
 
-def _rows(run: Run, child: Environment, todo: Sequence[Task]) -> Iterator[results.Row]:
+def rows_of(run: Run, child: Environment, todo: Sequence[Task]) -> Generator[results.Row, None, None]:
+    """The rows of these tasks; each is planned when it is asked for."""
     with tempfile.TemporaryDirectory(prefix="peer-") as folder:
         robot = placed_robot(run.robot, Path(folder) / "robot")
         job = job_of(run.peer, run.planner, robot, todo, run.time_limit)
@@ -237,7 +244,7 @@ def run_into(run: Run, out: Path, child: Environment, console: Console, command:
     todo = [task for task, key in zip(run.tasks, keys, strict=True) if key not in have]
     if len(todo) < len(keys):
         console.print(f"{len(keys) - len(todo)} of {len(keys)} rows are in {out} already", markup=False)
-    made = _rows(run, child, todo) if child.ready else _unavailable(run, child.state, todo)
+    made = rows_of(run, child, todo) if child.ready else _unavailable(run, child.state, todo)
     results.make_folder(out)
     with results.appending(out, found) as put:
         for count, row in enumerate(made, 1):

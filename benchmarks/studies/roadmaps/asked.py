@@ -12,10 +12,26 @@ from benchmarks.harness.report import Row
 from benchmarks.studies.states import plan
 from benchmarks.worlds import queries
 from benchmarks.worlds.queries import Query
-from planner_service import PlannerService, PlanResult, Roadmap, Stage
+from planner_service import BalancedRRTConnect, PlannerService, PlanResult, Roadmap, RRTConnect, Stage
 from planner_service.search.problem import Planner
 
-__all__ = ["TRAINING_SEED", "asked", "built_states", "chained", "experienced", "fell_back", "search_states", "timed"]
+__all__ = [
+    "DEFAULT",
+    "SEARCHES",
+    "TRAINING_SEED",
+    "asked",
+    "built_states",
+    "chained",
+    "experienced",
+    "fell_back",
+    "search_states",
+    "timed",
+]
+
+SEARCHES: tuple[Planner, ...] = (BalancedRRTConnect(), RRTConnect())
+"""What roadmaps are compared with: the default, which the promises are about, and OMPL's."""
+
+DEFAULT = SEARCHES[0].name
 
 TRAINING_SEED = 77
 """Of the queries that a roadmap has planned before it is asked the stored ones."""
@@ -71,7 +87,7 @@ def search_states(result: PlanResult) -> int:
 
 def fell_back(result: PlanResult) -> bool:
     """Whether the roadmap had no path."""
-    return "rrtconnect" in result.stage(Stage.SEARCH).note
+    return any(planner.name in result.stage(Stage.SEARCH).note for planner in SEARCHES)
 
 
 def experienced(service: PlannerService, roadmap: Roadmap, count: int) -> Roadmap:

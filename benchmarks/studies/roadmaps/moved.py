@@ -18,7 +18,7 @@ from rich.table import Table
 import planner_service as ps
 from benchmarks.harness.audit import JOINT_STEP, NOT_ASKED, Auditor, along
 from benchmarks.harness.report import Promise, Report, Row, p50, p95, spread, table
-from benchmarks.studies.roadmaps.asked import built_states, fell_back, search_states
+from benchmarks.studies.roadmaps.asked import DEFAULT, SEARCHES, built_states, fell_back, search_states
 from benchmarks.worlds import queries
 from benchmarks.worlds.drawn import blocked_ends, draw_objects
 from planner_service.geometry.arrays import FloatArray
@@ -39,7 +39,7 @@ QUERIES = 500
 SHARE = 0.15
 """Of the states of the build that telling it of one moved obstacle may take."""
 
-TREE = "rrtconnect"
+TOLD, NOT_TOLD = "told", "not told"
 
 
 def ten_obstacles() -> ps.Scene:
@@ -110,12 +110,12 @@ def _update_row(case: _Case, build: int) -> Row:
 
 
 def _query_rows(cases: Sequence[_Case], count: int) -> Iterator[Row]:
-    """Random queries of the roadmap that was told, of the one that was not, and of RRTConnect."""
+    """Random queries of the roadmap that was told, of the one that was not, and of searches."""
     for k, case in enumerate(cases):
         service, auditor = case.service, Auditor(queries.ROBOT, case.service.scene)
         some = blocked_ends(service.checker, random.Random(f"{queries.SEED} ends {k}"))
         told = replace(case.update.roadmap, remember=True)
-        asked: dict[str, Planner] = {"told": told, "not told": case.before, TREE: ps.RRTConnect()}
+        asked: dict[str, Planner] = {TOLD: told, NOT_TOLD: case.before, **{each.name: each for each in SEARCHES}}
         for _, ends in zip(range(k, count, len(cases)), some, strict=False):
             for what, planner in asked.items():
                 row, result = _asked(service, ends, planner)
@@ -166,18 +166,18 @@ def measured() -> Report:
 def promises(updates: Sequence[Row], asked: Sequence[Row]) -> tuple[Promise, ...]:
     """What a moved obstacle was to cost, and that nothing said afterwards is out of date."""
     shares = [row["share"] for row in updates]
-    stale = [row for row in _rejected(asked) if row["what"] != TREE]
+    stale = [row for row in _rejected(asked) if row["what"] in (TOLD, NOT_TOLD)]
     untrue_edges = sum(row["untrue"] for row in (*updates, *asked))
-    paths = {what: sum(row["ok"] for row in asked if row["what"] == what) for what in ("told", "not told", TREE)}
+    paths = {what: sum(row["ok"] for row in asked if row["what"] == what) for what in (TOLD, NOT_TOLD, DEFAULT)}
     moved = f"one of ten obstacles moved: at most {SHARE:.0%} of the build's states"
     told = f"p50 {p50(shares):.1%}, p95 {p95(shares):.1%}, most {max(shares):.1%}"
-    out_of_date = f"{len(stale)} of {paths['told']} over told roadmaps and of {paths['not told']} over one not told"
-    counts = f"{paths['told']} told, {paths['not told']} not told; RRTConnect {paths[TREE]}"
-    no_fewer = min(paths["told"], paths["not told"]) >= paths[TREE]
+    out_of_date = f"{len(stale)} of {paths[TOLD]} over told roadmaps and of {paths[NOT_TOLD]} over one not told"
+    counts = f"{paths[TOLD]} told, {paths[NOT_TOLD]} not told; {DEFAULT} {paths[DEFAULT]}"
+    no_fewer = min(paths[TOLD], paths[NOT_TOLD]) >= paths[DEFAULT]
     return (
         Promise(moved, told, max(shares) <= SHARE),
         Promise("0 stale paths, by the independent checker", out_of_date, not stale),
-        Promise("no fewer of these queries planned than by RRTConnect", counts, no_fewer),
+        Promise(f"no fewer of these queries planned than by {DEFAULT}", counts, no_fewer),
         Promise("no verdict on an edge that a new judge contradicts", f"{untrue_edges}", untrue_edges == 0),
     )
 
@@ -208,7 +208,7 @@ def _query_table(rows: Sequence[Row]) -> Table:
             *(what, f"{sum(row['ok'] for row in here)}/{len(here)}", spread([row["states"] for row in here])),
             spread([row["distances"] for row in here]),
             spread([row["ms"] for row in here], 1),
-            "-" if what == TREE else str(sum(row["fell_back"] for row in here)),
+            str(sum(row["fell_back"] for row in here)) if what in (TOLD, NOT_TOLD) else "-",
             str(len(_rejected(here))),
         ]
 
@@ -218,7 +218,8 @@ def _query_table(rows: Sequence[Row]) -> Table:
         f"roadmap of the scene before, which finds out as a path needs it. Bounds: of the search. "
         f"Audited at {JOINT_STEP:g} rad."
     )
-    return table("Queries after a move", columns, map(cells, ("told", "not told", TREE)), caption=caption)
+    whats = (TOLD, NOT_TOLD, *(planner.name for planner in SEARCHES))
+    return table("Queries after a move", columns, map(cells, whats), caption=caption)
 
 
 def _rejected(rows: Iterable[Row]) -> list[Row]:
