@@ -8,13 +8,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from statistics import median
 
-from planner_service import RRT, Optimise, PlannerService, PlanRequest, PlanResult, RRTConnect, Stage
+from planner_service import (
+    RRT,
+    BalancedRRTConnect,
+    Optimise,
+    PlannerService,
+    PlanRequest,
+    PlanResult,
+    RRTConnect,
+    Stage,
+)
 from planner_service.planners import AORRTC, LBKPIECE1, BITstar, Planner
 
 START = (-0.36, 1.93, 0.25, 1.56, -0.27, 0.27)
 GOAL = (0.16, 1.55, 1.00, 0.64, -0.10, -0.43)  # a shelf board is between them
 SEEDS = range(10)
 PLANNERS: Mapping[str, Planner | Optimise] = {
+    "BalancedRRTConnect": BalancedRRTConnect(),  # the default
     "RRTConnect": RRTConnect(),
     "RRT": RRT(),
     "LBKPIECE1": LBKPIECE1(),
@@ -27,7 +37,7 @@ PLANNERS: Mapping[str, Planner | Optimise] = {
 def main() -> None:
     """Print one row per planner: medians over the seeds, failures included."""
     service = PlannerService("wxai", "shelf")
-    print("planner     solved  search  states  distances   found -> final")
+    print("planner             solved  search  states  distances   found -> final")
     for name, planner in PLANNERS.items():
         requests = [PlanRequest(START, GOAL, planner=planner, seed=seed, time_limit=None) for seed in SEEDS]
         show(name, [service.plan(request) for request in requests])
@@ -41,7 +51,7 @@ def show(name: str, results: list[PlanResult]) -> None:
     found = [result.stage(Stage.SEARCH).length or 0.0 for result in results if result.ok]
     final = [result.path.length for result in results if result.path is not None]
     lengths = f"{median(found):5.2f} -> {median(final):.2f} rad" if final else "no path"
-    print(f"{name:<12}{len(final):>3}/{len(results)}{search:>8,.0f}{states:>8,.0f}{distances:>11,.0f}   {lengths}")
+    print(f"{name:<20}{len(final):>3}/{len(results)}{search:>8,.0f}{states:>8,.0f}{distances:>11,.0f}   {lengths}")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from planner_service import PRM, PlannerService, PlanRequest, PlanResult, Pose, Roadmap, RRTConnect, Stage
+from planner_service import PRM, BalancedRRTConnect, PlannerService, PlanRequest, PlanResult, Pose, Roadmap, Stage
 from planner_service.geometry.arrays import FloatArray
 from planner_service.planners import Planner
 
@@ -31,7 +31,7 @@ def main() -> None:
     zones = [joints(service, pose) for pose in ZONES]
     trips = [trip for zone in zones for trip in ((above, zone), (zone, above))]
     print("states of each search, to a zone and back:")
-    show("RRTConnect", [planned(service, trip, RRTConnect()) for trip in trips])
+    show("searched", [planned(service, trip, BalancedRRTConnect()) for trip in trips])
     roadmap = replace(roadmap, remember=True)  # paths that were found become part of it
     for turn in range(ROUNDS):
         roadmap = work(service, f"round {turn + 1}", trips, roadmap)
