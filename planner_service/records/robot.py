@@ -16,7 +16,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
 from planner_service.records.scene import PoseRecord, ShapeRecord
-from planner_service.robot.kinematic_tree import Body, LinkShape
+from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 
 __all__ = ["RobotRecord"]
@@ -104,6 +104,16 @@ class LinkShapeRecord(schema.Record):
     pose: PoseRecord
 
 
+class LinkFrameRecord(schema.Record):
+    """A ``LinkFrame``."""
+
+    makes = LinkFrame
+
+    link: schema.Text
+    body: schema.Count
+    pose: PoseRecord
+
+
 class ContactRecord(schema.Record):
     """An ``AllowedContact``."""
 
@@ -171,6 +181,7 @@ class RobotRecord(schema.Record):
     retreats: Annotated[list[RetreatRecord], schema.at_most(MAX_JOINTS)]
     inverse: Literal["numeric", "wxai"]
     settle_time: Annotated[float, Field(ge=0.0, le=3600.0)]
+    link_frames: Annotated[list[LinkFrameRecord], schema.at_most(MAX_SHAPES)] = Field(default_factory=list)
 
     @cached_property
     def value(self) -> Robot:
@@ -202,6 +213,9 @@ def _contradictions(robot: Robot) -> Iterator[tuple[str, object, str]]:
     for k, item in enumerate(robot.shapes):
         if item.body >= len(bodies) or body_of.setdefault(item.link, item.body) != item.body:
             yield f"shapes[{k}].body", item.body, f"one of {len(bodies)} bodies, the same for all shapes of a link"
+    for k, frame in enumerate(robot.link_frames):
+        if frame.body >= len(bodies):
+            yield f"link_frames[{k}].body", frame.body, f"one of {len(bodies)} bodies"
     for k, retreat in enumerate(robot.retreats):
         if retreat.pose not in poses:
             yield f"retreats[{k}].pose", retreat.pose, "a named pose"

@@ -19,7 +19,7 @@ from planner_service.geometry.arrays import FloatArray, cosines_and_sines, read_
 from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import numbers
 
-__all__ = ["Body", "BodyPose", "BodyTree", "LinkShape", "chain_to_base"]
+__all__ = ["Body", "BodyPose", "BodyTree", "LinkFrame", "LinkShape", "chain_to_base"]
 
 BodyPose = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """r00, r01, r02, r10, ..., r22, x, y, z."""
@@ -71,6 +71,15 @@ class LinkShape:
     link: str
     body: int
     shape: Shape
+    pose: Pose
+
+
+@dataclass(frozen=True)
+class LinkFrame:
+    """The frame of URDF link ``link``; ``pose`` is T_body_link."""
+
+    link: str
+    body: int
     pose: Pose
 
 

@@ -11,7 +11,9 @@ import numpy as np
 
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, product
+from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
+from planner_service.robot.kinematic_tree import LinkFrame
 from planner_service.robot.model import AllowedContact, Gripper, JointLimits, Robot
 from planner_service.robot.srdf import Srdf, read_srdf
 from planner_service.robot.toml_reader import GripperTable, RobotTable, read_robot_file
@@ -77,6 +79,7 @@ def robot_from_file(path: Path) -> Robot:
         retreats=tuple(retreat.value for retreat in table.retreat),
         inverse=table.inverse_kinematics,
         settle_time=table.settle_time,
+        link_frames=_link_frames(assembly),
     )
     width = None if table.gripper is None else table.gripper.width
     return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
@@ -245,7 +248,12 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
         bodies=assembly.bodies,
         shapes=assembly.shapes,
         allowed_contacts=(*_adjacent(urdf, assembly), *srdf.contacts),
+        link_frames=_link_frames(assembly),
     )
+
+
+def _link_frames(assembly: Assembly) -> tuple[LinkFrame, ...]:
+    return tuple(LinkFrame(link, body, Pose.from_matrix(T)) for link, (body, T) in assembly.frames.items())
 
 
 def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:

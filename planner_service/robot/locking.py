@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,10 +12,12 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, axis_matrix, product, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import number
-from planner_service.robot.kinematic_tree import Body, LinkShape, chain_to_base
+from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape, chain_to_base
 from planner_service.robot.model import ExemptRetreat, Gripper, JointLimits, Robot
 
 __all__ = ["lock_joints"]
+
+Item = TypeVar("Item", LinkShape, LinkFrame)
 
 Anchor = tuple[int, FloatArray | None]
 """The body of the new robot that an old one belongs to, and T_new_old; None if they are the same body."""
@@ -43,6 +46,7 @@ def lock_joints(robot: Robot, joints: Mapping[str, float]) -> Robot:
         shapes=shapes,
         gripper=robot.gripper and _moved_gripper(robot.gripper, anchors),
         retreats=_kept_retreats(robot, positions, kept, shapes),
+        link_frames=tuple(_moved(item, anchors) for item in robot.link_frames),
         inverse="numeric" if on_the_way else robot.inverse,
     )
 
@@ -88,7 +92,7 @@ def _motion(body: Body, position: float) -> FloatArray:
     return T
 
 
-def _moved(item: LinkShape, anchors: list[Anchor]) -> LinkShape:
+def _moved(item: Item, anchors: list[Anchor]) -> Item:
     body, offset = anchors[item.body]
     pose = item.pose if offset is None else Pose.from_matrix(product(offset, item.pose.matrix))
     return replace(item, body=body, pose=pose)

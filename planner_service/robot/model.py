@@ -23,7 +23,7 @@ from planner_service.geometry.shapes import Pose, Shape
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers, text, whole
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
-from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkShape, chain_to_base
+from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
 from planner_service.robot.reach import reach_bounds
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "ExemptRetreat",
     "Gripper",
     "JointLimits",
+    "LinkFrame",
     "LinkShape",
     "Robot",
     "length_unit",
@@ -135,6 +136,7 @@ class Robot:
         gripper_width: Gap between the finger pads in metres; 0 without a gripper.
         inverse: The inverse kinematics to use: "wxai" or "numeric".
         settle_time: Seconds for which the arm vibrates after a stop.
+        link_frames: Frames of all links. Not part of ``hash``: only constraints use them, and these are proven anew.
     """
 
     name: str
@@ -153,11 +155,12 @@ class Robot:
     retreats: tuple[ExemptRetreat, ...] = ()
     inverse: str = "numeric"
     settle_time: float = 0.0
+    link_frames: tuple[LinkFrame, ...] = ()
 
     def __post_init__(self) -> None:
         poses = tuple((name, read_only(q)) for name, q in self.named_poses)
         set_fields(self, named_poses=poses, tool_placement=read_only(self.tool_placement))
-        copied_in(self, "joint_names", "base_links", "bodies", "shapes", "allowed_contacts", "retreats")
+        copied_in(self, "joint_names", "base_links", "bodies", "shapes", "allowed_contacts", "retreats", "link_frames")
 
     @classmethod
     def from_urdf(
@@ -368,6 +371,19 @@ class Robot:
         from planner_service.robot.locking import lock_joints
 
         return lock_joints(self, joints)
+
+    def link_frame(self, name: str) -> tuple[int, FloatArray]:
+        """The body that a link belongs to, and its frame in it, 4 x 4 T_body_link.
+
+        Raises:
+            UnknownName: no such link.
+        """
+        if text("link", name) == self.tool_frame:
+            return self.tool_body, self.tool_placement
+        frames = {item.link: item for item in self.link_frames}
+        if name not in frames:
+            raise UnknownName("link", name, (self.tool_frame, *frames))
+        return frames[name].body, frames[name].pose.matrix
 
     @cached_property
     def links(self) -> frozenset[str]:
