@@ -40,26 +40,39 @@ class CheckCounts:
             including the first that collides.
         edges: Edges judged.
         distances: (configuration, pair) clearance bounds requested.
+        projections: Configurations moved to where they keep constraints.
     """
 
     states: int = 0
     edges: int = 0
     distances: int = 0
+    projections: int = 0
 
     def __str__(self) -> str:
         parts = [(self.states, "state"), (self.edges, "edge")]
         parts += [(self.distances, "distance")] if self.distances else []
+        parts += [(self.projections, "projection")] if self.projections else []
         return ", ".join(f"{number:,} {noun}{'' if number == 1 else 's'}" for number, noun in parts)
 
     def _repr_html_(self) -> str:
-        heads = ("states", "edges", "distances")
+        heads = ("states", "edges", "distances", *(("projections",) if self.projections else ()))
         return Table(heads, [[f"{getattr(self, head):,}" for head in heads]], numeric=heads).html()
 
     def __add__(self, other: CheckCounts) -> CheckCounts:
-        return CheckCounts(self.states + other.states, self.edges + other.edges, self.distances + other.distances)
+        return CheckCounts(
+            self.states + other.states,
+            self.edges + other.edges,
+            self.distances + other.distances,
+            self.projections + other.projections,
+        )
 
     def __sub__(self, other: CheckCounts) -> CheckCounts:
-        return CheckCounts(self.states - other.states, self.edges - other.edges, self.distances - other.distances)
+        return CheckCounts(
+            self.states - other.states,
+            self.edges - other.edges,
+            self.distances - other.distances,
+            self.projections - other.projections,
+        )
 
 
 class SearchStopped(PlannerServiceError):
@@ -98,7 +111,7 @@ class Tally:
     """What one thread has asked. No other thread changes it, so it needs no lock.
 
     Attributes:
-        states: As in ``CheckCounts``; so are ``edges`` and ``distances``.
+        states: As in ``CheckCounts``; so are ``edges``, ``distances`` and ``projections``.
         hits: How often each pair was found to collide, by names.
     """
 
@@ -106,12 +119,13 @@ class Tally:
         self.states = 0
         self.edges = 0
         self.distances = 0
+        self.projections = 0
         self.hits: Counter[tuple[str, str]] = Counter()
 
     @property
     def counts(self) -> CheckCounts:
         """The counts so far."""
-        return CheckCounts(self.states, self.edges, self.distances)
+        return CheckCounts(self.states, self.edges, self.distances, self.projections)
 
 
 class Ledger:

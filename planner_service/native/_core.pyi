@@ -218,6 +218,11 @@ class TieredOracle(Oracle):
         self, roomy: EdgeOracle, tight: Sequence[tuple[Sequence[float], EdgeOracle]], near_end: float
     ) -> None: ...
 
+class ConstrainedOracle(Oracle):
+    """What search/constrained.py says of its own."""
+
+    def __init__(self, oracle: Oracle, projector: Projector) -> None: ...
+
 class BalancedSearch:
     """One search as search/balanced.py describes it; releases the interpreter's lock."""
 
@@ -234,6 +239,11 @@ def shortcut(
     waypoints: NDArray[np.float64], oracle: Oracle, draws: Sequence[float], misses: int, /
 ) -> NDArray[np.float64]:
     """``smoothing.shortcut`` with two draws for each of the tries."""
+
+def shortcut_on(
+    waypoints: NDArray[np.float64], oracle: ConstrainedOracle, draws: Sequence[float], misses: int, longest: float
+) -> NDArray[np.float64]:
+    """The polyline (M, n) that ``shortcut_on_constraints`` makes of one (N, n), with two numbers for each try."""
 
 def pulled_in(waypoints: NDArray[np.float64], oracle: Oracle, /) -> NDArray[np.float64]:
     """``smoothing.pulled_in``."""
@@ -252,6 +262,39 @@ def blend_widths(
     /,
 ) -> list[float]:
     """The width of the blend at each corner as ``smoothing.blended`` finds it, 0 for a stop."""
+
+class Projector:
+    """What constraints/projection.py says of ``Projector``.
+
+    Args:
+        table: ``Robot.body_table``.
+        bodies: Of each body but the base its parent, joint, whether it slides, and axis (k, 6).
+        lower, upper: The joint limits (n,).
+        regions: The numbers of each region, and its reach (r, 37 + n).
+    """
+
+    def __init__(
+        self,
+        table: NDArray[np.float64],
+        bodies: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        regions: NDArray[np.float64],
+    ) -> None: ...
+    def share(self, q: Sequence[float]) -> float: ...
+    def has_room(self, q: Sequence[float]) -> bool: ...
+    def project(self, q: Sequence[float]) -> tuple[float, ...] | None: ...
+    def keeps(self, a: Sequence[float], b: Sequence[float]) -> bool: ...
+    def step(
+        self,
+        start: Sequence[float],
+        end: Sequence[float],
+        target: Sequence[float],
+        distance: float,
+        step: float,
+        fixed: bool,
+    ) -> tuple[float, ...] | None: ...
+    def take(self) -> int: ...
 
 class ToolArm:
     """An arm as inverse kinematics sees it (kinematics/tool_arm.py).

@@ -1,5 +1,6 @@
 // planner_service.native._core: one module for all compiled code but the proof's, which is certify/native.
 #include "collision/kernel.hpp"
+#include "constraints/constraints.hpp"
 #include "kinematics/kinematics.hpp"
 #include "roadmap/roadmap.hpp"
 #include "search/search.hpp"
@@ -9,6 +10,7 @@
 NB_MODULE(_core, m) {
     nanobind::set_leak_warnings(false);  // a checker that lives as long as the process is no leak
     collision::bind(m);
+    constraints::bind(m);
     kinematics::bind(m);
     roadmap::bind(m);
     search::bind(m);

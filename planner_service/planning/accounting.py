@@ -16,6 +16,8 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval, Refu
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.concurrency.polling import Prepared, ask_from_now_on
+from planner_service.constraints.projection import Projector
+from planner_service.constraints.resolved import ConstraintSet
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
@@ -126,6 +128,8 @@ class PlanAccounting:
         self.end_trouble = ""
         self.roadmap = roadmap
         self.polish: PolishReport | None = None
+        self.constraints: ConstraintSet | None = None
+        self.projector: Projector | None = None
 
     @contextmanager
     def during(self, stage: Stage) -> Iterator[StageEntry]:
@@ -136,6 +140,8 @@ class PlanAccounting:
         try:
             yield entry
         finally:
+            if self.projector is not None:
+                self._tally.projections += self.projector.take()
             spent, seconds = self._tally.counts - counts, time.perf_counter() - clock
             self._add(StageReport(stage, spent, seconds, entry.length, entry.note))
             if logger.isEnabledFor(logging.DEBUG):
@@ -260,6 +266,8 @@ class PlanAccounting:
         total = sum(hits.values())
         worst = sorted(hits.items(), key=lambda item: (-item[1], item[0]))[:5]
         blocked = tuple((a, b, count / total) for (a, b), count in worst)
+        if self.constraints is not None:
+            what += f" while keeping {self.constraints.names}"
         detail = f"{what}; whether a path exists is unknown{_blocked_in_words(blocked)}{self.end_trouble}"
         return Failure(self._stage, reason, detail, blocked_by=blocked)
 
@@ -281,6 +289,16 @@ class PlanContext:
     certifier: Prepared[Certifier]
     accounting: PlanAccounting
     tracer: Tracer | None = None
+
+    @property
+    def constraints(self) -> ConstraintSet | None:
+        """Those of the request on the robot; None if there are none."""
+        return self.accounting.constraints
+
+    @property
+    def projector(self) -> Projector | None:
+        """What keeps them."""
+        return self.accounting.projector
 
 
 def certify(

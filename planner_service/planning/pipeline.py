@@ -12,6 +12,8 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.polling import Prepared, waited
+from planner_service.constraints.projection import projector_of
+from planner_service.constraints.resolved import constraint_set
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
 from planner_service.optimize import Optimise, Optimum
@@ -38,9 +40,10 @@ from planner_service.planning.search_stage import Candidates, SearchRound
 from planner_service.planning.timing_stage import timed
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import ExemptRetreat, Robot
-from planner_service.search.edge_cache import SearchOracle
+from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.problem import joint_distance
 from planner_service.search.trace import Tracer
+from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import blended
 
 __all__ = ["plan", "require_plannable"]
@@ -61,6 +64,8 @@ def require_plannable(request: PlanRequest, robot: Robot) -> None:
         require_kernel("polish" if request.polish is not None else "planner", request.optimise)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
+    if request.constraints:
+        constraint_set(robot, tuple(request.constraints))
 
 
 def plan(
@@ -79,6 +84,9 @@ def plan(
     require_plannable(request, checker.robot)
     limits = Limits(request.max_checks, search_stage.search_states(request), request.time_limit, cancel)
     accounting = PlanAccounting(checker, limits, request.planner if isinstance(request.planner, Roadmap) else None)
+    if request.constraints:
+        accounting.constraints = constraint_set(checker.robot, tuple(request.constraints))
+        accounting.projector = projector_of(accounting.constraints)
     context = PlanContext(request, checker, certifier, accounting, tracer)
     try:
         return accounting.within_limits(lambda: _stages(context))
@@ -155,12 +163,17 @@ def _straight_line(context: PlanContext, ends: Ends) -> Candidates | None:
     """The line from the start to the nearest goal to which it is free; None if none is."""
     accounting = context.accounting
     accounting.padding = ends.padding
-    oracle = SearchOracle(context.checker.variant(padding=ends.padding), [ends.start], [goal.q for goal in ends.goals])
+    oracle = search_stage.oracle_of(
+        context, context.checker.variant(padding=ends.padding), ends.start, [goal.q for goal in ends.goals]
+    )
     searching = SearchRound(0, context.request.padding)
     with accounting.during(Stage.STRAIGHT_LINE) as entry:
         for goal in ends.goals:
             if goal.q.tolist() == ends.start.tolist():  # two ends of one retreat
                 return Candidates((np.array([ends.start]),), searching, ends.padding, (), oracle)
+            if isinstance(oracle, ConstrainedOracle) and not oracle.keeps(ends.start, goal.q):
+                entry.note = entry.note or "leaves the constraints"
+                continue
             hit = oracle.edge_hit(ends.start, goal.q, known=Known.BOTH)
             if hit is None:
                 entry.note, entry.length = "free", joint_distance(ends.start, goal.q)
@@ -272,7 +285,13 @@ def _blended(context: PlanContext, route: _Route, candidates: Candidates) -> Joi
         sizes = np.full(len(path.waypoints), size)
         sizes[list(route.kept)] = 0.0
         padded = candidates.round.checker(context, candidates.padding)
-        path = blended(path, padded.blend_is_free, sizes, oracle=candidates.oracle)
+        projector = context.projector
+
+        def is_free(path: JointPath, k: int) -> bool:
+            kept = projector is None or blend_is_kept(path, k, projector)
+            return kept and padded.blend_is_free(path, k)
+
+        path = blended(path, is_free, sizes, oracle=candidates.oracle)
         corners, stops = len(route.path.corners), len(path.corners)
         entry.note = f"{corners - stops} of {corners} corners blended"
     return path

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.constraints import Constraint, JointRange, ToolRegion
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, as_sent, set_fields
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import instance, number, numbers, whole
+from planner_service.geometry.validation import instance, items, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
 from planner_service.robot.model import JointLimits, Robot
@@ -24,6 +25,8 @@ __all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "require_timing"]
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A lower limit is a mistake in the unit."""
+
+MAX_CONSTRAINTS = 16
 
 Goal = ArrayLike | Pose | PoseGoal | Sequence[ArrayLike | Pose | PoseGoal]
 
@@ -58,6 +61,8 @@ class PlanRequest:
             and proven.
         start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
             then clamped, and the result says so.
+        constraints: What must hold along the whole motion, ends included (``planner_service.constraints``). It is
+            searched by ``BalancedRRTConnect``, and not optimised.
 
     Raises:
         InvalidRequest: a value is of the wrong kind, not finite, or out of its range.
@@ -78,6 +83,7 @@ class PlanRequest:
     blend: float = 0.5
     start_tolerance: float = 0.01
     polish: Optimise | None = None
+    constraints: Sequence[Constraint] = ()
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:
@@ -104,6 +110,16 @@ class PlanRequest:
         if self.optimise is not None and self.blend == 0.0:
             raise InvalidRequest("blend", self.blend, "above 0: an optimum is a curve without stops")
         require_timing(self.timing)
+        self._check_constraints()
+
+    def _check_constraints(self) -> None:
+        expected = "constraints such as KeepUpright(...)"
+        constraints = items("constraints", self.constraints, (ToolRegion, JointRange), expected, MAX_CONSTRAINTS)
+        set_fields(self, constraints=constraints)
+        if constraints and not isinstance(self.planner, BalancedRRTConnect):
+            raise InvalidRequest("planner", self.planner, "BalancedRRTConnect(), as there are constraints")
+        if constraints and self.polish is not None:
+            raise InvalidRequest("polish", self.polish, "None: an optimum does not keep constraints")
 
     @property
     def optimise(self) -> Optimise | None:

@@ -26,9 +26,11 @@ from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Reason, Stage
 from planner_service.planning.roadmap_work import GROWERS, ask, grow
 from planner_service.roadmap import Roadmap, Terms
+from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.planners import BalancedRRTConnect, RRTConnect
 from planner_service.search.problem import Planner, SearchProblem, joint_distance
+from planner_service.smoothing.constrained import shortcut_on_constraints
 from planner_service.smoothing.smoothing import pulled_in, shortcut, without_short_pieces
 
 __all__ = [
@@ -38,6 +40,7 @@ __all__ = [
     "alternating",
     "fresh_seed",
     "fresh_tries",
+    "oracle_of",
     "polyline_length",
     "remember",
     "retry_paddings",
@@ -97,7 +100,15 @@ class Candidates:
     round: SearchRound
     padding: float
     searched: tuple[FloatArray, ...]
-    oracle: SearchOracle
+    oracle: SearchOracle | ConstrainedOracle
+
+
+def oracle_of(
+    context: PlanContext, checker: CollisionChecker, start: FloatArray, goals: Sequence[FloatArray]
+) -> SearchOracle | ConstrainedOracle:
+    """What a search from the start to the goals asks."""
+    oracle = SearchOracle(checker, [start], goals)
+    return oracle if context.projector is None else ConstrainedOracle(oracle, context.projector)
 
 
 def search_states(request: PlanRequest) -> int:
@@ -120,14 +131,14 @@ def search(context: PlanContext, ends: Ends, searching: SearchRound | None = Non
     searching = SearchRound(0, context.request.padding) if searching is None else searching
     accounting, padding = context.accounting, searching.padding
     leads = None
-    if ends.padding != padding:
+    if ends.padding != padding and context.constraints is None:
         with accounting.during(Stage.SEARCH):
             leads = _leads(context, ends, searching)
     if leads is not None:
         accounting.notes.append(f"an end is closer than {padding * 1000:g} mm to something: only near it less is kept")
     start, *goals = leads or (ends.start, *(goal.q for goal in ends.goals))
     accounting.padding = ends.padding if leads is None else padding
-    oracle = SearchOracle(searching.checker(context, accounting.padding), [start], goals)
+    oracle = oracle_of(context, searching.checker(context, accounting.padding), start, goals)
     points = _search(context, searching, start, goals, oracle)
     searched = _shortened(context, points, oracle)
     goal = next(g.q for g, q in zip(ends.goals, goals, strict=True) if q.tolist() == searched[0][-1].tolist())
@@ -201,7 +212,11 @@ class _Search:
 
 
 def _search(
-    context: PlanContext, searching: SearchRound, start: FloatArray, goals: Sequence[FloatArray], oracle: SearchOracle
+    context: PlanContext,
+    searching: SearchRound,
+    start: FloatArray,
+    goals: Sequence[FloatArray],
+    oracle: SearchOracle | ConstrainedOracle,
 ) -> FloatArray:
     """A path from the start to one of the goals, as the planner of the request finds it.
 
@@ -210,17 +225,18 @@ def _search(
     """
     checker, accounting, tracer = context.checker, context.accounting, context.tracer
     planner = _planner(context, searching)
-    limits = checker.robot.limits
+    limits = checker.robot.limits if context.constraints is None else context.constraints
     problem = SearchProblem(
         start=start,
         goals=np.array(goals),
         lower=limits.lower,
         upper=limits.upper,
-        oracle=oracle,
+        oracle=oracle.inner if isinstance(oracle, ConstrainedOracle) else oracle,
         seed=fresh_seed(context.request.seed, FIRST_TRIES * searching.number),
         poll=checker.ledger.poll,
         reach=checker.reach,
         grown=None if tracer is None else tracer.grown,
+        projector=context.projector,
     )
     with accounting.during(Stage.SEARCH) as entry:
         running = _Search(context, searching, problem, accounting.padding, entry)
@@ -264,9 +280,10 @@ def _with_retries(running: _Search, planner: Planner) -> FloatArray | None:
     tries: Iterable[int] = (most,)
     if planner.patience is not None:
         tries = fresh_tries(most, request.retries, planner.patience)
+    searchers = alternating(planner) if context.constraints is None else repeat(planner)
     spent: CheckBudgetSpent | None = None
     with checker.limited(states=most):
-        for attempt, (states, searcher) in enumerate(zip(tries, alternating(planner), strict=False)):
+        for attempt, (states, searcher) in enumerate(zip(tries, searchers, strict=False)):
             entry.note = searcher.name + (f", try {attempt + 1}" if attempt else "")
             accounting.attempt(entry.note)
             seed = fresh_seed(request.seed, attempt + FIRST_TRIES * running.round.number)
@@ -323,12 +340,18 @@ def _query(running: _Search, roadmap: Roadmap) -> FloatArray | None:
     return answer.waypoints
 
 
-def _shortened(context: PlanContext, points: FloatArray, oracle: SearchOracle) -> tuple[FloatArray, ...]:
+def _shortened(
+    context: PlanContext, points: FloatArray, oracle: SearchOracle | ConstrainedOracle
+) -> tuple[FloatArray, ...]:
     """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""
     request, accounting = context.request, context.accounting
     with accounting.during(Stage.SHORTCUT) as entry, accounting.improving(entry, "shortened"):
         entry.length = polyline_length(points)
-        points = shortcut(points, oracle, np.random.default_rng([request.seed, 1]))
+        rng = np.random.default_rng([request.seed, 1])
+        if isinstance(oracle, ConstrainedOracle):
+            points = shortcut_on_constraints(points, oracle, rng)
+        else:
+            points = shortcut(points, oracle, rng)
         entry.length = polyline_length(points)
     if context.tracer is not None:
         context.tracer.cut(points)

@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from planner_service.collision.edge_sampling import Known
+from planner_service.constraints.projection import LEAST_STRIDE, Projector
 from planner_service.native.loading import load_core
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.search.problem import (
@@ -47,6 +48,9 @@ _FAR_AWAY = 1e100
 """Where nodes that were cut off are: farther than any other."""
 
 
+MAX_IDLE = 20_000
+"""Steps in a row of which constraints left nothing, after which the search gives up."""
+
 _WORD = 2**64 - 1
 
 
@@ -54,7 +58,8 @@ class _Run(Protocol):
     """One search: the compiled ``BalancedSearch`` or its reference."""
 
     def run(self, start: Configuration, goals: Sequence[Configuration]) -> Sequence[Sequence[float]]:
-        """A path; without one only an exception of the oracle ends it."""
+        """A path. Without constraints only an exception of the oracle ends it without one; with them also that nothing
+        was left to judge for long: the path is then empty."""
 
     def grown(self) -> Grown:
         """The milestones of both trees, and which of them are joined."""
@@ -73,7 +78,7 @@ def search(problem: SearchProblem, longest: float) -> SearchResult:
     try:
         if isinstance(oracle, SearchOracle | TieredOracle) and oracle.core is not None and core is not None:
             bounds = problem.lower.tolist(), problem.upper.tolist()
-            run = core.BalancedSearch(oracle.core, *bounds, longest, seed)
+            run = core.BalancedSearch(oracle.core, *bounds, longest, seed, problem.projector)
             path = oracle.counted(lambda: run.run(start, goals))
         else:
             run = _Reference(problem, longest, seed)
@@ -82,6 +87,8 @@ def search(problem: SearchProblem, longest: float) -> SearchResult:
         if problem.grown is not None:
             milestones, edges = run.grown()
             problem.grown(np.array(milestones), edges)
+    if not path:
+        return SearchResult(waypoints=None)
     return SearchResult(waypoints=np.array(path), goal_index=goals.index(tuple(path[-1])))
 
 
@@ -97,14 +104,15 @@ class _Reference:
         self._start_radius, self._least_radius = START_RADIUS * extent, LEAST_RADIUS * extent
         self._generator = _Generator(seed)
         self._start, self._goal = _Tree(len(self._lower)), _Tree(len(self._lower))
-        self._refuted = self._left_out = 0
+        self._refuted = self._left_out = self._idle = 0
+        self._projector, self._stride = problem.projector, longest
 
     def run(self, start: Configuration, goals: Sequence[Configuration]) -> list[Configuration]:
         """See ``_Run``."""
         self._start.add(start, -1, confirmed=True)
         for goal in goals:
             self._goal.add(goal, -1, confirmed=True)
-        while True:
+        while self._idle < MAX_IDLE:
             self._poll()
             from_start = len(self._start.nodes) <= len(self._goal.nodes)
             tree, other = (self._start, self._goal) if from_start else (self._goal, self._start)
@@ -121,6 +129,7 @@ class _Reference:
                 for each in (self._start, self._goal):
                     for k in range(len(each.nodes)):
                         _ = each.cut_off[k] or self._confirm(each, k)
+        return []
 
     def grown(self) -> Grown:
         """See ``_Run``."""
@@ -145,19 +154,28 @@ class _Reference:
             self._left_out += 1
             return -1
         self._left_out = 0
-        fresh, radius = self._step(tree.nodes[nearest], drawn, distance), tree.radii[nearest]
-        if not self._step_is_free(tree.nodes[nearest], fresh, Known.START):
+        node, radius = nearest, tree.radii[nearest]
+        if self._projector is not None:
+            node = self._walked(self._projector, tree, nearest, drawn, self._longest, target_is_node=False)
+        else:
+            fresh = self._step(tree.nodes[nearest], drawn, distance, self._longest)
+            if self._step_is_free(tree.nodes[nearest], fresh, Known.START):
+                node = tree.add(fresh, nearest, confirmed=not self._coarse)
+        if node == nearest:
             less = max(radius * (1.0 - ALPHA), self._least_radius)
             tree.radii[nearest] = self._start_radius if math.isinf(radius) else less
             return -1
         tree.radii[nearest] *= 1.0 + ALPHA
-        return tree.add(fresh, nearest, confirmed=not self._coarse)
+        return node
 
     def _connected(self, tree: _Tree, target: Configuration) -> int:
         """The node by which a tree reached the target, growing towards it step by step; -1 if it did not."""
         node, distance = tree.nearest(target)
+        if self._projector is not None:
+            node = self._walked(self._projector, tree, node, target, math.inf, target_is_node=True)
+            return node if tree.nodes[node] == target else -1
         while distance > 0.0:
-            fresh = self._step(tree.nodes[node], target, distance)
+            fresh = self._step(tree.nodes[node], target, distance, self._longest)
             known = Known.BOTH if distance <= self._longest else Known.START  # the target is a node of the other tree
             if not self._step_is_free(tree.nodes[node], fresh, known):
                 return -1
@@ -165,10 +183,41 @@ class _Reference:
             distance = joint_distance(fresh, target)
         return node
 
-    def _step(self, a: Configuration, b: Configuration, distance: float) -> Configuration:
-        if distance <= self._longest:
+    def _walked(
+        self, projector: Projector, tree: _Tree, node: int, target: Configuration, most: float, *, target_is_node: bool
+    ) -> int:
+        """The node that a tree reached on its way towards a target, at most ``most`` far, by steps that keep the
+        constraints: halved until they do, then doubled again."""
+        gone, stride = 0.0, self._stride
+        while gone < most:
+            self._poll()
+            near = tree.nodes[node]
+            distance = joint_distance(near, target)
+            if not distance > 0.0:
+                break
+            step = min(stride, distance)
+            arrives = target_is_node and step == distance
+            fresh = self._step(near, target, distance, step)
+            kept = projector.step(near, fresh, target, distance, step, arrives)
+            if kept is None:
+                if step <= LEAST_STRIDE:
+                    self._idle += 1
+                    break
+                stride = step / 2.0
+                continue
+            self._idle = 0
+            if not self._step_is_free(near, kept, Known.BOTH if arrives else Known.START):
+                break
+            gone += joint_distance(near, kept)
+            node = tree.add(kept, node, confirmed=not self._coarse)
+            self._stride = step
+            stride = min(2.0 * step, self._longest)
+        return node
+
+    def _step(self, a: Configuration, b: Configuration, distance: float, longest: float) -> Configuration:
+        if distance <= longest:
             return b
-        share = self._longest / distance
+        share = longest / distance
         return tuple(x + (y - x) * share for x, y in zip(a, b, strict=True))
 
     def _step_is_free(self, a: Configuration, b: Configuration, known: Known) -> bool:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision.budget import SearchStopped
 from planner_service.collision.edge_sampling import Known
+from planner_service.constraints.projection import Projector
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.validation import whole
@@ -143,6 +144,7 @@ class SearchProblem:
         poll: Called often, even while nothing is checked; raises when the time is up or the call is cancelled.
         reach: Cost of moving each joint, shape (n,), as ``Robot.reach``; None for the same cost for all.
         grown: Called with the milestones (N, n) and edges of each tree that the search drops or ends with.
+        projector: Keeps the constraints on edges; None without any.
 
     Raises:
         InvalidRequest: Shapes disagree, or a number is not finite or outside the bounds.
@@ -157,6 +159,7 @@ class SearchProblem:
     poll: Callable[[], None] = _never
     reach: FloatArray | None = None
     grown: Callable[[FloatArray, list[tuple[int, int]]], None] | None = None
+    projector: Projector | None = None
 
     def __post_init__(self) -> None:
         lower, upper = _bounds(self.lower, self.upper)

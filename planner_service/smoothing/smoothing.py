@@ -29,7 +29,16 @@ from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
 from planner_service.search.problem import CoarseOracle, Configuration, Oracle, joint_distance
 
-__all__ = ["MIN_BLEND", "blended", "pulled_in", "shortcut", "without_short_pieces"]
+__all__ = [
+    "MIN_BLEND",
+    "MIN_GAIN",
+    "asked_of_core",
+    "blended",
+    "point_at",
+    "pulled_in",
+    "shortcut",
+    "without_short_pieces",
+]
 
 Edge = tuple[Configuration, Configuration]
 Corner = tuple[Configuration, Configuration, Configuration]
@@ -91,7 +100,7 @@ def shortcut(
     if points.ndim != 2 or len(points) == 0 or not np.isfinite(points).all():
         raise InvalidRequest("waypoints", points.tolist(), "at least one row of finite joint values")
     draws = rng.random(2 * tries).tolist()
-    shorter: FloatArray | None = _compiled(oracle, lambda core, asked: core.shortcut(points, asked, draws, misses))
+    shorter: FloatArray | None = asked_of_core(oracle, lambda core, asked: core.shortcut(points, asked, draws, misses))
     if shorter is not None:
         return shorter
     chain = [tuple(q) for q in points.tolist()]
@@ -108,7 +117,7 @@ def pulled_in(waypoints: ArrayLike, oracle: CoarseOracle) -> FloatArray:
     moves to the last of these places where a full check finds them free. The ends stay.
     """
     points = read_only(waypoints)
-    pulled: FloatArray | None = _compiled(oracle, lambda core, asked: core.pulled_in(points, asked))
+    pulled: FloatArray | None = asked_of_core(oracle, lambda core, asked: core.pulled_in(points, asked))
     if pulled is not None:
         return pulled
     chain = [tuple(q) for q in points.tolist()]
@@ -129,7 +138,7 @@ def without_short_pieces(waypoints: ArrayLike, oracle: Oracle) -> FloatArray:
     The ends stay, and the result is never longer. Each corner tried costs one edge check.
     """
     points = read_only(waypoints)
-    kept: FloatArray | None = _compiled(oracle, lambda core, asked: core.without_short_pieces(points, asked))
+    kept: FloatArray | None = asked_of_core(oracle, lambda core, asked: core.without_short_pieces(points, asked))
     if kept is not None:
         return kept
     chain = list(points)
@@ -166,7 +175,7 @@ def blended(
     """
     widths, corners = path.blends.copy(), list(path.corners)
     curve = path.waypoints, path.knots, path.tangents
-    free = _compiled(oracle, lambda core, asked: core.blend_widths(*curve, corners, sizes, asked, least))
+    free = asked_of_core(oracle, lambda core, asked: core.blend_widths(*curve, corners, sizes, asked, least))
     if free is not None:
         widths[corners] = free
         return path.with_blends(widths)
@@ -181,7 +190,7 @@ def blended(
     return path.with_blends(widths)
 
 
-def _compiled(oracle: Any, ask: Callable[[ModuleType, Any], Any]) -> Any:
+def asked_of_core(oracle: Any, ask: Callable[[ModuleType, Any], Any]) -> Any:
     """What ``ask`` makes of the compiled core and the compiled part of an oracle; None without these."""
     core, answers = load_core(), getattr(oracle, "core", None)
     return None if core is None or answers is None else oracle.counted(lambda: ask(core, answers))
@@ -247,7 +256,7 @@ def _cut(chain: list[Configuration], u: float, v: float) -> tuple[Edge, list[Con
     """The edge that cuts from u to v (shares of the length), and the chain with it; None if it gains too little."""
     lengths = [joint_distance(a, b) for a, b in pairwise(chain)]
     total = math.fsum(lengths)
-    (i, a, before), (j, b, after) = (_point_at(chain, lengths, share * total) for share in sorted((u, v)))
+    (i, a, before), (j, b, after) = (point_at(chain, lengths, share * total) for share in sorted((u, v)))
     if i == j:
         return None
     gain = (after - before) - joint_distance(a, b)
@@ -286,7 +295,7 @@ def _free(judge: Judge, corner: Corner, q: Configuration) -> bool:
     return judge(corner[0], q, known=Known.START) and judge(q, corner[2], known=Known.BOTH)
 
 
-def _point_at(chain: list[Configuration], lengths: list[float], distance: float) -> tuple[int, Configuration, float]:
+def point_at(chain: list[Configuration], lengths: list[float], distance: float) -> tuple[int, Configuration, float]:
     """The piece at a distance along the chain, the point on it, and the distance."""
     passed = 0.0
     for k, length in enumerate(lengths):

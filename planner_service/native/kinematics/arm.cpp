@@ -1,5 +1,7 @@
 #include "arm.hpp"
 
+#include "../arithmetic.hpp"
+
 namespace kinematics {
 
 double (*const volatile sine)(double) = std::sin;
@@ -22,7 +24,7 @@ void turn(double* R, const double* by) {
 
 double along(const double* row, const double* v) { return row[0] * v[0] + row[1] * v[1] + row[2] * v[2]; }
 
-void place(const Arm& arm, const double* q, std::vector<Frame>& out) {
+void place(const Arm& arm, const double* q, std::vector<Frame>& out, Sines sines) {
     out[0] = Frame();
     for (std::size_t k = 0; k < arm.bodies; ++k) {
         const double* row = arm.table.data() + k * Arm::width;
@@ -34,7 +36,13 @@ void place(const Arm& arm, const double* q, std::vector<Frame>& out) {
         if (kind == prismatic) {
             for (int i = 0; i < 3; ++i) here.p[i] += along(here.R + 3 * i, row + 7) * angle;
         } else {
-            const double s = row[3] * sine(angle), c = cosine(angle);
+            double c, s;
+            if (sines == Sines::PORTABLE) {
+                arithmetic::cosine_and_sine(angle, c, s);
+            } else {
+                s = sine(angle), c = cosine(angle);
+            }
+            s = row[3] * s;
             const int u = (kind + 1) % 3, w = (kind + 2) % 3;
             for (int i = 0; i < 9; i += 3) {
                 const double first = here.R[i + u], second = here.R[i + w];

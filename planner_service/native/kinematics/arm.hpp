@@ -38,8 +38,12 @@ struct Arm {
 
 double along(const double* row, const double* v);
 
-// BodyTree.poses; ``out`` has room for all bodies.
-void place(const Arm& arm, const double* q, std::vector<Frame>& out);
+// Whose sines: the C library's, as in BodyTree.poses, or those of arithmetic.hpp, the same on every processor, as in
+// BodyTree.poses_batch(portable=True).
+enum class Sines { LIBRARY, PORTABLE };
+
+// The poses of all bodies; ``out`` has room for them.
+void place(const Arm& arm, const double* q, std::vector<Frame>& out, Sines sines = Sines::LIBRARY);
 
 // Robot.tool_rows: three rows of four.
 void tool_rows(const Arm& arm, const double* q, std::vector<Frame>& frames, double* out);

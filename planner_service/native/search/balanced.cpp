@@ -1,6 +1,7 @@
 #include "balanced.hpp"
 
 #include <algorithm>
+#include <limits>
 
 namespace search {
 
@@ -8,19 +9,19 @@ namespace {
 
 // These are those of search/balanced.py.
 constexpr double START_RADIUS = 0.3, LEAST_RADIUS = 0.075, ALPHA = 1e-4;
-constexpr int MAX_LEFT_OUT = 1000, MAX_REFUTED = 8;
+constexpr int MAX_LEFT_OUT = 1000, MAX_REFUTED = 8, MAX_IDLE = 20000;
 
 }  // namespace
 
 BalancedSearch::BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed)
     : oracle_(oracle), space_(std::move(space)), range_(range), start_radius_(START_RADIUS * space_.extent()),
-      least_radius_(LEAST_RADIUS * space_.extent()), generator_(seed), start_(space_), goal_(space_),
+      least_radius_(LEAST_RADIUS * space_.extent()), generator_(seed), start_(space_), goal_(space_), stride_(range),
       near_(space_.dof()), drawn_(space_.dof()), fresh_(space_.dof()) {}
 
 std::vector<Configuration> BalancedSearch::run(const Configuration& start, const std::vector<Configuration>& goals) {
     start_.add(start, -1, true);
     for (const auto& goal : goals) goal_.add(goal, -1, true);
-    for (;;) {
+    while (idle_ < MAX_IDLE) {
         oracle_.poll();
         const bool from_start = start_.size() <= goal_.size();
         Tree &tree = from_start ? start_ : goal_, &other = from_start ? goal_ : start_;
@@ -36,6 +37,7 @@ std::vector<Configuration> BalancedSearch::run(const Configuration& start, const
             confirm_all(goal_);
         }
     }
+    return {};
 }
 
 // The node by which a tree grew towards a random configuration, which is left in ``fresh_``; -1 if it did not grow.
@@ -49,15 +51,22 @@ int BalancedSearch::extended(Tree& tree) {
         return -1;
     }
     left_out_ = 0;
-    tree.get(nearest, near_);
-    space_.step(near_, drawn_, distance, range_, fresh_);
+    int node = nearest;
+    if (space_.projector() != nullptr) {
+        node = walked(tree, nearest, Configuration(drawn_), range_, false);
+        tree.get(node, fresh_);
+    } else {
+        tree.get(nearest, near_);
+        space_.step(near_, drawn_, distance, range_, fresh_);
+        if (step_is_free(near_, fresh_, START)) node = tree.add(fresh_, nearest, !coarse_);
+    }
     double& radius = tree.radius(nearest);
-    if (!step_is_free(near_, fresh_, START)) {
+    if (node == nearest) {
         radius = radius == NO_RADIUS ? start_radius_ : std::max(radius * (1.0 - ALPHA), least_radius_);
         return -1;
     }
     radius *= 1.0 + ALPHA;
-    return tree.add(fresh_, nearest, !coarse_);
+    return node;
 }
 
 // The node by which a tree reached the target, growing towards it step by step; -1 if it did not.
@@ -65,6 +74,11 @@ int BalancedSearch::connected(Tree& tree, const Configuration& target) {
     double squared = 0.0;
     int node = tree.nearest(target, squared);
     double distance = std::sqrt(squared);
+    if (space_.projector() != nullptr) {
+        node = walked(tree, node, target, std::numeric_limits<double>::infinity(), true);
+        tree.get(node, near_);
+        return near_ == target ? node : -1;
+    }
     while (distance > 0.0) {
         tree.get(node, near_);
         space_.step(near_, target, distance, range_, fresh_);
@@ -72,6 +86,36 @@ int BalancedSearch::connected(Tree& tree, const Configuration& target) {
         if (!step_is_free(near_, fresh_, known)) return -1;
         node = tree.add(fresh_, node, !coarse_);
         distance = std::sqrt(space_.squared_distance(fresh_.data(), target.data()));
+    }
+    return node;
+}
+
+// The node that a tree reached on its way from a node towards a target, at most ``most`` far, by steps that keep the
+// constraints: halved until they do, then doubled again.
+int BalancedSearch::walked(Tree& tree, int node, const Configuration& target, double most, bool target_is_node) {
+    double gone = 0.0, stride = stride_;
+    while (gone < most) {
+        oracle_.poll();
+        tree.get(node, near_);
+        const double distance = std::sqrt(space_.squared_distance(near_.data(), target.data()));
+        if (!(distance > 0.0)) break;
+        const double step = std::min(stride, distance);
+        const bool arrives = target_is_node && step == distance;
+        space_.step(near_, target, distance, step, fresh_);
+        if (!space_.projector()->step(near_, fresh_, target, distance, step, arrives)) {
+            if (step <= constraints::Projector::LEAST_STRIDE) {
+                ++idle_;
+                break;
+            }
+            stride = step / 2.0;
+            continue;
+        }
+        idle_ = 0;
+        if (!step_is_free(near_, fresh_, arrives ? BOTH : START)) break;
+        gone += std::sqrt(space_.squared_distance(near_.data(), fresh_.data()));
+        node = tree.add(fresh_, node, !coarse_);
+        stride_ = step;
+        stride = std::min(2.0 * step, range_);
     }
     return node;
 }

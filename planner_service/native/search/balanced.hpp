@@ -16,7 +16,8 @@ class BalancedSearch {
   public:
     BalancedSearch(Oracle& oracle, Space space, double range, std::uint64_t seed);
 
-    // The path from the start to the goal that is reached first. Only an exception of the oracle ends it without one.
+    // The path from the start to the goal that is reached first. Without constraints only an exception of the oracle ends
+    // it without one; with them also that nothing was left to judge for long: the path is then empty.
     std::vector<Configuration> run(const Configuration& start, const std::vector<Configuration>& goals);
 
     // Both trees as they are.
@@ -25,6 +26,7 @@ class BalancedSearch {
   private:
     int extended(Tree& tree);
     int connected(Tree& tree, const Configuration& target);
+    int walked(Tree& tree, int node, const Configuration& target, double most, bool target_is_node);
     bool step_is_free(const Configuration& from, const Configuration& to, Known known);
     bool confirmed(Tree& tree, int node);
     bool confirm(Tree& tree, int node);
@@ -38,6 +40,8 @@ class BalancedSearch {
     Tree start_, goal_;
     int refuted_ = 0;      // paths with an edge that was not free after all
     int left_out_ = 0;     // samples in a row
+    int idle_ = 0;         // steps in a row that the constraints left nothing of
+    double stride_;        // length of the last step that kept the constraints
     bool coarse_ = true;   // whether edges are judged coarsely first
     Configuration near_, drawn_, fresh_;
 };

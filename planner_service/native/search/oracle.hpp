@@ -28,6 +28,10 @@ class Oracle {
 
     // Ends the call by an exception if its time is up; asks no more often than every few milliseconds.
     virtual void poll() {}
+
+    // Whether there are constraints, and whether a configuration keeps them with a little room; counts nothing.
+    virtual bool constrained() const { return false; }
+    virtual bool is_kept(const double* /*q*/) { return true; }
 };
 
 }  // namespace search

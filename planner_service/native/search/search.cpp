@@ -11,6 +11,7 @@
 
 #include "../collision/kernel.hpp"
 #include "balanced.hpp"
+#include "constrained_oracle.hpp"
 #include "edge_oracle.hpp"
 #include "tiered_oracle.hpp"
 
@@ -76,12 +77,17 @@ void bind(nb::module_& m) {
                 new (self) TieredOracle(roomy, tight, near_end);
             },
             nb::arg("roomy"), nb::arg("tight"), nb::arg("near_end"), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>());
+    nb::class_<ConstrainedOracle, Oracle>(m, "ConstrainedOracle")
+        .def(nb::init<Oracle&, constraints::Projector&>(), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>());
     nb::class_<BalancedSearch>(m, "BalancedSearch")
         .def(
             "__init__",
             [](BalancedSearch* self, Oracle& oracle, const Configuration& lower, const Configuration& upper, double range,
-               std::uint64_t seed) { new (self) BalancedSearch(oracle, Space(lower, upper), range, seed); },
-            nb::arg("oracle"), nb::arg("lower"), nb::arg("upper"), nb::arg("range"), nb::arg("seed"), nb::keep_alive<1, 2>())
+               std::uint64_t seed, constraints::Projector* projector) {
+                new (self) BalancedSearch(oracle, Space(lower, upper, projector), range, seed);
+            },
+            nb::arg("oracle"), nb::arg("lower"), nb::arg("upper"), nb::arg("range"), nb::arg("seed"),
+            nb::arg("projector") = nb::none(), nb::keep_alive<1, 2>(), nb::keep_alive<1, 7>())
         .def("run", &BalancedSearch::run, nb::call_guard<nb::gil_scoped_release>())
         .def("grown", [](const BalancedSearch& self) {
             auto grown = self.grown();

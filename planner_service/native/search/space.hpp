@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <utility>
 
+#include "../constraints/projector.hpp"
 #include "generator.hpp"
 #include "oracle.hpp"
 
@@ -13,9 +14,13 @@ namespace search {
 
 class Space {
   public:
-    Space(Configuration lower, Configuration upper) : lower_(std::move(lower)), upper_(std::move(upper)) {}
+    // ``projector``: what keeps constraints, if there are any; it stays where it is as long as this exists.
+    Space(Configuration lower, Configuration upper, constraints::Projector* projector = nullptr)
+        : lower_(std::move(lower)), upper_(std::move(upper)), projector_(projector) {}
 
     std::size_t dof() const { return lower_.size(); }
+    // What keeps constraints; null without any.
+    constraints::Projector* projector() const { return projector_; }
 
     // The longest distance between two configurations.
     double extent() const { return std::sqrt(squared_distance(lower_.data(), upper_.data())); }
@@ -43,6 +48,7 @@ class Space {
 
   private:
     Configuration lower_, upper_;
+    constraints::Projector* projector_;
 };
 
 }  // namespace search

@@ -47,6 +47,10 @@ void bind(nb::module_& m) {
     m.def("shortcut", [](const Rows& waypoints, search::Oracle& oracle, const std::vector<double>& draws, int misses) {
         return smoothed(waypoints, [&](const Polyline& chain) { return shortcut(chain, oracle, draws, misses); });
     });
+    m.def("shortcut_on", [](const Rows& waypoints, search::ConstrainedOracle& oracle, const std::vector<double>& draws, int misses,
+                            double longest) {
+        return smoothed(waypoints, [&](const Polyline& chain) { return shortcut_on(chain, oracle, draws, misses, longest); });
+    });
     m.def("pulled_in", [](const Rows& waypoints, search::Oracle& oracle) {
         return smoothed(waypoints, [&](const Polyline& chain) { return pulled_in(chain, oracle); });
     });

@@ -26,6 +26,7 @@ constexpr double min_gain = 0.02, min_pull = 0.005, short_piece = 0.1;
 constexpr std::array<double, 2> pulls{1.0, 0.5};
 constexpr int pull_rounds = 2;
 constexpr double blend_share = 0.499, min_forward = 0.2;
+constexpr int kept_samples = 8;
 
 double distance(const Configuration& a, const Configuration& b) {
     double total = 0.0;
@@ -185,9 +186,99 @@ class Pulling {
     }
 };
 
+double length_of(const Polyline& chain) { return arithmetic::exact_sum(lengths_of(chain)); }
+
+bool path_is_free(const Polyline& chain, std::size_t from, std::size_t to, Oracle& oracle) {
+    for (std::size_t k = from; k < to; ++k)
+        if (!oracle.edge_is_free(chain[k], chain[k + 1], search::NEITHER)) return false;
+    return true;
+}
+
+// The straight way between two configurations, projected step by step onto the constraints; empty if it does not get there.
+Polyline bridge(const Configuration& from, const Configuration& to, search::ConstrainedOracle& oracle, double longest) {
+    constraints::Projector& projector = oracle.projector();
+    Polyline out{from};
+    for (double stride = longest;;) {
+        oracle.poll();
+        const double left = distance(out.back(), to);
+        if (!(left > 0.0)) return out;
+        const double step = std::min(stride, left);
+        Configuration fresh = step == left ? to : between(out.back(), to, step / left);
+        if (projector.step(out.back(), fresh, to, left, step, step == left)) {
+            out.push_back(fresh);
+            stride = std::min(2.0 * step, longest);
+        } else if (step <= constraints::Projector::LEAST_STRIDE) {
+            return {};
+        } else {
+            stride = step / 2.0;
+        }
+    }
+}
+
+// From each vertex by a bridge to the last, or half as far, and so on, if the bridge is free and shorter.
+Polyline skip_by_bridges(const Polyline& chain, search::ConstrainedOracle& oracle, double longest) {
+    Polyline kept{chain.front()};
+    for (std::size_t last = 0; last + 1 < chain.size();) {
+        std::size_t span = chain.size() - 1 - last;
+        for (; span > 1; span /= 2) {
+            const Polyline piece(chain.begin() + static_cast<std::ptrdiff_t>(last), chain.begin() + static_cast<std::ptrdiff_t>(last + span + 1));
+            const Polyline way = bridge(piece.front(), piece.back(), oracle, longest);
+            if (way.empty() || !(length_of(way) < length_of(piece)) || !path_is_free(way, 0, way.size() - 1, oracle)) continue;
+            kept.insert(kept.end(), way.begin() + 1, way.end());
+            break;
+        }
+        if (span == 1) kept.push_back(chain[last + 1]);
+        last += span;
+    }
+    return kept;
+}
+
+// The chain with a bridge from u to v (shares of the length); none if it gains too little or is not free.
+std::optional<Polyline> cut_by_bridge(const Polyline& chain, double u, double v, search::ConstrainedOracle& oracle, double longest) {
+    if (v < u) std::swap(u, v);
+    const std::vector<double> lengths = lengths_of(chain);
+    const double total = arithmetic::exact_sum(lengths), before = u * total, after = v * total;
+    const Place first = point_at(chain, lengths, before), second = point_at(chain, lengths, after);
+    const std::size_t i = first.piece, j = second.piece;
+    if (i == j || after - before - distance(first.q, second.q) < min_gain * total) return std::nullopt;
+    const Polyline way = bridge(first.q, second.q, oracle, longest);
+    if (way.empty() || after - before - length_of(way) < min_gain * total) return std::nullopt;
+    const auto at = [&chain](std::size_t k) { return chain.begin() + static_cast<std::ptrdiff_t>(std::min(k, chain.size())); };
+    Polyline out(chain.begin(), at(first.q != chain[i] ? i + 1 : i));
+    const std::size_t begin = out.empty() ? 0 : out.size() - 1;
+    out.insert(out.end(), way.begin(), way.end());
+    const std::size_t end = out.size();
+    out.insert(out.end(), at(second.q != chain[j + 1] ? j + 1 : j + 2), chain.end());
+    if (!path_is_free(out, begin, std::min(end, out.size() - 1), oracle)) return std::nullopt;
+    return out;
+}
+
+// From each vertex straight on to the last, or half as far, and so on, if that is free.
+Polyline with_few_waypoints(const Polyline& chain, Oracle& oracle) {
+    Polyline kept{chain.front()};
+    for (std::size_t last = 0; last + 1 < chain.size();) {
+        std::size_t span = chain.size() - 1 - last;
+        while (span > 1 && !oracle.edge_is_free(chain[last], chain[last + span], search::NEITHER)) span /= 2;
+        last += span;
+        kept.push_back(chain[last]);
+    }
+    return kept;
+}
+
+// Whether a blend keeps the constraints at a few samples; smoothing.py has their number.
+bool blend_is_kept(const timing::Blend& blend, Oracle& oracle) {
+    Configuration q(blend.joints);
+    for (int k = 1; k < kept_samples; ++k) {
+        blend.position(blend.s - blend.width + 2.0 * blend.width * (k / static_cast<double>(kept_samples)), q.data());
+        if (!oracle.is_kept(q.data())) return false;
+    }
+    return true;
+}
+
 // Whether a blend is free between its ends: CollisionChecker.blend_is_free, except that its ends are not compared with the joint
 // limits; they lie on pieces that were found free.
 bool blend_is_free(const timing::Blend& blend, Oracle& oracle) {
+    if (oracle.constrained() && !blend_is_kept(blend, oracle)) return false;
     const std::size_t n = blend.joints;
     const double start = blend.s - blend.width, length = 2.0 * blend.width;
     Configuration fastest(n), last(n);
@@ -214,6 +305,23 @@ Polyline shortcut(const Polyline& waypoints, Oracle& oracle, const std::vector<d
         if (chain.empty() || q != chain.back()) chain.push_back(q);
     Verdicts verdicts(oracle, chain);
     return cut_at_random(skip_vertices(chain, verdicts), verdicts, draws, misses);
+}
+
+Polyline shortcut_on(const Polyline& waypoints, search::ConstrainedOracle& oracle, const std::vector<double>& draws, int misses,
+                     double longest) {
+    Polyline chain;
+    for (const Configuration& q : waypoints)
+        if (chain.empty() || q != chain.back()) chain.push_back(q);
+    chain = skip_by_bridges(chain, oracle, longest);
+    int missed = 0;
+    for (std::size_t k = 0; k + 1 < draws.size() && missed < misses && chain.size() >= 3; k += 2) {
+        ++missed;
+        std::optional<Polyline> shorter = cut_by_bridge(chain, draws[k], draws[k + 1], oracle, longest);
+        if (!shorter) continue;
+        missed = 0;
+        chain = std::move(*shorter);
+    }
+    return with_few_waypoints(chain, oracle);
 }
 
 Polyline pulled_in(Polyline chain, Oracle& oracle) {

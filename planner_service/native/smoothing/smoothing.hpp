@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "../search/oracle.hpp"
+#include "../search/constrained_oracle.hpp"
 
 namespace smoothing {
 
@@ -15,6 +15,10 @@ using Polyline = std::vector<search::Configuration>;
 
 // ``draws``: two random numbers for each cut that may be tried.
 Polyline shortcut(const Polyline& waypoints, search::Oracle& oracle, const std::vector<double>& draws, int misses);
+
+// The same on constraints, in steps of at most ``longest``.
+Polyline shortcut_on(const Polyline& waypoints, search::ConstrainedOracle& oracle, const std::vector<double>& draws, int misses,
+                     double longest);
 
 Polyline pulled_in(Polyline chain, search::Oracle& oracle);
 

@@ -1,0 +1,10 @@
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace constraints {
+
+// Adds ``Projector``.
+void bind(nanobind::module_& m);
+
+}  // namespace constraints
