@@ -48,7 +48,7 @@ _FAR_AWAY = 1e100
 """Where nodes that were cut off are: farther than any other."""
 
 
-MAX_IDLE = 20_000
+MAX_IDLE = 2000
 """Steps in a row of which constraints left nothing, after which the search gives up."""
 
 _WORD = 2**64 - 1

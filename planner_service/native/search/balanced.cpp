@@ -9,7 +9,7 @@ namespace {
 
 // These are those of search/balanced.py.
 constexpr double START_RADIUS = 0.3, LEAST_RADIUS = 0.075, ALPHA = 1e-4;
-constexpr int MAX_LEFT_OUT = 1000, MAX_REFUTED = 8, MAX_IDLE = 20000;
+constexpr int MAX_LEFT_OUT = 1000, MAX_REFUTED = 8, MAX_IDLE = 2000;
 
 }  // namespace
 
