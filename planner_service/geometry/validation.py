@@ -15,6 +15,7 @@ from planner_service.files.xml_reader import Malformed
 from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_fields
 
 __all__ = [
+    "FLOAT64",
     "MAX_LENGTH",
     "cloud",
     "copied_in",
@@ -34,6 +35,8 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+
+FLOAT64 = np.dtype(np.float64)
 
 MAX_LENGTH = 1e3
 """Metres: no robot on a table is a kilometre long, so a longer length is a unit mistake."""
@@ -83,6 +86,8 @@ def numbers(field: str, values: object, expected: str) -> FloatArray:
         InvalidRequest: naming ``field`` and what was ``expected``: texts, booleans, complex numbers, other objects,
             hidden (masked) entries, rows of unequal length, integers that no float holds, or 20 million numbers.
     """
+    if type(values) is np.ndarray and values.dtype is FLOAT64 and values.size <= MAX_NUMBERS:
+        return read_only(values)
     try:
         _count(values)
         array = np.asarray(values)
@@ -242,6 +247,8 @@ def copied_in(value: object, *names: str) -> None:
     """For ``__post_init__``: replace the fields ``names`` (arrays, lists, mappings) by private, read-only copies."""
     for name in names:
         held = getattr(value, name)
+        if type(held) is tuple and len(held) <= MAX_ITEMS:
+            continue
         if isinstance(held, np.ndarray):
             held = frozen(held.copy())
         elif isinstance(held, Mapping):

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_sent, read_only, set_fields
-from planner_service.geometry.validation import numbers, whole
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, as_sent, frozen, read_only, set_fields
+from planner_service.geometry.validation import FLOAT64, numbers, whole
 from planner_service.path.corner_blend import Blends
 
 __all__ = ["OVERSHOOT", "JointPath", "require_order", "within"]
@@ -47,7 +47,7 @@ would advance while the robot stands still."""
 
 ORDERS = range(4)
 
-FLOAT64 = np.dtype(np.float64)
+NO_BLENDS = frozen(np.zeros(0))
 
 
 def _distances(points: FloatArray) -> FloatArray:
@@ -86,7 +86,7 @@ def _waypoints(values: Any) -> FloatArray:
     points = numbers("waypoints", values, "rows of equally many numbers, shape (N, n)")
     if points.ndim != 2 or 0 in points.shape:
         raise InvalidRequest("waypoints", points.shape, "shape (N, n) with N >= 1 waypoints of n >= 1 joints")
-    if not np.all(np.isfinite(points)):
+    if not np.isfinite(points).all():
         row, joint = np.argwhere(~np.isfinite(points))[0]
         raise InvalidRequest(f"waypoints[{row}][{joint}]", float(points[row, joint]), "a finite number")
     return points
@@ -94,6 +94,8 @@ def _waypoints(values: Any) -> FloatArray:
 
 def _widths(values: Any, count: int) -> list[float]:
     """Blend widths for ``count`` waypoints, all 0 if none are given."""
+    if values is NO_BLENDS:
+        return [0.0] * count
     expected = f"{count} finite numbers, each 0 or at least {MIN_WIDTH:g}, the first and the last 0, or none"
     given = numbers("blends", values, expected)
     if given.shape == (0,):
@@ -105,9 +107,8 @@ def _widths(values: Any, count: int) -> list[float]:
     return widths
 
 
-def _merged(points: FloatArray) -> FloatArray:
+def _merged(points: FloatArray, steps: FloatArray) -> FloatArray:
     """The points without those that coincide with the one before; the first and last stay bit for bit."""
-    steps = _distances(points)
     total = sum(steps.tolist())
     if not math.isfinite(total):
         raise InvalidRequest("waypoints", float(np.abs(points).max()), "joint values whose path has a finite length")
@@ -148,9 +149,8 @@ class _Polyline:
     turns: tuple[int, ...]
 
     @classmethod
-    def through(cls, points: FloatArray) -> _Polyline:
-        """The polyline through points of which none coincides with the one before it."""
-        steps = _distances(points)
+    def through(cls, points: FloatArray, steps: FloatArray) -> _Polyline:
+        """The polyline through points so far apart, of which none coincides with the one before it."""
         knots = read_only(list(accumulate(steps.tolist(), initial=0.0)))
         lengths, moves = knots[1:] - knots[:-1], points[1:] - points[:-1]
         tangents = moves / steps[:, np.newaxis]
@@ -163,12 +163,13 @@ class _Polyline:
             if noise.max() > NOISY:
                 turning |= _turned(tangents, lengths, ROUNDING * np.abs(points).max(), turning)
             turns = tuple((np.flatnonzero(turning) + 1).tolist())
-        return cls(read_only(points), knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
+        return cls(frozen(points), knots, lengths, tangents, (points[:-1], moves, points[1:]), turns)
 
     def turns_back(self, k: int) -> bool:
         """Whether the corner at inner point k almost turns back."""
-        forward = self.tangents[k - 1] + self.tangents[k]
-        return math.fsum((forward * forward).tolist()) < MIN_FORWARD * MIN_FORWARD
+        before, after = self.tangents[k - 1 : k + 1].tolist()
+        squares = [(u + v) * (u + v) for u, v in zip(before, after, strict=True)]
+        return math.fsum(squares) < MIN_FORWARD * MIN_FORWARD
 
 
 def _turned(tangents: FloatArray, lengths: FloatArray, rounding: float, turning: BoolArray) -> BoolArray:
@@ -189,6 +190,8 @@ def _turned(tangents: FloatArray, lengths: FloatArray, rounding: float, turning:
 def _allowed_blends(polyline: _Polyline, widths: Sequence[float]) -> list[float]:
     """The widths at corners, 0 elsewhere."""
     kept, lengths = [0.0] * len(widths), polyline.lengths.tolist()
+    if not any(widths):
+        return kept
     for k in polyline.turns:
         kept[k] = widths[k]
         if kept[k] > 0.0 and polyline.turns_back(k):
@@ -239,7 +242,7 @@ class JointPath:
     """
 
     waypoints: FloatArray
-    blends: FloatArray = field(default_factory=lambda: np.zeros(0))
+    blends: FloatArray = field(default_factory=lambda: NO_BLENDS)
     knots: FloatArray = field(init=False)
     breaks: FloatArray = field(init=False)
     blended: BoolArray = field(init=False)
@@ -250,13 +253,14 @@ class JointPath:
 
     def __post_init__(self) -> None:
         given = _waypoints(self.waypoints)
-        points = _merged(given)
+        steps = _distances(given)
+        points = _merged(given, steps)
         widths = _widths(self.blends, len(given))
         if len(points) < len(given):
             if any(widths):
                 raise InvalidRequest("blends", len(given) - len(points), "waypoints that do not coincide")
-            widths = widths[: len(points)]
-        self._lay(_Polyline.through(points), widths)
+            steps, widths = _distances(points), widths[: len(points)]
+        self._lay(_Polyline.through(points, steps), widths)
 
     def _lay(self, polyline: _Polyline, widths: Sequence[float]) -> None:
         """Set all fields: the curve along a polyline with these blend widths."""
@@ -322,7 +326,7 @@ class JointPath:
     def with_blends(self, blends: ArrayLike | None) -> JointPath:
         """The same polyline with other blends, shape (N,); None for a stop at every corner."""
         path = object.__new__(JointPath)
-        path._lay(self._polyline, _widths(() if blends is None else blends, len(self.waypoints)))
+        path._lay(self._polyline, _widths(NO_BLENDS if blends is None else blends, len(self.waypoints)))
         return path
 
     def __call__(self, s: ArrayLike, order: int = 0) -> FloatArray:
@@ -398,7 +402,7 @@ class JointPath:
             out[on] = self._curves.travel(rows.take(on), at.take(on))
         return out
 
-    @property
+    @cached_property
     def tables(self) -> tuple[NDArray[Any], ...]:
         """The tables of ``__call__`` and ``travel``, for compiled code that computes the same bits.
 
@@ -408,7 +412,7 @@ class JointPath:
         """
         rows = np.flatnonzero(self.blends > 0.0)
         columns = self.knots[rows, None], self.blends[rows, None], self.waypoints[rows]
-        blends = np.concatenate([*columns, self.tangents[rows - 1], self.tangents[rows]], axis=1)
+        blends = frozen(np.concatenate([*columns, self.tangents[rows - 1], self.tangents[rows]], axis=1))
         return (self.waypoints, self.knots, self.tangents, self.breaks, self._lines, self._rows, blends)
 
     def reversed(self) -> JointPath:
