@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from planner_service.errors import InvalidRequest, PlannerServiceError
 from planner_service.geometry.validation import number, whole
@@ -26,6 +26,8 @@ __all__ = [
     "Tally",
     "TimeBoxSpent",
 ]
+
+Number = TypeVar("Number", int, float)
 
 MAX_STATES = 2**63 - 1
 """More states than anyone judges."""
@@ -175,7 +177,9 @@ class Ledger:
 
     def let_go(self) -> None:
         """End the limits that a call of this thread may have left behind when Ctrl-C came."""
-        self._threads.own.hold()
+        own = self._threads.own
+        if own.limits.blocks:
+            own.hold()
 
     def poll(self) -> None:
         """Raise if the time box is over or the call was cancelled; costs no check."""
@@ -237,12 +241,12 @@ class _Thread:
 
     def hold(self, *blocks: _Block) -> None:
         """Take the limits of these blocks for all there are."""
-        deadlines = [block.deadline for block in blocks if block.deadline is not None]
-        inner = max((k for k, block in enumerate(blocks) if block.apart), default=0)
-        counts = [block.most for block in blocks[inner:] if block.most is not None]
-        tokens = tuple(block.token for block in blocks if block.token is not None)
-        refs = tuple(map(weakref.ref, blocks))
-        self.limits = _Limits(refs, min(counts, default=None), min(deadlines, default=None), tokens)
+        most, deadline = None, None
+        for block in blocks:
+            most = _least(None if block.apart else most, block.most)
+            deadline = _least(deadline, block.deadline)
+        tokens = tuple([block.token for block in blocks if block.token is not None])
+        self.limits = _Limits(tuple(map(weakref.ref, blocks)), most, deadline, tokens)
 
     def living(self) -> list[_Block]:
         """The blocks there are."""
@@ -266,6 +270,11 @@ class _Thread:
     def require_room(self) -> None:
         if self.limits.most is not None and self.states >= self.limits.most:
             raise CheckBudgetSpent("the check budget is spent")
+
+
+def _least(a: Number | None, b: Number | None) -> Number | None:
+    """The smaller of two limits, of which each may be None."""
+    return b if a is None or (b is not None and b < a) else a
 
 
 class _Threads(threading.local):

@@ -141,10 +141,11 @@ class CollisionChecker:
         """
         padding = self.padding if padding is None else padding
         require_padding(padding)
+        finest = self._motion_step
         if motion_step is not None:
             motion_step = MotionStep(motion_step).distance
+            finest = motion_step if finest is None else min(motion_step, finest)
         pairs = self.allowed if allowed is None else sorted_pairs(allowed)
-        finest = min((step for step in (motion_step, self._motion_step) if step is not None), default=None)
         key = (padding, pairs, finest)
         if key == (self.padding, self.allowed, self._motion_step):
             return self
@@ -361,10 +362,11 @@ class CollisionChecker:
 
     def _record(self, oracle: _core.EdgeOracle) -> None:
         states, edges, hits = oracle.take()
-        self.ledger.own.edges += edges
+        own = self.ledger.own
+        own.edges += edges
         self.ledger.record_states(states)
         for pair, count in hits.items():
-            self.ledger.own.hits[self._parts.names(pair)] += count
+            own.hits[self._parts.names(pair)] += count
         if hits:
             self._last.hit = Collision(0, oracle.last_fraction, oracle.last_pair)
 
