@@ -120,7 +120,7 @@ def padded_ends(context: PlanContext, ends: Ends, padding: float) -> Ends:
 
 def _ends(context: PlanContext) -> Ends:
     request, robot = context.request, context.checker.robot
-    begin = _clamped(context, joint_vector("start", request.start, robot))
+    begin = _clamped(context, np.asarray(request.start))
     start, departure = _beyond_retreat(context, begin)
     for q in (begin, start):
         _require_kept(context, "start", q)
@@ -158,15 +158,21 @@ def _ends(context: PlanContext) -> Ends:
                 failures.append(no_plan.failure)
     if not goals:
         raise NoPlan(failures[0] if colliding is None else _with_nearest_free(context, failures[0], colliding))
-    goals.sort(key=lambda goal: joint_distance(start, goal.q))
+    goals.sort(key=lambda goal: joint_distance(start.tolist(), goal.q.tolist()))
     return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)
 
 
 def _outside(q: FloatArray, robot: Robot) -> int | None:
     """The joint farthest outside its limits, None if none is."""
-    excess = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
-    worst = int(excess.argmax())
-    return worst if excess[worst] > 0.0 else None
+    rows = zip(robot.limits.lower.tolist(), q.tolist(), robot.limits.upper.tolist(), strict=True)
+    excess = [max(low - value, value - high) for low, value, high in rows]
+    worst = max(excess)
+    return excess.index(worst) if worst > 0.0 else None
+
+
+def _farthest(q: FloatArray, other: FloatArray) -> float:
+    """The largest difference of any joint."""
+    return float(max(abs(a - b) for a, b in zip(q.tolist(), other.tolist(), strict=True)))
 
 
 def _outside_in_words(q: FloatArray, joint: int, robot: Robot) -> str:
@@ -224,13 +230,13 @@ def _beyond_retreat(context: PlanContext, q: FloatArray) -> tuple[FloatArray, Ex
     checker = context.checker
     for retreat in checker.robot.retreats:
         rest = checker.robot.pose(retreat.pose)
-        if np.abs(q - rest).max() > SAME_POSE or checker.state_is_free(q):
+        if _farthest(q, rest) > SAME_POSE or checker.state_is_free(q):
             continue
         pairs = checker.parts.labels.links(retreat.pairs)
         if checker.variant(allowed=(*checker.allowed, *pairs)).edge_is_free(rest, retreat.to):
             if q.tolist() != rest.tolist():
-                away = np.abs(q - rest).max()
-                context.accounting.notes.append(f"taken for the pose {retreat.pose!r}, {away:.1e} rad away")
+                away = f"{_farthest(q, rest):.1e} rad away"
+                context.accounting.notes.append(f"taken for the pose {retreat.pose!r}, {away}")
             return retreat.to, retreat
     return q, None
 
@@ -275,7 +281,7 @@ def _in_collision(context: PlanContext, name: str, q: FloatArray) -> Failure:
     what = ", ".join(str(contact) for contact in contacts[:3]) or "the limits leave no check to say with what"
     detail = f"{name} in collision: {what}"
     for retreat in robot.retreats:
-        if np.abs(q - robot.pose(retreat.pose)).max() <= NEAR_POSE:
+        if _farthest(q, robot.pose(retreat.pose)) <= NEAR_POSE:
             detail += f"; the pose {retreat.pose!r} itself has a way out, to within {SAME_POSE:g} of it"
     reason = Reason.START_IN_COLLISION if name == "start" else Reason.GOAL_IN_COLLISION
     return Failure(Stage.ENDPOINTS, reason, detail, contacts)

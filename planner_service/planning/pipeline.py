@@ -176,7 +176,7 @@ def _straight_line(context: PlanContext, ends: Ends) -> Candidates | None:
                 continue
             hit = oracle.edge_hit(ends.start, goal.q, known=Known.BOTH)
             if hit is None:
-                entry.note, entry.length = "free", joint_distance(ends.start, goal.q)
+                entry.note, entry.length = "free", joint_distance(ends.start.tolist(), goal.q.tolist())
                 return Candidates((np.array([ends.start, goal.q]),), searching, ends.padding, (), oracle)
             entry.note = entry.note or f"blocked at {hit.fraction:.0%}: {hit.a} x {hit.b}"
     return None

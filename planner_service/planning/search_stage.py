@@ -346,18 +346,18 @@ def _shortened(
     """The path cut short, its corners pulled in, and without those that leave no room for a blend; then as cut."""
     request, accounting = context.request, context.accounting
     with accounting.during(Stage.SHORTCUT) as entry, accounting.improving(entry, "shortened"):
-        entry.length = polyline_length(points)
+        length = entry.length = polyline_length(points)
         rng = np.random.default_rng([request.seed, 1])
         if isinstance(oracle, ConstrainedOracle):
             points = shortcut_on_constraints(points, oracle, rng)
         else:
             points = shortcut(points, oracle, rng)
-        entry.length = polyline_length(points)
+        length = entry.length = polyline_length(points)
     if context.tracer is not None:
         context.tracer.cut(points)
     if len(points) > 2:
         with accounting.during(Stage.POLISH) as entry, accounting.improving(entry, "tidied"):
-            entry.length = polyline_length(points)
+            entry.length = length
             pulled = pulled_in(points, oracle)
             if request.blend > 0.0:
                 pulled = without_short_pieces(pulled, oracle)
@@ -401,4 +401,5 @@ def polyline_length(points: FloatArray) -> float:
 
 
 def _without_repeats(points: Sequence[FloatArray]) -> FloatArray:
-    return np.array([q for k, q in enumerate(points) if k == 0 or q.tolist() != points[k - 1].tolist()])
+    rows = [q.tolist() for q in points]
+    return np.array([q for k, q in enumerate(rows) if k == 0 or q != rows[k - 1]])

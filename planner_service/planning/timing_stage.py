@@ -74,7 +74,7 @@ def tool_speed_limit(path: JointPath, pace: Pace, robot: Robot) -> SpeedLimit | 
 def _stop_duration(trajectory: Trajectory, pace: Pace, robot: Robot, limits: JointLimits) -> float:
     """Seconds that the path would take with a stop at each of its corners; infinite if the law then fails."""
     path = trajectory.path
-    if not np.any(path.blended):
+    if not path.blended.any():
         return trajectory.duration
     try:
         return _stopping(path, pace, robot, limits)

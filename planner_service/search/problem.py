@@ -168,9 +168,10 @@ class SearchProblem:
             raise InvalidRequest("start", start.tolist(), f"{lower.size} joint values")
         if goals.ndim != 2 or len(goals) == 0 or goals.shape[1] != lower.size:
             raise InvalidRequest("goals", goals.tolist(), f"at least one row of {lower.size} joint values")
+        lows, highs = lower.tolist(), upper.tolist()
         for field, points in (("start", start[None]), ("goals", goals)):
             # A NaN fails both comparisons, so it is refused here too.
-            if not ((points >= lower) & (points <= upper)).all():
+            if not all(low <= x <= high for q in points.tolist() for low, x, high in zip(lows, q, highs, strict=True)):
                 expected = f"joint values within {lower.tolist()} and {upper.tolist()}"
                 raise InvalidRequest(field, points.tolist(), expected)
         require_seed(self.seed)
@@ -243,6 +244,6 @@ def _bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]
     low, high = read_only(lower), read_only(upper)
     if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
         raise InvalidRequest("lower", low.tolist(), "as many joint values as upper, at least one")
-    if not (np.isfinite(low) & np.isfinite(high) & (low < high)).all():
+    if not all(-math.inf < a < b < math.inf for a, b in zip(low.tolist(), high.tolist(), strict=True)):
         raise InvalidRequest("upper", high.tolist(), f"finite joint values above {low.tolist()}")
     return low, high
