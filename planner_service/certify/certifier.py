@@ -164,6 +164,7 @@ class Certifier:
         self.listed = ProofPairs(robot, scene, self._allowed)
         self.motion = Motion(robot, self.listed)
         self.prover = _prover_of(backend, self.motion)
+        self._bounds = robot.limits.lower - LIMIT_SLACK, robot.limits.upper + LIMIT_SLACK
         self._whole = np.stack([self.listed.roots, np.zeros_like(self.listed.roots)], axis=1)
 
     def certify(
@@ -287,8 +288,8 @@ class Certifier:
 
     def _check_limits(self, name: str, rows: FloatArray) -> None:
         lower, upper = self.robot.limits.lower, self.robot.limits.upper
-        inside = (rows >= lower - LIMIT_SLACK) & (rows <= upper + LIMIT_SLACK)  # False for NaN
-        if not np.all(inside):
+        inside = (rows >= self._bounds[0]) & (rows <= self._bounds[1])  # False for NaN
+        if not inside.all():
             row, joint = np.argwhere(~inside)[0].tolist()
             expected = f"{self.robot.joint_names[joint]} in [{lower[joint]:.6g}, {upper[joint]:.6g}]"
             where = f"{name}[{joint}]" if name in ("q1", "q2") else f"{name}[{row}][{joint}]"
