@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import finite_numbers, instance, items, numbers, whole
+from planner_service.geometry.validation import finite_numbers, instance, items, number, numbers, whole
 from planner_service.kinematics.numeric_inverse import STEPS, Descent, descend
 from planner_service.kinematics.tool_arm import tool_arm
 from planner_service.kinematics.tool_chain import ToolChain
@@ -25,14 +25,28 @@ from planner_service.kinematics.wxai_inverse import WxaiInverse
 from planner_service.robot.model import Robot
 
 __all__ = [
+    "LINE_METRES",
+    "LINE_RADIANS",
+    "MAX_HALVINGS",
+    "MAX_STEP",
+    "RATE_SLACK",
+    "SAMPLED_SHARE",
+    "TURN_METRES",
     "LineStop",
     "LineStopReason",
     "ToolLine",
     "interpolate",
     "inverse_kinematics",
     "line_deviation",
+    "nearest_configuration",
+    "require_joint_rate",
+    "require_within_limits",
     "rotation_distance",
+    "shifted",
+    "stop_at",
     "straight_tool_line",
+    "tool_error",
+    "travel",
 ]
 
 STARTS = 24
@@ -60,6 +74,12 @@ MAX_STEP = 0.2
 MAX_HALVINGS = 6
 """How often a piece is halved before the line stops: down to 0.03 mm on a 0.1 m line of 60 points."""
 
+TURN_METRES = 0.1
+"""Metres of travel that a radian of the tool's rotation counts as, where the tool turns more than its origin moves."""
+
+RATE_SLACK = 1e-6
+"""Radians by which a step may exceed its limit per metre: rounding, and the tolerance of numeric solutions."""
+
 LIMIT_SLACK = 1e-9
 """A joint value at most this far outside its limits (rad) is rounding."""
 
@@ -73,40 +93,46 @@ class LineStopReason(Enum):
     """The arm, stretched or with aligned axes, cannot move the tool on, or only by turning a joint too fast."""
     BRANCH_JUMP = "branch jump"
     """The next joint values are far from those reached."""
+    JOINT_RATE = "joint rate"
+    """A joint would have to move farther per metre of the tool than is allowed, as beside a singularity."""
 
 
 @dataclass(frozen=True)
 class LineStop:
-    """Why a line ends, at which joint, and after which fraction of it (0 to 1)."""
+    """Why a line ends, at which joint, after which fraction of it (0 to 1), and what a message calls the line."""
 
     reason: LineStopReason
     joint: str
     fraction: float
+    name: str = "the straight tool line"
 
     def __str__(self) -> str:
         what = {
             LineStopReason.LIMIT: f"{self.joint} is at its limit",
             LineStopReason.SINGULARITY: f"the arm is singular ({self.joint} would move most)",
             LineStopReason.BRANCH_JUMP: f"only a jump of {self.joint} leads on",
+            LineStopReason.JOINT_RATE: f"{self.joint} would move more than max_joint_rate per metre of the tool",
         }[self.reason]
-        return f"the straight tool line ends after {100 * self.fraction:.1f} %: {what}"
+        return f"{self.name} ends after {100 * self.fraction:.1f} %: {what}"
 
 
 @dataclass(frozen=True, eq=False)
 class ToolLine:
-    """Joint waypoints (N, n) that move the tool along a straight line.
+    """Joint waypoints (N, n) that move the tool along a straight line, or along another path.
 
     Attributes:
         fraction: The share of the line that they cover, 0 to 1.
         stopped: Why they do not cover all of it; None if they do.
+        fractions: The share of the line that lies behind each waypoint, (N,).
     """
 
     waypoints: FloatArray
     fraction: float
     stopped: LineStop | None = None
+    fractions: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "waypoints", read_only(self.waypoints))
+        set_fields(self, waypoints=read_only(self.waypoints), fractions=read_only(self.fractions))
 
 
 def rotation_distance(a: Pose, b: Pose) -> float:
@@ -229,12 +255,12 @@ def _deviation(
     metres = radians = 0.0
     for u in fractions:
         q = [a + u * (b - a) for a, b in zip(*ends, strict=True)]
-        shift, turn = _tool_error(robot, q, interpolate(*line, u))
+        shift, turn = tool_error(robot, q, interpolate(*line, u))
         metres, radians = max(metres, shift), max(radians, turn)
     return metres, radians
 
 
-def _tool_error(robot: Robot, q: Sequence[float], pose: Pose) -> tuple[float, float]:
+def tool_error(robot: Robot, q: Sequence[float], pose: Pose) -> tuple[float, float]:
     """The distance (m) and angle (rad) between the tool and ``pose``."""
     turns = shifts = 0.0
     for row, wanted, x in zip(robot.tool_rows(q), pose.rotation_rows, pose.position, strict=True):
@@ -244,7 +270,14 @@ def _tool_error(robot: Robot, q: Sequence[float], pose: Pose) -> tuple[float, fl
     return math.sqrt(shifts), 2.0 * math.asin(min(1.0, math.sqrt(turns / 8.0)))  # |R - R'| = sqrt(8) sin(angle / 2)
 
 
-def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *, points: int = 60) -> ToolLine:
+def straight_tool_line(
+    robot: Robot,
+    q_start: ArrayLike,
+    to: Pose | ArrayLike,
+    *,
+    points: int = 60,
+    max_joint_rate: float = math.inf,
+) -> ToolLine:
     """Joint waypoints that move the tool straight from its pose at ``q_start`` to ``to``, as far as the arm can.
 
     The position moves linearly, the orientation by the shortest rotation. While the joints go straight between two
@@ -256,38 +289,91 @@ def straight_tool_line(robot: Robot, q_start: ArrayLike, to: Pose | ArrayLike, *
         q_start: Shape (n,), within the limits.
         to: A pose, or a shift (3,) in metres along the base's axes that keeps the orientation.
         points: Waypoints of a line without halved pieces; at least 2.
+        max_joint_rate: The most that a joint may move between two waypoints per metre of the line, in rad/m (m/m for a
+            prismatic joint). Where the tool turns by more than 10 rad per metre, each radian counts as 0.1 m.
 
     Raises:
-        InvalidRequest: A wrong shape, a number that is not finite, or ``q_start`` outside the limits.
+        InvalidRequest: A wrong shape, a number that is not finite or out of range, or ``q_start`` outside the limits.
     """
     instance("robot", robot, Robot, "a Robot")
     whole("points", points, 2, 10_000)
+    require_joint_rate(max_joint_rate)
     q = finite_numbers("q_start", q_start, robot.n)
+    require_within_limits("q_start", robot, q)
+    chain = ToolChain.of(robot, q)
+    line = _within_rate(chain.robot, _walked(chain.robot, chain.of_whole(q), to, points), to, max_joint_rate)
+    return replace(line, waypoints=chain.whole(line.waypoints))
+
+
+def require_within_limits(name: str, robot: Robot, q: FloatArray) -> None:
+    """Refuse a configuration (n,) outside the joint limits.
+
+    Raises:
+        InvalidRequest: Naming the joint that is farthest outside.
+    """
     outside = np.maximum(robot.limits.lower - q, q - robot.limits.upper)
     worst = int(outside.argmax())
     if outside[worst] > LIMIT_SLACK:
         span = f"within [{robot.limits.lower[worst]:.4f}, {robot.limits.upper[worst]:.4f}]"
-        raise InvalidRequest(f"q_start: {robot.joint_names[worst]}", float(q[worst]), span)
-    chain = ToolChain.of(robot, q)
-    line = _walked(chain.robot, chain.of_whole(q), to, points)
-    return replace(line, waypoints=chain.whole(line.waypoints))
+        raise InvalidRequest(f"{name}: {robot.joint_names[worst]}", float(q[worst]), span)
+
+
+def require_joint_rate(value: object) -> float:
+    """The limit on joint motion per metre of the tool that a caller gave.
+
+    Raises:
+        InvalidRequest: It is not a number above 0.
+    """
+    expected = "rad (m for a prismatic joint) per metre of the tool's path, at least 0.01, such as 100"
+    return number("max_joint_rate", value, expected, 0.01, math.inf)
 
 
 def _walked(robot: Robot, q: FloatArray, to: Pose | ArrayLike, points: int) -> ToolLine:
     begin = Pose.from_matrix(robot.tool_pose(q))
-    walk = _Walk(robot, begin, to if isinstance(to, Pose) else _shifted(begin, to), q)
+    walk = _Walk(robot, begin, to if isinstance(to, Pose) else shifted(begin, to), q)
     if begin == walk.end:
-        return ToolLine(q[np.newaxis], 1.0)
+        return ToolLine(q[np.newaxis], 1.0, fractions=np.zeros(1))
     arm = tool_arm(robot, closed_form=robot.inverse == "wxai")
     whole_line = None if arm is None else arm.walk(_numbers(begin), _numbers(walk.end), q, points)
     if whole_line is not None:
-        return ToolLine(whole_line, 1.0)
+        return ToolLine(whole_line, 1.0, fractions=_fractions(robot, whole_line, points))
     shortest = 1.0 / (points - 1) / 2**MAX_HALVINGS
     for k in range(1, points):
         stop = walk.to(k / (points - 1), shortest)
         if stop is not None:
-            return ToolLine(np.array(walk.waypoints), walk.fraction, stop)
-    return ToolLine(np.array(walk.waypoints), 1.0)
+            return ToolLine(np.array(walk.waypoints), walk.fraction, stop, np.array(walk.fractions))
+    return ToolLine(np.array(walk.waypoints), 1.0, fractions=np.array(walk.fractions))
+
+
+def _fractions(robot: Robot, waypoints: FloatArray, points: int) -> FloatArray:
+    """The share of a whole line behind each of its waypoints, (N,)."""
+    if len(waypoints) == points:
+        return np.arange(points) / (points - 1)
+    poses = [Pose.from_matrix(robot.tool_pose(q)) for q in waypoints]
+    behind = [travel(poses[0], pose) for pose in poses]
+    return np.array(behind) / behind[-1]
+
+
+def travel(a: Pose, b: Pose) -> float:
+    """Metres between two poses, or 0.1 m for each radian between them if that is more."""
+    return max(math.dist(a.position, b.position), TURN_METRES * rotation_distance(a, b))
+
+
+def _within_rate(robot: Robot, line: ToolLine, to: Pose | ArrayLike, rate: float) -> ToolLine:
+    """The line up to where a joint would move too far per metre."""
+    if rate == math.inf or len(line.waypoints) < 2:
+        return line
+    begin = Pose.from_matrix(robot.tool_pose(line.waypoints[0]))
+    whole_travel = travel(begin, to if isinstance(to, Pose) else shifted(begin, to))
+    moves = np.abs(line.waypoints[1:] - line.waypoints[:-1])
+    allowed = rate * whole_travel * (line.fractions[1:] - line.fractions[:-1])
+    too_far = moves.max(axis=1) > allowed + RATE_SLACK
+    if not too_far.any():
+        return line
+    k = int(too_far.argmax())
+    fraction = float(line.fractions[k])
+    stop = LineStop(LineStopReason.JOINT_RATE, robot.joint_names[int(moves[k].argmax())], fraction)
+    return ToolLine(line.waypoints[: k + 1], fraction, stop, line.fractions[: k + 1])
 
 
 def _numbers(pose: Pose) -> list[float]:
@@ -295,11 +381,16 @@ def _numbers(pose: Pose) -> list[float]:
     return [*pose.position, *pose.quaternion]
 
 
-def _shifted(pose: Pose, shift: Any) -> Pose:
+def shifted(pose: Pose, shift: Any, name: str = "to") -> Pose:
+    """The pose moved by (x, y, z) metres along the base's axes.
+
+    Raises:
+        InvalidRequest: ``shift`` is not 3 finite numbers; the message calls it ``name``.
+    """
     expected = "a Pose, or a shift of 3 finite numbers in metres"
-    values = numbers("to", shift, expected)
+    values = numbers(name, shift, expected)
     if values.shape != (3,) or not np.isfinite(values).all():
-        raise InvalidRequest("to", shift, expected)
+        raise InvalidRequest(name, shift, expected)
     dx, dy, dz = values.tolist()
     x, y, z = pose.position
     return Pose((x + dx, y + dy, z + dz), pose.quaternion)
@@ -311,7 +402,7 @@ class _Walk:
     def __init__(self, robot: Robot, begin: Pose, end: Pose, q: FloatArray) -> None:
         self._robot, self._begin, self.end = robot, begin, end
         self._closed_form = WxaiInverse.of(robot) if robot.inverse == "wxai" else None
-        self.waypoints = [q]
+        self.waypoints, self.fractions = [q], [0.0]
         self.fraction = 0.0
         self._pose = begin
 
@@ -324,6 +415,7 @@ class _Walk:
             if q is not None and self._fits(q, pose):
                 self.waypoints.append(q)
                 self.fraction, self._pose = pending.pop(), pose
+                self.fractions.append(self.fraction)
             elif pending[-1] - self.fraction <= shortest * (1.0 + 1e-9):
                 return self._stop(pose, q)
             else:
@@ -333,8 +425,7 @@ class _Walk:
     def _next(self, pose: Pose, before: FloatArray) -> FloatArray | None:
         """The configuration for a pose nearest to the one before, or None."""
         if self._closed_form is None:
-            end = _descended(self._robot, pose, before[np.newaxis])
-            return read_only(end.q[0]) if end.arrived[0] else None
+            return nearest_configuration(self._robot, pose, before)
         near = before.tolist()
         solutions = self._closed_form.solve(pose, [near])
         if not solutions:
@@ -349,15 +440,29 @@ class _Walk:
         return metres <= SAMPLED_SHARE * LINE_METRES and radians <= SAMPLED_SHARE * LINE_RADIANS
 
     def _stop(self, pose: Pose, other: FloatArray | None) -> LineStop:
-        """Why the line does not continue to ``pose``, just ahead, for which ``other`` is the nearest solution."""
-        robot, q = self._robot, self.waypoints[-1]
-        free = descend(robot, pose, q[np.newaxis], limited=False)
-        move = np.abs(free.q[0] - q)
-        beyond = np.maximum(robot.limits.lower - free.q[0], free.q[0] - robot.limits.upper)
-        reason = LineStopReason.SINGULARITY
-        if free.arrived[0] and float(move.max()) <= MAX_STEP:
-            if float(beyond.max()) > 0.0:
-                reason, move = LineStopReason.LIMIT, beyond
-        elif other is not None:
-            reason, move = LineStopReason.BRANCH_JUMP, np.abs(other - q)
-        return LineStop(reason, robot.joint_names[int(move.argmax())], self.fraction)
+        return stop_at(self._robot, pose, self.waypoints[-1], other, self.fraction)
+
+
+def nearest_configuration(robot: Robot, pose: Pose, q: FloatArray) -> FloatArray | None:
+    """The configuration (n,) to which the numeric search from ``q`` (n,) leads for a pose; None if it fails."""
+    end = _descended(robot, pose, q[np.newaxis])
+    return read_only(end.q[0]) if end.arrived[0] else None
+
+
+def stop_at(robot: Robot, pose: Pose, q: FloatArray, other: FloatArray | None, fraction: float) -> LineStop:
+    """Why a line that has come to ``q`` does not continue to ``pose``, just ahead.
+
+    Args:
+        other: The nearest configuration for that pose, (n,); None if there is none.
+        fraction: The share of the line that lies behind.
+    """
+    free = descend(robot, pose, q[np.newaxis], limited=False)
+    move = np.abs(free.q[0] - q)
+    beyond = np.maximum(robot.limits.lower - free.q[0], free.q[0] - robot.limits.upper)
+    reason = LineStopReason.SINGULARITY
+    if free.arrived[0] and float(move.max()) <= MAX_STEP:
+        if float(beyond.max()) > 0.0:
+            reason, move = LineStopReason.LIMIT, beyond
+    elif other is not None:
+        reason, move = LineStopReason.BRANCH_JUMP, np.abs(other - q)
+    return LineStop(reason, robot.joint_names[int(move.argmax())], fraction)
