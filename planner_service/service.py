@@ -43,6 +43,7 @@ from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Scene, load_scene
 from planner_service.search.problem import require_seed
 from planner_service.search.trace import Tracer
+from planner_service.smoothing.smoothing import MIN_BLEND
 from planner_service.timing.laws import Trapezoidal
 
 __all__ = ["PlannerService"]
@@ -306,6 +307,7 @@ class PlannerService:
         contacts: Sequence[AllowedStretch] = (),
         pace: Pace | None = None,
         blends: ArrayLike | None = None,
+        min_blend: float = MIN_BLEND,
         padding: float = 0.0,
         cancel: CancelToken | None = None,
     ) -> PlanResult:
@@ -317,6 +319,7 @@ class PlannerService:
             pace: How fast; ``Pace(Trapezoidal())`` if not given.
             blends: How wide the corner at each waypoint may be blended at most (rad of path before and after it), shape
                 (N,); every corner is a stop if not given.
+            min_blend: The narrowest blend (rad); a corner that would need a narrower one is a stop.
             padding: Metres that pairs which may not touch are to keep. The line is not changed: if it comes nearer,
                 ``result.padding`` and a note say what it keeps.
             cancel: As in ``plan``.
@@ -326,7 +329,7 @@ class PlannerService:
         """
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
-        request = FollowRequest(waypoints, contacts, pace, blends, padding)
+        request = FollowRequest(waypoints, contacts, pace, blends, padding, min_blend)
         result = follow(request, self._planning, self._certifier, cancel=cancel)
         return replace(result, origin=Origin(self.world, None, pace))
 

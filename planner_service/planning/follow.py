@@ -22,7 +22,7 @@ from planner_service.planning.request import Pace
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
 from planner_service.search.problem import joint_distance
-from planner_service.smoothing.smoothing import blended
+from planner_service.smoothing.smoothing import MIN_BLEND, blended
 
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
 
@@ -59,6 +59,7 @@ class FollowRequest:
         pace: How fast.
         blends: How wide each corner may be blended (rad), shape (N,); None to stop at all of them.
         padding: Metres that pairs which may not touch are to keep.
+        min_blend: The narrowest blend (rad); a corner that would need a narrower one is a stop.
     """
 
     waypoints: ArrayLike
@@ -66,6 +67,7 @@ class FollowRequest:
     pace: Pace
     blends: ArrayLike | None = None
     padding: float = 0.0
+    min_blend: float = MIN_BLEND
 
     def __post_init__(self) -> None:
         waypoints = numbers("waypoints", self.waypoints, "rows of joint values")
@@ -75,6 +77,7 @@ class FollowRequest:
         if self.blends is not None:
             set_fields(self, blends=numbers("blends", self.blends, "widths >= 0 in radians"))
         number("padding", self.padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
+        number("min_blend", self.min_blend, "radians in [1e-6, 1]", 1e-6, 1.0)
 
 
 def follow(
@@ -109,7 +112,7 @@ def follow(
         with accounting.during(Stage.STRAIGHT_LINE) as entry:
             _judge_pieces(checker, points, request.contacts)
             entry.note, entry.length = f"{len(points)} points", path.length
-        smooth = _blended(checker, path, sizes, request.contacts, accounting)
+        smooth = _blended(checker, path, sizes, request, accounting)
         exempt = _intervals(smooth, points, request.contacts)
         smooth, certificate = certified_path(smooth, certifier.get(), accounting, exempt)
         require_proven(certificate)
@@ -153,7 +156,7 @@ def _blended(
     checker: CollisionChecker,
     path: JointPath,
     sizes: FloatArray,
-    contacts: Sequence[AllowedStretch],
+    request: FollowRequest,
     accounting: PlanAccounting,
 ) -> JointPath:
     """The path with corners blended as widely as is requested and free; a pair may touch where it may on both sides.
@@ -164,11 +167,11 @@ def _blended(
         return path
 
     def is_free(trial: JointPath, k: int) -> bool:
-        pairs = _allowed_on(contacts, k - 1, k + 1)
+        pairs = _allowed_on(request.contacts, k - 1, k + 1)
         return checker.variant(allowed=(*checker.allowed, *pairs)).blend_is_free(trial, k)
 
     with accounting.during(Stage.POLISH) as entry:
-        smooth = blended(path, is_free, sizes)
+        smooth = blended(path, is_free, sizes, least=request.min_blend)
         entry.note = f"{len(path.corners) - len(smooth.corners)} of {len(path.corners)} corners blended"
         entry.length = path.length
         return smooth

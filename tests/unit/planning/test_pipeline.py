@@ -439,6 +439,13 @@ def test_an_impossible_stretch_of_contact_is_refused(values: Any) -> None:
         AllowedStretch(values[0], values[1], values[2], "because")
 
 
+def test_a_corner_that_would_need_a_narrower_blend_than_the_least_is_a_stop(discs: PlannerService) -> None:
+    assert discs.follow(BEND, blends=[0.0, 0.005, 0.0]).unwrap()[0].blends[1] == 0.0
+    assert discs.follow(BEND, blends=[0.0, 0.005, 0.0], min_blend=0.001).unwrap()[0].blends[1] == 0.005
+    with pytest.raises(InvalidRequest, match=r"min_blend: got 0.0; expected radians in \[1e-6, 1\]"):
+        discs.follow(BEND, min_blend=0.0)
+
+
 @pytest.mark.parametrize("blends", [[0.0, 0.1], [0.0, -0.1, 0.0], [0.0, math.nan, 0.0], "wide"])
 def test_impossible_blends_of_a_given_polyline_are_refused(discs: PlannerService, blends: Any) -> None:
     with pytest.raises(InvalidRequest, match="blends"):
