@@ -53,8 +53,9 @@ from planner_service.roadmap import Roadmap
 from planner_service.robot.model import JointLimits, Robot, load_robot, robot_names
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene, save_scene, scene_names
 from planner_service.service import PlannerService
-from planner_service.tasks.primitives import move_linear, pick, place
+from planner_service.tasks.primitives import pick, place
 from planner_service.tasks.result import Handling, TaskResult
+from planner_service.tasks.tool_motions import move_linear
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
 __version__ = importlib.metadata.version("planner-service")

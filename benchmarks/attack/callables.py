@@ -33,6 +33,7 @@ from planner_service.scene.worlds import load_world
 from planner_service.search import SearchGraph
 from planner_service.tasks.pick_place import places_on, plan_pick_place, standing_on
 from planner_service.tasks.seeds import best_of_seeds, plan_seeds
+from planner_service.tasks.tool_motions import move_circular
 from planner_service.view.still.pictures import draw_check
 
 __all__ = ["HOSTILE", "SKIPPED", "Call", "calls"]
@@ -397,6 +398,15 @@ def _tasks(folder: Path) -> Calls:
         _call(places_on, target=block, support=tray),
         _call(standing_on, scene=scene, name="blue_block"),
         _call(ps.move_linear, **moving, goal=(0.0, 0.0, 0.01), points=5, pace=pace, cancel=ps.CancelToken()),
+        _call(
+            ps.move_linear,
+            **moving,
+            goal=[(0.0, 0.0, 0.01), (0.01, 0.0, 0.0)],
+            zone=0.002,
+            max_joint_rate=50.0,
+            partial=True,
+        ),
+        _call(move_circular, **moving, via=(0.0, 0.01, 0.01), goal=(0.0, 0.02, 0.0), max_joint_rate=50.0, partial=True),
         _call(ps.pick, service=service, q=robot.home, target="blue_block", grasps=grasp, handling=handling),
         _call(ps.place, service=carrying, q=robot.home, carried="held", poses=[tray.pose], handling=handling),
         _call(plan_pick_place, service=service, target="blue_block", onto="tray", request=request),

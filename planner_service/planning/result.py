@@ -247,6 +247,8 @@ class PlanResult:
         polish: What came of optimising; None if it was not asked for, or there was nothing to optimise.
         trace: How the search went; None if it was not asked for. Not kept in plan files.
         origin: What it was planned in, and what was asked; None for a result from a file or another process.
+        fraction: For a motion of the tool along a path, the share of its length, 0 to 1, that is possible; None for
+            other plans. Not kept in plan files.
     """
 
     path: JointPath | None
@@ -264,6 +266,7 @@ class PlanResult:
     polish: PolishReport | None = None
     trace: Trace | None = None
     origin: Origin | None = field(default=None, repr=False)
+    fraction: float | None = None
 
     def __post_init__(self) -> None:
         copied_in(self, "stages", "notes")

@@ -1,4 +1,4 @@
-"""Pick, place and straight tool moves: straight lines first, each checked once, and the planner where one is blocked.
+"""Pick and place: straight lines first, each checked once, and the planner where one is blocked.
 
 A pick is: open, go to the pregrasp, straight in along the approach, close, straight out. Contact is meant there and
 nowhere else: from the pregrasp on the fingers may touch the object; once the object is carried, it may touch its
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.certify import GripperMotion
-from planner_service.collision import CancelToken, CheckCounts, CollisionChecker
+from planner_service.collision import CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
@@ -27,7 +27,7 @@ from planner_service.geometry.validation import instance, text
 from planner_service.grasping.grasps import width_across
 from planner_service.grasping.guards import LONGEST_APPROACH, grasp_objection, unwanted
 from planner_service.kinematics.cartesian_waypoints import line_blends, thinned
-from planner_service.kinematics.inverse import ToolLine, inverse_kinematics, straight_tool_line
+from planner_service.kinematics.inverse import inverse_kinematics, straight_tool_line
 from planner_service.planning.follow import AllowedStretch
 from planner_service.planning.request import Pace, PlanRequest, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
@@ -37,7 +37,7 @@ from planner_service.scene.scene import Attached, Obstacle
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Handling, Segment, TaskResult
 
-__all__ = ["move_linear", "pick", "picked", "place", "placed"]
+__all__ = ["pick", "picked", "place", "placed"]
 
 USUAL_APPROACHES = (LONGEST_APPROACH, 0.09, 0.08)
 SHORT_APPROACHES = (0.06, 0.04, 0.02)
@@ -50,44 +50,6 @@ LINE_POINTS = 60
 """Configurations computed along a straight tool line; only as many are kept as hold the tool on it."""
 
 Pair = tuple[str, str]
-
-
-def move_linear(
-    service: PlannerService,
-    start: ArrayLike,
-    goal: Pose | Sequence[float],
-    *,
-    points: int = LINE_POINTS,
-    pace: Pace | None = None,
-    padding: float = 0.0,
-    cancel: CancelToken | None = None,
-) -> PlanResult:
-    """A straight motion of the tool, checked once and timed.
-
-    Args:
-        start: Joint vector, shape (n,).
-        goal: The tool's pose at the end, or its displacement (x, y, z) in metres in the base frame
-            (the orientation is kept).
-        points: Configurations computed along the line, 50 to 100.
-        pace: The law s(t) along the line; ``Pace(Trapezoidal())`` if not given.
-        padding: Metres that pairs are to keep, as in ``PlannerService.follow``.
-        cancel: As in ``PlannerService.plan``.
-
-    Raises:
-        InvalidRequest: As ``PlannerService.follow`` and ``straight_tool_line``.
-    """
-    instance("service", service, PlannerService, "a PlannerService")
-    q = joint_vector("start", start, service.robot)
-    line = straight_tool_line(service.robot, q, goal, points=points)
-    if line.stopped is not None:
-        return PlanResult(None, None, _line_failure(line), ())
-    waypoints = thinned(service.robot, line.waypoints)
-    blends = line_blends(service.robot, waypoints)
-    return service.follow(waypoints, blends=blends, pace=pace, padding=padding, cancel=cancel)
-
-
-def _line_failure(line: ToolLine) -> Failure:
-    return Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, str(line.stopped))
 
 
 def pick(

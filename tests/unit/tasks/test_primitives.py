@@ -1,4 +1,4 @@
-"""Pick, place and straight tool moves with the WidowX AI: where contact is meant, and nowhere else."""
+"""Pick and place with the WidowX AI: where contact is meant, and nowhere else."""
 
 from __future__ import annotations
 
@@ -181,22 +181,6 @@ def test_an_object_wider_than_the_gripper_has_no_grasp(cell: PlannerService) -> 
     wide = replace(cell.scene.obstacle("block"), shape=Box((0.1, 0.1, 0.045)))
     with pytest.raises(InvalidRequest, match=r"at most 0.080 m wide; this one is 0.100 m"):
         top_grasps(cell.robot, wide)
-
-
-def test_a_straight_tool_move_is_straight_and_checked(cell: PlannerService) -> None:
-    start = picked(cell).segments[0].result.unwrap()[0].waypoints[-1]
-    path, _ = move_linear(cell, start, (0.03, 0.0, 0.02)).unwrap()
-    tips = np.array([cell.robot.tool_pose(q)[:3, 3] for q in path(np.linspace(0.0, path.length, 100))])
-    direction = np.array([0.03, 0.0, 0.02]) / math.hypot(0.03, 0.02)
-    away = (tips - tips[0]) - np.outer((tips - tips[0]) @ direction, direction)
-    assert np.abs(away).max() < 1e-3
-    np.testing.assert_allclose(tips[-1] - tips[0], [0.03, 0.0, 0.02], atol=1e-6)
-
-
-def test_a_straight_tool_move_out_of_reach_says_how_far_it_came_and_why(cell: PlannerService) -> None:
-    failure = present(move_linear(cell, cell.robot.home, (0.0, 0.0, 1.0)).failure)
-    assert failure.reason is Reason.LINE_BLOCKED
-    assert "the straight tool line ends after" in failure.detail
 
 
 def grasp_at(x: float, y: float, z: float) -> Pose:
