@@ -48,6 +48,7 @@ RUN_HERE = (
     "docs/guides/robots-and-scenes.md",
     "docs/guides/roadmaps.md",
     "docs/guides/optimisation.md",
+    "docs/guides/tool-motions.md",
     "docs/guides/replanning.md",
     "docs/reference/command-line.md",
     "docs/explanation/concepts.md",
