@@ -26,7 +26,6 @@ from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting
 from planner_service.planning.request import Pace, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.service import PlannerService
-from planner_service.smoothing.smoothing import MIN_BLEND
 
 __all__ = ["LINE_POINTS", "MAX_JOINT_RATE", "move_circular", "move_linear"]
 
@@ -37,8 +36,8 @@ MAX_JOINT_RATE = 100.0
 """Radians per metre of the tool. Fewer than 1 % of random lines of 5 to 30 cm need more on the WidowX AI, the Panda and
 the UR5; the tool could only creep there, at 2 to 7 cm/s."""
 
-CURVE_MIN_BLEND = 1e-4
-"""Radians. Rounded corners of a centimetre turn the joints by little, and a stop in them would be no rounding."""
+LEAST_BLEND = 1e-4
+"""Radians. The corners of a tool's path turn by little, so that even narrow blends save a stop."""
 
 MAX_ZONE = 1.0
 """Metres. More is a mistake in the unit."""
@@ -170,7 +169,7 @@ def _along(
     q: FloatArray,
     path: ToolPath,
     max_joint_rate: float,
-    follow: Callable[..., PlanResult],
+    follow: Callable[[ToolLine, Waypoints, str], PlanResult],
 ) -> PlanResult:
     line = walk_tool_path(service.robot, q, path, max_joint_rate=require_joint_rate(max_joint_rate))
     at = line.fractions * path.length
@@ -178,7 +177,7 @@ def _along(
     def kept(count: int) -> tuple[FloatArray, FloatArray]:
         return thinned_along(service.robot, line.waypoints[:count], at[:count], path)
 
-    return follow(line, kept, path.name, min_blend=CURVE_MIN_BLEND)
+    return follow(line, kept, path.name)
 
 
 def _follow(
@@ -187,7 +186,6 @@ def _follow(
     kept: Waypoints,
     name: str,
     *,
-    min_blend: float = MIN_BLEND,
     partial: bool,
     pace: Pace | None,
     padding: float,
@@ -199,7 +197,7 @@ def _follow(
     def followed(count: int) -> PlanResult:
         waypoints, blends = kept(count)
         result = service.follow(
-            waypoints, blends=blends, min_blend=min_blend, pace=pace, padding=padding, cancel=cancel
+            waypoints, blends=blends, min_blend=LEAST_BLEND, pace=pace, padding=padding, cancel=cancel
         )
         return accounting.with_plan(result)
 

@@ -67,6 +67,15 @@ def test_a_straight_tool_move_is_straight_and_checked(cell: PlannerService) -> N
     assert result.fraction == 1.0
 
 
+def test_the_tool_does_not_stop_on_a_straight_line() -> None:
+    service = PlannerService("panda", Scene())
+    path, trajectory = move_linear(service, service.robot.home, (0.15, 0.1, -0.1)).unwrap()
+    assert len(path.waypoints) > 2
+    assert path.corners == ()
+    _, qd = trajectory.moving(np.linspace(0.05, 0.95, 400) * trajectory.duration)
+    assert np.abs(qd).max(axis=1).min() > 0.02
+
+
 def test_a_tool_move_out_of_reach_says_how_far_it_came_and_why(cell: PlannerService) -> None:
     result = move_linear(cell, cell.robot.home, (0.0, 0.0, 1.0))
     failure = present(result.failure)
