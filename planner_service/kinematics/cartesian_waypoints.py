@@ -82,7 +82,7 @@ def thinned_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: Too
 
     However widely they are blended, a pose of the path is within 1 mm and 5 mrad of the tool everywhere. Blended as
     widely as they may be, the corners pass through rows of ``waypoints``: a blend cuts its corner, so the corner is
-    moved outwards by as much. The path's stops are rows, and not blended.
+    moved outwards by as much, at most 0.3 mm and 1.5 mrad of the tool. The path's stops are rows, and not blended.
 
     Args:
         waypoints: Configurations (N, n). Each piece between two is within that tolerance.
@@ -92,16 +92,26 @@ def thinned_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: Too
     kept = _kept_along(robot, waypoints, at, path, sorted({*stops, len(at) - 1} - {0}))
     free = np.array([row not in stops and row != len(at) - 1 for row in kept])
     points = waypoints[kept]
-    corners = points.copy()
+    corners, widths = _moved_corners(robot, points, np.where(free, WIDEST, 0.0))
+    (before, turn_before), (after, turn_after) = _tools(robot, points), _tools(robot, corners)
+    metres = np.sqrt(_sum_squares(after - before))
+    radians = np.sqrt(_sum_squares((turn_after - turn_before).reshape(-1, 9)) / 2.0)
+    share = np.maximum(metres / LINE_METRES, radians / LINE_RADIANS) / _BLEND_SHARE
+    return _moved_corners(robot, points, widths / np.maximum(share, 1.0))
+
+
+def _moved_corners(robot: Robot, points: FloatArray, widest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Corners (K, n) whose blends pass through ``points`` (K, n), and the widths of these blends (rad), (K,)."""
+    corners, widths, free = points.copy(), np.zeros(len(points)), widest > 0.0
     for _ in range(CORNER_STEPS if free.any() else 0):
         steps = corners[1:] - corners[:-1]
         lengths = np.sqrt(_sum_squares(steps))
         tangents = steps / lengths[:, None]
-        widths = BLEND_SHARE * np.minimum(lengths[1:], lengths[:-1])
-        moved = points[1:-1] - _CORNER_DISTANCE * widths[:, None] * (tangents[1:] - tangents[:-1])
+        widths[1:-1] = np.minimum(BLEND_SHARE * np.minimum(lengths[1:], lengths[:-1]), widest[1:-1])
+        moved = points[1:-1] - _CORNER_DISTANCE * widths[1:-1, None] * (tangents[1:] - tangents[:-1])
         corners[1:-1][free[1:-1]] = moved[free[1:-1]]
         corners = np.minimum(np.maximum(corners, robot.limits.lower), robot.limits.upper)
-    return corners, np.where(free, WIDEST, 0.0)
+    return corners, widths
 
 
 def _kept_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: ToolPath, stops: Sequence[int]) -> list[int]:
@@ -129,10 +139,7 @@ def _fits_along(
     ends, u = [first + span for span in spans], np.array(_FRACTIONS)[:, None]
     Q = waypoints[first] + u * (waypoints[ends] - waypoints[first])[:, None]
     s = (at[first] + u[:, 0] * (at[ends] - at[first])[:, None]).ravel()
-    R, t = robot.body_poses_batch(Q.reshape(-1, waypoints.shape[1]), portable=True)
-    place, body = robot.tool_placement, R[:, robot.tool_body]
-    tip = t[:, robot.tool_body] + _product(body, place[:3, 3:])[..., 0]
-    turn = _product(body, place[:3, :3])
+    tip, turn = _tools(robot, Q.reshape(-1, waypoints.shape[1]))
     due, due_turn = path.poses_at(s)
     tangent = path.poses_at(s + PROBE)[0] - path.poses_at(s - PROBE)[0]
     size = np.maximum(_sum_squares(tangent), 1e-30)
@@ -143,6 +150,13 @@ def _fits_along(
         metres, turns = _sum_squares(tip - position), _sum_squares((turn - rotation).reshape(-1, 9))
         good |= (metres <= (_SHARE * LINE_METRES) ** 2) & (turns <= 8.0 * math.sin(_SHARE * LINE_RADIANS / 2.0) ** 2)
     return [bool(samples.all()) for samples in good.reshape(len(spans), -1)]
+
+
+def _tools(robot: Robot, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (m, 3) and rotation matrices (m, 3, 3) of the tool at configurations (m, n)."""
+    R, t = robot.body_poses_batch(Q, portable=True)
+    place, body = robot.tool_placement, R[:, robot.tool_body]
+    return t[:, robot.tool_body] + _product(body, place[:3, 3:])[..., 0], _product(body, place[:3, :3])
 
 
 def _product(A: FloatArray, B: FloatArray) -> FloatArray:

@@ -143,20 +143,31 @@ def test_following_a_path_with_corners_keeps_the_tool_on_it_however_widely_corne
         assert off < 1e-3
 
 
-def test_fully_blended_corners_are_nearer_to_the_path_than_sharp_ones(wxai: Robot) -> None:
+def test_a_sharp_turn_between_long_lines_is_blended_no_wider_than_its_tolerance() -> None:
+    robot = load_robot("panda")
+    begin = tool(robot, robot.home)
+    path = rounded_lines([begin, displaced(begin, 0.07, 0.01, 0.01), displaced(begin, 0.11, 0.11, -0.09)], 0.002)
+    line = walk_tool_path(robot, robot.home, path, max_joint_rate=100.0)
+    points, sizes = thinned_along(robot, line.waypoints, line.fractions * path.length, path)
+    curve = JointPath(points, sizes)
+    at, _ = path.poses_at(np.linspace(0.0, path.length, 4000, dtype=np.float64))
+    tips = np.array([robot.tool_pose(q)[:3, 3] for q in curve(np.linspace(0.0, curve.length, 600))])
+    assert max(float(np.linalg.norm(at - tip, axis=1).min()) for tip in tips) < 1e-3
+    assert len(curve.corners) == 0
+
+
+def test_blended_corners_pass_through_the_path_from_which_sharp_ones_are_away(wxai: Robot) -> None:
     begin = tool(wxai, wxai.home)
     path = circular_arc(begin, displaced(begin, 0.0, 0.05, -0.05).position, displaced(begin, 0.0, 0.1, 0.0))
     line = walk_tool_path(wxai, wxai.home, path, max_joint_rate=100.0)
     points, sizes = thinned_along(wxai, line.waypoints, line.fractions * path.length, path)
     assert (sizes > 0.0).tolist() == [False, *[True] * (len(points) - 2), False]
-    at, _ = path.poses_at(np.linspace(0.0, path.length, 4000, dtype=np.float64))
-    knots = JointPath(points).knots
-    widths = [0.0, *(0.499 * np.minimum(np.diff(knots)[1:], np.diff(knots)[:-1])), 0.0]
+    at, _ = path.poses_at(np.linspace(0.0, path.length, 20_000, dtype=np.float64))
     off = []
-    for curve in (JointPath(points, np.array(widths)), JointPath(points)):
-        middle = curve(np.linspace(0.2 * curve.length, 0.8 * curve.length, 200))
-        off.append(max(float(np.linalg.norm(at - wxai.tool_pose(q)[:3, 3], axis=1).min()) for q in middle))
-    assert off[0] < 0.6 * off[1]
+    for curve in (JointPath(points, sizes), JointPath(points)):
+        tips = [wxai.tool_pose(q)[:3, 3] for q in curve(curve.knots[1:-1])]
+        off.append(max(float(np.linalg.norm(at - tip, axis=1).min()) for tip in tips))
+    assert off[0] < 2e-5 < 1e-4 < off[1]
 
 
 def test_a_path_ends_where_a_joint_meets_its_limit(wxai: Robot) -> None:
