@@ -392,56 +392,83 @@ def stop_duration(
 ) -> float | None:
     """``laws.stop_duration`` of trapezoids; None where the reference has to decide."""
 
-class Neighbours:
-    """The neighbours of each milestone: those of k are the rows from ``starts[k]`` to ``starts[k + 1]``."""
+class RoadmapTrunk:
+    """``graph.Trunk``.
+
+    Args:
+        milestones, edges, reach: As there.
+        spacing: Metres of motion between the points on an edge.
+        starts: The neighbours of milestone k are the rows from ``starts[k]`` to ``starts[k + 1]``.
+        other, lengths, numbers: Of each row the other milestone, the length of the edge and its number.
+        components: Of each milestone.
+    """
 
     def __init__(
         self,
+        milestones: NDArray[np.float64],
+        edges: NDArray[np.int64],
+        reach: NDArray[np.float64],
+        spacing: float,
         starts: NDArray[np.int64],
         other: NDArray[np.int64],
         lengths: NDArray[np.float64],
-        pieces: NDArray[np.int64],
+        numbers: NDArray[np.int64],
+        components: NDArray[np.int64],
+        /,
     ) -> None: ...
 
-class AddedNeighbours:
-    """Further neighbours of some milestones: other end, length and number of the edge."""
-
-    def __init__(self, rows: Mapping[int, Sequence[tuple[int, float, int]]]) -> None: ...
-
-class PlaceTree:
-    """A trunk's milestones, whose edge is -1, or the points on its edges, edge by edge, for ``nearest_places``."""
-
-    def __init__(self, points: NDArray[np.float64], edges: NDArray[np.int64], reach: NDArray[np.float64]) -> None: ...
-
-class MorePlaces:
-    """The places beside those of the trees: milestones, whose edge is -1, and points on edges, edge by edge."""
+class RoadmapGraph:
+    """``graph.Graph``, made of its trunk and what was added to that."""
 
     def __init__(
-        self, points: NDArray[np.float64], edges: NDArray[np.int64], milestones: NDArray[np.int64]
+        self,
+        trunk: RoadmapTrunk,
+        milestones: NDArray[np.float64],
+        edges: NDArray[np.int64],
+        reach: NDArray[np.float64],
+        spacing: float,
+        added: Mapping[int, Sequence[tuple[int, float, int]]],
+        merged: Mapping[int, int],
+        /,
     ) -> None: ...
 
-def nearest_places(
-    milestones: PlaceTree,
-    on_edges: PlaceTree | None,
-    more: MorePlaces,
-    offered: NDArray[np.bool_],
-    free: NDArray[np.bool_],
-    q: NDArray[np.float64],
-    count: int,
-    /,
-) -> tuple[list[tuple[float, int, int, tuple[float, ...]]], bool]:
-    """``nearest._reference``: the places among the ``count`` nearest of each tree, and whether there are no others."""
+class Places:
+    """The milestones and edges of a graph that a query may use; whether ``few`` edges of the trunk are free."""
 
-def shortest(
-    trunk: Neighbours,
-    added: AddedNeighbours,
-    joins: Mapping[int, Sequence[tuple[int, float, int]]],
-    bound: NDArray[np.float64],
-    nodes: NDArray[np.uint8],
-    pieces: NDArray[np.uint8],
-    start: int,
-    last_end: int,
-    effort: int,
-    poll: Callable[[], None],
-) -> tuple[list[tuple[int, int, int]] | None, int]:
-    """``Query.reference_shortest``: the path, None if there is none, and how many nodes may still be expanded."""
+    def __init__(
+        self, graph: RoadmapGraph, offered: NDArray[np.bool_], free: NDArray[np.bool_], few: bool, /
+    ) -> None: ...
+
+class NearestPlaces:
+    """The places nearest to q, in the order of ``nearest.nearest_places``; looks no further than it is asked."""
+
+    def __init__(self, places: Places, q: Sequence[float]) -> None: ...
+    def next(self) -> tuple[float, int, int, tuple[float, ...]] | None:
+        """The fields of the next ``nearest.Place``; None after the last."""
+
+class RoadmapQuery:
+    """One query as roadmap/query.py describes it; releases the interpreter's lock."""
+
+    def __init__(
+        self,
+        graph: RoadmapGraph,
+        places: Places,
+        milestones: NDArray[np.int8],
+        edges: NDArray[np.int8],
+        start: Sequence[float],
+        goals: Sequence[Sequence[float]],
+        oracle: EdgeOracle,
+        /,
+    ) -> None: ...
+    def route(
+        self, carried: Callable[[list[int], list[int]], Sequence[bool]] | None
+    ) -> tuple[list[list[float]], int] | None:
+        """The path and the goal it reaches; None if the roadmap has none.
+
+        Args:
+            carried: Which of some milestones, and then of some edges, all free before, are free still.
+        """
+
+    @property
+    def learned(self) -> tuple[list[tuple[int, int, int]], list[tuple[int, int, int]]]:
+        """The new verdicts on milestones and edges: number, verdict, and the pair that collides or -1."""

@@ -73,14 +73,18 @@ class Trunk:
         return {name: value for name, value in vars(self).items() if not name.startswith("compiled")}
 
     @cached_property
-    def compiled(self) -> _core.Neighbours | None:
-        """The neighbours of all milestones for the compiled search; None where it was not built."""
+    def compiled(self) -> _core.RoadmapTrunk | None:
+        """The same for the compiled query; None where it was not built."""
         core = load_core()
         if core is None:
             return None
         starts, *rows = self._rows
-        neighbours: _core.Neighbours = core.Neighbours(np.array(starts), *map(np.ascontiguousarray, rows))
-        return neighbours
+        components = np.array(self.components, dtype=np.int64)
+        trunk: _core.RoadmapTrunk = core.RoadmapTrunk(
+            *(self.milestones, self.edges, self.reach, self.spacing),
+            *(np.array(starts), *map(np.ascontiguousarray, rows), components),
+        )
+        return trunk
 
     @cached_property
     def components(self) -> list[int]:
@@ -114,19 +118,6 @@ class Trunk:
     def edge_point_tree(self) -> Any:
         """Them in metres of motion, for nearest-neighbour queries."""
         return _tree_of(self.edge_points.q * self.reach)
-
-    @cached_property
-    def compiled_milestones(self) -> _core.PlaceTree | None:
-        """The milestones for the compiled look-up of places; None where it was not built."""
-        core = load_core()
-        none = np.full(len(self.milestones), -1)
-        return None if core is None else core.PlaceTree(self.milestones, none, self.reach)
-
-    @cached_property
-    def compiled_edge_points(self) -> _core.PlaceTree | None:
-        """The points along all edges for it."""
-        core = load_core()
-        return None if core is None else core.PlaceTree(*self.edge_points, self.reach)
 
 
 class EdgePoints(NamedTuple):
@@ -220,24 +211,15 @@ class Graph:
         return {name: value for name, value in vars(self).items() if not name.startswith("compiled")}
 
     @cached_property
-    def compiled(self) -> tuple[_core.Neighbours, _core.AddedNeighbours] | None:
-        """The neighbours in the trunk and those added, for the compiled search; None where it was not built."""
+    def compiled(self) -> _core.RoadmapGraph | None:
+        """The same for the compiled query; None where it was not built."""
         core, trunk = load_core(), self.trunk.compiled
-        return None if core is None or trunk is None else (trunk, core.AddedNeighbours(self._added))
-
-    @cached_property
-    def compiled_added(self) -> _core.MorePlaces | None:
-        """The places that were added, for the compiled look-up; None where it was not built."""
-        return self.compiled_places()
-
-    def compiled_places(self, few: EdgePoints | None = None) -> _core.MorePlaces | None:
-        """Them and a few points on edges of the trunk."""
-        core, added = load_core(), np.arange(len(self.trunk.milestones), len(self.milestones))
-        parts = [EdgePoints(self.milestones[added], np.full(len(added), -1)), self.added_points]
-        parts += [] if few is None else [few]
-        points, edges = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        milestones = np.concatenate([added, np.full(len(edges) - len(added), -1)])
-        return None if core is None else core.MorePlaces(points, edges, milestones)
+        if core is None or trunk is None:
+            return None
+        graph: _core.RoadmapGraph = core.RoadmapGraph(
+            trunk, self.milestones, self.edges, self.reach, SPACING, self._added, self._merged
+        )
+        return graph
 
     def component(self, milestone: int) -> int:
         """The number of a milestone's connected component, over edges of any verdict."""

@@ -6,9 +6,8 @@ The nearest places come first, whatever the earlier queries.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,10 @@ from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.native.loading import load_core
 from planner_service.roadmap.graph import EdgePoints, Graph, motion
 
-__all__ = ["Place", "nearest_places"]
+if TYPE_CHECKING:
+    from planner_service.native import _core
+
+__all__ = ["Place", "compiled_places", "nearest_places"]
 
 LOOKED_UP = (24, 128, 1024)
 """Nearest places of the trunk to look up first, and then if these are too few: many may lie on the same edge."""
@@ -26,11 +28,6 @@ MAX_FREE_SHARE = 0.25
 
 JUST_WITHIN = 1.0 - 1e-9
 """Share of the distance to the farthest found within which all are: beyond, rounding tells which of equal ones are."""
-
-PlaceRow = tuple[float, int, int, tuple[float, ...]]
-"""The fields of a ``Place``."""
-
-LookUp = Callable[[int], tuple[Iterable[PlaceRow], bool]]
 
 
 class Place(NamedTuple):
@@ -56,11 +53,31 @@ def nearest_places(graph: Graph, milestones: BoolArray, edges: BoolArray, q: Flo
         milestones: Which milestones may be used, (N,).
         edges: Which edges may be used, (E,).
     """
+    places = compiled_places(graph, milestones, edges)
+    if places is None:
+        yield from _reference(graph, milestones, edges, q)
+        return
+    core: Any = load_core()
+    found: _core.NearestPlaces = core.NearestPlaces(places, q.tolist())
+    while (place := found.next()) is not None:
+        yield Place._make(place)
+
+
+def compiled_places(graph: Graph, milestones: BoolArray, edges: BoolArray) -> _core.Places | None:
+    """The places that may be used, for ``_core.NearestPlaces``; None where it was not built."""
+    core = load_core()
+    if core is None:
+        return None
+    places: _core.Places = core.Places(graph.compiled, milestones, edges, _are_few(graph, edges))
+    return places
+
+
+def _reference(graph: Graph, milestones: BoolArray, edges: BoolArray, q: FloatArray) -> Iterator[Place]:
+    """``nearest_places`` in Python, in rounds."""
     yielded: set[tuple[int, int]] = set()
-    look_up = _compiled(graph, milestones, edges, q) or partial(_reference, graph, milestones, edges, q)
     for count in LOOKED_UP:
-        places, complete = look_up(count)
-        for place in map(Place._make, places):
+        places, complete = _round(graph, milestones, edges, q, count)
+        for place in places:
             if place[1:3] not in yielded:
                 yielded.add(place[1:3])
                 yield place
@@ -68,19 +85,9 @@ def nearest_places(graph: Graph, milestones: BoolArray, edges: BoolArray, q: Flo
             return
 
 
-def _compiled(graph: Graph, milestones: BoolArray, edges: BoolArray, q: FloatArray) -> LookUp | None:
-    """``_reference`` compiled; None where it was not built."""
-    core, few = load_core(), _few_free(graph, edges)
-    if core is None:
-        return None
-    on_edges = graph.trunk.compiled_edge_points if few is None else None
-    more = graph.compiled_added if few is None or len(few.edge) == 0 else graph.compiled_places(few)
-    return partial(core.nearest_places, graph.trunk.compiled_milestones, on_edges, more, milestones, edges, q)
-
-
-def _reference(
+def _round(
     graph: Graph, milestones: BoolArray, edges: BoolArray, q: FloatArray, count: int
-) -> tuple[Iterable[PlaceRow], bool]:
+) -> tuple[Iterable[Place], bool]:
     """The places found among the ``count`` nearest of the trunk, in their order, and whether there are no others."""
     (ours, to_ours), (theirs, to_theirs) = _milestones(graph, q, count), _on_edges(graph, edges, q, count)
     ours, theirs = ours[milestones[ours]], theirs.take(edges[theirs.edge])
@@ -94,7 +101,7 @@ def _reference(
     order = order[np.sort(first)]
     columns = (array[order].tolist() for array in (far, edge, milestone))
     rows = zip(*columns, map(tuple, points[order].tolist()), strict=True)
-    return rows, min(to_ours, to_theirs) == np.inf
+    return map(Place._make, rows), min(to_ours, to_theirs) == np.inf
 
 
 def _milestones(graph: Graph, q: FloatArray, count: int) -> tuple[IntArray, float]:
@@ -121,7 +128,12 @@ def _on_edges(graph: Graph, edges: BoolArray, q: FloatArray, count: int) -> tupl
 def _few_free(graph: Graph, edges: BoolArray) -> EdgePoints | None:
     """The points on the free edges of the trunk if these are few."""
     trunk = graph.trunk
-    free = edges[: len(trunk.edges)]
-    if np.count_nonzero(free) > MAX_FREE_SHARE * len(free):
+    if not _are_few(graph, edges):
         return None
-    return EdgePoints.along(trunk, np.flatnonzero(free), trunk.spacing)
+    return EdgePoints.along(trunk, np.flatnonzero(edges[: len(trunk.edges)]), trunk.spacing)
+
+
+def _are_few(graph: Graph, edges: BoolArray) -> bool:
+    """Whether few edges of the trunk are free."""
+    free = edges[: len(graph.trunk.edges)]
+    return bool(np.count_nonzero(free) <= MAX_FREE_SHARE * len(free))

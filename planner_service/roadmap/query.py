@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import heapq
 import math
-from array import array
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -24,8 +24,9 @@ from planner_service.collision.edge_sampling import KNOWN_ENDS
 from planner_service.geometry.arrays import BoolArray, FloatArray
 from planner_service.native.loading import load_core
 from planner_service.roadmap.graph import Graph, Neighbour
-from planner_service.roadmap.nearest import Place, nearest_places
+from planner_service.roadmap.nearest import Place, compiled_places, nearest_places
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
+from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.problem import (
     CoarseOracle,
     Configuration,
@@ -35,7 +36,10 @@ from planner_service.search.problem import (
     of_tuples,
 )
 
-__all__ = ["Carried", "Query"]
+if TYPE_CHECKING:
+    from planner_service.native import _core
+
+__all__ = ["Carried", "Query", "query_of"]
 
 JOINS_AT_ONCE = 4
 """Places to which an end is joined at a time, and as many more if these lead nowhere; each blocked one is replaced."""
@@ -62,6 +66,8 @@ NO_NEIGHBOURS: list[Neighbour] = []
 
 FREE, BLOCKED = int(Verdict.FREE), int(Verdict.BLOCKED)
 
+Lessons = tuple[dict[int, Lesson], dict[int, Lesson]]
+
 SHADOW, HITS = 0.06, 12
 """A joining edge that passes within so many metres of motion of one of the last so many collisions is tried late."""
 
@@ -86,11 +92,53 @@ class _End:
     hits: deque[Configuration] = field(default_factory=lambda: deque(maxlen=HITS))
 
 
-class Query:
-    """One query. Its nodes are the milestones, then the start, the goals, and the places on edges where these join.
+class Query(Protocol):
+    """One query."""
 
-    Attributes:
-        learned: The new verdicts on milestones and on edges, by their numbers.
+    @property
+    def learned(self) -> Lessons:
+        """The new verdicts on milestones and on edges, by their numbers."""
+
+    def route(self, carried: Carried | None = None) -> tuple[Sequence[Sequence[float]], int] | None:
+        """The path and the goal it reaches; None if the roadmap has none."""
+
+
+def query_of(graph: Graph, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> Query:
+    """A query of a graph with what is known of its milestones and edges."""
+    core, oracle = load_core(), problem.oracle
+    if core is None or not isinstance(oracle, SearchOracle) or oracle.core is None:
+        return _Reference(graph, milestones, edges, problem)
+    places = compiled_places(graph, milestones.possible, edges.free)
+    verdicts, ends = (milestones.verdicts, edges.verdicts), (problem.start.tolist(), problem.goals.tolist())
+    return _Compiled(graph, oracle, core.RoadmapQuery(graph.compiled, places, *verdicts, *ends, oracle.core))
+
+
+class _Compiled:
+    """A query that native/roadmap/query.cpp answers."""
+
+    def __init__(self, graph: Graph, oracle: SearchOracle, query: _core.RoadmapQuery) -> None:
+        self._graph, self._oracle, self._query = graph, oracle, query
+
+    @property
+    def learned(self) -> Lessons:
+        milestones, edges = map(self._lessons, self._query.learned)
+        return milestones, edges
+
+    def _lessons(self, found: Iterable[tuple[int, int, int]]) -> dict[int, Lesson]:
+        return {
+            number: (Verdict(verdict), self._oracle.blocker_of(pair) if verdict == BLOCKED else None)
+            for number, verdict, pair in found
+        }
+
+    def route(self, carried: Carried | None = None) -> tuple[Sequence[Sequence[float]], int] | None:
+        still_free = None if carried is None else partial(_still_free, self._graph, carried)
+        return self._oracle.counted(lambda: self._query.route(still_free))
+
+
+class _Reference:
+    """The same in Python, for any oracle, step by step.
+
+    Its nodes are the milestones, then the start, the goals, and the places on edges where these join.
     """
 
     def __init__(self, graph: Graph, milestones: Knowledge, edges: Knowledge, problem: SearchProblem) -> None:
@@ -108,11 +156,11 @@ class Query:
         self._ends_of: dict[int, tuple[int, int]] = {}  # the nodes of a joining edge
         self._shaded: set[int] = set()  # joining edges that pass near a collision of another
         self._on: dict[int, list[int]] = {}  # the nodes on an edge
-        self.learned: tuple[dict[int, Lesson], dict[int, Lesson]] = ({}, {})
+        self.learned: Lessons = ({}, {})
         goals = problem.goals
-        self._bound = array("d")
-        if self._count:
-            self._bound.frombytes(np.array([distances(graph.milestones, goal) for goal in goals]).min(axis=0).tobytes())
+        self._bound: list[float] = (
+            np.array([distances(graph.milestones, goal) for goal in goals]).min(axis=0).tolist() if self._count else []
+        )
         self._goals = [tuple(goal) for goal in goals.tolist()]
         self._ends = [self._new_end(tuple(problem.start.tolist())), *map(self._new_end, self._goals)]
         self._start = self._ends[0].node
@@ -231,20 +279,6 @@ class Query:
 
         Of equal costs the smaller node wins.
         """
-        core, neighbours = load_core(), self._graph.compiled
-        if core is None or neighbours is None:
-            return self.reference_shortest()
-        bound = np.frombuffer(self._bound)
-        nodes, pieces = (np.frombuffer(verdicts, np.uint8) for verdicts in (self._node, self._piece))
-        ends = self._start, self._start + len(self._goals)
-        path, self._effort = core.shortest(
-            *neighbours, self._joins, bound, nodes, pieces, *ends, self._effort, self._problem.poll
-        )
-        found: list[tuple[int, int, int]] | None = path
-        return found
-
-    def reference_shortest(self) -> list[tuple[int, int, int]] | None:
-        """The same in Python."""
         start, bound, nodes, pieces, joins = self._start, self._bound, self._node, self._piece, self._joins
         count, around = self._count, self._graph.around
         last_end, best = start + len(self._goals), math.inf
@@ -296,11 +330,9 @@ class Query:
         """Keep what was free before and is proven untouched since."""
         nodes = sorted({n for step in path for n in step[:2] if self._node[n] == Verdict.FREE_BEFORE})
         pieces = sorted({piece for *_, piece in path if self._piece[piece] == Verdict.FREE_BEFORE})
-        rows = [(node, node) for node in nodes] + self._graph.edges[pieces].tolist()
-        if not rows:
+        if not nodes and not pieces:
             return
-        points = self._graph.milestones[np.array(rows)]
-        still = carried.still_free(points[:, 0], points[:, 1]).tolist()
+        still = _still_free(self._graph, carried, nodes, pieces)
         for node, free in zip(nodes, still, strict=False):
             if free:
                 self._learn_node(node, Verdict.FREE)
@@ -394,6 +426,14 @@ class Query:
         node = self._ends_of[piece][1]
         length = next(row[1] for row in self._joins[end.node] if row[2] == piece)
         return piece in self._shaded, length + self._bound[node]
+
+
+def _still_free(graph: Graph, carried: Carried, milestones: list[int], edges: list[int]) -> list[bool]:
+    """Which of some milestones, and then of some edges, all free before, are proven to be free still."""
+    rows = [(milestone, milestone) for milestone in milestones] + graph.edges[edges].tolist()
+    points = graph.milestones[np.array(rows)]
+    still: list[bool] = carried.still_free(points[:, 0], points[:, 1]).tolist()
+    return still
 
 
 def _traced(parent: dict[int, tuple[int, int]], node: int) -> list[tuple[int, int, int]]:

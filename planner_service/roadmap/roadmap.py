@@ -22,7 +22,7 @@ from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.validation import copied_in, instance, items, numbers
 from planner_service.roadmap.graph import Graph, checked_edges
 from planner_service.roadmap.nearest import nearest_places
-from planner_service.roadmap.query import Carried, Query
+from planner_service.roadmap.query import Carried, query_of
 from planner_service.roadmap.validity import Terms
 from planner_service.roadmap.verdicts import Knowledge, Lesson, Verdict
 from planner_service.search.problem import SearchProblem, SearchResult
@@ -178,7 +178,7 @@ class Roadmap:
         if problem.lower.size != self.graph.n:
             expected = f"a roadmap of {problem.lower.size} joints"
             raise InvalidRequest("planner", f"a roadmap of {self.graph.n} joints", expected)
-        query = Query(self.graph, self.milestone_knowledge, self.edge_knowledge, problem)
+        query = query_of(self.graph, self.milestone_knowledge, self.edge_knowledge, problem)
         route, stopped = None, None
         try:
             route = query.route(carried)

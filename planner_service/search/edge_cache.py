@@ -67,7 +67,14 @@ class SearchOracle:
     def blocker(self) -> str | None:
         """The obstacle of the last collision, ``SELF`` if it was a self-collision; None before the first."""
         hit = self._checker.last_hit
-        return None if hit is None else hit.b if hit.b in self._obstacles else SELF
+        return None if hit is None else self._obstacle(hit.b)
+
+    def blocker_of(self, pair: int) -> str:
+        """The same of a pair that ``core`` found to collide, by its number."""
+        return self._obstacle(self._checker.parts.names(pair)[1])
+
+    def _obstacle(self, name: str) -> str:
+        return name if name in self._obstacles else SELF
 
     @cached_property
     def _obstacles(self) -> frozenset[str]:

@@ -133,6 +133,14 @@ bool EdgeOracle::states_are_free(const double* Q, int rows) {
     return rows_are_free(check, 0, rows);
 }
 
+bool EdgeOracle::state_is_free(const Configuration& q) {
+    if (!collision::within_limits(settings_, q)) {
+        account_->refused.emplace(q, q);
+        throw Ended("a state that cannot be judged");
+    }
+    return states_are_free(q.data(), 1);
+}
+
 int EdgeOracle::segments(const Configuration& differences) {
     const Configuration nowhere(differences.size(), 0.0);
     const int parts = collision::segments_of(settings_, nowhere, differences);

@@ -58,6 +58,8 @@ class EdgeOracle final : public Oracle {
     bool edge_is_free(const Configuration& a, const Configuration& b, int known) override;
     bool edge_is_free_coarse(const Configuration& a, const Configuration& b, int known) override;
     bool states_are_free(const double* Q, int rows) override;
+    // Whether one configuration, which must be within the joint limits, is free.
+    bool state_is_free(const Configuration& q);
     int segments(const Configuration& differences) override;
     void poll() override;
 
