@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from planner_service import PRM, LazyPRM, PlannerService, PlanRequest, Roadmap
+from planner_service import PRM, InvalidRequest, LazyPRM, PlannerService, PlanRequest, Roadmap
 from planner_service.native.loading import load_core
 from planner_service.roadmap import graph, nearest, query
 from planner_service.roadmap.nearest import nearest_places
 from planner_service.search.edge_cache import SearchOracle
-from planner_service.search.problem import SearchSpace
+from planner_service.search.problem import SearchProblem, SearchSpace
 from tests.support.optional import present
+
+if TYPE_CHECKING:
+    from planner_service.native import _core
 
 DISCS = PlannerService("planar2", "discs")
 DISCS_SPACE = SearchSpace(DISCS.robot.limits.lower, DISCS.robot.limits.upper, SearchOracle(DISCS.checker))
@@ -76,27 +80,89 @@ def test_the_nearest_places_are_those_of_python(
                 assert [*nearest_places(roadmap.graph, *offered, q)] == compiled
 
 
-def test_neighbours_that_are_none_are_refused() -> None:
-    core = present(load_core())
-    one, two = np.array([0, 1]), np.array([0, 0])
-    with pytest.raises(ValueError, match="rows of all nodes"):
-        core.Neighbours(two, one[:1], np.ones(1), two[:1])
-    trunk = core.Neighbours(one, np.array([5]), np.ones(1), np.array([0]))
-    verdicts = np.zeros(2, dtype=np.uint8)
-    with pytest.raises(ValueError, match="a bound and a verdict"):
-        core.shortest(trunk, core.AddedNeighbours({}), {}, np.zeros(2), verdicts, verdicts, 0, 1, 100, lambda: None)
+def test_places_beyond_the_last_that_is_looked_at_are_those_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    roadmap, rng = of_a_grid(60), np.random.default_rng(5)
+    offered, free = np.ones(len(roadmap.milestones), dtype=bool), rng.random(len(roadmap.edges)) < 0.5
+    q = np.array([13.3, 14.2])
+    compiled = [*nearest_places(roadmap.graph, offered, free, q)]
+    monkeypatch.setattr(nearest, "load_core", lambda: None)
+    assert [*nearest_places(roadmap.graph, offered, free, q)] == compiled
+    assert 100 < len(compiled) < 1024
 
 
-def test_places_that_are_none_are_refused() -> None:
+@pytest.mark.parametrize("states", [0, 1, 7, 20, 60, 150, 400])
+def test_a_query_that_is_stopped_has_learned_what_it_has_in_python(
+    states: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    roadmap = DISCS.build_roadmap(LazyPRM(milestones=60), progress=False)
+    limits = DISCS.robot.limits
+    ends = np.array([-2.5, 2.0]), np.array([[2.2, -2.2]])
+
+    def stopped() -> tuple[object, ...]:
+        problem = SearchProblem(*ends, limits.lower, limits.upper, SearchOracle(DISCS.checker))
+        before = DISCS.checker.counts
+        with DISCS.checker.limited(states=states):
+            answer = roadmap.search(problem)
+        waypoints = None if answer.waypoints is None else answer.waypoints.tobytes()
+        return type(answer.stopped), waypoints, answer.roadmap.hash, DISCS.checker.counts - before
+
+    compiled = stopped()
+    monkeypatch.setattr(query, "load_core", lambda: None)
+    assert stopped() == compiled
+
+
+def test_a_milestone_beyond_the_joint_limits_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = DISCS.robot.limits
+    start, goal = np.array([-2.5, 2.0]), np.array([[2.2, -2.2]])
+    roadmap = Roadmap.of([start, limits.upper + 1.0, goal[0]], [(0, 1), (1, 2)])
+    problem = SearchProblem(start, goal, limits.lower, limits.upper, SearchOracle(DISCS.checker))
+    with pytest.raises(InvalidRequest, match="expected shoulder in"):
+        roadmap.search(problem)
+    monkeypatch.setattr(query, "load_core", lambda: None)
+    with pytest.raises(InvalidRequest, match="expected shoulder in"):
+        roadmap.search(problem)
+
+
+def test_graphs_that_are_none_are_refused() -> None:
     core = present(load_core())
-    one, none, reach = np.zeros((1, 2)), np.array([-1]), np.ones(2)
+    ends, number = np.array([[0, 1]]), np.array([0, 0])
+    points, reach, starts, other = np.zeros((2, 2)), np.ones(2), np.array([0, 1, 2]), np.array([1, 0])
+
+    right: dict[str, object] = {"edges": ends, "reach": reach, "starts": starts, "other": other, "number": number}
+
+    def trunk(**wrong: object) -> _core.RoadmapTrunk:
+        given = right | wrong
+        rows = given["starts"], given["other"], np.ones(2), given["number"], np.zeros(2, dtype=np.int64)
+        made: _core.RoadmapTrunk = core.RoadmapTrunk(points, given["edges"], given["reach"], 0.1, *rows)
+        return made
+
     with pytest.raises(ValueError, match="a reach for each joint"):
-        core.PlaceTree(one, none, np.ones(3))
-    with pytest.raises(ValueError, match="not finite"):
-        core.PlaceTree(one * np.nan, none, reach)
-    with pytest.raises(ValueError, match="an edge and a milestone"):
-        core.MorePlaces(one, none, np.array([0, 1]))
-    tree, no = core.PlaceTree(one, none, reach), np.zeros(0, dtype=bool)
-    for more in (core.MorePlaces(one, none, np.array([5])), core.MorePlaces(one, np.array([0]), none)):
+        trunk(reach=np.ones(3))
+    with pytest.raises(ValueError, match="rows and a component"):
+        trunk(starts=starts[:2])
+    with pytest.raises(ValueError, match="rows of all milestones"):
+        trunk(starts=np.array([0, 1, 1]))
+    for wrong in ({"edges": ends + 1}, {"other": other + 1}, {"number": number + 1}, {"number": number - 1}):
         with pytest.raises(ValueError, match="no such milestone or edge"):
-            core.nearest_places(tree, None, more, np.array([True]), no, np.zeros(2), 24)
+            trunk(**wrong)
+    with pytest.raises(ValueError, match="of the trunk"):
+        core.RoadmapGraph(trunk(), points[:1], ends[:0], reach, 0.1, {}, {})
+    with pytest.raises(ValueError, match="no such milestone or edge"):
+        core.RoadmapGraph(trunk(), points, ends, reach, 0.1, {0: [(5, 1.0, 0)]}, {})
+
+
+def test_places_and_queries_that_do_not_fit_a_graph_are_refused() -> None:
+    core, graph = present(load_core()), of_a_grid(3).graph
+    yes, no = np.ones(9, dtype=bool), np.zeros(len(graph.edges), dtype=bool)
+    with pytest.raises(ValueError, match="a flag for each"):
+        core.Places(graph.compiled, yes[1:], no, True)
+    places = core.Places(graph.compiled, yes, no, True)
+    with pytest.raises(ValueError, match="as many joints"):
+        core.NearestPlaces(places, [0.0])
+    known, unknown = np.ones(9, dtype=np.int8), np.zeros(len(no), dtype=np.int8)
+    oracle = SearchOracle(DISCS.checker).core
+    with pytest.raises(ValueError, match="a verdict on each"):
+        core.RoadmapQuery(graph.compiled, places, known[1:], unknown, [0.0, 0.0], [[1.0, 1.0]], oracle)
+    for start, goals in (([0.0], [[1.0, 1.0]]), ([0.0, 0.0], [[1.0]]), ([0.0, 0.0], [])):
+        with pytest.raises(ValueError, match="as many joints"):
+            core.RoadmapQuery(graph.compiled, places, known, unknown, start, goals, oracle)
