@@ -83,7 +83,7 @@ def test_the_nearest_places_are_those_of_python(
 def test_places_beyond_the_last_that_is_looked_at_are_those_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
     roadmap, rng = of_a_grid(60), np.random.default_rng(5)
     offered, free = np.ones(len(roadmap.milestones), dtype=bool), rng.random(len(roadmap.edges)) < 0.5
-    q = np.array([13.3, 14.2])
+    q = np.array([13.317, 14.2041])
     compiled = [*nearest_places(roadmap.graph, offered, free, q)]
     monkeypatch.setattr(nearest, "load_core", lambda: None)
     assert [*nearest_places(roadmap.graph, offered, free, q)] == compiled
@@ -116,11 +116,14 @@ def test_a_milestone_beyond_the_joint_limits_is_refused(monkeypatch: pytest.Monk
     start, goal = np.array([-2.5, 2.0]), np.array([[2.2, -2.2]])
     roadmap = Roadmap.of([start, limits.upper + 1.0, goal[0]], [(0, 1), (1, 2)])
     problem = SearchProblem(start, goal, limits.lower, limits.upper, SearchOracle(DISCS.checker))
+    before = DISCS.checker.counts
     with pytest.raises(InvalidRequest, match="expected shoulder in"):
         roadmap.search(problem)
+    compiled, before = DISCS.checker.counts - before, DISCS.checker.counts
     monkeypatch.setattr(query, "load_core", lambda: None)
     with pytest.raises(InvalidRequest, match="expected shoulder in"):
         roadmap.search(problem)
+    assert DISCS.checker.counts - before == compiled
 
 
 def test_graphs_that_are_none_are_refused() -> None:
