@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import astuple, replace
+from dataclasses import replace
 from itertools import islice
 from types import MappingProxyType
 
@@ -65,7 +65,7 @@ def _moved(scene: Scene) -> Scene:
 
 
 def _build(roadmap: Roadmap) -> Row:
-    counts = None if roadmap.built is None else astuple(roadmap.built.counts)
+    counts = None if roadmap.built is None else tuple(roadmap.built.counts.by_name.values())
     return {
         "checks": {} if counts is None else {"roadmap": list(counts)},
         "milestones": len(roadmap.milestones),
@@ -84,4 +84,4 @@ def _planned(service: PlannerService, roadmap: Roadmap, count: int) -> Iterator[
 
 def _update(update: RoadmapUpdate) -> Row:
     numbers = {key: getattr(update, key) for key in ("kept", "judged", "fell", "rose")}
-    return {**numbers, "hash": update.roadmap.hash, "checks": {"update": list(astuple(update.counts))}}
+    return {**numbers, "hash": update.roadmap.hash, "checks": {"update": list(update.counts.by_name.values())}}

@@ -201,7 +201,7 @@ def roadmap_record(roadmap: Roadmap, file_bytes: int) -> dict[str, Any]:
             "planner": built.planner,
             "settings": dict(built.settings),
             "seed": built.seed,
-            "counts": asdict(built.counts),
+            "counts": built.counts.by_name,
         },
         "fallback": roadmap.fallback,
         "remember": roadmap.remember,

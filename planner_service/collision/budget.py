@@ -56,9 +56,15 @@ class CheckCounts:
         parts += [(self.projections, "projection")] if self.projections else []
         return ", ".join(f"{number:,} {noun}{'' if number == 1 else 's'}" for number, noun in parts)
 
+    @property
+    def by_name(self) -> dict[str, int]:
+        """The counts by name; projections only if there are any, so that older files and pins have what they had."""
+        names = ("states", "edges", "distances", *(("projections",) if self.projections else ()))
+        return {name: getattr(self, name) for name in names}
+
     def _repr_html_(self) -> str:
-        heads = ("states", "edges", "distances", *(("projections",) if self.projections else ()))
-        return Table(heads, [[f"{getattr(self, head):,}" for head in heads]], numeric=heads).html()
+        heads = tuple(self.by_name)
+        return Table(heads, [[f"{count:,}" for count in self.by_name.values()]], numeric=heads).html()
 
     def __add__(self, other: CheckCounts) -> CheckCounts:
         return CheckCounts(

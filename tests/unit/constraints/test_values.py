@@ -22,6 +22,7 @@ from planner_service.constraints import (
 )
 
 NAN, INF = math.nan, math.inf
+WRONG: Any = 3
 
 
 @pytest.mark.parametrize(
@@ -33,16 +34,16 @@ NAN, INF = math.nan, math.inf
         (lambda: KeepUpright((0.0, 0.0, 1.0), 5.7), "tolerance"),
         (lambda: KeepUpright((0.0, 0.0, 1.0), NAN), "tolerance"),
         (lambda: KeepUpright((0.0, 0.0, 1.0), 0.1, up=(NAN, 0.0, 1.0)), "up"),
-        (lambda: KeepUpright((0.0, 0.0, 1.0), 0.1, link=3), "link"),
-        (lambda: KeepOrientation((1.0, 0.0, 0.0, 0.0), 0.1), "orientation"),
+        (lambda: KeepUpright((0.0, 0.0, 1.0), 0.1, link=WRONG), "link"),
+        (lambda: KeepOrientation(WRONG, 0.1), "orientation"),
         (lambda: KeepOrientation(Pose(), 2.0), "tolerance"),
         (lambda: OnPlane(Pose(), 5e-5), "tolerance"),
         (lambda: OnPlane(Pose(), 0.001, point=(0.0, INF, 0.0)), "point"),
         (lambda: OnLine((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.001), "end"),
         (lambda: InBox(Pose(), (0.1, 0.1, 1e-4)), "size[2]"),
         (lambda: InBox(Pose(), (0.1, 0.1, -0.1)), "size[2]"),
-        (lambda: InBox(Pose(), "box"), "size"),
-        (lambda: RelativePose("a", 3, Pose(), 0.01, 0.1), "relative_to"),
+        (lambda: InBox(Pose(), WRONG), "size"),
+        (lambda: RelativePose("a", WRONG, Pose(), 0.01, 0.1), "relative_to"),
         (lambda: RelativePose("a", "b", Pose(), 0.01, 0.0), "angle_tolerance"),
         (lambda: ToolRegion(), "upper"),
         (lambda: ToolRegion(lower=(0.0, 0.0, 1.0), upper=(1.0, 1.0, 0.0)), "upper[2]"),
@@ -50,10 +51,10 @@ NAN, INF = math.nan, math.inf
         (lambda: ToolRegion(lower=(2e3, 0.0, 1.0)), "lower"),
         (lambda: ToolRegion(turn=0.1), "tilt"),
         (lambda: ToolRegion(tilt=2.0, turn=0.1), "tilt"),
-        (lambda: ToolRegion(frame=None, tilt=0.1), "frame"),
+        (lambda: ToolRegion(frame=WRONG, tilt=0.1), "frame"),
         (lambda: JointRange("joint_0", 0.5, 0.5), "upper"),
         (lambda: JointRange("joint_0", NAN, 0.5), "lower"),
-        (lambda: JointRange(0, 0.0, 0.5), "joint"),
+        (lambda: JointRange(WRONG, 0.0, 0.5), "joint"),
     ],
 )
 def test_what_makes_no_sense_is_refused_by_field(make: Callable[[], Any], field: str) -> None:
