@@ -91,7 +91,7 @@ class IndependentChecker:
         may_touch += [[a["name"], link] for a in content.get("attached", ()) for link in a.get("touch_links", ())]
         self._pair_up({frozenset(pair) for pair in may_touch})
         joints = [self.model.joints[self.model.getJointId(name)] for name in robot["joints"]]
-        self._joints: list[str] = robot["joints"]
+        self.joints: list[str] = robot["joints"]
         self._order = np.argsort([joint.idx_q for joint in joints])  # Pinocchio may number the joints otherwise
         columns = [joint.idx_q for joint in joints]
         position = robot.get("limits", {}).get("position", {})
@@ -112,6 +112,20 @@ class IndependentChecker:
         pin.framesForwardKinematics(self.model, self._data, x)
         return np.asarray(self._data.oMf[self._tool].homogeneous)
 
+    def link_poses(self, q: ArrayLike, links: Iterable[str]) -> list[FloatArray]:
+        """Poses of links in the base frame at q (n,), shape (4, 4) each.
+
+        Raises:
+            LookupError: The URDF has no such link.
+        """
+        names = list(links)
+        frames = [self.model.getFrameId(name, pin.FrameType.BODY) for name in names]
+        if self.model.nframes in frames:  # what Pinocchio gives for a name that it does not know
+            raise LookupError(f"not all of these are links: {names}")
+        x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
+        pin.framesForwardKinematics(self.model, self._data, x)
+        return [np.array(self._data.oMf[frame].homogeneous) for frame in frames]
+
     def free(self, q: ArrayLike) -> bool:
         """Whether q (n,) is inside the joint limits and touches nothing."""
         values = np.asarray(q, dtype=np.float64)
@@ -129,7 +143,7 @@ class IndependentChecker:
         values = np.asarray(q, dtype=np.float64)
         outside = np.flatnonzero(~((values >= self._lower) & (values <= self._upper)))
         if len(outside):
-            return Touch(self._joints[outside[0]], "limit", tuple(values.tolist()))
+            return Touch(self.joints[outside[0]], "limit", tuple(values.tolist()))
         return Touch(*min(self.touching(values)), tuple(values.tolist()))
 
     def touching(self, q: ArrayLike) -> set[tuple[str, str]]:
