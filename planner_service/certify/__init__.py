@@ -3,6 +3,7 @@
 from planner_service.certify.certifier import MARGIN, Certificate, Certifier, ExemptInterval, Refusal, certify
 from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.gripper import GripperMotion, certify_gripper
+from planner_service.certify.kept_proof import Kept, KeptBound, KeptRefusal, prove_kept
 
 __all__ = [
     "MARGIN",
@@ -12,7 +13,11 @@ __all__ = [
     "EdgeVerdict",
     "ExemptInterval",
     "GripperMotion",
+    "Kept",
+    "KeptBound",
+    "KeptRefusal",
     "Refusal",
     "certify",
     "certify_gripper",
+    "prove_kept",
 ]
