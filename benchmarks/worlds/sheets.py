@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner_service.certify import Certifier
+from planner_service.certify import Certifier, Refusal
 from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Pose
@@ -94,7 +94,7 @@ def plant(site: Site, step: float) -> Planted:
         checker = CollisionChecker(robot, world)
         found.missed += all(checker.state_is_free(q) for q in path(s))
         refusal = Certifier(robot, world).certify(path).refusal
-        found.caught += refusal is not None and NAME in (refusal.a, refusal.b)
+        found.caught += isinstance(refusal, Refusal) and NAME in (refusal.a, refusal.b)
     return found
 
 

@@ -14,9 +14,11 @@ from numpy.typing import ArrayLike
 
 from planner_service.certify.edge_proof import EdgeProof, EdgeVerdict
 from planner_service.certify.interval_proof import Roots, Span
+from planner_service.certify.kept_proof import Kept, KeptRefusal, prove_kept
 from planner_service.certify.motion_bounds import Motion
 from planner_service.certify.pairs import ProofPairs, pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK, NumpyProver, Prover, native_prover
+from planner_service.constraints.values import Constraint
 from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, finite_numbers, instance, items, number, numbers
@@ -91,7 +93,12 @@ class Refusal:
 
     def __str__(self) -> str:
         where = f"from s = {self.s_start:.6g} to {self.s_end:.6g}"
-        return f"{self.a} x {self.b} is not proven apart {where}: {self.detail}"
+        return f"{self.what} is not proven apart {where}: {self.detail}"
+
+    @property
+    def what(self) -> str:
+        """The pair, in words."""
+        return f"{self.a} x {self.b}"
 
 
 @dataclass(frozen=True)
@@ -104,28 +111,28 @@ class Certificate:
         distances: (configuration, pair) bounds asked.
         padding: Every judged pair was proven farther apart than this and ``MARGIN``.
         exempt: Stretches on which named pairs were not judged.
-        refusal: None when the whole curve is proven.
+        refusal: None when the whole curve is proven, else the pair or the constraint that is not, and where.
         part: From where to where in s the curve was judged; None: all of it.
         allowed: Pairs that were judged nowhere because the caller allows them to touch, sorted.
+        kept: What is proven of each constraint, in their order; none if one of them is refused.
     """
 
     clearance: float
     distances: int
     padding: float
     exempt: tuple[ExemptInterval, ...] = ()
-    refusal: Refusal | None = None
+    refusal: Refusal | KeptRefusal | None = None
     part: Span | None = None
     allowed: tuple[tuple[str, str], ...] = ()
+    kept: tuple[Kept, ...] = ()
 
     def __post_init__(self) -> None:
-        copied_in(self, "exempt")
+        copied_in(self, "exempt", "kept")
 
     def __str__(self) -> str:
-        return (
-            f"proven: {proof_text(self.clearance, self.distances)}"
-            if self.refusal is None
-            else f"refused: {self.refusal}"
-        )
+        if self.refusal is not None:
+            return f"refused: {self.refusal}"
+        return "; ".join([f"proven: {proof_text(self.clearance, self.distances)}", *map(str, self.kept)])
 
     @property
     def certified(self) -> bool:
@@ -173,23 +180,28 @@ class Certifier:
         *,
         padding: float = 0.0,
         exempt: Sequence[ExemptInterval] = (),
+        constraints: Sequence[Constraint] = (),
         part: Span | None = None,
         charge: Callable[[int], None] | None = None,
     ) -> Certificate:
         """The proof that every judged pair is farther apart than ``padding`` on the whole of ``path``, or its refusal.
 
+        Constraints are proven first: where one of them is refused, no pair is judged.
+
         Args:
             path: A path with or without blends, judged as the curve it is; or waypoints (N, n) of a polyline.
             exempt: Stretches on which pairs are not judged. At the ends of a stretch they are, unless the path ends or
                 another stretch begins there.
+            constraints: What must hold on the whole of it, too; see ``prove_kept``.
             part: The interval of s to judge; None for the whole path.
             charge: Called with numbers of bounds, all in all what is counted: before each batch of them, but by the
-                compiled prover once a millisecond at most. What it raises passes through.
+                compiled prover once a millisecond at most, and with 0 while constraints are proven. What it raises
+                passes through.
 
         Raises:
             InvalidRequest: a path of another number of joints or outside the joint limits, a padding outside [0, 0.1],
                 or an exempt stretch or a part that is not on the path.
-            UnknownName: an exempt pair names nothing that is there.
+            UnknownName: an exempt pair names nothing that is there, or a constraint no link or joint of the robot.
         """
         padding = number("padding", padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         stretches = items("exempt", exempt, ExemptInterval, "a list of ExemptInterval")
@@ -200,12 +212,15 @@ class Certifier:
         self._check_exempt(curve.length, stretches)
         checked_part = None if part is None else _part_of(curve.length, part)
         judged = checked_part or (0.0, curve.length)
+        kept = prove_kept(self.robot, curve, constraints, part=judged, charge=charge)
+        if isinstance(kept, KeptRefusal):
+            return Certificate(-math.inf, 0, padding, stretches, kept, checked_part, self._allowed)
         proof = self.prover.prove(curve, padding + MARGIN, self._roots(judged, stretches), charge)
         obstruction, refusal, clearance = proof.obstruction, None, _floored(proof.proven)
         if obstruction is not None:
             names, clearance = self.listed.names(obstruction.pair), -math.inf
             refusal = Refusal(*obstruction.span, obstruction.s, *names, obstruction.detail, obstruction.spent)
-        return Certificate(clearance, proof.bounds, padding, stretches, refusal, checked_part, self._allowed)
+        return Certificate(clearance, proof.bounds, padding, stretches, refusal, checked_part, self._allowed, kept)
 
     def certify_edge(self, q1: ArrayLike, q2: ArrayLike, *, padding: float = 0.0) -> EdgeProof:
         """The verdict on the straight edge from q1 to q2, (n,) each: proven free, proven to collide, or neither.
@@ -312,9 +327,12 @@ def certify(
     allowed: Iterable[tuple[str, str]] = (),
     padding: float = 0.0,
     exempt: Sequence[ExemptInterval] = (),
+    constraints: Sequence[Constraint] = (),
 ) -> Certificate:
     """The proof of a path from anywhere, or its refusal: a ``JointPath``, or waypoints (N, n); see ``Certifier``."""
-    return Certifier(robot, scene, allowed=allowed).certify(path, padding=padding, exempt=exempt)
+    return Certifier(robot, scene, allowed=allowed).certify(
+        path, padding=padding, exempt=exempt, constraints=constraints
+    )
 
 
 def _prover_of(backend: object, motion: Motion) -> Prover:

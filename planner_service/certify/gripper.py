@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, ProofBackend
+from planner_service.certify.certifier import Certificate, Certifier, ExemptInterval, ProofBackend, Refusal
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.certify.prover import LIMIT_SLACK
 from planner_service.errors import InvalidRequest
@@ -55,7 +55,7 @@ class GripperMotion:
     def refused(self) -> str:
         """Which pair could not be proven apart, and at what width; empty if all is proven."""
         refusal = self.certificate.refusal
-        if refusal is None:
+        if not isinstance(refusal, Refusal):
             return ""
         verb, sign = ("open", 2.0) if self.end > self.start else ("close", -2.0)
         width = self.start + sign * refusal.s

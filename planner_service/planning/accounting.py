@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from planner_service.certify import Certificate, Certifier, ExemptInterval, Refusal
+from planner_service.certify import Certificate, Certifier, ExemptInterval, KeptRefusal, Refusal
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.concurrency.polling import Prepared, ask_from_now_on
@@ -346,7 +346,7 @@ def require_proven(certificate: Certificate) -> Certificate:
     return certificate
 
 
-def narrower(path: JointPath, refusal: Refusal, first: int = 0) -> JointPath | None:
+def narrower(path: JointPath, refusal: Refusal | KeptRefusal, first: int = 0) -> JointPath | None:
     """The path with those blends halved, from waypoint ``first`` on, at which it was refused; None if there is none."""
     if refusal.spent:
         return None

@@ -135,7 +135,7 @@ def _padded(
     padded = certify(path, certifier, accounting, certificate.exempt, padding=padding)
     if padded.refusal is None:
         return padded
-    near = f"{padded.refusal.a} x {padded.refusal.b}"
+    near = padded.refusal.what
     kept = f"{certificate.clearance * 1e3:.2f} mm are proven, less than the padding of {padding * 1e3:g} mm"
     accounting.notes.append(f"{kept}: {near} at s = {padded.refusal.s:.3g}")
     return certificate

@@ -28,7 +28,7 @@ from tests.laws.test_certify_laws import BACKENDS, COAL, anywhere, samples, walk
 from tests.laws.test_collision_laws import near_contact
 from tests.laws.test_mesh_laws import blunt, loose, mirrored, uncentred
 from tests.support.hull_arm import HELD, NEEDLE, HullSetup
-from tests.support.optional import present
+from tests.support.refusals import refused_pair
 
 seeds = st.integers(0, 2**32 - 1)
 STEP = 0.004
@@ -178,5 +178,5 @@ def test_a_thin_hull_that_crosses_a_thin_one_between_two_samples_is_refused(fold
     assert coarse.path_is_free(path)
     assert robot.n == 4
     assert HullSetup("thin", folder, scene.obstacles, (NEEDLE,)).independent().path_touch(path.waypoints, 5e-4)
-    refusal = present(certify(robot, scene, path).refusal)
+    refusal = refused_pair(certify(robot, scene, path))
     assert {refusal.a, refusal.b} == {"needle", "sheet"}

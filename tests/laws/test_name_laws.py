@@ -19,6 +19,7 @@ from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
+from tests.support.refusals import refused_pair
 
 JUDGES: list[BackendName] = ["native", "numpy", "fcl"] if instruction_sets() else ["numpy", "fcl"]
 PROVERS: list[ProofBackend] = ["native", "numpy"] if proof_instruction_sets() else ["numpy"]
@@ -157,8 +158,9 @@ def test_proofs_do_not_depend_on_what_objects_are_called(backend: ProofBackend, 
                 expected = usual.certify(ends, exempt=[replace(exempt[0], pairs=world.plainly(pairs))])
                 assert (found.clearance, found.distances) == (expected.clearance, expected.distances)
                 if found.refusal is not None and expected.refusal is not None:
-                    a, b = world.plain_name[found.refusal.a], world.plain_name[found.refusal.b]
-                    assert replace(found.refusal, a=a, b=b) == expected.refusal
+                    refusal = refused_pair(found)
+                    a, b = world.plain_name[refusal.a], world.plain_name[refusal.b]
+                    assert replace(refusal, a=a, b=b) == expected.refusal
                 else:
                     assert found.refusal is expected.refusal is None
                     certified += 1

@@ -20,7 +20,7 @@ from planner_service.geometry.shapes import Box, Pose, Sphere
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Attached, Obstacle, Scene, load_scene
-from tests.support.optional import present
+from tests.support.refusals import refused_pair
 from tests.support.small_robots import SLIDER, TWINS, built
 
 ROOT = Path(__file__).parents[3]
@@ -53,7 +53,7 @@ def sheet_at(angle: float, radius: float = 1.45) -> Scene:
 def refused(certificate: Certificate) -> Refusal:
     assert not certificate.certified
     assert certificate.clearance == -math.inf
-    return present(certificate.refusal)
+    return refused_pair(certificate)
 
 
 def test_a_free_curve_is_certified_and_its_clearance_is_the_gap_at_most() -> None:
@@ -244,7 +244,7 @@ def test_a_sliding_joint_is_proven_to_its_last_microns(tmp_path: Path, gap: floa
     found = certify(robot, wall, [[-0.7, 0.3], [0.8, -0.4]])
     assert found.certified == free
     if found.refusal:
-        assert (found.refusal.a, found.refusal.b) == ("cart", "wall")
+        assert (refused(found).a, refused(found).b) == ("cart", "wall")
 
 
 def test_two_arms_of_one_torso_are_judged_against_each_other(tmp_path: Path) -> None:

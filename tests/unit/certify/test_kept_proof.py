@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner_service.certify import Kept, KeptBound, KeptRefusal, prove_kept
+from planner_service.certify import Kept, KeptBound, KeptRefusal, certify, prove_kept
 from planner_service.certify.kept_proof import SLACK
 from planner_service.constraints import (
     Constraint,
+    InBox,
     JointRange,
     KeepOrientation,
     KeepUpright,
@@ -23,6 +24,7 @@ from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
+from planner_service.scene.scene import Scene
 from tests.support.small_robots import CRANE, SLIDER, built
 
 PLANAR = load_robot("planar2")
@@ -241,6 +243,20 @@ def test_a_refusal_names_the_constraint_the_place_and_the_amount() -> None:
     low = refused(PLANAR, way, ToolRegion(lower=(1.5 * math.cos(0.2), -INF, -INF)))
     assert "x = 1428" in str(low)
     assert "at least 1470" in str(low)
+
+
+def test_a_certificate_says_free_and_kept() -> None:
+    way = np.array([[0.0, 0.0], [0.3, 0.0]])
+    box = InBox(Pose((1.4, 0.2, 0.0)), (0.4, 0.6, INF))
+    found = certify(PLANAR, Scene(), way, constraints=[box, JointRange("elbow", -0.5, 0.5)])
+    assert found.certified
+    assert [kept.name for kept in found.kept] == ["box", "elbow"]
+    assert str(found).endswith("; elbow kept (elbow 0 of 0.5 rad)")
+    refused_ = certify(PLANAR, Scene(), way, constraints=[box, JointRange("shoulder", -0.2, 0.2)])
+    assert isinstance(refused_.refusal, KeptRefusal)
+    assert (refused_.certified, refused_.clearance, refused_.distances, refused_.kept) == (False, -INF, 0, ())
+    assert str(refused_).startswith("refused: shoulder is not proven kept")
+    assert certify(PLANAR, Scene(), way).kept == ()
 
 
 def test_charge_can_end_a_proof_and_counts_nothing() -> None:

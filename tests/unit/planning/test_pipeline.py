@@ -43,6 +43,7 @@ from planner_service.planning.accounting import certified_path
 from planner_service.planning.timing_stage import timed
 from planner_service.search.problem import SearchProblem, SearchResult
 from tests.support.optional import present
+from tests.support.refusals import refused_pair
 from tests.support.steps import InPython
 
 START, GOAL = (0.0, 0.0), (math.pi / 2, -math.pi / 2)
@@ -170,9 +171,9 @@ def test_standing_still_is_proven_too(discs: PlannerService) -> None:
 def test_a_path_from_anywhere_is_proven_or_refused_with_pair_and_place(discs: PlannerService) -> None:
     assert discs.certify([[0.0, 0.0], [0.3, -0.3]]).certified
     refused = discs.certify([START, GOAL])
-    assert refused.refusal is not None
-    assert "forearm" in (refused.refusal.a, refused.refusal.b)
-    assert 0.0 <= refused.refusal.s_start < refused.refusal.s_end <= JointPath(np.array([START, GOAL])).length
+    refusal = refused_pair(refused)
+    assert "forearm" in (refusal.a, refusal.b)
+    assert 0.0 <= refusal.s_start < refusal.s_end <= JointPath(np.array([START, GOAL])).length
 
 
 # -- blended --------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ from planner_service.tasks.result import TaskResult
 from planner_service.view.scene_nodes import AMBER, colours_of
 from planner_service.view.still.composition import TOUCHING
 from tests.support.optional import present
+from tests.support.refusals import refused_pair
 from tests.support.small_robots import joint, link, solid, urdf
 
 URDF = urdf(
@@ -81,7 +82,7 @@ def test_a_wall_is_a_wall_whatever_it_is_called(name: str, label: str, swing: Ro
         assert [(c.a, c.b) for c in checker.contacts([0.0])] == [(arm, label)]
         hit = present(checker.edge_hit(*ACROSS))
         assert (hit.a, hit.b) == (arm, label)
-    refusal = present(Certifier(swing, Scene((wall(name),))).certify(ACROSS).refusal)
+    refusal = refused_pair(Certifier(swing, Scene((wall(name),))).certify(ACROSS))
     assert {refusal.a, refusal.b} == {arm, label}
     result = PlannerService(swing, Scene((wall(name),))).plan(PlanRequest([-1.0], [1.0], max_checks=2_000))
     assert not result.ok
