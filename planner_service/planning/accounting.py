@@ -312,8 +312,13 @@ def certify(
 ) -> Certificate:
     """What can be proven of a path, as the CERTIFY stage; its bounds are counted, and the limits hold."""
     with accounting.during(Stage.CERTIFY) as entry:
-        proof = certifier.certify(path, padding=padding, exempt=exempt, part=part, charge=accounting.charge)
-        entry.note = f"proven: {clearance_text(proof.clearance)}" if proof.certified else f"refused: {proof.refusal}"
+        constraints = () if accounting.constraints is None else accounting.constraints.constraints
+        proof = certifier.certify(
+            path, padding=padding, exempt=exempt, constraints=constraints, part=part, charge=accounting.charge
+        )
+        kept = "".join(f"; {each}" for each in proof.kept)
+        proven = f"proven: {clearance_text(proof.clearance)}{kept}"
+        entry.note = proven if proof.certified else f"refused: {proof.refusal}"
         return proof
 
 
@@ -332,7 +337,10 @@ def certified_path(
 
 def unproven(certificate: Certificate) -> NoPlan:
     """That a path could not be proven."""
-    return NoPlan(Failure(Stage.CERTIFY, Reason.NOT_CERTIFIED, f"not proven free: {certificate.refusal}"), certificate)
+    reason, what = Reason.NOT_CERTIFIED, f"not proven free: {certificate.refusal}"
+    if isinstance(certificate.refusal, KeptRefusal):
+        reason, what = Reason.CONSTRAINT_NOT_CERTIFIED, str(certificate.refusal)
+    return NoPlan(Failure(Stage.CERTIFY, reason, what), certificate)
 
 
 def require_proven(certificate: Certificate) -> Certificate:
@@ -351,7 +359,9 @@ def narrower(path: JointPath, refusal: Refusal | KeptRefusal, first: int = 0) ->
     if refusal.spent:
         return None
     before, after = path.knots - path.blends, path.knots + path.blends
-    meant = (path.blends > 0.0) & (np.arange(len(before)) >= first) & (before <= refusal.s) & (after >= refusal.s)
+    spans = refusal.broken if isinstance(refusal, KeptRefusal) else ((refusal.s, refusal.s),)
+    meant = np.any([(before <= end) & (after >= start) for start, end in spans], axis=0)
+    meant &= (path.blends > 0.0) & (np.arange(len(before)) >= first)
     if not np.any(meant):
         return None
     widths = np.where(meant, path.blends / 2.0, path.blends)
