@@ -316,9 +316,9 @@ def certify(
         proof = certifier.certify(
             path, padding=padding, exempt=exempt, constraints=constraints, part=part, charge=accounting.charge
         )
-        kept = "".join(f"; {each}" for each in proof.kept)
-        proven = f"proven: {clearance_text(proof.clearance)}{kept}"
-        entry.note = proven if proof.certified else f"refused: {proof.refusal}"
+        entry.note = f"refused: {proof.refusal}"
+        if proof.certified:
+            entry.note = "; ".join([f"proven: {clearance_text(proof.clearance)}", *map(str, proof.kept)])
         return proof
 
 
