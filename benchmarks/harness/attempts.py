@@ -128,7 +128,7 @@ def _told(results: Sequence[PlanResult], failure: Failure | None) -> Row:
         "ok": failure is None,
         "failure": None if failure is None else failure.reason.value,
         "detail": "" if failure is None else failure.detail,
-        "checks": {name: counts.by_name for name, counts in checks.items()},
+        "checks": {name: counts.named for name, counts in checks.items()},
         "seconds": seconds,
     }
     return told if failure is not None else told | _figures(results)
@@ -213,9 +213,9 @@ def _task(problem: Task, ask: Ask) -> Row:
     failure = next((part.failure for part in parts if part.failure is not None), None)
     told: Row = {"robot": service.robot.name, **made.told, **clock.told}
     told |= _told([segment.result for part in parts for segment in part.segments], failure)
-    told["checks"]["choosing"] = sum((part.choosing for part in parts), CheckCounts()).by_name
+    told["checks"]["choosing"] = sum((part.choosing for part in parts), CheckCounts()).named
     proofs = [segment.gripper.certificate for part in parts for segment in part.segments if segment.gripper is not None]
-    told["checks"]["gripper"] = CheckCounts(distances=sum(proof.distances for proof in proofs)).by_name
+    told["checks"]["gripper"] = CheckCounts(distances=sum(proof.distances for proof in proofs)).named
     audits = [_audit(problem.robot, scene, *judged) for scene, judged in _judged(service, parts)]
     return told | {"audit": worst(audits) if failure is None else dict(NOT_ASKED)}
 

@@ -41,10 +41,8 @@ def _built(service: PlannerService, text: str, seed: int) -> Ready:
     _ask_once(service, roadmap)
     if roadmap.built is None:
         raise BrokenInvariant("a roadmap that was built does not say how")
-    names = ("states", "edges", "distances")
-    counts = dict(zip(names, roadmap.built.counts.by_name.values(), strict=True))
     size = {"milestones": len(roadmap.milestones), "joined": len(roadmap.edges)}
-    return Ready(roadmap, {"built": {**counts, **size, "cpu_seconds": time.process_time() - clock}})
+    return Ready(roadmap, {"built": {**roadmap.built.counts.named, **size, "cpu_seconds": time.process_time() - clock}})
 
 
 def _ask_once(service: PlannerService, roadmap: Roadmap) -> None:

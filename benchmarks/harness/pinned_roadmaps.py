@@ -65,9 +65,9 @@ def _moved(scene: Scene) -> Scene:
 
 
 def _build(roadmap: Roadmap) -> Row:
-    counts = None if roadmap.built is None else tuple(roadmap.built.counts.by_name.values())
+    counts = None if roadmap.built is None else roadmap.built.counts.named
     return {
-        "checks": {} if counts is None else {"roadmap": list(counts)},
+        "checks": {} if counts is None else {"roadmap": list(counts.values())},
         "milestones": len(roadmap.milestones),
         "free": roadmap.edge_knowledge.count(Verdict.FREE),
         "blocked": roadmap.edge_knowledge.count(Verdict.BLOCKED),
@@ -84,4 +84,4 @@ def _planned(service: PlannerService, roadmap: Roadmap, count: int) -> Iterator[
 
 def _update(update: RoadmapUpdate) -> Row:
     numbers = {key: getattr(update, key) for key in ("kept", "judged", "fell", "rose")}
-    return {**numbers, "hash": update.roadmap.hash, "checks": {"update": list(update.counts.by_name.values())}}
+    return {**numbers, "hash": update.roadmap.hash, "checks": {"update": list(update.counts.named.values())}}

@@ -201,7 +201,7 @@ def roadmap_record(roadmap: Roadmap, file_bytes: int) -> dict[str, Any]:
             "planner": built.planner,
             "settings": dict(built.settings),
             "seed": built.seed,
-            "counts": built.counts.by_name,
+            "counts": built.counts.named,
         },
         "fallback": roadmap.fallback,
         "remember": roadmap.remember,
@@ -219,4 +219,4 @@ def _verdict_record(known: Knowledge) -> dict[str, int]:
 def update_record(update: RoadmapUpdate) -> dict[str, Any]:
     """An update of a roadmap as a JSON object."""
     edges = {name: getattr(update, name) for name in ("kept", "judged", "fell", "rose")}
-    return {"changed": list(update.changed), **edges, "counts": asdict(update.counts)}
+    return {"changed": list(update.changed), **edges, "counts": update.counts.named}

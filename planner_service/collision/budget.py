@@ -57,14 +57,14 @@ class CheckCounts:
         return ", ".join(f"{number:,} {noun}{'' if number == 1 else 's'}" for number, noun in parts)
 
     @property
-    def by_name(self) -> dict[str, int]:
-        """The counts by name; projections only if there are any, so that older files and pins have what they had."""
-        names = ("states", "edges", "distances", *(("projections",) if self.projections else ()))
-        return {name: getattr(self, name) for name in names}
+    def named(self) -> dict[str, int]:
+        """Each count by its name; projections only if there are any."""
+        counts = {"states": self.states, "edges": self.edges, "distances": self.distances}
+        return counts | ({"projections": self.projections} if self.projections else {})
 
     def _repr_html_(self) -> str:
-        heads = tuple(self.by_name)
-        return Table(heads, [[f"{count:,}" for count in self.by_name.values()]], numeric=heads).html()
+        named = self.named
+        return Table([*named], [[f"{count:,}" for count in named.values()]], numeric=[*named]).html()
 
     def __add__(self, other: CheckCounts) -> CheckCounts:
         return CheckCounts(

@@ -138,7 +138,7 @@ class EpisodeWork:
 def lost_episode(index: int, answer: Lost) -> Episode:
     """The failure of a request whose workers died or took too long."""
     reason = Reason.TIMED_OUT if answer.over_limit else Reason.WORKER_LOST
-    nothing = CheckCounts().by_name
+    nothing = CheckCounts().named
     request = {"request_index": index, "ok": False, "frames": 0, "motion_s": 0.0, **nothing}
     failure = {"request_index": index, "reason": reason.value, "detail": answer.detail}
     return Episode({**{name: [] for name in TABLES}, "requests": [request], "failures": [failure]}, None)
@@ -183,7 +183,7 @@ def _stats(values: Any) -> dict[str, list[float]]:
 
 
 def _rows(index: int, drawn: EpisodeWorld, solved: TaskResult) -> Rows:
-    counts = solved.counts.by_name
+    counts = solved.counts.named
     request = {
         "request_index": index,
         "ok": False,
@@ -201,7 +201,7 @@ def _rows(index: int, drawn: EpisodeWorld, solved: TaskResult) -> Rows:
         "requests": [request],
         "scenes": [_obstacle_row(index, k, obstacle) for k, obstacle in enumerate(drawn.scene.obstacles)],
         "counts": [row for k, segment in numbered for row in _count_rows(index, k, segment)]
-        + [_count_row(index, -1, "choosing", None, solved.choosing.by_name)],
+        + [_count_row(index, -1, "choosing", None, solved.choosing.named)],
         "certificates": [row for k, segment in numbered for row in _certificate_rows(index, k, segment)],
         "failures": [],
         "motions": [],
@@ -227,10 +227,10 @@ def _obstacle_row(index: int, position: int, obstacle: Obstacle) -> dict[str, An
 
 def _count_rows(index: int, k: int, segment: Segment) -> Iterator[dict[str, Any]]:
     if segment.gripper is not None:
-        counts = (segment.counts - segment.result.counts).by_name
+        counts = (segment.counts - segment.result.counts).named
         yield _count_row(index, k, segment.name, "gripper", counts)
     for report in segment.result.stages:
-        yield _count_row(index, k, segment.name, report.stage.value, report.counts.by_name)
+        yield _count_row(index, k, segment.name, report.stage.value, report.counts.named)
 
 
 def _count_row(index: int, k: int, motion: str, stage: str | None, counts: Mapping[str, int]) -> dict[str, Any]:

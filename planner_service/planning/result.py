@@ -383,7 +383,8 @@ def cost_row(name: str, note: str, counts: CheckCounts, seconds: float | None, p
     lengths = [plan.path.length for plan in plans if plan.path is not None]
     durations = [plan.trajectory.duration for plan in plans if plan.trajectory is not None]
     cost = counts.states, counts.edges, counts.distances, seconds
-    return Row(name, note, *cost, sum(lengths) if lengths else None, sum(durations) if durations else None)
+    sums = sum(lengths) if lengths else None, sum(durations) if durations else None
+    return Row(name, note, *cost, *sums, projections=counts.projections)
 
 
 def stage_row(plan: PlanResult, report: StageReport, depth: int = 1) -> Row:
@@ -396,7 +397,7 @@ def stage_row(plan: PlanResult, report: StageReport, depth: int = 1) -> Row:
         length = None
     counts = report.counts
     cost = counts.states, counts.edges, counts.distances, report.seconds
-    return Row(report.stage.value, note, *cost, length, duration, depth)
+    return Row(report.stage.value, note, *cost, length, duration, depth, counts.projections)
 
 
 def plan_lines(plan: PlanResult) -> list[str]:

@@ -29,8 +29,13 @@ NARROW = 88
 """In fewer columns, each row of a cost table takes a line for its words and one for its numbers."""
 
 NAME_WIDTH = 19
-COUNTS = ("states", "edges", "distances")
+COUNTS, PROJECTIONS = ("states", "edges", "distances"), "projections"
+"""Columns of counts; that of projections is there only if there are any."""
+
 NUMBER_WIDTHS = (7, 7, 11, 8)
+NARROW_WIDTHS = (7, 6, 10, 12, 8)
+"""With projections; so the name of the default planner stays on one line."""
+
 LENGTH_WIDTH, DURATION_WIDTH = 10, 9
 
 MARKDOWN_SIGNS = re.compile(r"[!-/:-@\[-`{-~]")
@@ -58,11 +63,11 @@ class Row:
     length: float | None = None
     duration: float | None = None
     depth: int = 1
+    projections: int = 0
 
-    @property
-    def counts_text(self) -> tuple[str, ...]:
-        """States, edges and distances."""
-        return tuple(f"{count:,}" for count in (self.states, self.edges, self.distances))
+    def counts_text(self, names: Iterable[str]) -> tuple[str, ...]:
+        """The counts of these names."""
+        return tuple(f"{getattr(self, name):,}" for name in names)
 
     @property
     def milliseconds_text(self) -> str:
@@ -108,27 +113,29 @@ class CostTable:
 
     def html(self) -> str:
         """The rows as an HTML table with the title as its caption."""
+        counts = _counts(self.rows)
         cells = [
             (
                 "\N{EM SPACE}" * (row.depth - 1) + row.name,
                 row.note,
                 row.length_text(self.unit),
                 row.duration_text,
-                *row.counts_text,
+                *row.counts_text(counts),
                 row.milliseconds_text,
             )
             for row in self.rows
         ]
-        numeric = ("length", "duration", *COUNTS, "ms")
+        numeric = ("length", "duration", *counts, "ms")
         return _html_table(self.title, ("", " ", *numeric), cells, numeric)
 
     def markdown(self) -> str:
         """Names, counts and milliseconds as a Markdown table; the last row, the total, is bold."""
-        lines = [f"| | {' | '.join(COUNTS)} | ms |", "|:--|--:|--:|--:|--:|"]
+        counts = _counts(self.rows)
+        lines = [f"| | {' | '.join(counts)} | ms |", f"|:--|{'--:|' * (len(counts) + 1)}"]
         names = [markdown_escaped(row.name) for row in self.rows]
         names[-1] = f"**{names[-1]}**"
         for name, row in zip(names, self.rows, strict=True):
-            lines.append(f"| {name} | {' | '.join(row.counts_text)} | {row.milliseconds_text} |")
+            lines.append(f"| {name} | {' | '.join(row.counts_text(counts))} | {row.milliseconds_text} |")
         return "\n".join(lines)
 
 
@@ -187,11 +194,18 @@ def render_html(blocks: Iterable[Block]) -> str:
     return "\n".join(f"<p>{_html(block)}</p>" if isinstance(block, str) else block.html() for block in blocks if block)
 
 
+def _counts(rows: Sequence[Row]) -> tuple[str, ...]:
+    """The counts that have a column."""
+    return (*COUNTS, PROJECTIONS) if any(row.projections for row in rows) else COUNTS
+
+
 def _wide(title: str, rows: Sequence[Row], width: int, unit: str) -> list[str]:
-    numbers = [(*row.counts_text, row.milliseconds_text) for row in rows]
+    counts = _counts(rows)
+    numbers = [(*row.counts_text(counts), row.milliseconds_text) for row in rows]
+    widths = NARROW_WIDTHS if PROJECTIONS in counts else NUMBER_WIDTHS
     sizes = [
         max(least, *(len(cell) + 1 for cell in column))
-        for least, column in zip(NUMBER_WIDTHS, zip(*numbers, strict=True), strict=True)
+        for least, column in zip(widths, zip(*numbers, strict=True), strict=True)
     ]
 
     def aligned(cells: Sequence[str]) -> str:
@@ -199,7 +213,7 @@ def _wide(title: str, rows: Sequence[Row], width: int, unit: str) -> list[str]:
 
     room = width - sum(sizes)
     first, *more = textwrap.wrap(title, max(room - 1, 12)) or [""]
-    lines = [f"{first:<{room}}{aligned((*COUNTS, 'ms'))}", *(f"  {line}" for line in more)]
+    lines = [f"{first:<{room}}{aligned((*counts, 'ms'))}", *(f"  {line}" for line in more)]
     for row, cells in zip(rows, numbers, strict=True):
         length = row.length_text(unit)
         motion = f"{length:>{LENGTH_WIDTH}}{row.duration_text:>{DURATION_WIDTH}}" if length else row.duration_text
@@ -212,12 +226,12 @@ def _wide(title: str, rows: Sequence[Row], width: int, unit: str) -> list[str]:
 
 
 def _narrow(title: str, rows: Sequence[Row], width: int, unit: str) -> list[str]:
-    lines = textwrap.wrap(title, width)
+    lines, names = textwrap.wrap(title, width), _counts(rows)
     for row in rows:
         indent = "  " * row.depth
         words = printable(f"{row.name}: {row.note}" if row.note else row.name)
         lines += textwrap.wrap(words, width, initial_indent=indent, subsequent_indent=indent)
-        counts = [f"{count} {name}" for count, name in zip(row.counts_text, COUNTS, strict=True)]
+        counts = [f"{count} {name}" for count, name in zip(row.counts_text(names), names, strict=True)]
         milliseconds = row.milliseconds_text and f"{row.milliseconds_text} ms"
         numbers = ", ".join(filter(None, (row.length_text(unit), row.duration_text, *counts, milliseconds)))
         indent += "    "

@@ -267,7 +267,7 @@ class Roadmap:
         return {
             "terms": None if self.terms is None else asdict(self.terms),
             "pending": list(self.pending),
-            "built": None if self.built is None else asdict(self.built) | {"counts": self.built.counts.by_name},
+            "built": None if self.built is None else asdict(self.built) | {"counts": self.built.counts.named},
             "fallback": self.fallback,
             "remember": self.remember,
             "grown": list(self.graph.grown),

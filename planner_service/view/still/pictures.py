@@ -183,7 +183,7 @@ def _joined(*parts: str) -> str:
 
 
 def _counted(counts: CheckCounts) -> str:
-    return f"checked: states {counts.states:,}, edges {counts.edges:,}, distances {counts.distances:,}"
+    return f"checked: {', '.join(f'{name} {count:,}' for name, count in counts.named.items())}"
 
 
 def _proof(results: Iterable[PlanResult]) -> str:

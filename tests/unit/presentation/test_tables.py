@@ -73,3 +73,19 @@ def test_lines_below_a_table_are_wrapped_with_an_indent() -> None:
     assert len(first) <= 100
     assert more
     assert all(line.startswith("  word") for line in more)
+
+
+PROJECTED = (*ROWS[:1], Row("total", "", 1234, 5, 0, 0.0123, 1.5, 2.25, projections=6789))
+
+
+def test_projections_have_a_column_only_where_there_are_any() -> None:
+    for table, shown in ((CostTable("a plan", ROWS, "rad"), 0), (CostTable("a plan", PROJECTED, "rad"), 1)):
+        texts = (table.text(), table.text(60), table.html(), table.markdown())
+        assert [text.count("projections") > 0 for text in texts] == [bool(shown)] * 4
+    head, search, total = CostTable("a plan", PROJECTED, "rad").text().splitlines()
+    assert head.split() == ["a", "plan", "states", "edges", "distances", "projections", "ms"]
+    assert search.split()[-5:] == ["1,234", "5", "0", "0", "12.3"]
+    assert total.split()[-5:] == ["1,234", "5", "0", "6,789", "12.3"]
+    assert len(head) == len(search) == len(total) == 100
+    *_, line = CostTable("", PROJECTED).markdown().splitlines()
+    assert line == "| **total** | 1,234 | 5 | 0 | 6,789 | 12.3 |"
