@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from planner_service.constraints.values import Constraint, JointRange, ToolRegion
+from planner_service.constraints.values import Constraint, JointRange, ToolRegion, constraint_names
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray, read_only
 from planner_service.geometry.shapes import Pose, Sphere
@@ -123,8 +123,7 @@ class ConstraintSet:
     @property
     def names(self) -> str:
         """What they are called, as part of a sentence."""
-        names = (c.joint if isinstance(c, JointRange) else c.name for c in self.constraints)
-        return ", ".join(dict.fromkeys(names))
+        return constraint_names(self.constraints)
 
     def quantities(self, q: Sequence[float] | FloatArray) -> list[Quantity]:
         """Everything that is bounded, at q (n,)."""

@@ -16,6 +16,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, finite_tuple, instance, number, text
 
 __all__ = [
+    "MAX_CONSTRAINTS",
     "MIN_ANGLE",
     "MIN_LENGTH",
     "Constraint",
@@ -27,7 +28,11 @@ __all__ = [
     "OnPlane",
     "RelativePose",
     "ToolRegion",
+    "constraint_names",
 ]
+
+MAX_CONSTRAINTS = 16
+"""Of one request."""
 
 MIN_LENGTH, MIN_ANGLE = 1e-4, 1e-3
 """The least tolerance: metres and radians either way."""
@@ -281,6 +286,12 @@ class JointRange:
 
 
 Constraint = ToolRegion | JointRange
+
+
+def constraint_names(constraints: Sequence[Constraint]) -> str:
+    """What they are called, as part of a sentence."""
+    names = (c.joint if isinstance(c, JointRange) else c.name for c in constraints)
+    return ", ".join(dict.fromkeys(names))
 
 
 def _coordinates(field: str, values: Sequence[float]) -> Vector:

@@ -28,8 +28,10 @@ from pydantic import (
     FailFast,
     Field,
     ModelWrapValidatorHandler,
+    SerializerFunctionWrapHandler,
     ValidationError,
     ValidationInfo,
+    model_serializer,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -40,6 +42,7 @@ __all__ = [
     "ONE_PER_JOINT",
     "Count",
     "FirstOnly",
+    "GrownRecord",
     "Joints",
     "NamePair",
     "Numbers",
@@ -156,6 +159,18 @@ class Record(BaseModel):
             reading.problems = before + error.error_count()
             raise
         return record
+
+
+class GrownRecord(Record):
+    """A record with keys that older files do not have: those with a default, which is not written."""
+
+    @model_serializer(mode="wrap")
+    def _without_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        document: dict[str, Any] = handler(self)
+        for name, declared in type(self).model_fields.items():
+            if not declared.is_required() and getattr(self, name) == declared.get_default(call_default_factory=True):
+                del document[name]
+        return document
 
 
 def plain(value: Any) -> Any:

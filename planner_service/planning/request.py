@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.constraints import Constraint, JointRange, ToolRegion
+from planner_service.constraints.values import MAX_CONSTRAINTS
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, as_sent, set_fields
 from planner_service.geometry.shapes import Pose
@@ -25,8 +26,6 @@ __all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "require_timing"]
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A lower limit is a mistake in the unit."""
-
-MAX_CONSTRAINTS = 16
 
 Goal = ArrayLike | Pose | PoseGoal | Sequence[ArrayLike | Pose | PoseGoal]
 

@@ -11,6 +11,7 @@ checked:
 4. Every stretch on which a pair was not checked follows from a rule (``exemptions``) or is named again by the caller.
    So is every pair that the plan was made with as ``allowed``.
 5. Every motion is then free, also between samples, and so are the gripper's own motions.
+6. A motion that was requested with constraints keeps them. This is not proven again yet, so such a plan is refused.
 
 It takes about 2 ms for a plan and 80 ms for a task of seven motions, so it is done wherever a plan comes from.
 """
@@ -23,6 +24,7 @@ from dataclasses import dataclass, replace
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
 from planner_service.certify.pairs import pairs_of_names
+from planner_service.constraints.values import Constraint, constraint_names
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.planning.request import Pace, PlanRequest
@@ -224,7 +226,8 @@ def recertify(
         for a, b in recorded
         if frozenset((a, b)) not in named
     ]
-    claims, paces = _claims(plan, world), _paces(plan, _segments(plan, world))
+    claims, segments = _claims(plan, world), _segments(plan, world)
+    paces, constraints = _paces(plan, segments), _constraints(plan, segments)
     motions: list[TaskMotion] = []
     try:
         motions.extend(task_motions(world.robot, world.scene, claims))
@@ -233,9 +236,9 @@ def recertify(
     if motions and isinstance(plan, SavedTask) and (dropped := _dropped(motions[0], plan.robot.gripper_width)):
         problems.append(f"{motions[0].name}: {dropped}")
     proven = []
-    for before, motion, pace in zip([None, *motions], motions, paces, strict=False):
+    for before, motion, pace, asked in zip([None, *motions], motions, paces, constraints, strict=False):
         exempt, refused = _exempt(before, motion, named)
-        refused = [*_exceeded_limits(motion, pace), *refused]
+        refused = [*_exceeded_limits(motion, pace), *_not_kept(motion, asked), *refused]
         try:
             certificate = _certificate(motion, exempt, lenient, padding, whole=len(claims) > 1)
         except InvalidRequest as error:
@@ -333,6 +336,27 @@ def _pace(segment: Segment, request: PlanRequest | None) -> Pace | None:
     if origin is not None and (origin.pace is not None or origin.request is not None):
         return origin.pace if origin.request is None else Pace.of(origin.request)
     return None if request is None else Pace.of(request, segment.timing)
+
+
+def _constraints(plan: Plan, segments: Sequence[Segment]) -> list[tuple[Constraint, ...]]:
+    """What each motion was requested to keep; nothing where that is not known."""
+    request = None if isinstance(plan, PlanResult) else plan.request
+    asked = []
+    for segment in segments:
+        origin = segment.result.origin
+        of = request if origin is None else origin.request
+        asked.append(() if of is None else tuple(of.constraints))
+    return asked
+
+
+def _not_kept(motion: TaskMotion, constraints: Sequence[Constraint]) -> list[str]:
+    """Which constraints a motion is not proven to keep.
+
+    The proof belongs here: ``motion.trajectory.path`` on ``motion.robot``, from the constraints of the request.
+    """
+    if not constraints:
+        return []
+    return [f"planned with constraints ({constraint_names(constraints)}), which cannot be proven again yet"]
 
 
 def _exceeded_limits(motion: TaskMotion, requested: Pace | None) -> list[str]:

@@ -87,7 +87,7 @@ Unbounded = Annotated[float | None, BeforeValidator(_null_for_infinity)]
 """Null where it is infinite."""
 
 
-class CountsRecord(schema.Record):
+class CountsRecord(schema.GrownRecord):
     """``CheckCounts``."""
 
     makes = CheckCounts
@@ -95,9 +95,10 @@ class CountsRecord(schema.Record):
     states: schema.Count
     edges: schema.Count
     distances: schema.Count
+    projections: schema.Count = 0
 
 
-class StageRecord(schema.Record):
+class StageRecord(schema.GrownRecord):
     """A ``StageReport``."""
 
     stage: StageName
@@ -107,6 +108,7 @@ class StageRecord(schema.Record):
     seconds: float
     length: float | None
     note: schema.Prose
+    projections: schema.Count = 0
 
     @classmethod
     def fields_of(cls, value: StageReport) -> dict[str, Any]:
@@ -114,7 +116,7 @@ class StageRecord(schema.Record):
 
     @cached_property
     def value(self) -> StageReport:
-        counts = CheckCounts(self.states, self.edges, self.distances)
+        counts = CheckCounts(self.states, self.edges, self.distances, self.projections)
         return StageReport(Stage(self.stage), counts, self.seconds, self.length, self.note)
 
 

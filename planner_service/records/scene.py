@@ -22,7 +22,7 @@ from planner_service.geometry.mesh import MAX_HULL, Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene
 
-__all__ = ["ObstacleRecord", "PlanReading", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord"]
+__all__ = ["KindRecord", "ObstacleRecord", "PlanReading", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord"]
 
 CORNER = 32
 """Characters of a hull's corner in base64: three numbers of eight bytes."""
