@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.collision import CheckCounts
+from planner_service.constraints.values import constraint_names
 from planner_service.datasets.frames import EpisodeMotion, Frames, frames, timeline
 from planner_service.datasets.parquet import TABLES, Rows
 from planner_service.datasets.random_draws import RandomDraws
@@ -110,6 +111,7 @@ class EpisodeWork:
         service = PlannerService(self.robot, drawn.scene)
         request = PlanRequest(drawn.start, drawn.start, seed=planner_seed, max_checks=self.max_checks, time_limit=None)
         solved = self.task.solve(service, drawn, request)
+        _require_unconstrained(solved)
         rows = _rows(index, drawn, solved)
         request_row = rows["requests"][0] | {"planner_seed": planner_seed}
         if solved.failure is not None:
@@ -133,6 +135,15 @@ class EpisodeWork:
             "motion_s": math.fsum(motion.trajectory.duration for motion in motions),
         }
         return Episode(rows | {"requests": [request_row]}, columns)
+
+
+def _require_unconstrained(solved: TaskResult) -> None:
+    """Refuse motions that keep constraints: a data set has no place for these."""
+    origins = [segment.result.origin for segment in solved.segments]
+    for request in [solved.request, *(origin.request for origin in origins if origin is not None)]:
+        if request is not None and request.constraints:
+            names = constraint_names(request.constraints)
+            raise InvalidRequest("task", f"a motion with constraints ({names})", "none: data sets do not store them")
 
 
 def lost_episode(index: int, answer: Lost) -> Episode:

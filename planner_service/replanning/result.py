@@ -9,6 +9,7 @@ import numpy as np
 
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts
+from planner_service.constraints.values import constraint_names
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, number
@@ -182,7 +183,7 @@ def request_for(
     The timing law of a plan is replaced by ``ToppRa``, and its states are limited to ``MAX_CHECKS``.
 
     Raises:
-        InvalidRequest: The timing law cannot begin at speed.
+        InvalidRequest: The timing law cannot begin at speed, or there are constraints, which would not be kept.
     """
     start = old.underway.trajectory(old.underway.splice)
     if isinstance(previous, Replanned):
@@ -190,9 +191,16 @@ def request_for(
         request = request or previous.request
     goal = old.end if goal is None else goal
     if request is None and isinstance(previous, PlanResult):
-        return replace(_request_of(previous), start=start, goal=goal)
+        request = _request_of(previous)
+        if request.constraints:
+            expected = "a plan without constraints, which replan does not keep; or give a request without them"
+            raise InvalidRequest("previous", f"constraints ({constraint_names(request.constraints)})", expected)
+        return replace(request, start=start, goal=goal)
     if not isinstance(request, PlanRequest):
         raise InvalidRequest("request", request, "a PlanRequest")
+    if request.constraints:
+        names = constraint_names(request.constraints)
+        raise InvalidRequest("request.constraints", names, "none: replan does not keep constraints")
     if not isinstance(request.timing, ToppRa):
         raise InvalidRequest("request.timing", request.timing, "ToppRa(), the law that can begin at speed")
     return replace(request, start=start, goal=goal)

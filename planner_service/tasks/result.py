@@ -10,6 +10,8 @@ from typing import Protocol
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
+from planner_service.constraints.values import constraint_names
+from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, number
 from planner_service.planning.request import PlanRequest, require_timing
@@ -52,6 +54,9 @@ class Handling:
             is for the whole pick or place, its ``max_checks`` for each motion.
         line_timing: The timing law along the straight tool lines; the request's if None.
         cancel: Ends the task before its next check when cancelled from another thread.
+
+    Raises:
+        InvalidRequest: A value is of the wrong kind or out of its range, or the request has constraints.
     """
 
     support: str | None = None
@@ -67,6 +72,10 @@ class Handling:
         if self.open_width is not None:
             number("open_width", self.open_width, "metres in [0, 1], or None", 0.0, 1.0)
         instance("request", self.request, (PlanRequest, NoneType), "a PlanRequest, or None")
+        if self.request is not None and self.request.constraints:
+            names = constraint_names(self.request.constraints)
+            expected = "none: the straight lines of a pick or a place do not keep constraints"
+            raise InvalidRequest("request.constraints", names, expected)
         if self.line_timing is not None:
             require_timing(self.line_timing)
         instance("cancel", self.cancel, (CancelToken, NoneType), "a CancelToken, or None")
