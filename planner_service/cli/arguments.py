@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from planner_service.cli import plot
+from planner_service.constraints import Constraint, KeepUpright, load_constraints
 from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 from planner_service.files.writing import require_writable
 from planner_service.geometry.arrays import FloatArray
@@ -19,7 +20,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.optimize import Optimise, load_solver
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, Planner, planner_by_name
-from planner_service.planning.request import PlanRequest
+from planner_service.planning.request import PlanRequest, joint_vector
 from planner_service.records import plan_file
 from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.records.recertify import recertify
@@ -33,6 +34,7 @@ from planner_service.view.still import pictures as still
 
 __all__ = [
     "configuration",
+    "constraints",
     "differences",
     "from_file",
     "goals",
@@ -157,6 +159,29 @@ def timing_by_name(name: str) -> Timing:
         raise UnknownName("timing law", name, TIMINGS)
     law: Timing = TIMINGS[name.lower()]()
     return law
+
+
+def constraints(
+    upright: float | None, region: str | None, robot: Robot, start: FloatArray
+) -> tuple[tuple[Constraint, ...], list[str]]:
+    """The constraints of ``--upright`` and ``--region``, and a line that says which axis is kept upright.
+
+    Raises:
+        InvalidRequest: The tolerance is out of range.
+        InvalidFile: The file cannot be used.
+    """
+    asked = () if region is None else load_constraints(region)
+    if upright is None:
+        return asked, []
+    ups = robot.tool_pose(joint_vector("--start", start, robot))[2, :3]  # how far up each axis of the tool points
+    k = int(np.argmax(np.abs(ups)))
+    axis = np.where(np.arange(3) == k, np.sign(ups[k]), 0.0)
+    try:
+        kept = KeepUpright(axis.tolist(), upright)
+    except InvalidRequest as error:
+        raise InvalidRequest("--upright", upright, error.expected) from None
+    line = f"upright: the tool's {'+-'[int(ups[k] < 0.0)]}{'xyz'[k]} axis points up, within {upright:g} rad"
+    return (kept, *asked), [line]
 
 
 def time_limit_of(seconds: float) -> float | None:

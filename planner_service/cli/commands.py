@@ -74,6 +74,8 @@ def plan(
     max_tool_speed: options.ToolSpeed = None,
     polish: options.Polish = False,
     clearance: options.Clearance = None,
+    upright: options.Upright = None,
+    region: options.Region = None,
     plot: options.Plot = None,
     png: options.Picture = None,
     out: options.Out = None,
@@ -83,8 +85,10 @@ def plan(
     with bad_input_exits():
         arguments.require_outputs({"--out": out, "--plot": plot, "--png": png})
         service = arguments.service_for(robot, scene)
+        q_start = arguments.configuration("--start", start, service.robot)
+        constraints, kept = arguments.constraints(upright, region, service.robot, q_start)
         request = PlanRequest(
-            arguments.configuration("--start", start, service.robot),
+            q_start,
             arguments.goals(goal, service.robot),
             arguments.planner_or_optimise(planner, clearance, polish=polish),
             arguments.timing_by_name(timing),
@@ -95,6 +99,7 @@ def plan(
             blend=blend,
             max_tool_speed=max_tool_speed,
             polish=arguments.optimise(clearance) if polish else None,
+            constraints=constraints,
         )
         arguments.load_libraries(request, service.robot)
         result = service.plan(request)
@@ -103,7 +108,7 @@ def plan(
             save_plan(saved, out)
         if png is not None:
             draw_plan(service, request, result, png)
-        lines = plan_lines(result)
+        lines = [*kept, *plan_lines(result)]
         if plot is not None and result.path is not None:
             _plot(plot, service, request, result)
         elif plot is not None:

@@ -34,6 +34,7 @@ __all__ = [
     "PlannerName",
     "Plot",
     "Polish",
+    "Region",
     "RobotName",
     "SceneName",
     "Seed",
@@ -42,6 +43,7 @@ __all__ = [
     "TimeLimit",
     "TimingName",
     "ToolSpeed",
+    "Upright",
 ]
 
 
@@ -102,6 +104,17 @@ Polish = Annotated[bool, typer.Option("--polish", help="Optimise the path: short
 Clearance = Annotated[
     float | None,
     typer.Option(metavar="METRES", help="Clearance an optimised path keeps where there is room.  [default: 0.02]"),
+]
+Upright = Annotated[
+    float | None,
+    typer.Option(
+        metavar="RAD",
+        help="Keep upright, within so many radians, the axis of the tool that points up most at the start.",
+    ),
+]
+Region = Annotated[
+    str | None,
+    typer.Option(metavar="FILE", help="Keep the constraints in this TOML file: tool regions and joint ranges."),
 ]
 OtherRobot = Annotated[str | None, typer.Option("--robot", metavar="NAME", help="Use this robot, not the one in FILE.")]
 OtherScene = Annotated[str | None, typer.Option("--scene", metavar="NAME", help="Use this scene, not the one in FILE.")]

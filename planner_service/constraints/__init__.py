@@ -1,5 +1,6 @@
 """Constraints that hold along a whole motion: a cup stays upright, a pen on its board, a tray in both hands."""
 
+from planner_service.constraints.toml_reader import load_constraints
 from planner_service.constraints.values import (
     Constraint,
     InBox,
@@ -22,4 +23,5 @@ __all__ = [
     "OnPlane",
     "RelativePose",
     "ToolRegion",
+    "load_constraints",
 ]

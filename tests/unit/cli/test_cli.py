@@ -22,6 +22,7 @@ from planner_service.cli import main
 from planner_service.cli.commands import app
 from planner_service.cli.exit_codes import OUR_BUG
 from planner_service.cli.view import opened
+from planner_service.constraints import KeepUpright, ToolRegion
 from planner_service.errors import BrokenInvariant, MissingDependency
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.shapes import Box, Pose
@@ -633,3 +634,55 @@ def test_verbose_shows_the_log_and_leaves_the_logger_as_it_was() -> None:
     finally:
         app.registered_commands.pop()
     assert (logger.level, logger.handlers) == before
+
+
+# Constraints.
+
+TOOL_DOWN = ("plan", "--scene", "post", "--start=-0.6747,1.754,1.5522,-1.369,0,-0.6747", "--time-limit", "inf")
+ACROSS = (*TOOL_DOWN, "--goal", "pose:0.25,0.2,0.12,0.70711,0,0.70711,0", "--seed", "7")
+
+
+def test_the_axis_that_points_up_at_the_start_is_kept_upright_and_named(tmp_path: Path) -> None:
+    result = run(*ACROSS, "--upright", "0.1", "--out", tmp_path / "plan.json")
+    assert (result.exit_code, "upright: the tool's -x axis points up, within 0.1 rad" in result.stdout) == (0, True)
+    assert "projections" in result.stdout.splitlines()[0]
+    (kept,) = load_plan(tmp_path / "plan.json").request.constraints  # type: ignore[union-attr]
+    assert isinstance(kept, ToolRegion)
+    assert (kept.name, kept.tilt, kept.tool) == ("upright", 0.1, KeepUpright((-1, 0, 0), 0.1).tool)
+
+
+def test_constraints_of_a_file_and_upright_are_both_kept(tmp_path: Path) -> None:
+    file = tmp_path / "region.toml"
+    file.write_text("[[constraint]]\nkind = 'joint range'\njoint = 'joint_4'\nlower = -1.5\nupper = 1.5\n")
+    found = document(*ACROSS, "--upright", "0.1", "--region", file)
+    assert [entry["kind"] for entry in found["request"]["constraints"]] == ["tool region", "joint range"]
+
+
+def test_a_plan_without_constraints_says_nothing_of_them() -> None:
+    result = run(*ACROSS)
+    assert (result.exit_code, "upright" in result.stdout, "projections" in result.stdout) == (0, False, False)
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (("--upright", "0"), "--upright: got 0.0; expected radians in [0.001, 3.142]"),
+        (("--upright", "nan"), "--upright: got nan; expected radians"),
+        (("--upright", "0.1", "--planner", "rrtconnect"), "planner: got RRTConnect"),
+        (("--upright", "0.1", "--polish"), "expected None: an optimum does not keep constraints"),
+        (("--region", "nowhere.toml"), "nowhere.toml"),
+    ],
+)
+def test_constraints_that_cannot_be_kept_are_bad_input(options: tuple[str, ...], problem: str) -> None:
+    assert problem in " ".join(refused(*ACROSS, *options).split())
+
+
+def test_a_start_that_is_not_upright_is_no_plan_and_says_by_how_much() -> None:
+    result = run("plan", "--scene", "bin", "--start", "home", "--goal", "ready", "--upright", "0.1")
+    assert (result.exit_code, "start does not keep upright: tilted by 0.521 rad" in result.stderr) == (1, True)
+
+
+def test_a_joint_that_the_robot_does_not_have_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "region.toml"
+    file.write_text("[[constraint]]\nkind = 'joint range'\njoint = 'joint_44'\nlower = 0\nupper = 1\n")
+    assert "unknown joint 'joint_44'; did you mean 'joint_4'?" in refused(*ACROSS, "--region", file)
