@@ -22,6 +22,8 @@ from typer.testing import CliRunner
 
 import planner_service
 from planner_service.cli.commands import app
+from planner_service.constraints import toml_reader as constraint_file
+from planner_service.constraints import values as constraints
 from planner_service.files import json_reader as json_file
 from planner_service.files import schema as record
 from planner_service.files import toml_reader as toml_file
@@ -49,6 +51,7 @@ RUN_HERE = (
     "docs/guides/roadmaps.md",
     "docs/guides/optimisation.md",
     "docs/guides/tool-motions.md",
+    "docs/guides/constraints.md",
     "docs/guides/replanning.md",
     "docs/reference/command-line.md",
     "docs/explanation/concepts.md",
@@ -190,6 +193,7 @@ def test_what_the_reference_explains_are_single_names(site: dict[Path, Page]) ->
 CAPS: dict[str, tuple[int, ...]] = {
     "`robot.toml`": (robot_file.MAX_BYTES, toml_file.MAX_KEY_PARTS),
     "Scene (TOML)": (scene_file.MAX_BYTES, scene.MAX_OBJECTS, toml_file.MAX_KEY_PARTS),
+    "Constraints (TOML)": (constraint_file.MAX_BYTES, constraints.MAX_CONSTRAINTS, toml_file.MAX_KEY_PARTS),
     "MoveIt `.scene`": (moveit_scene.MAX_BYTES, scene.MAX_OBJECTS, moveit_scene.MAX_LINE),
     "URDF, SRDF": (xml_file.MAX_XML_BYTES, *[urdf.MAX_ELEMENTS] * 2, xml_file.MAX_ELEMENTS, xml_file.MAX_DEPTH),
     "Mesh (STL, OBJ, PLY, COLLADA)": (

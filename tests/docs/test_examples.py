@@ -38,6 +38,13 @@ def test_a_block_is_taken_from_the_bin_to_the_tray_and_touched_only_where_it_is_
     assert printed.rstrip().endswith("the block now stands at (0.2, 0.28, 0.0335)")
 
 
+def test_a_cup_stays_upright_only_where_it_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    printed = printed_by("09_keep_upright.py", capsys)
+    without, kept = (float(tilt) for tilt in re.findall(r"tilted by up to ([\d.]+) rad", printed))
+    assert kept <= 0.1 < without
+    assert re.findall(r"^(\w+) a constraint.* projections$", printed, flags=re.MULTILINE) == ["with"]
+
+
 def test_an_arm_comes_with_its_contacts_explained_and_plans(capsys: pytest.CaptureFixture[str]) -> None:
     printed = printed_by("05_your_own_robot.py", capsys)
     table = re.findall(r"^  (allowed|checked) +(\w+ x \w+) +(\S.*)$", printed, flags=re.MULTILINE)
