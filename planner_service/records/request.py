@@ -15,7 +15,18 @@ from pydantic import Discriminator, Field, JsonValue, Tag
 from planner_service.constraints import Constraint, JointRange, ToolRegion
 from planner_service.constraints.values import MAX_CONSTRAINTS
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.files.schema import Count, GrownRecord, Joints, Record, Text, Vector3, at_most, of_length, plain
+from planner_service.files.schema import (
+    Count,
+    GrownRecord,
+    Joints,
+    Record,
+    Text,
+    Vector3,
+    at_most,
+    of_length,
+    plain,
+    recorded,
+)
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import METHODS, Optimise
@@ -197,8 +208,9 @@ class JointRangeRecord(KindRecord):
     upper: float
 
 
-def _constraint_record(constraint: Constraint) -> Record:
-    return (JointRangeRecord if isinstance(constraint, JointRange) else RegionRecord).of(constraint)
+def _constraint_record(number: int, constraint: Constraint) -> Record:
+    model: type[Record] = JointRangeRecord if isinstance(constraint, JointRange) else RegionRecord
+    return recorded(f"request.constraints[{number}]", lambda: model.of(constraint))
 
 
 ConstraintRecord = Annotated[RegionRecord | JointRangeRecord, Discriminator("kind")]
@@ -240,7 +252,7 @@ class RequestRecord(GrownRecord):
             return None
         goals = plain(_goals(request.goal))
         choices = {"planner": planner, "timing": timing, "polish": polish, "goals": goals}
-        choices["constraints"] = [_constraint_record(constraint) for constraint in request.constraints]
+        choices["constraints"] = [_constraint_record(*numbered) for numbered in enumerate(request.constraints)]
         return cls.model_validate(cls.fields_of(request) | choices)
 
     @cached_property

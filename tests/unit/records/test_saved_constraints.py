@@ -207,6 +207,12 @@ def test_constraints_are_not_lost_with_a_request_that_has_no_record(there: Path)
     assert not there.exists()
 
 
+def test_a_name_that_a_terminal_would_obey_is_not_saved(there: Path) -> None:
+    plan = SavedPlan(service().world, request(ToolRegion(tilt=3.0, name="\x1b[2J")), plain())
+    with pytest.raises(InvalidRequest, match=r"request\.constraints\[0\]\.name: got .*a text of printable characters"):
+        save_plan(plan, there)
+
+
 # Proven again.
 
 NOT_YET = r"planned with constraints \(upright\), which cannot be proven again yet"
