@@ -11,7 +11,7 @@ checked:
 4. Every stretch on which a pair was not checked follows from a rule (``exemptions``) or is named again by the caller.
    So is every pair that the plan was made with as ``allowed``.
 5. Every motion is then free, also between samples, and so are the gripper's own motions.
-6. A motion that was requested with constraints keeps them. This is not proven again yet, so such a plan is refused.
+6. A motion that was requested with constraints keeps them everywhere.
 
 It takes about 2 ms for a plan and 80 ms for a task of seven motions, so it is done wherever a plan comes from.
 """
@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 from planner_service.certify import Certificate, Certifier, ExemptInterval, GripperMotion, certify_gripper
 from planner_service.certify.pairs import pairs_of_names
-from planner_service.constraints.values import Constraint, constraint_names
+from planner_service.constraints.values import Constraint
 from planner_service.errors import InvalidRequest, NotProven
 from planner_service.kinematics.tool_speed import peak_tool_speed
 from planner_service.planning.request import Pace, PlanRequest
@@ -238,9 +238,9 @@ def recertify(
     proven = []
     for before, motion, pace, asked in zip([None, *motions], motions, paces, constraints, strict=False):
         exempt, refused = _exempt(before, motion, named)
-        refused = [*_exceeded_limits(motion, pace), *_not_kept(motion, asked), *refused]
+        refused = [*_exceeded_limits(motion, pace), *_unknown_constraints(motion, asked), *refused]
         try:
-            certificate = _certificate(motion, exempt, lenient, padding, whole=len(claims) > 1)
+            certificate = _certificate(motion, exempt, asked, lenient, padding, whole=len(claims) > 1)
         except InvalidRequest as error:
             problems += [f"{motion.name}: {text}" for text in (error, *refused)]
             continue
@@ -349,14 +349,13 @@ def _constraints(plan: Plan, segments: Sequence[Segment]) -> list[tuple[Constrai
     return asked
 
 
-def _not_kept(motion: TaskMotion, constraints: Sequence[Constraint]) -> list[str]:
-    """Which constraints a motion is not proven to keep.
-
-    The proof belongs here: ``motion.trajectory.path`` on ``motion.robot``, from the constraints of the request.
-    """
-    if not constraints:
+def _unknown_constraints(motion: TaskMotion, constraints: Sequence[Constraint]) -> list[str]:
+    """Says that a motion was proven to keep constraints that are not known here; nothing if they are."""
+    certificate = motion.result.certificate
+    if constraints or certificate is None or not certificate.kept:
         return []
-    return [f"planned with constraints ({constraint_names(constraints)}), which cannot be proven again yet"]
+    names = ", ".join(kept.name for kept in certificate.kept)
+    return [f"it was made to keep {names}, and a result alone does not say how: hand in the saved plan it is from"]
 
 
 def _exceeded_limits(motion: TaskMotion, requested: Pace | None) -> list[str]:
@@ -457,6 +456,7 @@ def _gripper_motion(
 def _certificate(
     motion: TaskMotion,
     exempt: Sequence[ExemptInterval],
+    constraints: Sequence[Constraint],
     allowed: Sequence[tuple[str, str]],
     padding: float,
     *,
@@ -470,4 +470,4 @@ def _certificate(
         begin = min(trajectory.begin, had[0]) if had is not None else trajectory.begin
         part = begin, trajectory.end
     certifier = Certifier(motion.robot, motion.scene, allowed=allowed)
-    return certifier.certify(trajectory.path, padding=padding, exempt=exempt, part=part)
+    return certifier.certify(trajectory.path, padding=padding, exempt=exempt, constraints=constraints, part=part)

@@ -17,7 +17,15 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
-from planner_service.certify import Certificate, ExemptInterval, GripperMotion, Refusal
+from planner_service.certify import (
+    Certificate,
+    ExemptInterval,
+    GripperMotion,
+    Kept,
+    KeptBound,
+    KeptRefusal,
+    Refusal,
+)
 from planner_service.collision import CheckCounts, Contact
 from planner_service.errors import InvalidRequest
 from planner_service.files import schema
@@ -183,7 +191,45 @@ class RefusalRecord(schema.Record):
     spent: bool
 
 
-class CertificateRecord(schema.Record):
+class KeptBoundRecord(schema.Record):
+    """A ``KeptBound``."""
+
+    makes = KeptBound
+
+    quantity: schema.Text
+    bound: float
+    tolerance: float
+    unit: schema.Text
+
+
+class KeptRecord(schema.Record):
+    """A ``Kept``."""
+
+    makes = Kept
+
+    name: schema.Text
+    bounds: Annotated[list[KeptBoundRecord], schema.at_most(MAX_ENTRIES)]
+
+
+class KeptRefusalRecord(schema.Record):
+    """A ``KeptRefusal``."""
+
+    makes = KeptRefusal
+
+    s_start: float
+    s_end: float
+    s: float
+    index: schema.Count
+    name: schema.Text
+    quantity: schema.Text
+    deviation: float
+    tolerance: float
+    unit: schema.Text
+    spent: bool
+    broken: Annotated[list[schema.Vector2], schema.FirstOnly(), schema.at_most(MAX_ENTRIES)]
+
+
+class CertificateRecord(schema.GrownRecord):
     """A ``Certificate``; its clearance is null where nothing can touch or nothing was proven."""
 
     certified: bool
@@ -194,14 +240,25 @@ class CertificateRecord(schema.Record):
     refusal: RefusalRecord | None
     part: schema.Vector2 | None
     allowed: PairList
+    kept: Annotated[list[KeptRecord], schema.at_most(MAX_ENTRIES)] = Field(default_factory=list)
+    not_kept: KeptRefusalRecord | None = None
+
+    @classmethod
+    def fields_of(cls, value: Certificate) -> dict[str, Any]:
+        not_kept = value.refusal if isinstance(value.refusal, KeptRefusal) else None
+        return super().fields_of(value) | {
+            "refusal": None if not_kept is not None else value.refusal,
+            "not_kept": not_kept,
+        }
 
     @cached_property
     def value(self) -> Certificate:
         arguments = self.arguments
-        if arguments.pop("certified") != (self.refusal is None):
+        refusal = arguments["refusal"] = arguments.pop("not_kept") or arguments["refusal"]
+        if arguments.pop("certified") != (refusal is None):
             raise InvalidRequest("certified", self.certified, "true without a refusal, false with one")
         if self.clearance is None:
-            arguments["clearance"] = math.inf if self.refusal is None else -math.inf
+            arguments["clearance"] = math.inf if refusal is None else -math.inf
         return Certificate(**arguments)
 
 

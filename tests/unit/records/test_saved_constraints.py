@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from planner_service import (
     Trajectory,
     inverse_kinematics,
 )
+from planner_service.certify import Certificate, KeptRefusal
 from planner_service.constraints import (
     Constraint,
     InBox,
@@ -38,10 +39,12 @@ from planner_service.constraints import (
     RelativePose,
     ToolRegion,
 )
+from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.records import SavedPlan, SavedTask, load_plan, read_problems, save_plan
 from planner_service.records.plan_file import load_task
 from planner_service.records.recertify import recertify
 from planner_service.tasks.result import Segment
+from tests.support.optional import present
 from tests.unit.records.test_saved_world import same
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
@@ -215,24 +218,47 @@ def test_a_name_that_a_terminal_would_obey_is_not_saved(there: Path) -> None:
 
 # Proven again.
 
-NOT_YET = r"planned with constraints \(upright\), which cannot be proven again yet"
-
-
-def test_a_plan_with_constraints_is_not_proven_again_without_them(there: Path) -> None:
+def test_a_plan_is_proven_again_with_the_constraints_of_its_file(there: Path) -> None:
     upright().save(there)
     for plan in (upright(), load_plan(there)):
-        found = recertify(plan)
-        assert not found.certified
-        with pytest.raises(NotProven, match=NOT_YET):
-            found.required()
+        (proven,) = recertify(plan).required().motions
+        assert [kept.name for kept in proven.certificate.kept] == ["upright"]
+    document = json.loads(there.read_text())
+    _put("request", "constraints", 0, "tilt")(document, 0.002)
+    there.write_text(json.dumps(document))
+    found = recertify(load_plan(there))
+    with pytest.raises(NotProven, match=r"upright is not proven kept from s = .*at most 0\.002 rad"):
+        found.required()
 
 
-def test_a_task_with_constraints_is_not_proven_again_without_them(tmp_path: Path) -> None:
+def test_what_a_file_says_of_kept_constraints_is_not_believed(there: Path) -> None:
+    """A plan that was made without them says that it keeps them; one that keeps them no longer says how."""
+    document = SavedPlan(service().world, request(UPRIGHT), plain()).document()
+    there.write_text(json.dumps(document))
+    assert not recertify(load_plan(there)).certified
+    upright().save(there)
+    alone = load_plan(there).result
+    with pytest.raises(NotProven, match="it was made to keep upright, and a result alone does not say how"):
+        recertify(alone, service()).required()
+
+
+def test_a_refusal_by_a_constraint_is_saved(there: Path) -> None:
+    good = upright()
+    refusal = KeptRefusal(0.1, 0.4, 0.2, 0, "upright", "tilt", 0.31, 0.1, "rad", broken=((0.1, 0.4),))
+    certificate = Certificate(-math.inf, 0, 0.0, refusal=refusal)
+    failure = Failure(Stage.CERTIFY, Reason.CONSTRAINT_NOT_CERTIFIED, str(refusal))
+    failed = replace(good, path=None, trajectory=None, motion=None, goal_index=None, certificate=certificate, failure=failure)
+    failed.save(there)
+    loaded = present(load_plan(there).result.certificate)
+    assert loaded == certificate
+
+
+def test_a_task_is_proven_again_with_the_constraints_of_its_request(tmp_path: Path) -> None:
     width = service().robot.gripper_width
     motions = (Segment("there", plain(), width, service().scene),)
     task = SavedTask(service().world, "swing", motions, CheckCounts(), 0.1, request=request(UPRIGHT))
     save_plan(task, tmp_path / "task.json")
-    with pytest.raises(NotProven, match=f"there: {NOT_YET}"):
+    with pytest.raises(NotProven, match="there: upright is not proven kept"):
         recertify(load_task(tmp_path / "task.json")).required()
 
 
