@@ -6,7 +6,7 @@ import difflib
 
 from rich.console import Console
 
-from benchmarks.worlds import queries
+from benchmarks.worlds import constrained, queries
 from planner_service.files.writing import write_whole
 
 __all__ = ["main"]
@@ -15,6 +15,9 @@ __all__ = ["main"]
 def main(*, write: bool, console: Console) -> int:
     """Store, or compare with what is stored; 0 if equal or stored."""
     texts = {queries.FOLDER / f"{scene}.json": queries.text_of(queries.draw(scene)) for scene in queries.SCENES}
+    constrained.FOLDER.mkdir(exist_ok=True)
+    for name in (*constrained.UPRIGHT, *constrained.REGIONS):
+        texts[constrained.FOLDER / f"{name}.json"] = constrained.text_of(tuple(constrained.draw(name)))
     made = {path: text for path, text in texts.items() if not path.exists() or path.read_text("utf-8") != text}
     for path, text in made.items():
         if write:
