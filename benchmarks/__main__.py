@@ -19,7 +19,7 @@ MEASURES = (
     *("toy", "states", "solved", "planners", "speed", "tasks", "proven"),
     *("problems", "clouds", "agreement", "kernel", "certificates", "latency", "scaling", "panda"),
     *("roadmaps", "optimise", "replan", "many", "episodes", "view", "execute"),
-    "throughput",
+    *("throughput", "constrained"),
 )
 
 COMMANDS = {
@@ -56,10 +56,15 @@ SETTINGS = {
     "solved": ("queries", "seeds", "seed"),
     "panda": ("seeds", "against"),
     "latency": ("against",),
+    "constrained": ("part", "queries"),
 }
 """Arguments that a measure takes."""
 
-PARTS = {"roadmaps": ("warm", "lazy", "moved", "large"), "many": ("same", "speed", "growth", "faults")}
+PARTS = {
+    "roadmaps": ("warm", "lazy", "moved", "large"),
+    "many": ("same", "speed", "growth", "faults"),
+    "constrained": ("panda", "wxai", "regions", "others"),
+}
 """What ``--part`` may be for measures that have parts."""
 
 USAGE = """\
@@ -99,6 +104,8 @@ many      500 plans by every engine, two cores next to one, 10,000 in a stream, 
 episodes  1,000 episodes of pick-place: written, read back, audited by Coal; what a million would cost; --seed N
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 execute   14 pick-and-place legs on the simulated arm (extra sim): tracking, contacts, stops; needs a quiet machine
+constrained  a cup upright, a point on a plane, on a line and in a box, a tray in both hands; next to OMPL's projected
+          space and to rejection; --part panda, wxai, regions or others, --queries N (of each set)
 throughput plans per second of two threads with one service, next to two processes; needs a quiet machine
 view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed
 differential  a million states and 20,000 edges of four robots: the kernel is FCL pair by pair; not among all;
@@ -127,7 +134,9 @@ def _arguments(arguments: Sequence[str]) -> argparse.Namespace:
     for what in ("states", "edges"):
         parser.add_argument(f"--{what}", type=whole(1), metavar="N", help=f"{what} of each robot")
     parser.add_argument("--paths", type=whole(1, 10**6), metavar="N", help="random or searched paths")
-    parser.add_argument("--queries", type=whole(0, 10**6), metavar="N", help="random queries")
+    parser.add_argument(
+        "--queries", type=whole(0, 10**6), metavar="N", help="random queries, or stored ones of each set"
+    )
     parser.add_argument("--seeds", type=whole(0, 1000), metavar="M", help="plans of each public problem")
     parser.add_argument("--against", type=Path, metavar="PYTHON", help="of an environment with the older version")
     parser.add_argument("--seed", type=whole(0), metavar="N", help="of what is drawn")

@@ -1,0 +1,263 @@
+"""Plans that keep constraints along the whole motion, on stored queries, judged by kinematics that are not ours.
+
+Beside the service with its default request: RRTConnect that may only reject what does not keep the constraints, and
+OMPL's projected space, on every few queries.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+from rich.table import Table
+
+from auditor.checker import IndependentChecker
+from benchmarks.baselines.on_constraints import METHODS
+from benchmarks.harness.audit import independent
+from benchmarks.harness.deviation import largest_share
+from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, merged, p50, spread, table_of
+from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, load
+from planner_service import PlannerService, PlanRequest, PlanResult, SCurve
+from planner_service.path.joint_path import JointPath
+from planner_service.robot.model import load_robot
+from planner_service.scene.scene import Scene
+
+__all__ = ["CASES", "Case", "measured", "run"]
+
+MOTION_STEP = 0.0002
+"""Metres that any point of the robot moves at most between two samples."""
+
+LONG = 60.0
+"""Seconds for a query that the default request does not solve: whether any method does."""
+
+BASELINE_SECONDS, EVERY = 5.0, 10
+"""CPU seconds of another method, and of which share of the queries it is asked."""
+
+LIMIT_MS = {"panda": 30.0, **dict.fromkeys(("bin", "shelf", "clutter", "carried"), 15.0)}
+REGION_MS = 150.0
+CUPS_SOLVED, REGIONS_SOLVED = 0.98, 0.95
+SLOWER = 1.5
+"""Promised: p50 of milliseconds, solved shares, and seconds per rad over those of unconstrained plans."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A set of queries, and how far a cup may lean in it."""
+
+    set: str
+    tolerance: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Such as ``bin 0.02``."""
+        return self.set if self.tolerance is None else f"{self.set} {self.tolerance:g}"
+
+    @property
+    def part(self) -> str:
+        """Of the study."""
+        return "panda" if self.set == "panda" else "wxai" if self.set in UPRIGHT else "regions"
+
+
+CASES = (*(Case(name, angle) for name in UPRIGHT for angle in (0.1, 0.02)), *map(Case, REGIONS))
+
+
+def measured(case: Case, query: ConstrainedQuery, *, compare: bool) -> Row:
+    """A query planned, with and without its constraints, and the motion judged.
+
+    Args:
+        compare: Whether the other methods are asked, too.
+    """
+    service, given = PlannerService(load_robot(ROBOTS[query.set]), query.scene), query.constraints(case.tolerance)
+    request = _request(case, query)
+    gc.collect()  # of what judging left behind
+    ms, result = cpu_ms(lambda: service.plan(request))
+    row: Row = {
+        "case": case.name,
+        "query": query.name,
+        "ms": ms,
+        "stages": {report.stage.value: report.seconds * 1e3 for report in result.stages},
+        "states": result.counts.states,
+        "projections": result.counts.projections,
+        "attempts": result.attempts,
+        "failure": None if result.failure is None else result.failure.reason.value,
+        "detail": None if result.failure is None else str(result.failure),
+        "solvable": result.ok or service.plan(replace(request, seed=1, time_limit=LONG)).ok,
+    }
+    if result.ok:
+        row |= _judged(query, case, service, result)
+    if compare or not row["solvable"]:
+        for name, method in METHODS.items():
+            spent, solved = cpu_ms(partial(method, query, given, BASELINE_SECONDS))
+            row |= {name: {"ms": spent, "solved": solved}}
+            row["solvable"] |= bool(solved)
+    return row
+
+
+@cache
+def _second(robot: str, scene: Scene) -> IndependentChecker:
+    return independent(robot, scene)
+
+
+def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result: PlanResult) -> Row:
+    path, trajectory = result.path, result.trajectory
+    if path is None or trajectory is None:
+        return {}
+    second = _second(ROBOTS[query.set], query.scene)
+    samples = second.along(path, path.length, MOTION_STEP)
+    free = service.plan(PlanRequest(query.start, path.waypoints[-1]))
+    touch = next((second.touch(q) for q in samples if not second.free(q)), None)
+    row: Row = {
+        "waypoints": len(path.waypoints),
+        "length": path.length,
+        "share": largest_share(second, service.robot, query.constraints(case.tolerance), samples),
+        "touch": None if touch is None else f"{touch.a} x {touch.b}",
+        "slower": None,
+        "slower s-curve": None,
+    }
+    if free.path is not None and free.trajectory is not None:
+        row["slower"] = trajectory.duration / path.length / (free.trajectory.duration / free.path.length)
+        row["slower s-curve"] = _pace(service, path) / _pace(service, free.path)
+        row["detour"] = path.length / free.path.length
+    return row
+
+
+def _pace(service: PlannerService, path: JointPath) -> float:
+    """Seconds per radian by the jerk-limited law."""
+    return SCurve().time_path(path, service.robot.limits).duration / path.length
+
+
+def _rows(cases: Sequence[Case], queries: int | None, *, compare: bool) -> Iterator[Row]:
+    for case in cases:
+        asked = load(case.set)[:: EVERY if compare else 1][:queries]
+        if asked:  # what is imported and built once is not a query's own
+            PlannerService(load_robot(ROBOTS[case.set]), asked[0].scene).plan(_request(case, asked[0]))
+        for query in asked:
+            yield measured(case, query, compare=compare)
+
+
+def _request(case: Case, query: ConstrainedQuery) -> PlanRequest:
+    """The default one."""
+    return PlanRequest(query.start, query.goals, constraints=query.constraints(case.tolerance))
+
+
+def run(part: str | None = None, queries: int | None = None) -> Report:
+    """Plan all queries of a part, or of all; judge.
+
+    Args:
+        part: ``panda``, ``wxai`` or ``regions``; or ``others``, the other methods on every few queries.
+        queries: Of each set; all if None.
+    """
+    if part == "others":
+        return _others(queries)
+    rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries, compare=False))
+    report = Report("constrained", rows, (_outcome_table(rows), _time_table(rows)), _promises(rows))
+    return report if part is not None else merged("constrained", (report, _others(queries)))
+
+
+def _others(queries: int | None) -> Report:
+    rows = tuple(_rows(CASES, queries, compare=True))
+    return Report("constrained", rows, (_others_table(rows),))
+
+
+def _done(rows: Sequence[Row]) -> list[Row]:
+    return [row for row in rows if row["failure"] is None]
+
+
+def _values(rows: Sequence[Row], key: str) -> list[float]:
+    return [row[key] for row in rows if row.get(key) is not None]
+
+
+def _spread(rows: Sequence[Row], key: str, digits: int = 0) -> str:
+    values = _values(rows, key)
+    return spread(values, digits) if values else "-"
+
+
+def _outcome(case: str, rows: Sequence[Row]) -> Row:
+    done = _done(rows)
+    return {
+        "set": case,
+        "solved": f"{len(done)}/{len(rows)}",
+        "of solvable": f"{len(done) / max(1, sum(row['solvable'] for row in rows)):.0%}",
+        "CPU ms": spread(_values(rows, "ms"), 1),
+        "states": spread(_values(rows, "states")),
+        "projections": spread(_values(rows, "projections")),
+        "waypoints": _spread(done, "waypoints"),
+        "length rad": _spread(done, "length", 2),
+        "detour": _spread(done, "detour", 2),
+        "s/rad ratio": _spread(done, "slower", 2),
+        "s-curve": _spread(done, "slower s-curve", 2),
+        "share": f"{max(_values(done, 'share'), default=math.nan):.3f}",
+        "touches": sum(row["touch"] is not None for row in done),
+    }
+
+
+def _outcome_table(rows: Sequence[Row]) -> Table:
+    caption = (
+        "p50 / p95. The default request, proven free and timed; ms: CPU of the whole plan, failures with what they "
+        f"spent. Solvable: by the default request, by one of {LONG:g} s, or by another method. Detour and seconds per "
+        "rad: over those of the unconstrained plan between the same ends. Share: the largest part of a tolerance that "
+        f"is used, by Pinocchio at {MOTION_STEP * 1e3:g} mm motion steps; touches: by Coal, there."
+    )
+    return table_of("Under constraints", (_outcome(*each) for each in grouped(rows, "case").items()), caption=caption)
+
+
+def _time_table(rows: Sequence[Row]) -> Table:
+    stages = list(dict.fromkeys(stage for row in rows for stage in row["stages"]))
+
+    def line(case: str, here: Sequence[Row]) -> Row:
+        spent = {stage: spread([row["stages"].get(stage, 0.0) for row in here], 1) for stage in stages}
+        failures = Counter(row["failure"] for row in here if row["failure"] is not None)
+        told = ", ".join(f"{count} {reason}" for reason, count in failures.items())
+        return {"set": case, **spent, "most tries": max(row["attempts"] for row in here), "failures": told or "-"}
+
+    caption = "Wall ms of each stage, p50 / p95, and how plans fail."
+    return table_of("Where the time goes", (line(*each) for each in grouped(rows, "case").items()), caption=caption)
+
+
+def _others_table(rows: Sequence[Row]) -> Table:
+    def line(case: str, here: Sequence[Row]) -> Row:
+        both = [row for row in here if all(name in row for name in METHODS)]
+        out: Row = {"set": case, "service solved": f"{len(_done(both))}/{len(both)}"}
+        out["service ms"] = spread(_values(both, "ms"), 0) if both else "-"
+        for name in METHODS:
+            asked = [row[name] for row in both if row[name]["solved"] is not None]
+            solved = f"{sum(run['solved'] for run in asked)}/{len(asked)}"
+            out[f"{name} solved"] = solved if asked else "-"
+            out[f"{name} ms"] = spread([run["ms"] for run in asked]) if asked else "-"
+        return out
+
+    caption = (
+        f"Every {EVERY}th query, at most {BASELINE_SECONDS:g} s of CPU each; ms: p50 / p95, failures with what they "
+        "spent. The others' paths are raw: neither shortened, nor proven, nor timed. OMPL's validity checks and "
+        "equations are Python that asks compiled code. -: nothing is narrow enough to be projected."
+    )
+    return table_of("Other methods", (line(*each) for each in grouped(rows, "case").items()), caption=caption)
+
+
+def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
+    promises = []
+    cases = {case.name: case for case in CASES}
+    for name, here in grouped(rows, "case").items():
+        case, done = cases[name], _done(here)
+        cup = case.tolerance is not None
+        share, most = (CUPS_SOLVED, LIMIT_MS[case.set]) if cup else (REGIONS_SOLVED, REGION_MS)
+        among = sum(row["solvable"] for row in here) if cup else len(here)
+        text = f"{name}: at least {share:.0%} solved" + (" of those that any method solves" if cup else "")
+        promises.append(Promise(text, f"{len(done)} of {among}", len(done) >= share * among))
+        ms = p50(_values(here, "ms"))
+        promises.append(Promise(f"{name}: p50 at most {most:g} ms", f"{ms:.1f} ms", ms <= most))
+        for key, law in (("slower", "TOPP-RA"), ("slower s-curve", "S-curve")):
+            values = _values(done, key)
+            ratio = p50(values) if values else math.nan
+            text = f"{name}: seconds per rad at most {SLOWER:g} times unconstrained, p50, {law}"
+            promises.append(Promise(text, f"{ratio:.2f}", ratio <= SLOWER))
+    left = [f"{row['query']}: {row['share']:.3f}" for row in _done(rows) if row["share"] > 1.0]
+    touches = [f"{row['query']}: {row['touch']}" for row in _done(rows) if row["touch"] is not None]
+    step = f"{MOTION_STEP * 1e3:g} mm motion steps"
+    promises.append(Promise(f"no curve leaves a tolerance at {step}", "; ".join(left) or "none", not left))
+    promises.append(Promise(f"no curve touches anything at {step}", "; ".join(touches) or "none", not touches))
+    return tuple(promises)
