@@ -218,6 +218,7 @@ def test_a_name_that_a_terminal_would_obey_is_not_saved(there: Path) -> None:
 
 # Proven again.
 
+
 def test_a_plan_is_proven_again_with_the_constraints_of_its_file(there: Path) -> None:
     upright().save(there)
     for plan in (upright(), load_plan(there)):
@@ -247,7 +248,9 @@ def test_a_refusal_by_a_constraint_is_saved(there: Path) -> None:
     refusal = KeptRefusal(0.1, 0.4, 0.2, 0, "upright", "tilt", 0.31, 0.1, "rad", broken=((0.1, 0.4),))
     certificate = Certificate(-math.inf, 0, 0.0, refusal=refusal)
     failure = Failure(Stage.CERTIFY, Reason.CONSTRAINT_NOT_CERTIFIED, str(refusal))
-    failed = replace(good, path=None, trajectory=None, motion=None, goal_index=None, certificate=certificate, failure=failure)
+    failed = replace(
+        good, path=None, trajectory=None, motion=None, goal_index=None, certificate=certificate, failure=failure
+    )
     failed.save(there)
     loaded = present(load_plan(there).result.certificate)
     assert loaded == certificate
