@@ -34,7 +34,7 @@ from planner_service.files.schema import Reading, Record, Text, Vector3, Vector4
 from planner_service.files.toml_reader import read_tables
 from planner_service.geometry.shapes import Pose
 
-__all__ = ["load_constraints"]
+__all__ = ["read_constraints"]
 
 MAX_BYTES = 100_000
 """A table takes some three hundred bytes."""
@@ -44,7 +44,7 @@ Bounds = Annotated[
 ]
 
 
-def load_constraints(path: str | os.PathLike[str]) -> tuple[Constraint, ...]:
+def read_constraints(path: str | os.PathLike[str]) -> tuple[Constraint, ...]:
     """The constraints in a TOML file, as the module describes it, for ``PlanRequest.constraints``.
 
     Raises:

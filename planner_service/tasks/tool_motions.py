@@ -146,6 +146,8 @@ def move_circular(
 def _targets(goal: Any) -> list[Any]:
     """The poses or displacements that were given."""
     nested = (Pose, list, tuple, np.ndarray)
+    if isinstance(goal, np.ndarray) and goal.ndim != 2:
+        return [goal]
     if isinstance(goal, list | tuple | np.ndarray) and any(isinstance(target, nested) for target in goal):
         return list(goal)
     if isinstance(goal, list | tuple) and not goal:

@@ -10,12 +10,14 @@ from importlib import import_module
 from inspect import isclass, isfunction
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import planner_service
 from benchmarks.attack.callables import HOSTILE, SKIPPED, Call, calls
-from planner_service import Scene, load_robot
-from planner_service.certify import certify, certify_gripper
+from planner_service import JointPath, Scene, load_robot
+from planner_service.certify import certify, certify_gripper, prove_kept
+from planner_service.constraints import KeepUpright
 from planner_service.errors import BrokenInvariant, MissingDependency, PlannerServiceError, shown
 from planner_service.roadmap import RoadmapReference
 
@@ -31,7 +33,21 @@ PACKAGES = (
 """Subpackages of which every name is attacked, as of the root."""
 
 ANSWERS = frozenset(
-    {"Built", "Figures", "InWorker", "Lost", "MethodResult", "Optimum", "Origin", "Terms", "World", "load_solver"}
+    {
+        "Built",
+        "Figures",
+        "InWorker",
+        "Kept",
+        "KeptBound",
+        "KeptRefusal",
+        "Lost",
+        "MethodResult",
+        "Optimum",
+        "Origin",
+        "Terms",
+        "World",
+        "load_solver",
+    }
 )
 """What is made of values that have been checked, or takes none."""
 
@@ -40,11 +56,16 @@ ANSWERS = frozenset(
 def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
     arm, scene = load_robot("wxai"), Scene()
     world = {"robot": arm, "scene": scene}
+    upright = KeepUpright((0.0, 0.0, 1.0), 3.0)
     part = {"allowed": (), "padding": 0.0, "exempt": ()}
     gripper = {"widths": (0.0, 0.01), "allowed": (), "touching": (), "reason": "", "backend": "auto"}
     return calls(tmp_path_factory.mktemp("files")) | {
         "certify": Call(certify, {**world, "path": [arm.home, arm.home], **part}),
         "certify_gripper": Call(certify_gripper, {**world, "q": arm.home, **gripper}),
+        "prove_kept": Call(
+            prove_kept,
+            {"robot": arm, "path": JointPath(np.array([arm.home, arm.home])), "constraints": [upright], "part": None},
+        ),
         "RoadmapReference": Call(RoadmapReference, {"hash": "0" * 64}),
     }
 
