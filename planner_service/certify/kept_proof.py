@@ -17,8 +17,9 @@ The deviations (``relative_motion`` has the rates of position p and orientation 
 - tilt: the chord 2 sin(tilt / 2) between the two z axes, which is twice the length of (x, y); M is twice that of Q.
 - turn: abs(psi), psi = 2 atan2(z, w), the angle of the vector (w, z), whose length is r = cos(tilt / 2). In polar
   coordinates, with V and M bounding the first and second derivative of Q, ``abs(psi') <= 2 V / r`` and
-  ``abs(psi'') <= 2 M / r + 2 V^2 / r^2``. Here r is that of a tilt on its tolerance, which the proof of the tilt
-  justifies. psi does not pass pi on a stretch on which ``A + 2 V h / r < pi``; of others nothing is concluded.
+  ``abs(psi'') <= 2 M / r + 2 V^2 / r^2``. r is computed for the largest tilt allowed: the proof of the tilt shows that
+  it is never smaller. psi does not pass pi on a stretch on which ``A + 2 V h / r < pi``; nothing is concluded of
+  others.
 - a joint: how far q is from the middle of its range; M is abs(q'').
 
 On a straight piece q'' is zero. On a blend each component of q' is monotone, so its largest size is at an end, and q''

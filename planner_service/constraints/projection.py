@@ -10,7 +10,7 @@ This is the search's view; that a whole curve keeps its constraints is proven by
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -137,7 +137,7 @@ class ReferenceProjector:
     def __init__(self, constraints: ConstraintSet) -> None:
         self._robot = constraints.robot
         self._lower, self._upper = constraints.lower.tolist(), constraints.upper.tolist()
-        self._regions = [_Region(placed, self._robot.n) for placed in constraints.regions]
+        self._regions = [_Region(placed) for placed in constraints.regions]
         self._rows = [(region, kind) for region in self._regions for kind in region.kinds]
         self._projections = 0
         self._axes = [body.axis.tolist() for body in self._robot.bodies]
@@ -255,7 +255,7 @@ class ReferenceProjector:
 class _Region:
     """A placed region as numbers."""
 
-    def __init__(self, placed: Placed, n: int) -> None:
+    def __init__(self, placed: Placed) -> None:
         region = placed.region
         self.body, self.base = placed.body, placed.base
         self.at, self.frame = placed.at.matrix[:3].tolist(), placed.frame.matrix[:3].tolist()
@@ -356,10 +356,10 @@ def _composed(a: Matrix, b: Matrix) -> Matrix:
     return [[*(_dot(row, column) for column in columns[:3]), _dot(row, columns[3]) + row[3]] for row in a]
 
 
-def _sum(values: object) -> float:
+def _sum(values: Iterable[float]) -> float:
     """From left to right, without Python's compensation."""
     total = 0.0
-    for value in values:  # type: ignore[attr-defined]
+    for value in values:
         total += value
     return total
 

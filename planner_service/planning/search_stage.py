@@ -225,12 +225,15 @@ def _search(
     """
     checker, accounting, tracer = context.checker, context.accounting, context.tracer
     planner = _planner(context, searching)
-    limits = checker.robot.limits if context.constraints is None else context.constraints
+    lower, upper = checker.robot.limits.lower, checker.robot.limits.upper
+    if context.constraints is not None:  # an end may be beyond a range by rounding
+        lower = np.min([context.constraints.lower, start, *goals], axis=0)
+        upper = np.max([context.constraints.upper, start, *goals], axis=0)
     problem = SearchProblem(
         start=start,
         goals=np.array(goals),
-        lower=limits.lower,
-        upper=limits.upper,
+        lower=lower,
+        upper=upper,
         oracle=oracle.inner if isinstance(oracle, ConstrainedOracle) else oracle,
         seed=fresh_seed(context.request.seed, FIRST_TRIES * searching.number),
         poll=checker.ledger.poll,

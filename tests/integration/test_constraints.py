@@ -114,6 +114,16 @@ def test_contradictory_constraints_and_ranges_are_named() -> None:
     assert "start does not keep joint range: joint_0 is" in failure.detail
 
 
+def test_an_end_may_be_beyond_a_range_by_rounding() -> None:
+    cases = (asked("upright", seed) for seed in range(10))
+    service, request = next((s, r) for s, r in cases if s.plan(r).attempts > 0)
+    low = float(min(np.array(request.start)[1], np.array(request.goal)[1])) + 5e-10
+    at_range = JointRange(service.robot.joint_names[1], low, low + 3.0)
+    result = service.plan(replace(request, constraints=[*request.constraints, at_range], max_checks=20_000))
+    assert result.attempts > 0
+    assert result.failure is None or result.failure.reason is not Reason.START_VIOLATES_CONSTRAINT
+
+
 def test_no_connection_is_said_to_be_while_keeping_the_constraints() -> None:
     service, request = asked("upright", 0)
     failure = present(service.plan(replace(request, max_checks=30)).failure)
