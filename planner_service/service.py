@@ -21,6 +21,8 @@ from planner_service.collision import CancelToken, CollisionChecker, EdgeStep
 from planner_service.collision.budget import Cancelled
 from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
+from planner_service.constraints import Constraint
+from planner_service.constraints.resolved import constraint_set
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.validation import flag, instance
 from planner_service.parallel import Engine
@@ -76,6 +78,8 @@ class PlannerService:
     ) -> None:
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.scene = scene if isinstance(scene, Scene) else load_scene(scene)
+        if self.scene.constraints:
+            constraint_set(self.robot, self.scene.constraints)  # refuses unknown names
         self._edge_step, self._allowed = edge_step, pairs_of_names("allowed", allowed)
         self._planning = self._new_checker()
         self.world = World(self.robot, self.scene, self._planning.allowed, self._planning.edge_step)
@@ -181,7 +185,9 @@ class PlannerService:
 
     @property
     def _batch(self) -> Batch:
-        return Batch(self.plan, partial(require_plannable, robot=self.robot), partial(Origin, self.world))
+        return Batch(
+            self.plan, partial(require_plannable, robot=self.robot, scene=self.scene), partial(Origin, self.world)
+        )
 
     def replan(
         self,
@@ -309,6 +315,7 @@ class PlannerService:
         blends: ArrayLike | None = None,
         min_blend: float = MIN_BLEND,
         padding: float = 0.0,
+        constraints: Sequence[Constraint] = (),
         cancel: CancelToken | None = None,
     ) -> PlanResult:
         """A given polyline, checked as it is, each piece once, then proven and timed; nothing is searched.
@@ -322,6 +329,7 @@ class PlannerService:
             min_blend: The narrowest blend (rad); a corner that would need a narrower one is a stop.
             padding: Metres that pairs which may not touch are to keep. The line is not changed: if it comes nearer,
                 ``result.padding`` and a note say what it keeps.
+            constraints: What must hold all along, beside the constraints of what the robot carries.
             cancel: As in ``plan``.
 
         Raises:
@@ -329,7 +337,7 @@ class PlannerService:
         """
         self._require_own_process()
         pace = Pace(Trapezoidal()) if pace is None else pace
-        request = FollowRequest(waypoints, contacts, pace, blends, padding, min_blend)
+        request = FollowRequest(waypoints, contacts, pace, blends, padding, min_blend, constraints)
         result = follow(request, self._planning, self._certifier, cancel=cancel)
         return replace(result, origin=Origin(self.world, None, pace))
 

@@ -131,6 +131,7 @@ def pick_place(
     padding: options.Padding = options.DEFAULT.padding,
     blend: options.Blend = options.DEFAULT.blend,
     max_tool_speed: options.ToolSpeed = None,
+    upright: options.UprightObject = None,
     png: options.Picture = None,
     out: options.Out = None,
     as_json: options.AsJson = False,
@@ -153,7 +154,7 @@ def pick_place(
             max_tool_speed=max_tool_speed,
         )
         arguments.load_libraries(request, service.robot)
-        task = SavedTask.of(plan_pick_place(service, target, onto, request))
+        task = SavedTask.of(plan_pick_place(service, target, onto, request, upright=upright))
         if out is not None:
             save_plan(task, out)
         if png is not None:

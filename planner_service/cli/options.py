@@ -112,6 +112,10 @@ Upright = Annotated[
         help="Keep upright, within so many radians, the axis of the tool that points up most at the start.",
     ),
 ]
+UprightObject = Annotated[
+    float | None,
+    typer.Option("--upright", metavar="RAD", help="How far the object may lean while it is carried; any if not given."),
+]
 Region = Annotated[
     str | None,
     typer.Option(metavar="FILE", help="Keep the constraints in this TOML file: tool regions and joint ranges."),

@@ -1,4 +1,4 @@
-"""Constraint files: what each key of their tables is.
+"""Constraint files, and constraints in scene files: what each key of their tables is.
 
 ::
 
@@ -22,7 +22,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+from dataclasses import fields
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -34,10 +36,13 @@ from planner_service.files.schema import Reading, Record, Text, Vector3, Vector4
 from planner_service.files.toml_reader import read_tables
 from planner_service.geometry.shapes import Pose
 
-__all__ = ["read_constraints"]
+__all__ = ["Table", "keys_of", "read_constraints"]
 
 MAX_BYTES = 100_000
 """A table takes some three hundred bytes."""
+
+UNBOUNDED = ToolRegion(tilt=math.pi)
+"""What a table without keys would be, but for the tilt."""
 
 Bounds = Annotated[
     list[Annotated[float, Field(allow_inf_nan=True)]], of_length(3, "3 numbers [x, y, z], inf for no bound")
@@ -105,6 +110,21 @@ class JointRangeTable(ConstraintTable):
 
 
 Table = Annotated[RegionTable | JointRangeTable, Discriminator("kind")]
+"""A constraint."""
+
+
+def keys_of(constraint: Constraint) -> dict[str, Any]:
+    """The keys of a constraint's table; those with the value that they have if not given are left out."""
+    kind, plain = ("joint range", None) if isinstance(constraint, JointRange) else ("tool region", UNBOUNDED)
+    given = {item.name: getattr(constraint, item.name) for item in fields(constraint)}
+    changed = {name: value for name, value in given.items() if plain is None or value != getattr(plain, name)}
+    return {"kind": kind, **{name: _toml_of(value) for name, value in changed.items()}}
+
+
+def _toml_of(value: Any) -> Any:
+    if isinstance(value, Pose):
+        return {"position": list(value.position), "quaternion_wxyz": list(value.quaternion)}
+    return list(value) if isinstance(value, tuple) else value
 
 
 class ConstraintFile(Record):

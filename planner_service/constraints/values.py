@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import Vector, cross_of, dot, set_fields, vector
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import MAX_LENGTH, finite_tuple, instance, number, text
+from planner_service.geometry.validation import MAX_LENGTH, finite_tuple, instance, items, number, text
 
 __all__ = [
     "MAX_CONSTRAINTS",
@@ -28,11 +28,12 @@ __all__ = [
     "OnPlane",
     "RelativePose",
     "ToolRegion",
+    "checked_constraints",
     "constraint_names",
 ]
 
 MAX_CONSTRAINTS = 16
-"""Of one request."""
+"""Of one motion."""
 
 MIN_LENGTH, MIN_ANGLE = 1e-4, 1e-3
 """The least tolerance: metres and radians either way."""
@@ -286,6 +287,16 @@ class JointRange:
 
 
 Constraint = ToolRegion | JointRange
+
+
+def checked_constraints(value: object) -> tuple[Constraint, ...]:
+    """What a field called constraints was given, if these are constraints.
+
+    Raises:
+        InvalidRequest: It is no sequence of at most 16 of them.
+    """
+    expected = "constraints such as KeepUpright(...)"
+    return items("constraints", value, (ToolRegion, JointRange), expected, MAX_CONSTRAINTS)
 
 
 def constraint_names(constraints: Sequence[Constraint]) -> str:

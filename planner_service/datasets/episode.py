@@ -139,11 +139,10 @@ class EpisodeWork:
 
 def _require_unconstrained(solved: TaskResult) -> None:
     """Refuse motions that keep constraints: a data set has no place for these."""
-    origins = [segment.result.origin for segment in solved.segments]
-    for request in [solved.request, *(origin.request for origin in origins if origin is not None)]:
-        if request is not None and request.constraints:
-            names = constraint_names(request.constraints)
-            raise InvalidRequest("task", f"a motion with constraints ({names})", "none: data sets do not store them")
+    asked = () if solved.request is None else solved.request.constraints
+    names = constraint_names([*asked, *(kept for segment in solved.segments for kept in segment.result.constraints)])
+    if names:
+        raise InvalidRequest("task", f"a motion with constraints ({names})", "none: data sets do not store them")
 
 
 def lost_episode(index: int, answer: Lost) -> Episode:

@@ -17,7 +17,7 @@ from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 
-__all__ = ["line_blends", "thinned", "thinned_along"]
+__all__ = ["line_blends", "stop_rows", "thinned", "thinned_along"]
 
 _SHARE = 0.6
 """Share of the line's tolerance for straight pieces."""
@@ -88,7 +88,7 @@ def thinned_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: Too
         waypoints: Configurations (N, n). Each piece between two is within that tolerance.
         at: Metres travelled along the path up to each, (N,).
     """
-    stops = {row for row in np.searchsorted(at, [path.knots[k] for k in path.stops]).tolist() if row < len(at)}
+    stops = stop_rows(at, path)
     kept = _kept_along(robot, waypoints, at, path, sorted({*stops, len(at) - 1} - {0}))
     free = np.array([row not in stops and row != len(at) - 1 for row in kept])
     points = waypoints[kept]
@@ -98,6 +98,11 @@ def thinned_along(robot: Robot, waypoints: FloatArray, at: FloatArray, path: Too
     radians = np.sqrt(_sum_squares((turn_after - turn_before).reshape(-1, 9)) / 2.0)
     share = np.maximum(metres / LINE_METRES, radians / LINE_RADIANS) / _BLEND_SHARE
     return _moved_corners(robot, points, widths / np.maximum(share, 1.0))
+
+
+def stop_rows(at: FloatArray, path: ToolPath) -> list[int]:
+    """The rows at which the tool stops; ``at`` (N,) as in ``thinned_along``."""
+    return [row for row in np.searchsorted(at, [path.knots[k] for k in path.stops]).tolist() if row < len(at)]
 
 
 def _moved_corners(robot: Robot, points: FloatArray, widest: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -16,8 +16,10 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval, Kept
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import Cancelled, CheckBudgetSpent, Ledger, SearchStopped, TimeBoxSpent
 from planner_service.concurrency.polling import Prepared, ask_from_now_on
-from planner_service.constraints.projection import Projector
-from planner_service.constraints.resolved import ConstraintSet
+from planner_service.constraints import Constraint
+from planner_service.constraints.projection import Projector, projector_of
+from planner_service.constraints.resolved import ConstraintSet, constraint_set
+from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.request import PlanRequest
@@ -115,7 +117,7 @@ class PlanAccounting:
     """
 
     def __init__(self, checker: CollisionChecker, limits: Limits, roadmap: Roadmap | None = None) -> None:
-        self._ledger = checker.ledger
+        self._ledger, self._robot = checker.ledger, checker.robot
         self._tally = checker.ledger.own
         self._limits = limits
         self._reports: dict[Stage, StageReport] = {}
@@ -130,6 +132,36 @@ class PlanAccounting:
         self.polish: PolishReport | None = None
         self.constraints: ConstraintSet | None = None
         self.projector: Projector | None = None
+
+    def keep(self, constraints: Sequence[Constraint]) -> None:
+        """Hold the call to constraints.
+
+        Raises:
+            UnknownName: A link or a joint is not one of the robot's.
+            InvalidRequest: As ``ConstraintSet``.
+        """
+        if constraints:
+            self.constraints = constraint_set(self._robot, tuple(constraints))
+            self.projector = projector_of(self.constraints)
+
+    def require_kept(self, end: str, q: FloatArray) -> None:
+        """Refuse an end that does not keep the constraints.
+
+        Args:
+            end: What it is called: "start", or a goal.
+
+        Raises:
+            NoPlan: It violates one.
+        """
+        if self.constraints is None or self.projector is None:
+            return
+        within = bool(np.all((self.constraints.lower <= q) & (q <= self.constraints.upper)))
+        if within and self.projector.share(tuple(q.tolist())) <= 1.0:
+            return
+        violated = self.constraints.violation(q)
+        if violated is not None:
+            reason = Reason.START_VIOLATES_CONSTRAINT if end == "start" else Reason.GOAL_VIOLATES_CONSTRAINT
+            raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{end} does not keep {violated}"))
 
     @contextmanager
     def during(self, stage: Stage) -> Iterator[StageEntry]:
@@ -223,6 +255,7 @@ class PlanAccounting:
             notes=tuple(self.notes),
             roadmap=self.roadmap,
             polish=self.polish,
+            constraints=() if self.constraints is None else self.constraints.constraints,
         )
 
     def with_plan(self, plan: PlanResult) -> PlanResult:
@@ -292,7 +325,7 @@ class PlanContext:
 
     @property
     def constraints(self) -> ConstraintSet | None:
-        """Those of the request on the robot; None if there are none."""
+        """Those of the request and of what the robot carries; None if there are none."""
         return self.accounting.constraints
 
     @property

@@ -123,7 +123,7 @@ def _ends(context: PlanContext) -> Ends:
     begin = _clamped(context, np.asarray(request.start))
     start, departure = _beyond_retreat(context, begin)
     for q in (begin, start):
-        _require_kept(context, "start", q)
+        context.accounting.require_kept("start", q)
     try:
         start_padding = _padding_at(context, start, "start")
     except NoPlan as no_plan:
@@ -150,7 +150,7 @@ def _ends(context: PlanContext) -> Ends:
             goal, arrival = _beyond_retreat(context, q)
             try:
                 for end in (q, goal):
-                    _require_kept(context, name, end)
+                    context.accounting.require_kept(name, end)
                 goals.append(GoalState(goal, index, arrival, _padding_at(context, goal, name)))
             except NoPlan as no_plan:
                 if not failures and no_plan.failure.reason is Reason.GOAL_IN_COLLISION:
@@ -254,24 +254,6 @@ def _padding_at(context: PlanContext, q: FloatArray, name: str) -> float:
         raise NoPlan(_in_collision(context, name, q))
     narrower = (widest * part for part in LESS_PADDING)
     return next((padding for padding in narrower if checker.variant(padding=padding).state_is_free(q)), 0.0)
-
-
-def _require_kept(context: PlanContext, name: str, q: FloatArray) -> None:
-    """Refuse an end that does not keep the constraints.
-
-    Raises:
-        NoPlan: It violates one.
-    """
-    if context.constraints is None or context.projector is None:
-        return
-    within = bool(np.all((context.constraints.lower <= q) & (q <= context.constraints.upper)))
-    if within and context.projector.share(tuple(q.tolist())) <= 1.0:
-        return
-    violated = context.constraints.violation(q)
-    if violated is not None:
-        start = name == "start"
-        reason = Reason.START_VIOLATES_CONSTRAINT if start else Reason.GOAL_VIOLATES_CONSTRAINT
-        raise NoPlan(Failure(Stage.ENDPOINTS, reason, f"{name} does not keep {violated}"))
 
 
 def _in_collision(context: PlanContext, name: str, q: FloatArray) -> Failure:

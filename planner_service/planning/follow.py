@@ -13,15 +13,18 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.certify.pairs import pairs_of_names
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.concurrency.polling import Prepared
+from planner_service.constraints import Constraint
+from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, set_fields
 from planner_service.geometry.validation import instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, certify, require_proven
-from planner_service.planning.request import Pace
+from planner_service.planning.request import Pace, kept_in
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
 from planner_service.search.problem import joint_distance
+from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import MIN_BLEND, blended
 
 __all__ = ["AllowedStretch", "FollowRequest", "follow"]
@@ -60,6 +63,7 @@ class FollowRequest:
         blends: How wide each corner may be blended (rad), shape (N,); None to stop at all of them.
         padding: Metres that pairs which may not touch are to keep.
         min_blend: The narrowest blend (rad); a corner that would need a narrower one is a stop.
+        constraints: What must hold all along, beside the constraints of what the robot carries.
     """
 
     waypoints: ArrayLike
@@ -68,6 +72,7 @@ class FollowRequest:
     blends: ArrayLike | None = None
     padding: float = 0.0
     min_blend: float = MIN_BLEND
+    constraints: Sequence[Constraint] = ()
 
     def __post_init__(self) -> None:
         waypoints = numbers("waypoints", self.waypoints, "rows of joint values")
@@ -78,6 +83,7 @@ class FollowRequest:
             set_fields(self, blends=numbers("blends", self.blends, "widths >= 0 in radians"))
         number("padding", self.padding, f"metres in [0, {MAX_PADDING:g}]", 0.0, MAX_PADDING)
         number("min_blend", self.min_blend, "radians in [1e-6, 1]", 1e-6, 1.0)
+        set_fields(self, constraints=checked_constraints(self.constraints))
 
 
 def follow(
@@ -93,6 +99,7 @@ def follow(
 
     Raises:
         InvalidRequest: The polyline is not one of this robot, or a contact or blend does not go with it.
+        UnknownName: A constraint names no link or joint of the robot.
     """
     points = numbers("waypoints", request.waypoints, f"rows of {checker.robot.n} joint values")
     path = JointPath(points)
@@ -105,9 +112,11 @@ def follow(
             raise InvalidRequest("contacts", stretch, f"first and last waypoint in order, from 0 to {len(points) - 1}")
         checker.variant(allowed=(*checker.allowed, *contact.pairs))  # refuses unknown names before anything is judged
     accounting = PlanAccounting(checker, Limits(cancel=cancel))
+    accounting.keep(kept_in(checker.scene, request.constraints))
 
     def stages() -> PlanResult:
         with accounting.during(Stage.ENDPOINTS):
+            accounting.require_kept("start", points[0])
             _judge_first(checker, points, request.contacts)
         with accounting.during(Stage.STRAIGHT_LINE) as entry:
             _judge_pieces(checker, points, request.contacts)
@@ -168,6 +177,8 @@ def _blended(
 
     def is_free(trial: JointPath, k: int) -> bool:
         pairs = _allowed_on(request.contacts, k - 1, k + 1)
+        if accounting.projector is not None and not blend_is_kept(trial, k, accounting.projector):
+            return False
         return checker.variant(allowed=(*checker.allowed, *pairs)).blend_is_free(trial, k)
 
     with accounting.during(Stage.POLISH) as entry:

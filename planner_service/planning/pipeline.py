@@ -12,7 +12,6 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker, Known
 from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.polling import Prepared, waited
-from planner_service.constraints.projection import projector_of
 from planner_service.constraints.resolved import constraint_set
 from planner_service.errors import BrokenInvariant
 from planner_service.geometry.arrays import FloatArray
@@ -33,13 +32,14 @@ from planner_service.planning.accounting import (
 )
 from planner_service.planning.endpoints import Ends, find_ends, require_ends
 from planner_service.planning.polishing import Touch, judged, lines, not_free, optimum_path
-from planner_service.planning.request import Pace, PlanRequest
+from planner_service.planning.request import Pace, PlanRequest, kept_in
 from planner_service.planning.result import MotionReport, PlanResult, Stage
 from planner_service.planning.roadmap_work import require_robot
 from planner_service.planning.search_stage import Candidates, SearchRound
 from planner_service.planning.timing_stage import timed
 from planner_service.roadmap import Roadmap
 from planner_service.robot.model import ExemptRetreat, Robot
+from planner_service.scene.scene import Scene
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.problem import joint_distance
 from planner_service.search.trace import Tracer
@@ -52,20 +52,23 @@ POLISH_SHARE = 0.7
 """Part of the time that is left which optimising may take; the rest is kept for the path as it was."""
 
 
-def require_plannable(request: PlanRequest, robot: Robot) -> None:
-    """Refuse a request that cannot be asked of a robot.
+def require_plannable(request: PlanRequest, robot: Robot, scene: Scene) -> None:
+    """Refuse a request that cannot be asked of a robot in a scene.
 
     Raises:
-        InvalidRequest: Its start, a goal or its roadmap is of another robot, or it is to be optimised without the
-            compiled kernel.
+        InvalidRequest: Its start, a goal or its roadmap is of another robot, it is to be optimised without the compiled
+            kernel, or its planner does not keep the constraints.
+        UnknownName: A constraint names no link or joint of the robot.
     """
     require_ends(request, robot)
     if request.optimise is not None:
         require_kernel("polish" if request.polish is not None else "planner", request.optimise)
     if isinstance(request.planner, Roadmap):
         require_robot(request.planner, robot)
-    if request.constraints:
-        constraint_set(robot, tuple(request.constraints))
+    constraints = kept_in(scene, request.constraints)
+    request.require_keeping(constraints)
+    if constraints:
+        constraint_set(robot, constraints)
 
 
 def plan(
@@ -80,13 +83,12 @@ def plan(
 
     Raises:
         InvalidRequest: As ``require_plannable``.
+        UnknownName: The same.
     """
-    require_plannable(request, checker.robot)
+    require_plannable(request, checker.robot, checker.scene)
     limits = Limits(request.max_checks, search_stage.search_states(request), request.time_limit, cancel)
     accounting = PlanAccounting(checker, limits, request.planner if isinstance(request.planner, Roadmap) else None)
-    if request.constraints:
-        accounting.constraints = constraint_set(checker.robot, tuple(request.constraints))
-        accounting.projector = projector_of(accounting.constraints)
+    accounting.keep(kept_in(checker.scene, request.constraints))
     context = PlanContext(request, checker, certifier, accounting, tracer)
     try:
         return accounting.within_limits(lambda: _stages(context))

@@ -9,20 +9,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner_service.constraints import Constraint, JointRange, ToolRegion
-from planner_service.constraints.values import MAX_CONSTRAINTS
+from planner_service.constraints import Constraint
+from planner_service.constraints.values import checked_constraints, constraint_names
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, as_sent, set_fields
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import instance, items, number, numbers, whole
+from planner_service.geometry.validation import instance, number, numbers, whole
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import FEW_CORNERS, MAX_CLEARANCE, Optimise
 from planner_service.robot.model import JointLimits, Robot
+from planner_service.scene.scene import Scene
 from planner_service.search.planners import BalancedRRTConnect
 from planner_service.search.problem import Planner
 from planner_service.timing.laws import Timing, ToppRa, effective_limits
 
-__all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "require_timing"]
+__all__ = ["Goal", "Pace", "PlanRequest", "joint_vector", "kept_in", "require_timing"]
 
 MIN_TOOL_SPEED = 1e-3
 """Metres per second. A lower limit is a mistake in the unit."""
@@ -60,8 +61,8 @@ class PlanRequest:
             and proven.
         start_tolerance: Radians (or metres) by which the start may lie outside a joint limit; it is
             then clamped, and the result says so.
-        constraints: What must hold along the whole motion, ends included (``planner_service.constraints``). It is
-            searched by ``BalancedRRTConnect``, and not optimised.
+        constraints: What must hold along the whole motion, ends included (``planner_service.constraints``), beside
+            those of what the robot carries. It is searched by ``BalancedRRTConnect``, and not optimised.
 
     Raises:
         InvalidRequest: a value is of the wrong kind, not finite, or out of its range.
@@ -109,16 +110,20 @@ class PlanRequest:
         if self.optimise is not None and self.blend == 0.0:
             raise InvalidRequest("blend", self.blend, "above 0: an optimum is a curve without stops")
         require_timing(self.timing)
-        self._check_constraints()
+        set_fields(self, constraints=checked_constraints(self.constraints))
+        self.require_keeping(self.constraints)
 
-    def _check_constraints(self) -> None:
-        expected = "constraints such as KeepUpright(...)"
-        constraints = items("constraints", self.constraints, (ToolRegion, JointRange), expected, MAX_CONSTRAINTS)
-        set_fields(self, constraints=constraints)
-        if constraints and not isinstance(self.planner, BalancedRRTConnect):
-            raise InvalidRequest("planner", self.planner, "BalancedRRTConnect(), as there are constraints")
-        if constraints and self.polish is not None:
-            raise InvalidRequest("polish", self.polish, "None: an optimum does not keep constraints")
+    def require_keeping(self, constraints: Sequence[Constraint]) -> None:
+        """Refuse a planner that does not keep constraints, if there are any.
+
+        Raises:
+            InvalidRequest: ``planner`` is not ``BalancedRRTConnect``, or there is ``polish``.
+        """
+        names = constraint_names(constraints)
+        if names and not isinstance(self.planner, BalancedRRTConnect):
+            raise InvalidRequest("planner", self.planner, f"BalancedRRTConnect(), as there are constraints ({names})")
+        if names and self.polish is not None:
+            raise InvalidRequest("polish", self.polish, f"None: an optimum does not keep constraints ({names})")
 
     @property
     def optimise(self) -> Optimise | None:
@@ -192,6 +197,15 @@ class Pace:
                 jerk=limits.jerk * self.acceleration_scale,
             )
         return effective_limits(self.timing, limits)
+
+
+def kept_in(scene: Scene, asked: Sequence[Constraint]) -> tuple[Constraint, ...]:
+    """What a motion in a scene keeps: what was asked for, and the constraints of what the robot carries, each once.
+
+    Raises:
+        InvalidRequest: There are more than 16 in all.
+    """
+    return checked_constraints(list(dict.fromkeys((*asked, *scene.constraints))))
 
 
 def _copied_goal(goal: object) -> Pose | PoseGoal | FloatArray | tuple[Pose | PoseGoal | FloatArray, ...]:

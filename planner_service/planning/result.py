@@ -11,6 +11,7 @@ from typing import Any
 
 from planner_service.certify import Certificate, ExemptInterval
 from planner_service.collision import CheckCounts, Contact
+from planner_service.constraints import Constraint
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
 from planner_service.geometry.arrays import FloatArray, as_sent
 from planner_service.geometry.validation import copied_in
@@ -249,6 +250,8 @@ class PlanResult:
         origin: What it was planned in, and what was asked; None for a result from a file or another process.
         fraction: For a motion of the tool along a path, the share of its length, 0 to 1, that is possible; None for
             other plans. Not kept in plan files.
+        constraints: What the motion keeps all along, those of what the robot carries among them; ``certificate.kept``
+            is the proof of each, in the same order.
     """
 
     path: JointPath | None
@@ -267,9 +270,10 @@ class PlanResult:
     trace: Trace | None = None
     origin: Origin | None = field(default=None, repr=False)
     fraction: float | None = None
+    constraints: tuple[Constraint, ...] = ()
 
     def __post_init__(self) -> None:
-        copied_in(self, "stages", "notes")
+        copied_in(self, "stages", "notes", "constraints")
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process it goes without its origin: robot and scene are larger than a plan."""

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Discriminator, Field, JsonValue, Tag
 
-from planner_service.constraints import Constraint, JointRange, ToolRegion
-from planner_service.constraints.values import MAX_CONSTRAINTS
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.schema import (
     Count,
@@ -23,7 +20,6 @@ from planner_service.files.schema import (
     Text,
     Vector3,
     at_most,
-    of_length,
     plain,
     recorded,
 )
@@ -32,7 +28,8 @@ from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.optimize import METHODS, Optimise
 from planner_service.planners import PLANNERS
 from planner_service.planning.request import PlanRequest
-from planner_service.records.scene import KindRecord, PoseRecord
+from planner_service.records.constraints import Constraints
+from planner_service.records.pose import PoseRecord
 from planner_service.roadmap import Roadmap, RoadmapReference
 from planner_service.timing.laws import SCurve, ToppRa, Trapezoidal
 
@@ -161,61 +158,6 @@ def _choice(chosen: Any, known: Mapping[str, type[Any]]) -> dict[str, Any] | Non
     return {"name": chosen.name, "settings": {item.name: getattr(chosen, item.name) for item in fields(chosen)}}
 
 
-Bounds = Annotated[list[float | None], of_length(3, "3 numbers, null for no bound")]
-
-
-class RegionRecord(KindRecord):
-    """A ``ToolRegion``; its short forms come back as one of their name. A coordinate without a bound is null."""
-
-    kind: Literal["tool region"] = "tool region"
-    name: Text
-    frame: PoseRecord
-    lower: Bounds
-    upper: Bounds
-    tilt: float | None
-    turn: float | None
-    tool: PoseRecord
-    link: Text | None
-    relative_to: Text | None
-
-    @classmethod
-    def fields_of(cls, value: ToolRegion) -> dict[str, Any]:
-        bounds = {"lower": _finite_or_null(value.lower), "upper": _finite_or_null(value.upper)}
-        return super().fields_of(value) | bounds
-
-    @cached_property
-    def value(self) -> ToolRegion:
-        lower, upper = _or_infinity(self.lower, -math.inf), _or_infinity(self.upper, math.inf)
-        return ToolRegion(**self.arguments | {"lower": lower, "upper": upper})
-
-
-def _finite_or_null(bounds: Sequence[float]) -> list[float | None]:
-    return [bound if math.isfinite(bound) else None for bound in bounds]
-
-
-def _or_infinity(bounds: Sequence[float | None], infinity: float) -> tuple[float, ...]:
-    return tuple(infinity if bound is None else bound for bound in bounds)
-
-
-class JointRangeRecord(KindRecord):
-    """A ``JointRange``."""
-
-    makes = JointRange
-
-    kind: Literal["joint range"] = "joint range"
-    joint: Text
-    lower: float
-    upper: float
-
-
-def _constraint_record(number: int, constraint: Constraint) -> Record:
-    model: type[Record] = JointRangeRecord if isinstance(constraint, JointRange) else RegionRecord
-    return recorded(f"request.constraints[{number}]", lambda: model.of(constraint))
-
-
-ConstraintRecord = Annotated[RegionRecord | JointRangeRecord, Discriminator("kind")]
-
-
 class RequestRecord(GrownRecord):
     """A ``PlanRequest``."""
 
@@ -234,7 +176,7 @@ class RequestRecord(GrownRecord):
     start_tolerance: float
     time_limit: float | None
     max_tool_speed: float | None
-    constraints: Annotated[list[ConstraintRecord], at_most(MAX_CONSTRAINTS)] = Field(default_factory=list)
+    constraints: Constraints = Field(default_factory=list)
 
     @classmethod
     def find(cls, request: PlanRequest) -> RequestRecord | None:
@@ -252,8 +194,7 @@ class RequestRecord(GrownRecord):
             return None
         goals = plain(_goals(request.goal))
         choices = {"planner": planner, "timing": timing, "polish": polish, "goals": goals}
-        choices["constraints"] = [_constraint_record(*numbered) for numbered in enumerate(request.constraints)]
-        return cls.model_validate(cls.fields_of(request) | choices)
+        return recorded("request", lambda: cls.model_validate(cls.fields_of(request) | choices))
 
     @cached_property
     def value(self) -> PlanRequest:

@@ -34,6 +34,7 @@ from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
 from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
+from planner_service.records.constraints import Constraints
 from planner_service.timing.limit_check import LimitPeaks, Peak
 
 __all__ = [
@@ -373,7 +374,7 @@ class TrajectoryRecord(schema.Record):
         return trajectory
 
 
-class ResultRecord(schema.Record):
+class ResultRecord(schema.GrownRecord):
     """A ``PlanResult``, without what only the process that made it knows: roadmap, trace and origin."""
 
     ok: bool
@@ -390,6 +391,7 @@ class ResultRecord(schema.Record):
     polish: PolishRecord | None
     path: PathRecord | None
     trajectory: TrajectoryRecord | None
+    constraints: Constraints = Field(default_factory=list)
 
     @cached_property
     def value(self) -> PlanResult:
@@ -406,6 +408,10 @@ class ResultRecord(schema.Record):
             raise InvalidRequest("ok", ok, "false with a failure, true without")
         if result.counts != counts:
             raise InvalidRequest("counts", str(counts), f"the sum of the stages, {result.counts}")
+        kept = () if result.certificate is None else result.certificate.kept
+        if result.ok and len(kept) != len(result.constraints):
+            expected = f"a proof of each of the {len(result.constraints)} constraints"
+            raise InvalidRequest("certificate.kept", len(kept), expected)
         if result.ok and not _covers(result):
             raise InvalidRequest("certificate", self.certificate, "a proof of all that the trajectory runs along")
         return result

@@ -15,7 +15,8 @@ from planner_service.files import schema
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH
-from planner_service.records.scene import PoseRecord, ShapeRecord
+from planner_service.records.pose import PoseRecord
+from planner_service.records.scene import ShapeRecord
 from planner_service.robot.kinematic_tree import Body, LinkFrame, LinkShape
 from planner_service.robot.model import AllowedContact, ExemptRetreat, Gripper, JointLimits, Robot
 

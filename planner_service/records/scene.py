@@ -15,14 +15,16 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
 from planner_service.errors import InvalidRequest
-from planner_service.files.schema import Count, Reading, Record, Text, Vector3, Vector4, at_most
+from planner_service.files.schema import Count, GrownRecord, Reading, Record, Text, Vector3, at_most
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.composite import Compound, HeightField, PointCloud
 from planner_service.geometry.mesh import MAX_HULL, Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
+from planner_service.records.constraints import Constraints
+from planner_service.records.pose import KindRecord, PoseRecord
 from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene
 
-__all__ = ["KindRecord", "ObstacleRecord", "PlanReading", "PoseRecord", "SceneRecord", "ShapeRecord", "WorldRecord"]
+__all__ = ["ObstacleRecord", "PlanReading", "SceneRecord", "ShapeRecord", "WorldRecord"]
 
 CORNER = 32
 """Characters of a hull's corner in base64: three numbers of eight bytes."""
@@ -67,23 +69,6 @@ def unpacked(field: str, text: str, kind: str, columns: int) -> FloatArray:
     if len(data) % (8 * columns):
         raise InvalidRequest(field, f"{len(data)} bytes", expected)
     return np.frombuffer(data, dtype=kind).reshape(-1, columns)
-
-
-class PoseRecord(Record):
-    """A ``Pose``."""
-
-    makes = Pose
-
-    position: Vector3
-    quaternion: Vector4 = Field(alias="quaternion_wxyz")
-
-
-class KindRecord(Record):
-    """What a solid is, by its ``kind``."""
-
-    @property
-    def arguments(self) -> dict[str, Any]:
-        return {name: value for name, value in super().arguments.items() if name != "kind"}
 
 
 class BoxRecord(KindRecord):
@@ -269,7 +254,7 @@ class ObstacleRecord(Record):
     pose: PoseRecord
 
 
-class AttachedRecord(Record):
+class AttachedRecord(GrownRecord):
     """An ``Attached`` object."""
 
     makes = Attached
@@ -278,6 +263,7 @@ class AttachedRecord(Record):
     shape: SolidRecord
     pose: PoseRecord
     touch_links: Annotated[list[Text], at_most(1_000)]
+    constraints: Constraints = Field(default_factory=list)
 
 
 class SceneRecord(Record):

@@ -19,7 +19,8 @@ from planner_service.certify import Certificate, Certifier, ExemptInterval
 from planner_service.collision import CancelToken, CollisionChecker
 from planner_service.collision.budget import CheckBudgetSpent, SearchStopped, TimeBoxSpent
 from planner_service.concurrency.polling import Prepared
-from planner_service.errors import BrokenInvariant
+from planner_service.constraints.values import constraint_names
+from planner_service.errors import BrokenInvariant, InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.guards import reach_objection
@@ -89,8 +90,12 @@ def replan(
     """What to do from the splice on; see ``PlannerService.replan``.
 
     Raises:
-        InvalidRequest: As ``underway`` and ``request_for`` say, or a goal is neither a pose nor n finite joint values.
+        InvalidRequest: As ``underway`` and ``request_for`` say, a goal is neither a pose nor n finite joint values, or
+            what the robot carries has constraints.
     """
+    if checker.scene.constraints:
+        names = constraint_names(checker.scene.constraints)
+        raise InvalidRequest("scene", f"something carried with constraints ({names})", "none: replan keeps none")
     old = underway(previous, checker.robot, at_time, latency)
     new = request_for(previous, old, request, goal)
     require_ends(new, checker.robot)

@@ -191,13 +191,11 @@ def request_for(
         request = request or previous.request
     goal = old.end if goal is None else goal
     if request is None and isinstance(previous, PlanResult):
-        request = _request_of(previous)
-        kept = () if previous.certificate is None else previous.certificate.kept
-        names = constraint_names(request.constraints) or ", ".join(each.name for each in kept)
-        if names:
+        if previous.constraints:
+            names = constraint_names(previous.constraints)
             expected = "a plan without constraints, which replan does not keep; or give a request without them"
             raise InvalidRequest("previous", f"constraints ({names})", expected)
-        return replace(request, start=start, goal=goal)
+        return replace(_request_of(previous), start=start, goal=goal)
     if not isinstance(request, PlanRequest):
         raise InvalidRequest("request", request, "a PlanRequest")
     if request.constraints:

@@ -26,7 +26,8 @@ A scene file::
     position = [0.3, 0.0, 0.0]
 
     [[attached]]                                        # the same, with its pose in the tool frame,
-    touch_links = ["finger_left", "finger_right"]       # and the links that may touch it
+    touch_links = ["finger_left", "finger_right"]       # the links that may touch it, and what motions keep meanwhile,
+    constraints = [{ kind = "joint range", ... }]       # with the keys of a constraint file
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NoReturn
 
+from planner_service.constraints.values import Constraint, checked_constraints
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.files.package_data import data_folder
 from planner_service.files.reading import as_path
@@ -123,18 +125,22 @@ class Attached:
     Args:
         touch_links: Names of the robot's links that may touch it, as the fingers that hold it do; they have to have
             collision shapes, which is checked once robot and scene meet.
+        constraints: What every motion keeps while it is carried, as in ``PlanRequest.constraints``.
 
     Raises:
-        InvalidRequest: as for ``Obstacle``, or ``touch_links`` is one text, or names a link twice.
+        InvalidRequest: as for ``Obstacle``, or ``touch_links`` is one text, or names a link twice, or ``constraints``
+            are none.
     """
 
     name: str
     shape: Solid
     pose: Pose
     touch_links: tuple[str, ...] = ()
+    constraints: tuple[Constraint, ...] = ()
 
     def __post_init__(self) -> None:
         _check_body(self.name, self.shape, self.pose)
+        object.__setattr__(self, "constraints", checked_constraints(self.constraints))
         links = items("touch_links", self.touch_links, str, "a sequence of link names")
         object.__setattr__(self, "touch_links", links)
         for link in links:
@@ -184,6 +190,11 @@ class Scene:
 
     def _repr_html_(self) -> str:
         return render_html(scene_blocks(self))
+
+    @property
+    def constraints(self) -> tuple[Constraint, ...]:
+        """What motions keep because of what is attached, each once."""
+        return tuple(dict.fromkeys(constraint for held in self.attached for constraint in held.constraints))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -247,14 +258,14 @@ class Scene:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256, in hex, of names, shapes, poses and touch links, to the last bit and in order.
+        """SHA-256, in hex, of names, shapes, poses, touch links and constraints, to the last bit and in order.
 
         The scene's own name and description are left out: they change no verdict. Equal scenes
         have equal hashes (-0.0 counts as 0.0); the same obstacles in another order have another.
         """
         content = {
             "obstacles": [_canonical(o) for o in self.obstacles],
-            "attached": [[*_canonical(a), list(a.touch_links)] for a in self.attached],
+            "attached": [_canonical_attached(a) for a in self.attached],
         }
         return _digest(content)
 
@@ -266,7 +277,7 @@ class Scene:
     @cached_property
     def attached_hash(self) -> str:
         """SHA-256, in hex, of all that is attached to the tool."""
-        return _digest([[*_canonical(a), list(a.touch_links)] for a in self.attached])
+        return _digest([_canonical_attached(a) for a in self.attached])
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process, a scene leaves behind what it has worked out: views of it cannot be sent."""
@@ -282,6 +293,24 @@ class Scene:
 
 def _canonical(body: Obstacle | Attached) -> list[Any]:
     return [body.name, *_canonical_shape(body.shape), *_canonical_pose(body.pose)]
+
+
+def _canonical_attached(held: Attached) -> list[Any]:
+    kept = [_canonical_constraint(constraint) for constraint in held.constraints]
+    return [*_canonical(held), list(held.touch_links), *([kept] if kept else [])]
+
+
+def _canonical_constraint(constraint: Constraint) -> list[Any]:
+    values = [getattr(constraint, item.name) for item in fields(constraint)]
+    return [_canonical_value(value) for value in values]
+
+
+def _canonical_value(value: Any) -> Any:
+    if isinstance(value, Pose):
+        return _canonical_pose(value)
+    if isinstance(value, tuple):
+        return list(map(_bits, value))
+    return _bits(value) if isinstance(value, float) else value
 
 
 def _canonical_pose(pose: Pose) -> list[str]:

@@ -12,6 +12,9 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
 
+from planner_service.constraints.toml_reader import Table as ConstraintTable
+from planner_service.constraints.toml_reader import keys_of
+from planner_service.constraints.values import MAX_CONSTRAINTS
 from planner_service.errors import InvalidRequest
 from planner_service.files.schema import FirstOnly, Reading, Record, at_most, of_length, read_record
 from planner_service.files.toml_reader import read_tables, toml_value
@@ -57,7 +60,7 @@ def write_scene(scene: Scene, path: Path) -> None:
         InvalidRequest: the file would be too large to be read again.
         InvalidFile: it cannot be written.
     """
-    content = "\n\n".join(_paragraphs(SceneFile.of(scene).model_dump(exclude_unset=True))) + "\n"
+    content = "\n\n".join(_paragraphs(SceneFile.of(scene).model_dump(exclude_unset=True, by_alias=True))) + "\n"
     if len(content.encode()) > MAX_BYTES:
         raise InvalidRequest("scene", f"{len(content.encode()):,} bytes", f"a scene that fits in {MAX_BYTES:,} bytes")
     write_whole(path, content, OURS)
@@ -87,6 +90,7 @@ class _SceneReading(Reading):
 # How values are written, for messages.
 
 XYZ, WXYZ = "[x, y, z]", "[w, x, y, z]"
+CONSTRAINTS = '[{ kind = "tool region", ... }, ...]'
 PARTS = "[{ box = [...], position = [...] }, ...]"
 ROUND = "{ radius = ..., length = ... }"
 MESH = '"file.stl", { file = "file.stl", scale = [x, y, z] } or { vertices = [[x, y, z], ...] }'
@@ -271,11 +275,12 @@ class AttachedTable(ObstacleTable):
     """``[[attached]]``."""
 
     touch_links: Annotated[list[str], FirstOnly()] = Field([], description="a list of texts")
+    constraints: Annotated[list[ConstraintTable], _tables(CONSTRAINTS), at_most(MAX_CONSTRAINTS)] = Field([])
 
     @cached_property
     def value(self) -> Attached:
-        pose = _pose(self.position, self.quaternion_wxyz)
-        return Attached(self.name, _shape_in(self), pose, tuple(self.touch_links))
+        pose, kept = _pose(self.position, self.quaternion_wxyz), tuple(table.value for table in self.constraints)
+        return Attached(self.name, _shape_in(self), pose, tuple(self.touch_links), kept)
 
 
 class SceneFile(Record):
@@ -301,7 +306,7 @@ class SceneFile(Record):
     def of(cls, scene: Scene) -> SceneFile:
         texts = {"name": scene.name, "description": scene.description}
         obstacles = [_body_keys(body) for body in scene.obstacles]
-        attached = [{**_body_keys(body), "touch_links": list(body.touch_links)} for body in scene.attached]
+        attached = [{**_body_keys(held), **_carrying_keys(held)} for held in scene.attached]
         given = {key: text for key, text in texts.items() if text}
         return cls.model_validate({**given, "obstacle": obstacles, "attached": attached})
 
@@ -336,6 +341,11 @@ def _pose(position: list[float], quaternion: list[float]) -> Pose:
 
 def _body_keys(body: Obstacle | Attached) -> dict[str, Any]:
     return {"name": body.name, **_shape_keys(body.shape), **_pose_keys(body.pose)}
+
+
+def _carrying_keys(held: Attached) -> dict[str, Any]:
+    kept = [keys_of(constraint) for constraint in held.constraints]
+    return {"touch_links": list(held.touch_links), **({"constraints": kept} if kept else {})}
 
 
 def _shape_keys(shape: Solid) -> dict[str, Any]:

@@ -29,7 +29,13 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def plan_pick_place(
-    service: PlannerService, target: str, onto: str, request: PlanRequest, *, cancel: CancelToken | None = None
+    service: PlannerService,
+    target: str,
+    onto: str,
+    request: PlanRequest,
+    *,
+    upright: float | None = None,
+    cancel: CancelToken | None = None,
 ) -> TaskResult:
     """Plan home -> pregrasp -> descend -> lift -> transfer -> lower -> retreat -> home, as far as there are plans.
 
@@ -37,11 +43,12 @@ def plan_pick_place(
         request: Its start is where the robot starts and returns to. Planner, timing, seed, scales, padding and limits
             are those of all motions; its goal is not used. Its ``time_limit`` holds for the pick, for the place and for
             the way home, its ``max_checks`` for each motion.
+        upright: Radians by which the object may lean while it is carried, from how it stood; None for any.
         cancel: Ends the task before its next check when cancelled from another thread.
 
     Raises:
         UnknownName: There is no such obstacle.
-        InvalidRequest: The robot has no gripper, or the object is too wide for it.
+        InvalidRequest: The robot has no gripper, the object is too wide for it, or ``upright`` is out of range.
     """
     instance("service", service, PlannerService, "a PlannerService")
     instance("request", request, PlanRequest, "a PlanRequest")
@@ -49,7 +56,7 @@ def plan_pick_place(
     obstacle, support = scene.obstacle(target), scene.obstacle(onto)
     if target == onto:
         raise InvalidRequest("--onto", onto, "another obstacle than the object itself")
-    picking = Handling(support=standing_on(scene, target), request=request, cancel=cancel)
+    picking = Handling(support=standing_on(scene, target), request=request, upright=upright, cancel=cancel)
     done, carrying = picked(service, request.start, target, top_grasps(service.robot, obstacle), picking)
     notes, segments, choosing = [f"pick: {note}" for note in done.notes], list(done.segments), done.choosing
     if done.ok:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from planner_service.certify import GripperMotion
 from planner_service.collision import CheckCounts, CollisionChecker
 from planner_service.collision.budget import Cancelled
+from planner_service.constraints import KeepUpright
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
@@ -167,7 +168,10 @@ def _grasping(service: PlannerService, target: Obstacle, grasp: Pose, handling: 
     pairs = _touching(service, fingers, target.name)
 
     def services() -> tuple[PlannerService, PlannerService]:
-        held = Attached(target.name, target.shape, grasp.inverse() @ target.pose, touch_links=fingers)
+        up = grasp.inverse().rotation[:, 2]  # in the tool frame
+        kept = () if handling.upright is None else (KeepUpright(up.tolist(), handling.upright),)
+        pose = grasp.inverse() @ target.pose
+        held = Attached(target.name, target.shape, pose, touch_links=fingers, constraints=kept)
         scene = service.scene.without(target.name).with_attached(held)
         return service.changed(gripper=opening), service.changed(gripper=width, scene=scene)
 
@@ -400,6 +404,7 @@ class _Task:
             blends=np.minimum(line_blends(service.robot, waypoints), self._template.blend),
             pace=Pace.of(self._template, self._handling.line_timing),
             padding=self._template.padding,
+            constraints=self._template.constraints,
             cancel=self._handling.cancel,
         )
         return self._having_plan(name, result)

@@ -10,8 +10,7 @@ from typing import Protocol
 
 from planner_service.certify import GripperMotion
 from planner_service.collision import CancelToken, CheckCounts
-from planner_service.constraints.values import constraint_names
-from planner_service.errors import InvalidRequest
+from planner_service.constraints.values import MIN_ANGLE, KeepUpright
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.validation import copied_in, instance, number
 from planner_service.planning.request import PlanRequest, require_timing
@@ -50,13 +49,17 @@ class Handling:
         support: The obstacle that the object stands on before a pick, or after a place.
         support_gap: Metres of the lift, or of the lowering, within which object and support may touch.
         open_width: The gripper's opening around the object; None for 12 mm of room on either side.
-        request: Planner, timing, seed, scales, padding and limits; its start and goal are not used. Its ``time_limit``
-            is for the whole pick or place, its ``max_checks`` for each motion.
+        request: Planner, timing, seed, scales, padding, constraints and limits; its start and goal are not used. Its
+            ``time_limit`` is for the whole pick or place, its ``max_checks`` for each motion. All motions keep its
+            constraints.
         line_timing: The timing law along the straight tool lines; the request's if None.
         cancel: Ends the task before its next check when cancelled from another thread.
+        upright: For a pick, the radians by which what is taken may lean while it is carried from how it stood; None
+            for any. The attached object has the constraint, so that every later motion with it keeps it.
 
     Raises:
-        InvalidRequest: A value is of the wrong kind or out of its range, or the request has constraints.
+        InvalidRequest: A value is of the wrong kind or out of its range, or the request's planner does not keep what is
+            taken upright.
     """
 
     support: str | None = None
@@ -65,6 +68,7 @@ class Handling:
     request: PlanRequest | None = None
     line_timing: Timing | None = None
     cancel: CancelToken | None = None
+    upright: float | None = None
 
     def __post_init__(self) -> None:
         instance("support", self.support, (str, NoneType), "the name of an obstacle, or None")
@@ -72,10 +76,10 @@ class Handling:
         if self.open_width is not None:
             number("open_width", self.open_width, "metres in [0, 1], or None", 0.0, 1.0)
         instance("request", self.request, (PlanRequest, NoneType), "a PlanRequest, or None")
-        if self.request is not None and self.request.constraints:
-            names = constraint_names(self.request.constraints)
-            expected = "none: the straight lines of a pick or a place do not keep constraints"
-            raise InvalidRequest("request.constraints", names, expected)
+        if self.upright is not None:
+            number("upright", self.upright, f"radians in [{MIN_ANGLE:g}, pi], or None", MIN_ANGLE, math.pi)
+            if self.request is not None:
+                self.request.require_keeping([KeepUpright((0.0, 0.0, 1.0), self.upright)])
         if self.line_timing is not None:
             require_timing(self.line_timing)
         instance("cancel", self.cancel, (CancelToken, NoneType), "a CancelToken, or None")

@@ -6,22 +6,26 @@ or at the last point before a collision. That part is planned like every other p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial as bound
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planner_service.certify import prove_kept
 from planner_service.collision import CancelToken, CollisionChecker, Known
+from planner_service.constraints import Constraint
+from planner_service.constraints.resolved import constraint_set
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import MAX_LENGTH, flag, instance, number
-from planner_service.kinematics.cartesian_waypoints import line_blends, thinned, thinned_along
+from planner_service.kinematics.cartesian_waypoints import line_blends, stop_rows, thinned, thinned_along
 from planner_service.kinematics.inverse import ToolLine, require_joint_rate, shifted, straight_tool_line
 from planner_service.kinematics.tool_path import ToolPath, circular_arc, rounded_lines, walk_tool_path
+from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting
 from planner_service.planning.request import Pace, joint_vector
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
@@ -38,6 +42,12 @@ the UR5; the tool could only creep there, at 2 to 7 cm/s."""
 
 LEAST_BLEND = 1e-4
 """Radians. The corners of a tool's path turn by little, so that even narrow blends save a stop."""
+
+FINER = (8, 4, 2, 1)
+"""Of so many configurations one is kept, in turn, where the tool's path is within its tolerance but a constraint is not
+within its own."""
+
+NOT_EVEN_BEGUN = (Reason.START_IN_COLLISION, Reason.START_VIOLATES_CONSTRAINT)
 
 MAX_ZONE = 1.0
 """Metres. More is a mistake in the unit."""
@@ -56,6 +66,7 @@ def move_linear(
     partial: bool = False,
     pace: Pace | None = None,
     padding: float = 0.0,
+    constraints: Sequence[Constraint] = (),
     cancel: CancelToken | None = None,
 ) -> PlanResult:
     """A straight motion of the tool, or several with rounded corners, checked once, proven and timed.
@@ -63,7 +74,7 @@ def move_linear(
     The position moves linearly from pose to pose, the orientation by the shortest rotation. The tool stays within 1 mm
     and 5 mrad of its path. ``result.fraction`` is the share of the path's length that is possible; if it is below 1,
     the failure (or, with ``partial``, a note) says where the path ends and why: a joint at its limit, a singular arm,
-    a joint that would have to jump or move too far, or a pair that collides.
+    a joint that would have to jump or move too far, a pair that collides, or a constraint that is not kept.
 
     Args:
         start: Joint vector, shape (n,).
@@ -80,6 +91,8 @@ def move_linear(
         partial: Return the part from the start that is possible, instead of a failure.
         pace: The law s(t) along the path; ``Pace(Trapezoidal())`` if not given.
         padding: Metres that pairs are to keep, as in ``PlannerService.follow``.
+        constraints: What must hold all along, beside the constraints of what the robot carries. They do not change the
+            line: one that breaks them is possible up to there.
         cancel: As in ``PlannerService.plan``.
 
     Raises:
@@ -89,13 +102,15 @@ def move_linear(
     instance("service", service, PlannerService, "a PlannerService")
     robot, q = service.robot, joint_vector("start", start, service.robot)
     number("zone", zone, f"metres in [0, {MAX_ZONE:g}]", 0.0, MAX_ZONE)
-    follow = bound(_follow, service, partial=flag("partial", partial), pace=pace, padding=padding, cancel=cancel)
+    settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
+    follow = bound(_follow, service, settings, partial=flag("partial", partial))
     targets = _targets(goal)
     if len(targets) == 1:
         line = straight_tool_line(robot, q, targets[0], points=points, max_joint_rate=max_joint_rate)
 
-        def kept(count: int) -> tuple[FloatArray, FloatArray]:
-            waypoints = thinned(robot, line.waypoints[:count])
+        def kept(count: int, stride: int | None) -> tuple[FloatArray, FloatArray]:
+            rows = line.waypoints[:count]
+            waypoints = thinned(robot, rows) if stride is None else rows[_every(stride, count)]
             return waypoints, line_blends(robot, waypoints)
 
         return follow(line, kept, "the straight tool line")
@@ -115,6 +130,7 @@ def move_circular(
     partial: bool = False,
     pace: Pace | None = None,
     padding: float = 0.0,
+    constraints: Sequence[Constraint] = (),
     cancel: CancelToken | None = None,
 ) -> PlanResult:
     """A motion of the tool along the circular arc from where it is through ``via`` to ``goal``, proven and timed.
@@ -129,7 +145,7 @@ def move_circular(
             metres from the start along the base's axes.
         goal: The tool's pose at the end, or its displacement from the start (the orientation is kept).
         max_joint_rate: As in ``move_linear``, between configurations every 5 mm or less.
-        partial: As in ``move_linear``; so are ``pace``, ``padding`` and ``cancel``.
+        partial: As in ``move_linear``; so are ``pace``, ``padding``, ``constraints`` and ``cancel``.
 
     Raises:
         InvalidRequest: As ``PlannerService.follow``, or ``start`` is outside the limits, or ``via`` is less than 0.1 mm
@@ -137,7 +153,8 @@ def move_circular(
     """
     instance("service", service, PlannerService, "a PlannerService")
     q = joint_vector("start", start, service.robot)
-    follow = bound(_follow, service, partial=flag("partial", partial), pace=pace, padding=padding, cancel=cancel)
+    settings = {"pace": pace, "padding": padding, "constraints": constraints, "cancel": cancel}
+    follow = bound(_follow, service, settings, partial=flag("partial", partial))
     begin = Pose.from_matrix(service.robot.tool_pose(q))
     path = circular_arc(begin, _pose("via", via, begin).position, _pose("goal", goal, begin))
     return _along(service, q, path, max_joint_rate, follow)
@@ -162,8 +179,11 @@ def _pose(name: str, target: Any, before: Pose) -> Pose:
     return pose
 
 
-Waypoints = Callable[[int], tuple[FloatArray, FloatArray]]
-"""Makes the waypoints and blends to follow of the first so many configurations of a line."""
+class Waypoints(Protocol):
+    """Makes the waypoints and blends to follow of the first so many configurations of a line."""
+
+    def __call__(self, count: int, stride: int | None) -> tuple[FloatArray, FloatArray]:
+        """As few as hold the tool on the line; with a stride one in so many, and the last."""
 
 
 def _along(
@@ -176,32 +196,54 @@ def _along(
     line = walk_tool_path(service.robot, q, path, max_joint_rate=require_joint_rate(max_joint_rate))
     at = line.fractions * path.length
 
-    def kept(count: int) -> tuple[FloatArray, FloatArray]:
-        return thinned_along(service.robot, line.waypoints[:count], at[:count], path)
+    def kept(count: int, stride: int | None) -> tuple[FloatArray, FloatArray]:
+        if stride is None:
+            return thinned_along(service.robot, line.waypoints[:count], at[:count], path)
+        stops = stop_rows(at[:count], path)
+        rows = sorted({*_every(stride, count), *stops})
+        widths = line_blends(service.robot, line.waypoints[rows])
+        widths[np.isin(rows, stops)] = 0.0
+        return line.waypoints[rows], widths
 
     return follow(line, kept, path.name)
 
 
+def _every(stride: int, count: int) -> list[int]:
+    """One in ``stride`` of so many rows, and the last."""
+    return sorted({*range(0, count, stride), count - 1})
+
+
 def _follow(
     service: PlannerService,
+    settings: Mapping[str, Any],
     line: ToolLine,
     kept: Waypoints,
     name: str,
     *,
     partial: bool,
-    pace: Pace | None,
-    padding: float,
-    cancel: CancelToken | None,
 ) -> PlanResult:
-    """The plan along a line, or along the longest part of it that has one."""
-    accounting = PlanAccounting(service.checker, Limits(cancel=cancel))
+    """The plan along a line, or along the longest part of it that has one.
+
+    Args:
+        settings: Arguments of ``PlannerService.follow``.
+    """
+    accounting = PlanAccounting(service.checker, Limits(cancel=settings["cancel"]))
 
     def followed(count: int) -> PlanResult:
-        waypoints, blends = kept(count)
-        result = service.follow(
-            waypoints, blends=blends, min_blend=LEAST_BLEND, pace=pace, padding=padding, cancel=cancel
-        )
-        return accounting.with_plan(result)
+        """Through more configurations, if through few the line leaves a constraint."""
+
+        def through(waypoints: FloatArray, blends: FloatArray) -> PlanResult:
+            result = service.follow(waypoints, blends=blends, min_blend=LEAST_BLEND, **settings)
+            return accounting.with_plan(result)
+
+        result = through(*kept(count, None))
+        if result.failure is None or result.failure.reason is not Reason.CONSTRAINT_NOT_CERTIFIED:
+            return result
+        for stride in FINER:
+            waypoints, blends = kept(count, stride)
+            if isinstance(prove_kept(service.robot, JointPath(waypoints), result.constraints), tuple):
+                return through(waypoints, blends)
+        return result
 
     whole = followed(len(line.waypoints))
     failure = whole.failure
@@ -210,26 +252,33 @@ def _follow(
             return replace(whole, fraction=1.0)
         failure = Failure(Stage.STRAIGHT_LINE, Reason.LINE_BLOCKED, str(line.stopped))
         return _cut(whole, failure, line.fraction, partial=partial)
-    if failure.reason not in (Reason.LINE_BLOCKED, Reason.NOT_CERTIFIED):
-        return replace(whole, fraction=0.0 if failure.reason is Reason.START_IN_COLLISION else None)
+    if failure.reason not in (Reason.LINE_BLOCKED, Reason.NOT_CERTIFIED, Reason.CONSTRAINT_NOT_CERTIFIED):
+        return replace(whole, fraction=0.0 if failure.reason in NOT_EVEN_BEGUN else None)
     try:
-        count, pair = _free_count(service.checker, line.waypoints, accounting)
+        count, why = _good_count(service.checker, line.waypoints, whole.constraints, accounting)
     except NoPlan as cancelled:
         return accounting.result(failure=cancelled.failure)
     part, step = whole, 1
     while count > 1 and not (part := followed(count)).ok:
         count, step = count - step, 2 * step
     fraction = float(line.fractions[count - 1]) if part.ok else 0.0
-    detail = f"{name} ends after {100 * fraction:.1f} %: {pair or failure.detail}"
+    detail = f"{name} ends after {100 * fraction:.1f} %: {why or failure.detail}"
     return _cut(part, replace(failure, detail=detail), fraction, partial=partial)
 
 
-def _free_count(checker: CollisionChecker, waypoints: FloatArray, accounting: PlanAccounting) -> tuple[int, str]:
-    """How many configurations lie before the first collision, and which pair collides there; all and "" if none."""
+def _good_count(
+    checker: CollisionChecker, waypoints: FloatArray, constraints: tuple[Constraint, ...], accounting: PlanAccounting
+) -> tuple[int, str]:
+    """How many configurations lie before the first collision or broken constraint, and what that is; all and "" if
+    there is none."""
+    kept = constraint_set(checker.robot, constraints) if constraints else None
 
     def checked() -> tuple[int, str]:
         with accounting.during(Stage.STRAIGHT_LINE):
             for k in range(1, len(waypoints)):
+                violated = None if kept is None else kept.violation(waypoints[k])
+                if violated is not None:
+                    return k, f"it does not keep {violated}"
                 hit = checker.edge_hit(waypoints[k - 1], waypoints[k], known=Known.START)
                 if hit is not None:
                     return k, f"{hit.a} x {hit.b} collide"

@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 
 from planner_service import (
+    Attached,
+    Cylinder,
     Handling,
     InvalidRequest,
     Optimise,
@@ -18,6 +20,7 @@ from planner_service import (
     PlanResult,
     Pose,
     RRTConnect,
+    Scene,
     TaskResult,
     inverse_kinematics,
 )
@@ -28,7 +31,6 @@ from planner_service.parallel import Processes
 from planner_service.records.problem_set import Problem
 from planner_service.records.result import result_record
 from planner_service.tasks import best_of_seeds
-from planner_service.tasks.pick_place import plan_pick_place
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
 UPRIGHT = KeepUpright((-1, 0, 0), 0.1)
@@ -110,16 +112,20 @@ def test_whoever_gives_a_request_without_them_replans_without() -> None:
     assert service().replan(planned(), at_time=0.1, request=request(constraints=())).ok
 
 
-def test_a_pick_refuses_them() -> None:
-    with pytest.raises(InvalidRequest, match=r"request\.constraints: got 'upright'; expected none: the straight"):
-        Handling(request=request())
+def test_a_planner_that_keeps_none_does_not_carry_what_is_to_stay_upright() -> None:
+    carried = Attached("cup", Cylinder(0.03, 0.1), Pose(), constraints=(UPRIGHT,))
+    carrying = PlannerService("wxai", Scene(attached=(carried,)))
+    asked = request(planner=RRTConnect(), constraints=())
+    with pytest.raises(InvalidRequest, match=r"planner: got RRTConnect.*as there are constraints \(upright\)"):
+        carrying.plan(asked)
+    with pytest.raises(InvalidRequest, match=r"planner: got RRTConnect.*as there are constraints \(upright\)"):
+        Handling(upright=0.1, request=asked)
 
 
-def test_a_pick_and_place_refuses_them() -> None:
-    bin_ = PlannerService("wxai", "bin")
-    asked = PlanRequest(bin_.robot.home, bin_.robot.home, constraints=[UPRIGHT])
-    with pytest.raises(InvalidRequest, match=r"request\.constraints: got 'upright'"):
-        plan_pick_place(bin_, "blue_block", "tray", asked)
+def test_a_motion_is_not_replanned_with_something_that_is_to_stay_upright() -> None:
+    carried = Attached("cup", Cylinder(0.03, 0.1), Pose((0.0, 0.0, 0.3)), constraints=(UPRIGHT,))
+    with pytest.raises(InvalidRequest, match=r"scene: got 'something carried with constraints \(upright\)'"):
+        service().replan(planned(), at_time=0.1, scene=service().scene.with_attached(carried))
 
 
 class UprightTask(BinPickPlace):

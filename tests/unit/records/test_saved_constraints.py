@@ -233,14 +233,27 @@ def test_a_plan_is_proven_again_with_the_constraints_of_its_file(there: Path) ->
 
 
 def test_what_a_file_says_of_kept_constraints_is_not_believed(there: Path) -> None:
-    """A plan that was made without them says that it keeps them; one that keeps them no longer says how."""
+    """A plan that was made without them says that it keeps them."""
     document = SavedPlan(service().world, request(UPRIGHT), plain()).document()
     there.write_text(json.dumps(document))
     assert not recertify(load_plan(there)).certified
+
+
+def test_a_result_alone_says_what_it_keeps(there: Path) -> None:
     upright().save(there)
     alone = load_plan(there).result
-    with pytest.raises(NotProven, match="it was made to keep upright, and a result alone does not say how"):
-        recertify(alone, service()).required()
+    assert alone.constraints == upright().constraints == (UPRIGHT,)
+    (proven,) = recertify(alone, service()).required().motions
+    assert [kept.name for kept in proven.certificate.kept] == ["upright"]
+
+
+@pytest.mark.parametrize("path", [("constraints",), ("certificate", "kept")])
+def test_a_result_that_names_its_constraints_in_one_place_alone_is_refused(path: Any, there: Path) -> None:
+    document = SavedPlan.of(upright()).document()
+    _put("result", *path)(document, [])
+    there.write_text(json.dumps(document))
+    with pytest.raises(InvalidFile, match=r"result\.certificate\.kept: got \d; expected a proof of each of the \d"):
+        load_plan(there)
 
 
 def test_a_refusal_by_a_constraint_is_saved(there: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planner_service.constraints import JointRange, KeepUpright, ToolRegion
 from planner_service.errors import InvalidFile, InvalidRequest, UnknownName
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
 from planner_service.scene import toml_reader as scene_file
@@ -500,3 +501,34 @@ def test_almost_unit_quaternions_are_normalised_as_everywhere(tmp_path: Path) ->
 def test_a_part_of_a_name_is_enough_to_say_what_was_meant(given: str, meant: str) -> None:
     with pytest.raises(UnknownName, match=f"did you mean '{meant}'"):
         load_scene("bin").obstacle(given)
+
+
+def test_what_is_asked_of_a_carried_object_survives_a_file(tmp_path: Path) -> None:
+    turned = Pose((0.1, 1 / 3, 0.0), (0.6, 0.8, 0.0, 0.0))
+    asked = (
+        KeepUpright((1.0, 2.0, 3.0), 1 / 3, link="link_6"),
+        ToolRegion(turned, (-math.inf, 0.0, -0.1), (0.5, math.inf, 1 / 3), 0.2, 0.1, turned, "link_3", "link_1", "own"),
+        JointRange("joint_4", -1 / 3, 0.5),
+    )
+    scene = Scene(attached=(Attached("cup", Sphere(0.02), Pose(), constraints=asked),))
+    save_scene(scene, tmp_path / "scene.toml")
+    found = load_scene(tmp_path / "scene.toml")
+    assert found.hash == scene.hash
+    assert [vars(each) for each in found.constraints] == [vars(each) for each in asked]
+
+
+@pytest.mark.parametrize(
+    ("table", "problem"),
+    [
+        ('{ kind = "cone" }', r"attached\[0\] 'cup'\.constraints\[0\]\.kind: got 'cone'; expected one of"),
+        ('{ kind = "tool region", tilt = 9.0 }', r"constraints\[0\]\.tilt: got 9\.0; expected radians in"),
+        ('{ kind = "tool region" }', r"constraints\[0\].*nothing is bounded"),
+        ('{ kind = "joint range", joint = "joint_4", lower = 1.0 }', r"constraints\[0\].*upper"),
+        ("3", r"constraints: got \[3\]; expected \[\{ kind"),
+    ],
+)
+def test_a_scene_file_with_a_constraint_that_is_none_is_refused(table: str, problem: str, tmp_path: Path) -> None:
+    body = f'[[attached]]\nname = "cup"\nsphere = 0.02\nposition = [0.0, 0.0, 0.0]\nconstraints = [{table}]\n'
+    (tmp_path / "scene.toml").write_text(body)
+    with pytest.raises(InvalidFile, match=problem):
+        load_scene(tmp_path / "scene.toml")

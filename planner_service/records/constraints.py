@@ -1,0 +1,75 @@
+"""Constraints as JSON objects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, ValidationInfo
+
+from planner_service.constraints.values import MAX_CONSTRAINTS, JointRange, ToolRegion
+from planner_service.files.schema import Reading, Record, Text, at_most, of_length
+from planner_service.records.pose import KindRecord, PoseRecord
+
+__all__ = ["Constraints"]
+
+Bounds = Annotated[list[float | None], of_length(3, "3 numbers, null for no bound")]
+
+
+class RegionRecord(KindRecord):
+    """A ``ToolRegion``; its short forms come back as one of their name. A coordinate without a bound is null."""
+
+    kind: Literal["tool region"] = "tool region"
+    name: Text
+    frame: PoseRecord
+    lower: Bounds
+    upper: Bounds
+    tilt: float | None
+    turn: float | None
+    tool: PoseRecord
+    link: Text | None
+    relative_to: Text | None
+
+    @classmethod
+    def fields_of(cls, value: ToolRegion) -> dict[str, Any]:
+        bounds = {"lower": _finite_or_null(value.lower), "upper": _finite_or_null(value.upper)}
+        return super().fields_of(value) | bounds
+
+    @cached_property
+    def value(self) -> ToolRegion:
+        lower, upper = _or_infinity(self.lower, -math.inf), _or_infinity(self.upper, math.inf)
+        return ToolRegion(**self.arguments | {"lower": lower, "upper": upper})
+
+
+def _finite_or_null(bounds: Sequence[float]) -> list[float | None]:
+    return [bound if math.isfinite(bound) else None for bound in bounds]
+
+
+def _or_infinity(bounds: Sequence[float | None], infinity: float) -> tuple[float, ...]:
+    return tuple(infinity if bound is None else bound for bound in bounds)
+
+
+class JointRangeRecord(KindRecord):
+    """A ``JointRange``."""
+
+    makes = JointRange
+
+    kind: Literal["joint range"] = "joint range"
+    joint: Text
+    lower: float
+    upper: float
+
+
+def _recorded(constraint: Any, info: ValidationInfo) -> Any:
+    """For a constraint: its record."""
+    if isinstance(constraint, dict | Record) or isinstance(info.context, Reading):
+        return constraint
+    return (JointRangeRecord if isinstance(constraint, JointRange) else RegionRecord).of(constraint)
+
+
+Constraints = Annotated[
+    list[Annotated[RegionRecord | JointRangeRecord, Discriminator("kind"), BeforeValidator(_recorded)]],
+    at_most(MAX_CONSTRAINTS),
+]
