@@ -1,7 +1,8 @@
 """What must hold along a whole motion: where a tool is and how it is turned, and ranges of joints.
 
-There is one general value, ``ToolRegion``; the others are short forms of it. All tolerances are positive: a motion is
-made of straight lines and blends in joint space, which keep to a curved surface only nearly.
+There is one general value, ``ToolRegion``; the short forms, such as ``KeepUpright(...)``, are functions that make one.
+All tolerances are positive: a motion is made of straight lines and blends in joint space, which keep to a curved
+surface only nearly.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import Vector, cross_of, dot, set_fields, vector
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import MAX_LENGTH, finite_tuple, instance, items, number, text
+from planner_service.geometry.validation import MAX_LENGTH, checked_name, finite_tuple, instance, items, number
 
 __all__ = [
     "MAX_CONSTRAINTS",
@@ -43,6 +44,7 @@ MAX_TURN_TILT = math.pi / 2
 
 Z: Vector = (0.0, 0.0, 1.0)
 BASE = Pose()
+A_LINK = "the name of a link, "
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class ToolRegion:
 
     Raises:
         InvalidRequest: A number is not one, bounds are reversed or closer than 0.2 mm, an angle is not from 0.001 to
-            pi, nothing is bounded, or a name is not a text.
+            pi, nothing is bounded, or a name is not 1 to 64 printable characters.
     """
 
     frame: Pose = BASE
@@ -84,8 +86,8 @@ class ToolRegion:
         instance("tool", self.tool, Pose, "a Pose")
         for field in ("link", "relative_to"):
             if getattr(self, field) is not None:
-                text(field, getattr(self, field), "the name of a link, or None")
-        text("name", self.name)
+                checked_name(field, getattr(self, field), A_LINK)
+        checked_name("name", self.name)
         lower, upper = _coordinates("lower", self.lower), _coordinates("upper", self.upper)
         for k, (low, high) in enumerate(zip(lower, upper, strict=True)):
             if not high - low >= 2.0 * MIN_LENGTH:
@@ -108,7 +110,9 @@ class ToolRegion:
         return "tool" if self.link is None else self.link
 
 
-class KeepUpright(ToolRegion):
+def KeepUpright(
+    tool_axis: Sequence[float], tolerance: float, link: str | None = None, up: Sequence[float] = Z
+) -> ToolRegion:
     """An axis of the tool points up, within ``tolerance`` radians; any heading.
 
     Args:
@@ -120,15 +124,11 @@ class KeepUpright(ToolRegion):
     Raises:
         InvalidRequest: An axis is not three numbers or has no length, or the tolerance is not from 0.001 to pi.
     """
-
-    def __init__(
-        self, tool_axis: Sequence[float], tolerance: float, link: str | None = None, up: Sequence[float] = Z
-    ) -> None:
-        frame, tool = (Pose(quaternion=_onto(_unit(k, v))) for k, v in (("up", up), ("tool_axis", tool_axis)))
-        super().__init__(frame, tilt=_angle("tolerance", tolerance), tool=tool, link=link, name="upright")
+    frame, tool = (Pose(quaternion=_onto(_unit(k, v))) for k, v in (("up", up), ("tool_axis", tool_axis)))
+    return ToolRegion(frame, tilt=_angle("tolerance", tolerance), tool=tool, link=link, name="upright")
 
 
-class KeepOrientation(ToolRegion):
+def KeepOrientation(orientation: Pose, tolerance: float, link: str | None = None) -> ToolRegion:
     """The orientation stays within ``tolerance``: tilt and turn about z at most that many radians each.
 
     Args:
@@ -139,14 +139,14 @@ class KeepOrientation(ToolRegion):
     Raises:
         InvalidRequest: Not a Pose, or the tolerance is not from 0.001 to pi / 2.
     """
-
-    def __init__(self, orientation: Pose, tolerance: float, link: str | None = None) -> None:
-        frame = Pose(quaternion=instance("orientation", orientation, Pose, "a Pose").quaternion)
-        angle = _angle("tolerance", tolerance, MAX_TURN_TILT)
-        super().__init__(frame, tilt=angle, turn=angle, link=link, name="orientation")
+    frame = Pose(quaternion=instance("orientation", orientation, Pose, "a Pose").quaternion)
+    angle = _angle("tolerance", tolerance, MAX_TURN_TILT)
+    return ToolRegion(frame, tilt=angle, turn=angle, link=link, name="orientation")
 
 
-class OnPlane(ToolRegion):
+def OnPlane(
+    frame: Pose, tolerance: float, point: Sequence[float] = (0.0, 0.0, 0.0), link: str | None = None
+) -> ToolRegion:
     """A point stays on the plane z = 0 of ``frame``, within ``tolerance`` metres.
 
     Args:
@@ -158,16 +158,18 @@ class OnPlane(ToolRegion):
     Raises:
         InvalidRequest: Not a Pose, not three numbers, or the tolerance is below 0.1 mm.
     """
-
-    def __init__(
-        self, frame: Pose, tolerance: float, point: Sequence[float] = (0.0, 0.0, 0.0), link: str | None = None
-    ) -> None:
-        t, tool = _length("tolerance", tolerance), Pose(vector(finite_tuple("point", point, 3)))
-        inf = math.inf
-        super().__init__(frame, (-inf, -inf, -t), (inf, inf, t), tool=tool, link=link, name="plane")
+    t, tool = _length("tolerance", tolerance), Pose(vector(finite_tuple("point", point, 3)))
+    inf = math.inf
+    return ToolRegion(frame, (-inf, -inf, -t), (inf, inf, t), tool=tool, link=link, name="plane")
 
 
-class OnLine(ToolRegion):
+def OnLine(
+    start: Sequence[float],
+    end: Sequence[float],
+    tolerance: float,
+    point: Sequence[float] = (0.0, 0.0, 0.0),
+    link: str | None = None,
+) -> ToolRegion:
     """A point stays on the line between two points, within ``tolerance`` metres along and across each of its axes.
 
     Args:
@@ -180,25 +182,18 @@ class OnLine(ToolRegion):
     Raises:
         InvalidRequest: Not three numbers, two ends that coincide, or a tolerance below 0.1 mm.
     """
-
-    def __init__(
-        self,
-        start: Sequence[float],
-        end: Sequence[float],
-        tolerance: float,
-        point: Sequence[float] = (0.0, 0.0, 0.0),
-        link: str | None = None,
-    ) -> None:
-        a, b = (vector(finite_tuple(field, given, 3)) for field, given in (("start", start), ("end", end)))
-        if not math.dist(a, b) > 0.0:
-            raise InvalidRequest("end", end, f"another point than start = {a}")
-        t, tool = _length("tolerance", tolerance), Pose(vector(finite_tuple("point", point, 3)))
-        along = _unit("end", (b[0] - a[0], b[1] - a[1], b[2] - a[2]))
-        upper = (t, t, math.dist(a, b) + t)
-        super().__init__(Pose(a, _onto(along)), (-t, -t, -t), upper, tool=tool, link=link, name="line")
+    a, b = (vector(finite_tuple(field, given, 3)) for field, given in (("start", start), ("end", end)))
+    if not math.dist(a, b) > 0.0:
+        raise InvalidRequest("end", end, f"another point than start = {a}")
+    t, tool = _length("tolerance", tolerance), Pose(vector(finite_tuple("point", point, 3)))
+    along = _unit("end", (b[0] - a[0], b[1] - a[1], b[2] - a[2]))
+    upper = (t, t, math.dist(a, b) + t)
+    return ToolRegion(Pose(a, _onto(along)), (-t, -t, -t), upper, tool=tool, link=link, name="line")
 
 
-class InBox(ToolRegion):
+def InBox(
+    frame: Pose, size: Sequence[float], point: Sequence[float] = (0.0, 0.0, 0.0), link: str | None = None
+) -> ToolRegion:
     """A point stays in a box.
 
     Args:
@@ -210,23 +205,17 @@ class InBox(ToolRegion):
     Raises:
         InvalidRequest: Not a Pose, not three numbers, or a length below 0.2 mm.
     """
-
-    def __init__(
-        self,
-        frame: Pose,
-        size: Sequence[float],
-        point: Sequence[float] = (0.0, 0.0, 0.0),
-        link: str | None = None,
-    ) -> None:
-        half = [length / 2.0 for length in _coordinates("size", size)]
-        for k, h in enumerate(half):
-            if h < MIN_LENGTH:
-                raise InvalidRequest(f"size[{k}]", 2.0 * h, f"at least {2e3 * MIN_LENGTH:g} mm")
-        tool = Pose(vector(finite_tuple("point", point, 3)))
-        super().__init__(frame, vector([-h for h in half]), vector(half), tool=tool, link=link, name="box")
+    half = [length / 2.0 for length in _coordinates("size", size)]
+    for k, h in enumerate(half):
+        if h < MIN_LENGTH:
+            raise InvalidRequest(f"size[{k}]", 2.0 * h, f"at least {2e3 * MIN_LENGTH:g} mm")
+    tool = Pose(vector(finite_tuple("point", point, 3)))
+    return ToolRegion(frame, vector([-h for h in half]), vector(half), tool=tool, link=link, name="box")
 
 
-class RelativePose(ToolRegion):
+def RelativePose(
+    link: str, relative_to: str, pose: Pose, position_tolerance: float, angle_tolerance: float
+) -> ToolRegion:
     """One link keeps its pose in the frame of another: a tray held by both hands.
 
     Args:
@@ -237,28 +226,14 @@ class RelativePose(ToolRegion):
         angle_tolerance: Radians of tilt and of turn about z.
 
     Raises:
-        InvalidRequest: A name is not a text, not a Pose, or a tolerance is below 0.1 mm or 0.001.
+        InvalidRequest: A name is not 1 to 64 printable characters, not a Pose, or a tolerance is below 0.1 mm or 0.001.
     """
-
-    def __init__(
-        self, link: str, relative_to: str, pose: Pose, position_tolerance: float, angle_tolerance: float
-    ) -> None:
-        t, angle = (
-            _length("position_tolerance", position_tolerance),
-            _angle("angle_tolerance", angle_tolerance, MAX_TURN_TILT),
-        )
-        text("link", link, "the name of a link")
-        text("relative_to", relative_to, "the name of a link")
-        super().__init__(
-            pose,
-            (-t, -t, -t),
-            (t, t, t),
-            tilt=angle,
-            turn=angle,
-            link=link,
-            relative_to=relative_to,
-            name="relative pose",
-        )
+    t = _length("position_tolerance", position_tolerance)
+    angle = _angle("angle_tolerance", angle_tolerance, MAX_TURN_TILT)
+    checked_name("link", link, A_LINK)
+    checked_name("relative_to", relative_to, A_LINK)
+    lower, upper = (-t, -t, -t), (t, t, t)
+    return ToolRegion(pose, lower, upper, angle, angle, link=link, relative_to=relative_to, name="relative pose")
 
 
 @dataclass(frozen=True)
@@ -271,7 +246,8 @@ class JointRange:
         upper: Likewise; above ``lower``.
 
     Raises:
-        InvalidRequest: The name is not a text, a bound is not a finite number, or they are reversed.
+        InvalidRequest: The name is not 1 to 64 printable characters, a bound is not a finite number, or they are
+            reversed.
     """
 
     joint: str
@@ -279,7 +255,7 @@ class JointRange:
     upper: float
 
     def __post_init__(self) -> None:
-        text("joint", self.joint, "the name of a joint")
+        checked_name("joint", self.joint, "the name of a joint, ")
         lower, upper = finite_tuple("lower", (self.lower,), 1)[0], finite_tuple("upper", (self.upper,), 1)[0]
         if not lower + MIN_ANGLE <= upper:
             raise InvalidRequest("upper", upper, f"at least {MIN_ANGLE:g} above lower = {lower:g}")

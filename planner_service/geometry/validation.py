@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Callable, Mapping, Set
 from itertools import islice
 from pathlib import Path
@@ -17,6 +18,7 @@ from planner_service.geometry.arrays import FloatArray, frozen, read_only, set_f
 __all__ = [
     "FLOAT64",
     "MAX_LENGTH",
+    "checked_name",
     "cloud",
     "copied_in",
     "finite_numbers",
@@ -30,6 +32,7 @@ __all__ = [
     "numbers",
     "points_of",
     "text",
+    "unusable_text",
     "vectors",
     "whole",
 ]
@@ -40,6 +43,9 @@ FLOAT64 = np.dtype(np.float64)
 
 MAX_LENGTH = 1e3
 """Metres: no robot on a table is a kilometre long, so a longer length is a unit mistake."""
+
+MAX_NAME = 64
+"""Characters of a name."""
 
 MAX_ITEMS = 1_000_000
 """Elements of a list that a caller gives; an endless iterator would fill the memory."""
@@ -134,6 +140,26 @@ def text(field: str, value: object, expected: str = "a text") -> str:
         InvalidRequest: naming ``field``: not a text.
     """
     return instance(field, value, str, expected)
+
+
+def checked_name(field: str, value: object, whose: str = "") -> str:
+    """The name that a caller gave to something, or by which it means a link or a joint.
+
+    Args:
+        whose: What it names, for the message, such as ``the name of a link, ``.
+
+    Raises:
+        InvalidRequest: naming ``field``: not a text, empty or long, with control characters or space at its ends.
+    """
+    good = isinstance(value, str) and value.isprintable() and value == value.strip()
+    if not good or not 0 < len(str(value)) <= MAX_NAME:
+        raise unusable_text(field, value, f"{whose}1 to {MAX_NAME} printable characters, no space at the ends")
+    return str(value)
+
+
+def unusable_text(field: str, value: object, expected: str) -> InvalidRequest:
+    """The error for a text that cannot be used; its message shows little of it, as a file can hold megabytes."""
+    return InvalidRequest(field, value, expected, message=f"{field}: got {reprlib.repr(value)}; expected {expected}")
 
 
 def flag(field: str, value: object) -> bool:

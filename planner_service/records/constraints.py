@@ -19,7 +19,7 @@ Bounds = Annotated[list[float | None], of_length(3, "3 numbers, null for no boun
 
 
 class RegionRecord(KindRecord):
-    """A ``ToolRegion``; its short forms come back as one of their name. A coordinate without a bound is null."""
+    """A ``ToolRegion``; a coordinate without a bound is null."""
 
     kind: Literal["tool region"] = "tool region"
     name: Text

@@ -21,7 +21,6 @@ from planner_service.files.schema import (
     Vector3,
     at_most,
     plain,
-    recorded,
 )
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -194,7 +193,7 @@ class RequestRecord(GrownRecord):
             return None
         goals = plain(_goals(request.goal))
         choices = {"planner": planner, "timing": timing, "polish": polish, "goals": goals}
-        return recorded("request", lambda: cls.model_validate(cls.fields_of(request) | choices))
+        return cls.model_validate(cls.fields_of(request) | choices)
 
     @cached_property
     def value(self) -> PlanRequest:

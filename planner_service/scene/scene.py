@@ -35,12 +35,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, NoReturn
+from typing import Any
 
 from planner_service.constraints.values import Constraint, checked_constraints
 from planner_service.errors import InvalidRequest, UnknownName
@@ -49,13 +48,12 @@ from planner_service.files.reading import as_path
 from planner_service.geometry.composite import Compound, HeightField, PointCloud, Solid
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Sphere
-from planner_service.geometry.validation import MAX_LENGTH, instance, items, text
+from planner_service.geometry.validation import MAX_LENGTH, checked_name, instance, items, text, unusable_text
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
 
 __all__ = ["KIND_SUFFIXES", "Attached", "Obstacle", "Scene", "load_scene", "save_scene", "scene_blocks", "scene_names"]
 
-MAX_NAME = 64
 KIND_SUFFIXES = (" (link)", " (object)")
 """What tells a link and an object of one name apart in print; no object's own name ends so."""
 MAX_DESCRIPTION = 1000
@@ -69,24 +67,11 @@ _KIND_NAMES: Mapping[type, str] = {PointCloud: "cloud", HeightField: "heights"}
 _ANY_KIND = "one of " + ", ".join(kind.__name__ for kind in _KINDS)
 
 
-def checked_name(field_name: str, value: Any) -> str:
-    """The name of a scene or of something in it, if it can be one."""
-    good = isinstance(value, str) and value.isprintable() and value == value.strip()
-    if not good or not 0 < len(value) <= MAX_NAME:
-        _refuse_text(field_name, value, f"1 to {MAX_NAME} printable characters, no space at the ends")
-    return str(value)
-
-
 def checked_description(value: Any) -> str:
     """The description of a scene, if it can be one."""
     if not isinstance(value, str) or len(value) > MAX_DESCRIPTION or not value.replace("\n", "").isprintable():
-        _refuse_text("description", value, f"at most {MAX_DESCRIPTION} printable characters and line ends")
-    return str(value)
-
-
-def _refuse_text(field_name: str, value: Any, expected: str) -> NoReturn:
-    shown = reprlib.repr(value)  # a file can hold a text of megabytes
-    raise InvalidRequest(field_name, value, expected, message=f"{field_name}: got {shown}; expected {expected}")
+        raise unusable_text("description", value, f"at most {MAX_DESCRIPTION} printable characters and line ends")
+    return value
 
 
 def _check_body(name: str, shape: Any, pose: Any) -> None:

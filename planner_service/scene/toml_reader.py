@@ -23,8 +23,8 @@ from planner_service.geometry.composite import MAX_COMPOUND, Compound, HeightFie
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.shapes import Box, Capsule, Cylinder, Pose, Shape, Sphere
-from planner_service.geometry.validation import MAX_LENGTH
-from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene, checked_description, checked_name
+from planner_service.geometry.validation import MAX_LENGTH, checked_name
+from planner_service.scene.scene import MAX_OBJECTS, Attached, Obstacle, Scene, checked_description
 
 __all__ = ["MAX_BYTES", "read_scene", "write_scene"]
 

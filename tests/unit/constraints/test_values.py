@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -45,6 +45,13 @@ WRONG: Any = 3
         (lambda: InBox(Pose(), WRONG), "size"),
         (lambda: RelativePose("a", WRONG, Pose(), 0.01, 0.1), "relative_to"),
         (lambda: RelativePose("a", "b", Pose(), 0.01, 0.0), "angle_tolerance"),
+        (lambda: ToolRegion(tilt=0.1, name="up\x1b[31m"), "name"),
+        (lambda: ToolRegion(tilt=0.1, name=""), "name"),
+        (lambda: ToolRegion(tilt=0.1, link="link\n"), "link"),
+        (lambda: ToolRegion(tilt=0.1, relative_to="l" * 10_000), "relative_to"),
+        (lambda: JointRange("j" * 65, 0.0, 0.5), "joint"),
+        (lambda: JointRange("joint\ud800", 0.0, 0.5), "joint"),
+        (lambda: RelativePose("\x00", "b", Pose(), 0.01, 0.1), "link"),
         (lambda: ToolRegion(), "upper"),
         (lambda: ToolRegion(lower=(0.0, 0.0, 1.0), upper=(1.0, 1.0, 0.0)), "upper[2]"),
         (lambda: ToolRegion(lower=(NAN, 0.0, 1.0)), "lower[0]"),
@@ -63,11 +70,21 @@ def test_what_makes_no_sense_is_refused_by_field(make: Callable[[], Any], field:
     assert refused.value.field == field
 
 
-def test_short_forms_are_regions_and_survive_pickling() -> None:
+def test_a_short_form_is_the_region_that_it_stands_for() -> None:
+    upright = KeepUpright((0.0, 0.0, 1.0), 0.1)
+    region = ToolRegion(tilt=0.1, name="upright")
+    assert (upright, hash(upright), repr(upright)) == (region, hash(region), repr(region))
+    assert replace(upright, tilt=0.2) == KeepUpright((0.0, 0.0, 1.0), 0.2)
+    assert type(RelativePose("a", "b", Pose(), 0.01, 0.1)) is ToolRegion
+    match upright:
+        case ToolRegion(name="upright", tilt=tilt):
+            assert tilt == 0.1
+
+
+def test_short_forms_mean_what_they_say() -> None:
     upright = KeepUpright((-2.0, 0.0, 0.0), 0.1)
     assert upright.tilt == 0.1
     assert upright.tool.rotation[:, 2] == pytest.approx([-1.0, 0.0, 0.0])
-    assert pickle.loads(pickle.dumps(upright)) == upright
     line = OnLine((0.0, 0.0, 0.0), (0.0, 0.5, 0.0), 0.001)
     assert line.frame.rotation[:, 2] == pytest.approx([0.0, 1.0, 0.0])
     assert line.upper == (0.001, 0.001, 0.501)

@@ -74,11 +74,6 @@ def plain() -> PlanResult:
     return service().plan(request())
 
 
-def as_region(region: ToolRegion) -> ToolRegion:
-    """The general form of a short one."""
-    return ToolRegion(**vars(region))
-
-
 @pytest.fixture
 def there(tmp_path: Path) -> Path:
     return tmp_path / "plan.json"
@@ -102,7 +97,8 @@ def test_a_region_comes_back_to_the_last_bit(region: ToolRegion, there: Path) ->
     save_plan(SavedPlan(service().world, request(region), plain()), there)
     found = load_plan(there).request
     assert found is not None
-    same(found.constraints, (as_region(region),))
+    same(found.constraints, (region,))
+    assert found.constraints == (region,)
     save_plan(SavedPlan(service().world, found, plain()), there)
     again = load_plan(there).request
     assert again is not None
@@ -114,7 +110,7 @@ def test_a_joint_range_comes_back_to_the_last_bit(there: Path) -> None:
     save_plan(SavedPlan(service().world, request(UPRIGHT, asked), plain()), there)
     found = load_plan(there).request
     assert found is not None
-    same(found.constraints, (as_region(UPRIGHT), asked))
+    same(found.constraints, (UPRIGHT, asked))
 
 
 def test_a_saved_request_makes_the_same_plan_again(there: Path) -> None:
@@ -208,12 +204,6 @@ def test_constraints_are_not_lost_with_a_request_that_has_no_record(there: Path)
     with pytest.raises(InvalidRequest, match=r"request\.timing: got OwnLaw\(.*expected one of this package"):
         save_plan(plan, there)
     assert not there.exists()
-
-
-def test_a_name_that_a_terminal_would_obey_is_not_saved(there: Path) -> None:
-    plan = SavedPlan(service().world, request(ToolRegion(tilt=3.0, name="\x1b[2J")), plain())
-    with pytest.raises(InvalidRequest, match=r"request\.constraints\[0\]\.name: got .*a text of printable characters"):
-        save_plan(plan, there)
 
 
 # Proven again.
