@@ -215,8 +215,10 @@ def _contradictions(robot: Robot) -> Iterator[tuple[str, object, str]]:
         if item.body >= len(bodies) or body_of.setdefault(item.link, item.body) != item.body:
             yield f"shapes[{k}].body", item.body, f"one of {len(bodies)} bodies, the same for all shapes of a link"
     for k, frame in enumerate(robot.link_frames):
-        if frame.body >= len(bodies):
-            yield f"link_frames[{k}].body", frame.body, f"one of {len(bodies)} bodies"
+        if frame.body >= len(bodies) or body_of.setdefault(frame.link, frame.body) != frame.body:
+            yield f"link_frames[{k}].body", frame.body, f"one of {len(bodies)} bodies, that of the link's shapes"
+    if len({frame.link for frame in robot.link_frames}) != len(robot.link_frames):
+        yield "link_frames", [frame.link for frame in robot.link_frames], "each link once"
     for k, retreat in enumerate(robot.retreats):
         if retreat.pose not in poses:
             yield f"retreats[{k}].pose", retreat.pose, "a named pose"

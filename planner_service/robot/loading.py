@@ -79,7 +79,7 @@ def robot_from_file(path: Path) -> Robot:
         retreats=tuple(retreat.value for retreat in table.retreat),
         inverse=table.inverse_kinematics,
         settle_time=table.settle_time,
-        link_frames=_link_frames(assembly),
+        link_frames=_link_frames(assembly, () if gripper is None else gripper.links),
     )
     width = None if table.gripper is None else table.gripper.width
     return robot if gripper is None else robot.with_gripper(gripper.upper if width is None else width)
@@ -248,12 +248,13 @@ def robot_of(path: Path, urdf: Urdf, selection: Selection) -> Robot:
         bodies=assembly.bodies,
         shapes=assembly.shapes,
         allowed_contacts=(*_adjacent(urdf, assembly), *srdf.contacts),
-        link_frames=_link_frames(assembly),
+        link_frames=_link_frames(assembly, ()),
     )
 
 
-def _link_frames(assembly: Assembly) -> tuple[LinkFrame, ...]:
-    return tuple(LinkFrame(link, body, Pose.from_matrix(T)) for link, (body, T) in assembly.frames.items())
+def _link_frames(assembly: Assembly, fingers: Sequence[str]) -> tuple[LinkFrame, ...]:
+    frames = ((link, place) for link, place in assembly.frames.items() if link not in fingers)
+    return tuple(LinkFrame(link, body, Pose.from_matrix(T)) for link, (body, T) in frames)
 
 
 def standing_joints(urdf: Urdf, selection: Selection) -> dict[str, float]:

@@ -136,7 +136,8 @@ class Robot:
         gripper_width: Gap between the finger pads in metres; 0 without a gripper.
         inverse: The inverse kinematics to use: "wxai" or "numeric".
         settle_time: Seconds for which the arm vibrates after a stop.
-        link_frames: Frames of all links. Not part of ``hash``: only constraints use them, and these are proven anew.
+        link_frames: Frames of all links but those of the gripper, which move with its width. Not part of ``hash``: only
+            constraints use them, and where a robot is given beside a file, they are proven anew with its own frames.
     """
 
     name: str
@@ -377,9 +378,12 @@ class Robot:
 
         Raises:
             UnknownName: no such link.
+            InvalidRequest: a link of the gripper, which moves with its width.
         """
         if text("link", name) == self.tool_frame:
             return self.tool_body, self.tool_placement
+        if self.gripper is not None and name in self.gripper.links:
+            raise InvalidRequest("link", name, f"one that the gripper does not move, such as {self.tool_frame!r}")
         frames = {item.link: item for item in self.link_frames}
         if name not in frames:
             raise UnknownName("link", name, (self.tool_frame, *frames))

@@ -119,6 +119,7 @@ def test_sliding_and_oblique_joints_are_projected_along(tmp_path: Path) -> None:
     ("constraints", "error"),
     [
         ([KeepUpright((0.0, 0.0, 1.0), 0.1, link="flange")], "flange"),
+        ([KeepUpright((0.0, 0.0, 1.0), 0.1, link="finger_left")], "the gripper does not move"),
         ([RelativePose("link_3", "nowhere", Pose(), 0.01, 0.1)], "nowhere"),
         ([RelativePose("camera", "link_6", Pose(), 0.01, 0.1)], "move against each other"),
         ([OnPlane(Pose(), 0.01, link="base_link")], "move against each other"),

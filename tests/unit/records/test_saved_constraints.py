@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from planner_service import (
     CheckCounts,
@@ -28,6 +29,7 @@ from planner_service import (
     inverse_kinematics,
 )
 from planner_service.certify import Certificate, KeptRefusal
+from planner_service.cli.commands import app
 from planner_service.constraints import (
     Constraint,
     InBox,
@@ -244,6 +246,20 @@ def test_a_result_that_names_its_constraints_in_one_place_alone_is_refused(path:
     there.write_text(json.dumps(document))
     with pytest.raises(InvalidFile, match=r"result\.certificate\.kept: got \d; expected a proof of each of the \d"):
         load_plan(there)
+
+
+def test_a_file_that_says_where_a_link_is_does_not_say_so_for_a_robot_that_is_given(there: Path) -> None:
+    """The camera never is 5 m high; in the file its frame is moved by 10 m."""
+    high = ToolRegion(lower=(-INF, -INF, 5.0), link="camera", name="high")
+    document = SavedPlan(service().world, request(high), plain()).document()
+    (camera,) = (frame for frame in document["robot"]["link_frames"] if frame["link"] == "camera")
+    camera["pose"]["position"] = [0.0, 0.0, 10.0]
+    camera["pose"]["quaternion_wxyz"] = [1.0, 0.0, 0.0, 0.0]
+    there.write_text(json.dumps(document))
+    with pytest.raises(NotProven, match="high is not proven kept"):
+        recertify(load_plan(there), service()).required()
+    told = CliRunner().invoke(app, ["certify", str(there)])
+    assert "robot wxai in this file differs from wxai of this package" in " ".join(told.output.split())
 
 
 def test_a_refusal_by_a_constraint_is_saved(there: Path) -> None:
