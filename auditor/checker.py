@@ -89,6 +89,7 @@ class IndependentChecker:
                 g.geometry = _grown(g.geometry, padding / 2)
         may_touch = [c["links"] for c in robot.get("allowed_contacts", ())] + [list(pair) for pair in allowed]
         may_touch += [[a["name"], link] for a in content.get("attached", ()) for link in a.get("touch_links", ())]
+        self._octrees = any(isinstance(g.geometry, coal.OcTree) for g in self.geometry.geometryObjects)
         self._pair_up({frozenset(pair) for pair in may_touch})
         joints = [self.model.joints[self.model.getJointId(name)] for name in robot["joints"]]
         self.joints: list[str] = robot["joints"]
@@ -101,6 +102,7 @@ class IndependentChecker:
         self._speed = np.array(velocity.get("values", self.model.velocityLimit[columns]))
         self.reach = self._reaches()[columns]
         self._data = self.model.createData()
+        self._axes = [np.zeros(6), *(self._data.joints[k].S.ravel() for k in range(1, self.model.njoints))]
         self._geometry_data = pin.GeometryData(self.geometry)
         for request in self._geometry_data.collisionRequests:
             request.security_margin = NEAR
@@ -118,13 +120,30 @@ class IndependentChecker:
         Raises:
             LookupError: The URDF has no such link.
         """
-        names = list(links)
-        frames = [self.model.getFrameId(name, pin.FrameType.BODY) for name in names]
-        if self.model.nframes in frames:  # what Pinocchio gives for a name that it does not know
-            raise LookupError(f"not all of these are links: {names}")
+        frames = self._numbers(links)
         x = np.ascontiguousarray(np.asarray(q, dtype=np.float64)[self._order])
         pin.framesForwardKinematics(self.model, self._data, x)
         return [np.array(self._data.oMf[frame].homogeneous) for frame in frames]
+
+    def poses_along(self, samples: ArrayLike, links: Iterable[str]) -> FloatArray:
+        """Poses of links in the base frame at configurations (m, n), (m, links, 4, 4): as ``link_poses``, all at once.
+
+        The tree and its frames are Pinocchio's; only the products are taken here.
+
+        Raises:
+            LookupError: The URDF has no such link.
+        """
+        model, Q = self.model, np.asarray(samples, dtype=np.float64)[:, self._order]
+        frames = [model.frames[number] for number in self._numbers(links)]
+        placed = {0: np.broadcast_to(np.eye(4), (len(Q), 4, 4))}
+
+        def joint(number: int) -> FloatArray:
+            if number not in placed:
+                before = joint(model.parents[number]) @ model.jointPlacements[number].homogeneous
+                placed[number] = before @ _moved(self._axes[number], Q[:, model.joints[number].idx_q])
+            return placed[number]
+
+        return np.stack([joint(frame.parentJoint) @ frame.placement.homogeneous for frame in frames], axis=1)
 
     def free(self, q: ArrayLike) -> bool:
         """Whether q (n,) is inside the joint limits and touches nothing."""
@@ -219,11 +238,21 @@ class IndependentChecker:
     def curve_touch(self, q: Callable[[Any], FloatArray], length: float, motion_step: float = 0.001) -> Touch | None:
         """The first touch along a curve q(s), s in [0, length], (m,) in and (m, n) out.
 
-        Every sample is judged, and no point moves more than ``motion_step`` from one to the next.
+        No point moves more than ``motion_step`` from one sample to the next. Of those inside the joint limits, one to
+        which no point moves as far as the distance of any pair at a sample before is free without being asked; but none
+        among octrees, whose distances were not looked into.
         """
-        return next(
-            (self.touch(sample) for sample in self.along(q, length, motion_step) if not self.free(sample)), None
-        )
+        samples = self.along(q, length, motion_step)
+        inside = np.all((samples >= self._lower) & (samples <= self._upper), axis=1)
+        walked = np.concatenate([[0.0], np.cumsum((self.reach * np.abs(np.diff(samples, axis=0))).sum(axis=1))])
+        known = -math.inf
+        for k, sample in enumerate(samples):
+            if inside[k] and walked[k] < known:
+                continue
+            if not self.free(sample):
+                return self.touch(sample)
+            known = -math.inf if self._octrees else walked[k] + min(self.gaps(sample).values(), default=math.inf) - NEAR
+        return None
 
     def along(self, q: Callable[[Any], FloatArray], length: float, motion_step: float) -> FloatArray:
         """Configurations (m, n) of a curve q(s) from s = 0 to length, no point moving more than a step between two.
@@ -239,6 +268,13 @@ class IndependentChecker:
         walked = np.concatenate([[0.0], np.cumsum(moved)])
         _, first = np.unique(np.floor(walked / (motion_step - finest)), return_index=True)
         return np.asarray(samples[np.append(first, count - 1)])
+
+    def _numbers(self, links: Iterable[str]) -> list[int]:
+        names = list(links)
+        frames = [self.model.getFrameId(name, pin.FrameType.BODY) for name in names]
+        if self.model.nframes in frames:  # what Pinocchio gives for a name that it does not know
+            raise LookupError(f"not all of these are links: {names}")
+        return frames
 
     def _add_bodies(self, content: Table, tool: int) -> None:
         for table in content.get("obstacle", ()):
@@ -292,6 +328,16 @@ class IndependentChecker:
             hung = extent[k] + _length(model.jointPlacements[k].translation) + (travel if slide else 0.0)
             extent[model.parents[k]] = max(extent[model.parents[k]], hung)
         return out
+
+
+def _moved(axis: FloatArray, values: FloatArray) -> FloatArray:
+    """Motions (m, 4, 4) of a joint along or about an axis, the linear part before the angular one, at values (m,)."""
+    out = np.tile(np.eye(4), (len(values), 1, 1))
+    out[:, :3, 3] = values[:, None] * axis[:3]
+    x, y, z = axis[3:]
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    out[:, :3, :3] += np.sin(values)[:, None, None] * K + (1.0 - np.cos(values))[:, None, None] * (K @ K)
+    return out
 
 
 def tables_of(scene: Any) -> dict[str, list[dict[str, Any]]]:

@@ -138,14 +138,14 @@ def _of_region(checker: IndependentChecker, samples: FloatArray, region: Region)
     if region.tilt is not None:
         table["tilt"] = np.arctan2(across, z[:, 2]), region.tilt
     if region.turn is not None:
-        table["turn"] = np.array([abs(_turn(pose[:3, :3])) for pose in poses]), region.turn
+        table["turn"] = np.abs(_turns(poses[:, :3, :3])), region.turn
     return table
 
 
 def _poses(checker: IndependentChecker, samples: FloatArray, region: Region) -> FloatArray:
     """The constrained frame in that of the region, (m, 4, 4)."""
     links = [region.link] if region.relative_to is None else [region.link, region.relative_to]
-    placed = np.array([checker.link_poses(q, links) for q in samples]).reshape(len(samples), len(links), 4, 4)
+    placed = checker.poses_along(samples, links)
     inner = np.asarray(region.frame, dtype=np.float64)
     if region.relative_to is not None:
         inner = placed[:, 1] @ inner
@@ -162,13 +162,12 @@ def _between(name: str, values: FloatArray, lower: float, upper: float) -> Table
     return {}
 
 
-def _turn(R: FloatArray) -> float:
-    """The angle about z that is left after the z axis is turned back onto (0, 0, 1) about what is square to both."""
-    z = R[:, 2]
-    across, sine = np.array([z[1], -z[0], 0.0]), math.hypot(z[0], z[1])  # z x (0, 0, 1)
-    if sine > 0.0:
-        x, y, _ = across / sine
-        K = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
-        back = np.eye(3) + sine * K + (1.0 - z[2]) * (K @ K)
-        R = back @ R
-    return math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
+def _turns(R: FloatArray) -> FloatArray:
+    """The angles (m,) about z that are left once z axes are turned back onto (0, 0, 1) about what is square to both."""
+    z = R[:, :, 2]
+    sine = np.hypot(z[:, 0], z[:, 1])
+    x, y = z[:, 1] / np.where(sine > 0.0, sine, 1.0), -z[:, 0] / np.where(sine > 0.0, sine, 1.0)  # z x (0, 0, 1)
+    K, none = np.zeros_like(R), np.zeros_like(x)
+    K[:, 0], K[:, 1], K[:, 2] = (np.stack(row, axis=1) for row in ((none, none, y), (none, none, -x), (-y, x, none)))
+    turned = (np.eye(3) + sine[:, None, None] * K + (1.0 - z[:, 2])[:, None, None] * (K @ K)) @ R
+    return np.asarray(np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1]))

@@ -56,7 +56,7 @@ SETTINGS = {
     "solved": ("queries", "seeds", "seed"),
     "panda": ("seeds", "against"),
     "latency": ("against",),
-    "constrained": ("part", "queries"),
+    "constrained": ("part", "queries", "seed"),
 }
 """Arguments that a measure takes."""
 
@@ -105,7 +105,8 @@ episodes  1,000 episodes of pick-place: written, read back, audited by Coal; wha
 optimise  optimised plans next to shortcut ones, what the straight line converges to, and gradients of distances
 execute   14 pick-and-place legs on the simulated arm (extra sim): tracking, contacts, stops; needs a quiet machine
 constrained  a cup upright, a point on a plane, on a line and in a box, a tray in both hands; next to OMPL's projected
-          space and to rejection; --part panda, wxai, regions or others, --queries N (of each set)
+          space and to rejection; --part panda, wxai, regions or others, --queries N (of each set), --seed N
+          (queries drawn from it, in place of the stored ones)
 throughput plans per second of two threads with one service, next to two processes; needs a quiet machine
 view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed
 differential  a million states and 20,000 edges of four robots: the kernel is FCL pair by pair; not among all;

@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from auditor.checker import IndependentChecker, Touch, tables_of
+from auditor.constraints import Range, Region
+from planner_service.constraints import Constraint, JointRange
 from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
+from planner_service.robot.model import Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "Pair", "along", "between", "independent", "inside", "instants"]
-__all__ += ["stretches", "touch_in_time", "touch_on_curve", "worst"]
+__all__ = ["JOINT_STEP", "NOT_ASKED", "Auditor", "Pair", "along", "audited", "between", "independent", "inside"]
+__all__ += ["instants", "stretches", "touch_in_time", "touch_on_curve", "worst"]
 
 JOINT_STEP = 0.01
 """Radians (metres of a slide) that any joint moves from one audited configuration to the next, at most."""
@@ -103,6 +106,23 @@ def between(waypoints: ArrayLike, step: float = JOINT_STEP) -> FloatArray:
         count = max(1, math.ceil(float(np.abs(b - a).max()) / step))
         parts.append(a + (b - a) * (np.arange(1, count + 1)[:, None] / count))
     return np.concatenate(parts)
+
+
+def audited(robot: Robot, constraint: Constraint) -> Region | Range:
+    """The same constraint for the checker that is not ours."""
+    if isinstance(constraint, JointRange):
+        return Range(constraint.joint, constraint.lower, constraint.upper)
+    return Region(
+        robot.tool_frame if constraint.link is None else constraint.link,
+        constraint.tool.matrix,
+        constraint.relative_to,
+        constraint.frame.matrix,
+        constraint.lower,
+        constraint.upper,
+        constraint.tilt,
+        constraint.turn,
+        constraint.name,
+    )
 
 
 def independent(robot: str, scene: Scene) -> IndependentChecker:

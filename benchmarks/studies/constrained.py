@@ -12,24 +12,22 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import islice
 
 from rich.table import Table
 
 from auditor.checker import IndependentChecker
+from auditor.constraints import MOTION_STEP, Deviation, deviations
 from benchmarks.baselines.on_constraints import METHODS
-from benchmarks.harness.audit import independent
-from benchmarks.harness.deviation import largest_share
+from benchmarks.harness.audit import audited, independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, merged, p50, spread, table_of
-from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, load
+from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, draw, load
 from planner_service import PlannerService, PlanRequest, PlanResult, SCurve
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import load_robot
 from planner_service.scene.scene import Scene
 
 __all__ = ["CASES", "Case", "measured", "run"]
-
-MOTION_STEP = 0.0002
-"""Metres that any point of the robot moves at most between two samples."""
 
 LONG = 60.0
 """Seconds for a query that the default request does not solve: whether any method does."""
@@ -42,6 +40,10 @@ REGION_MS = 150.0
 CUPS_SOLVED, REGIONS_SOLVED = 0.98, 0.95
 SLOWER = 1.5
 """Promised: p50 of milliseconds, solved shares, and seconds per rad over those of unconstrained plans."""
+
+TIGHT, NEGLIGIBLE, ROUNDING = 1.3, 0.2, 2e-9
+"""Promised of certified bounds: how many times the sampled deviation, or which part of the tolerance, they are at most;
+and metres or radians by which two programs may round differently."""
 
 
 @dataclass(frozen=True)
@@ -108,13 +110,16 @@ def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result
         return {}
     second = _second(ROBOTS[query.set], query.scene)
     samples = second.along(path, path.length, MOTION_STEP)
+    asked = [audited(service.robot, constraint) for constraint in query.constraints(case.tolerance)]
+    found = deviations(second, samples, asked)
     free = service.plan(PlanRequest(query.start, path.waypoints[-1]))
-    touch = next((second.touch(q) for q in samples if not second.free(q)), None)
     row: Row = {
         "waypoints": len(path.waypoints),
         "length": path.length,
-        "share": largest_share(second, service.robot, query.constraints(case.tolerance), samples),
-        "touch": None if touch is None else f"{touch.a} x {touch.b}",
+        "samples": len(samples),
+        "share": max(_share(item) for item in found),
+        "bounds": _bounds(result, found),
+        "touch": touch_on_curve(second, path, MOTION_STEP),
         "slower": None,
         "slower s-curve": None,
     }
@@ -125,14 +130,30 @@ def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result
     return row
 
 
+def _share(item: Deviation) -> float:
+    """The part of a tolerance that is used; of what is bounded on one side alone, 1 plus the metres beyond it."""
+    if item.quantity.startswith(("+", "-")):
+        return 1.0 + item.amount - item.tolerance
+    return item.amount / item.tolerance
+
+
+def _bounds(result: PlanResult, found: Sequence[Deviation]) -> list[tuple[float, float, float]]:
+    """Of all that is proven the bound, the largest deviation among the samples, and the tolerance."""
+    kept = () if result.certificate is None else result.certificate.kept
+    bounds = [bound for each in kept for bound in each.bounds]
+    return [(bound.bound, item.amount, item.tolerance) for bound, item in zip(bounds, found, strict=True)]
+
+
 def _pace(service: PlannerService, path: JointPath) -> float:
     """Seconds per radian by the jerk-limited law."""
     return SCurve().time_path(path, service.robot.limits).duration / path.length
 
 
-def _rows(cases: Sequence[Case], queries: int | None, *, compare: bool) -> Iterator[Row]:
+def _rows(cases: Sequence[Case], queries: int | None, seed: int | None, *, compare: bool) -> Iterator[Row]:
     for case in cases:
-        asked = load(case.set)[:: EVERY if compare else 1][:queries]
+        drawn = load(case.set) if seed is None else draw(case.set, seed)
+        step = EVERY if compare else 1
+        asked = list(islice(drawn, 0, None if queries is None else queries * step, step))
         if asked:  # what is imported and built once is not a query's own
             PlannerService(load_robot(ROBOTS[case.set]), asked[0].scene).plan(_request(case, asked[0]))
         for query in asked:
@@ -144,22 +165,23 @@ def _request(case: Case, query: ConstrainedQuery) -> PlanRequest:
     return PlanRequest(query.start, query.goals, constraints=query.constraints(case.tolerance))
 
 
-def run(part: str | None = None, queries: int | None = None) -> Report:
+def run(part: str | None = None, queries: int | None = None, seed: int | None = None) -> Report:
     """Plan all queries of a part, or of all; judge.
 
     Args:
         part: ``panda``, ``wxai`` or ``regions``; or ``others``, the other methods on every few queries.
         queries: Of each set; all if None.
+        seed: Of queries that are drawn now; the stored ones if None.
     """
     if part == "others":
-        return _others(queries)
-    rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries, compare=False))
+        return _others(queries, seed)
+    rows = tuple(_rows([case for case in CASES if part in (None, case.part)], queries, seed, compare=False))
     report = Report("constrained", rows, (_outcome_table(rows), _time_table(rows)), _promises(rows))
-    return report if part is not None else merged("constrained", (report, _others(queries)))
+    return report if part is not None else merged("constrained", (report, _others(queries, seed)))
 
 
-def _others(queries: int | None) -> Report:
-    rows = tuple(_rows(CASES, queries, compare=True))
+def _others(queries: int | None, seed: int | None) -> Report:
+    rows = tuple(_rows(CASES, queries, seed, compare=True))
     return Report("constrained", rows, (_others_table(rows),))
 
 
@@ -255,6 +277,12 @@ def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:
             ratio = p50(values) if values else math.nan
             text = f"{name}: seconds per rad at most {SLOWER:g} times unconstrained, p50, {law}"
             promises.append(Promise(text, f"{ratio:.2f}", ratio <= SLOWER))
+    bounds = [bound for row in _done(rows) for bound in row["bounds"]]
+    low = sum(bound < found - ROUNDING for bound, found, _ in bounds)
+    promises.append(Promise("no certified bound is below a sampled deviation", f"{low} of {len(bounds)}", not low))
+    loose = p50([bound / max(TIGHT * found, NEGLIGIBLE * most) for bound, found, most in bounds]) if bounds else 0.0
+    text = f"certified bounds at most max({TIGHT:g} times the sampled deviation, {NEGLIGIBLE:g} of the tolerance), p50"
+    promises.append(Promise(text, f"{loose:.2f} of it", loose <= 1.0))
     left = [f"{row['query']}: {row['share']:.3f}" for row in _done(rows) if row["share"] > 1.0]
     touches = [f"{row['query']}: {row['touch']}" for row in _done(rows) if row["touch"] is not None]
     step = f"{MOTION_STEP * 1e3:g} mm motion steps"

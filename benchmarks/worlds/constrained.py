@@ -109,16 +109,19 @@ class _World:
     ends: tuple[tuple[Constraint, ...], ...] = ()
 
 
-def draw(name: str) -> Iterator[ConstrainedQuery]:
-    """The queries of a set; the same in every call and process of the pinned environment."""
+def draw(name: str, seed: int = SEED) -> Iterator[ConstrainedQuery]:
+    """The queries of a set; the same in every call and process of the pinned environment.
+
+    The public problems are the same for every seed; their ends are made upright in another way.
+    """
     if name == "panda":
-        yield from _public()
+        yield from _public(seed)
     elif name in UPRIGHT:
-        yield from _cups(name)
+        yield from _cups(name, seed)
     else:
         for number in range(WORLDS):
-            world = _world(name, number)
-            chance = random.Random(f"{SEED} {name} queries {number}")
+            world = _world(name, number, seed)
+            chance = random.Random(f"{seed} {name} queries {number}")
             pairs = _trays(world, chance) if name == "hands" else _reached(load_robot(ROBOTS[name]), world, chance)
             for k in range(PER_WORLD):
                 start, goals = next(pairs)
@@ -137,7 +140,7 @@ def _scene(name: str, number: int) -> Scene:
 # A cup.
 
 
-def _public() -> Iterator[ConstrainedQuery]:
+def _public(seed: int) -> Iterator[ConstrainedQuery]:
     """The public problems whose ends can be made upright, along the tool axis for which that takes least."""
     robot = load_robot(ROBOTS["panda"])
     for number, problem in enumerate(public_problems().problems):
@@ -149,7 +152,7 @@ def _public() -> Iterator[ConstrainedQuery]:
 
         axis = min(AXES, key=tilt)
         projector = projector_of(ConstraintSet(robot, (KeepUpright(axis, TIGHT),)))
-        checker, chance = CollisionChecker(robot, problem.scene), random.Random(f"{SEED} upright {problem.id}")
+        checker, chance = CollisionChecker(robot, problem.scene), random.Random(f"{seed} upright {problem.id}")
         start, goal = (_nearest(projector, checker, q, chance) for q in ends)
         if start is not None and goal is not None:
             yield ConstrainedQuery("panda", number, problem.scene, start, read_only([goal]), axis)
@@ -180,9 +183,9 @@ def _rounded(checker: CollisionChecker, q: Sequence[float]) -> FloatArray | None
     return end if inside and checker.state_is_free(end) else None
 
 
-def _cups(name: str) -> Iterator[ConstrainedQuery]:
+def _cups(name: str, seed: int) -> Iterator[ConstrainedQuery]:
     """Between the regions of the stored queries, the tool upright and turned a little about the vertical."""
-    robot, scene, chance = load_robot(ROBOTS[name]), _scene(name, 0), random.Random(f"{SEED} upright {name}")
+    robot, scene, chance = load_robot(ROBOTS[name]), _scene(name, 0), random.Random(f"{seed} upright {name}")
     checker, axis = CollisionChecker(robot, scene), DOWN if name in ("bin", "carried") else (0.0, 0.0, 1.0)
     pairs = SCENES["bin" if name == "carried" else name]
     for number in range(CUPS):
@@ -218,8 +221,8 @@ def _one_of(ends: FloatArray, chance: random.Random) -> FloatArray:
 
 
 @cache
-def _world(name: str, number: int) -> _World:
-    chance = random.Random(f"{SEED} {name} world {number}")
+def _world(name: str, number: int, seed: int = SEED) -> _World:
+    chance = random.Random(f"{seed} {name} world {number}")
     return _WORLDS[name](chance)
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from auditor.checker import IndependentChecker
-from benchmarks.harness.audit import independent
-from benchmarks.harness.deviation import shares
+from auditor.constraints import deviations
+from benchmarks.harness.audit import audited, independent
 from benchmarks.studies import constrained as study
 from benchmarks.worlds import constrained
-from planner_service import CollisionChecker, Pose, load_robot
+from planner_service import CollisionChecker, JointPath, Pose, load_robot
 from planner_service.constraints import Constraint, InBox, JointRange, KeepOrientation, KeepUpright, RelativePose
 from planner_service.constraints.resolved import ConstraintSet
 from planner_service.scene.scene import load_scene
+from tests.support.small_robots import SLIDER, built
 
 TIGHT = 0.02
 
@@ -60,14 +63,12 @@ def test_the_judge_of_constraints_agrees_with_the_planner_about_which_are_kept(
 ) -> None:
     known, rng = load_robot(robot), np.random.default_rng(1)
     Q = rng.uniform(known.limits.lower, known.limits.upper, (50, known.n))
-    found = {round(float(s), 6) for each in shares(judge(robot), known, given, Q) for s in each}
+    second, resolved = judge(robot), ConstraintSet(known, given)
     for q in Q:
-        for quantity in ConstraintSet(known, given).quantities(q):
-            if quantity.what in ("tilt", "turn"):
-                share = quantity.value / quantity.upper
-            else:
-                share = abs(2.0 * quantity.value - quantity.lower - quantity.upper) / (quantity.upper - quantity.lower)
-            assert round(share, 6) in found
+        found = {item.quantity: item.amount for item in deviations(second, q[None], [audited(known, c) for c in given])}
+        for item in resolved.quantities(q):
+            middle = 0.0 if item.what in ("tilt", "turn") else (item.lower + item.upper) / 2.0
+            assert abs(item.value - middle) == pytest.approx(found[item.what], abs=1e-9)
 
 
 @pytest.mark.slow
@@ -77,3 +78,40 @@ def test_a_case_of_the_study_is_planned_and_judged() -> None:
     assert row["share"] <= 1.0
     assert row["touch"] is None
     assert row["solvable"]
+
+
+def test_queries_of_another_seed_are_others() -> None:
+    stored, drawn = constrained.load("line")[0], next(constrained.draw("line", 5))
+    assert drawn.held != stored.held
+    assert not np.array_equal(drawn.start, stored.start)
+    assert next(constrained.draw("line", 5)).start.tolist() == drawn.start.tolist()
+
+
+@pytest.mark.parametrize("robot", ["wxai_dual", "panda_mbm", ""])
+def test_poses_of_links_along_a_motion_are_those_of_each_configuration(robot: str, tmp_path: Path) -> None:
+    if robot:
+        known, second = load_robot(robot), judge(robot)
+    else:  # a joint that slides, and one about an oblique axis
+        known = built(tmp_path, SLIDER)
+        table = {"urdf": tmp_path / "robot.urdf", "joints": list(known.joint_names), "tool_frame": "boom"}
+        second = IndependentChecker(table, {})
+    Q = np.random.default_rng(2).uniform(known.limits.lower, known.limits.upper, (20, known.n))
+    links = [frame.link for frame in known.link_frames]
+    found = second.poses_along(Q, links)
+    assert np.abs(found - np.array([second.link_poses(q, links) for q in Q])).max() < 1e-14
+    with pytest.raises(LookupError, match="nowhere"):
+        second.poses_along(Q, ["nowhere"])
+
+
+def test_a_curve_touches_where_its_first_sample_does_that_is_not_free() -> None:
+    """Most samples of a curve are not asked, as a distance at one before shows them free."""
+    known, second, rng = load_robot("wxai"), independent("wxai", load_scene("shelf")), np.random.default_rng(3)
+    touched = 0
+    for _ in range(12):
+        ends = rng.uniform(known.limits.lower, known.limits.upper, (2, known.n))
+        line = JointPath(np.array([known.home, known.home + 0.5 * (ends[0] - known.home), ends[1]]))
+        samples = second.along(line, line.length, 0.004)
+        asked = next((second.touch(q) for q in samples if not second.free(q)), None)
+        assert second.curve_touch(line, line.length, 0.004) == asked
+        touched += asked is not None
+    assert 2 <= touched <= 11

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from auditor.checker import IndependentChecker
 from auditor.constraints import Deviation, Range, Region, deviations, violations
+from benchmarks.harness.audit import audited
 from planner_service.certify import KeptRefusal, prove_kept
 from planner_service.certify.relative_motion import RelativeMotion
 from planner_service.constraints import JointRange, KeepUpright, OnPlane, RelativePose, ToolRegion
@@ -20,7 +21,7 @@ from planner_service.geometry.arrays import FloatArray, vector
 from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot, load_robot
-from tests.support.constrained_paths import Walker, audited, rounded
+from tests.support.constrained_paths import Walker, rounded
 from tests.support.small_robots import joint, link, solid, urdf
 
 ROOT = Path(__file__).parents[2]
@@ -95,9 +96,9 @@ def fitted(arm: Arm, rng: np.random.Generator, samples: FloatArray) -> ToolRegio
         link=links[rng.integers(len(links))],
         relative_to=None if rng.random() < 0.4 else links[rng.integers(1, len(links))],
     )
-    shape = audited(arm.robot, replace(region, lower=(-100.0,) * 3, upper=(100.0,) * 3))
-    middle = arm.second.link_poses(samples[len(samples) // 2], [shape.link, shape.relative_to or "l0"])
-    seen = np.linalg.inv(middle[1]) if shape.relative_to else np.eye(4)
+    link = arm.robot.tool_frame if region.link is None else region.link
+    middle = arm.second.link_poses(samples[len(samples) // 2], [link, region.relative_to or "l0"])
+    seen = np.linalg.inv(middle[1]) if region.relative_to else np.eye(4)
     near = Pose.from_matrix(seen @ middle[0] @ region.tool.matrix) @ random_pose(
         rng, float(rng.choice([0.0, 0.05, 0.5, 3.0]))
     )

@@ -11,34 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auditor.constraints import Region
 from planner_service.constraints import ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 
-__all__ = ["Walker", "audited", "rounded"]
+__all__ = ["Walker", "rounded"]
 
 INSIDE = 0.5
 """Projected configurations keep to this share of each tolerance."""
 
 STEP = 1e-6
-
-
-def audited(robot: Robot, region: ToolRegion) -> Region:
-    """The same region for the auditor."""
-    link = robot.tool_frame if region.link is None else region.link
-    return Region(
-        link,
-        region.tool.matrix,
-        region.relative_to,
-        region.frame.matrix,
-        region.lower,
-        region.upper,
-        region.tilt,
-        region.turn,
-        region.name,
-    )
 
 
 def rounded(path: JointPath, share: float = 0.4) -> JointPath:
