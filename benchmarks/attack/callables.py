@@ -14,6 +14,17 @@ import planner_service as ps
 from planner_service import planners as algorithms
 from planner_service.certify import Certifier, ExemptInterval
 from planner_service.collision import Known
+from planner_service.constraints import (
+    InBox,
+    JointRange,
+    KeepOrientation,
+    KeepUpright,
+    OnLine,
+    OnPlane,
+    RelativePose,
+    ToolRegion,
+    load_constraints,
+)
 from planner_service.datasets import EpisodeWork, episode_task
 from planner_service.execute import ArmLimits, Recording, Streaming
 from planner_service.geometry.composite import Solid
@@ -214,6 +225,14 @@ def _values(folder: Path) -> Calls:
         _again(request),
         _again(ps.Handling("a", 0.005, 0.05, request, ps.Trapezoidal(), ps.CancelToken())),
         _again(Streaming(speed=0.5)),
+        _again(ToolRegion(pose, (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 0.3, 0.2, pose, "tip", "base", "region")),
+        _again(JointRange("shoulder", -1.0, 1.0)),
+        _call(KeepUpright, tool_axis=(1.0, 0.0, 0.0), tolerance=0.1, link="tip", up=(0.0, 0.0, 1.0)),
+        _call(KeepOrientation, orientation=pose, tolerance=0.1, link="tip"),
+        _call(OnPlane, frame=pose, tolerance=0.001, point=(0.0, 0.0, 0.1), link="tip"),
+        _call(OnLine, start=(0.0, 0.0, 0.0), end=(1.0, 0.0, 0.0), tolerance=0.001, point=(0.0, 0.0, 0.1), link="tip"),
+        _call(InBox, frame=pose, size=(0.1, 0.1, 0.1), point=(0.0, 0.0, 0.1), link="tip"),
+        _call(RelativePose, link="tip", relative_to="base", pose=pose, position_tolerance=0.001, angle_tolerance=0.1),
         _call(ps.MotionStep, distance=0.01),
         _call(ps.JointStep, angle=0.02),
         _call(ps.ToppRa, gridpoints=50),
@@ -327,7 +346,7 @@ def _planning(folder: Path) -> Calls:
     roadmap = service.build_roadmap(few)
     edge, token = {"q1": q, "q2": near, "known": Known.NEITHER}, ps.CancelToken()
     moving, pace = {"previous": result, "at_time": 0.01, "latency": 0.01}, Pace(ps.Trapezoidal())
-    world = {"robot": arm, "scene": scene}
+    world, kept = {"robot": arm, "scene": scene}, (ToolRegion(lower=(-2.0, -2.0, -2.0), tilt=0.1, name="flat"),)
     yield from (
         _call(ps.PlannerService, robot="planar2", scene="discs", edge_step=ps.MotionStep(0.01), allowed=()),
         _call(service.with_scene, scene=scene),
@@ -371,7 +390,7 @@ def _planning(folder: Path) -> Calls:
         _call(checker.pair_names, pair=0),
         _call(checker.contacts, q=q),
         _call(Certifier, **world, allowed=(), backend="auto"),
-        _call(certifier.certify, path=path, padding=0.001, exempt=(), part=(0.0, path.length)),
+        _call(certifier.certify, path=path, padding=0.001, exempt=(), part=(0.0, path.length), constraints=kept),
         _call(certifier.certify_edge, q1=q, q2=near, padding=0.001),
         _call(certifier.roots, length=1.0, exempt=()),
         _call(certifier.clearances, Q=[q, near]),
@@ -447,6 +466,7 @@ def _files(folder: Path) -> Calls:
         _call(ps.HeightField.from_file, path=heights, cell=0.05, floor=0.0),
         _call(ps.Roadmap.load, path=roadmap),
         _call(ps.Roadmap.load(roadmap).save, ("path",), path=folder / "out.npz"),
+        _call(load_constraints, **read),
         _call(read_moveit_scene, **read),
         _call(read_urdf_scene, path=stand),
         _call(read_problems, **read),

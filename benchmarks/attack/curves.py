@@ -1,4 +1,7 @@
-"""Curves: what a proof claims of random and near-contact curves, next to the least gap that a search of them finds."""
+"""Curves: what a proof claims of random and near-contact curves, next to the least gap that a search of them finds.
+
+The same of constraints that curves just keep, or just break: see ``kept``.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ import numpy as np
 from auditor.checker import IndependentChecker
 from benchmarks.attack.domain import GAPS, LONGEST, SPEEDS
 from benchmarks.attack.harness import Case, Part, Wrong
+from benchmarks.attack.kept import constraints_of, draw_constraints, judge_constraints, judge_projector
 from benchmarks.attack.worlds import World, draw_world
 from benchmarks.studies.agreement import random_states
 from planner_service import CollisionChecker, JointPath, SCurve, ToppRa, Trapezoidal
@@ -23,8 +27,11 @@ from planner_service.geometry.arrays import FloatArray
 
 __all__ = ["Attack"]
 
-CURVES, PUSHES = 4, 4
-"""Curves of one world, and how often an obstacle is pushed towards each."""
+CURVES, PUSHES, SETS = 4, 4, 2
+"""Curves of one world, how often an obstacle is pushed towards each, and sets of constraints that each is judged by."""
+
+PROJECTED = 0.25
+"""Part of the sets whose projector is compared with its reference, which takes longer than all else."""
 
 SAMPLES, LOWEST, HALVINGS = 48, 3, 14
 """Places of a curve that are asked at first, how many of them are followed down, and how far."""
@@ -37,8 +44,8 @@ KINKS, SLACK, MOST_CLIMBS = 400, 1e-6, 60
 
 class Attack(Part):
     name = "curves"
-    what = "the clearance that a proof claims, and the least gap that a search over the curve finds with Coal"
-    lists = ("obstacles", "waypoints", "shapes")
+    what = "what a proof claims, and the least gap and the largest deviations that a search over the curve finds"
+    lists = ("obstacles", "waypoints", "shapes", "constraints")
 
     def draw(self, rng: np.random.Generator) -> Case:
         return draw_world(rng, 5) | {"seed": int(rng.integers(2**31))}
@@ -49,7 +56,11 @@ class Attack(Part):
             second = world.independent()
         if "waypoints" in case:
             points = np.array(case["waypoints"]).reshape(-1, world.robot.n)
-            self._judge(world, Certifier(world.robot, world.scene), second, _curve(points, case["round"]))
+            curve = _curve(points, case["round"])
+            if "constraints" in case:
+                self._constrained(world, second, curve, case)
+            else:
+                self._judge(world, Certifier(world.robot, world.scene), second, curve)
             return 1
         rng, count = np.random.default_rng(case["seed"]), 0
         original = case["obstacles"]
@@ -65,6 +76,14 @@ class Attack(Part):
             count += 1
             if rng.random() < 0.25:
                 self._timed(world, curve, rng)
+            for _ in range(SETS):
+                span = _span(curve, rng)
+                case["span"], case["draw"] = span, int(rng.integers(2**31))
+                case["constraints"] = draw_constraints(world.robot, second, curve, span, rng)
+                self._constrained(world, second, curve, case)
+                count += 1
+            for key in ("constraints", "span", "draw"):
+                case.pop(key)
             moved = world
             for _ in range(PUSHES if original else 0):
                 moved = _pushed(moved, case, second, curve(at), rng)
@@ -116,6 +135,15 @@ class Attack(Part):
             raise Wrong("a clearance is a lower bound", f"{claimed:.6g} m claimed at {q.tolist()}")
         return at
 
+    def _constrained(self, world: World, second: IndependentChecker, curve: JointPath, case: Case) -> None:
+        """Constraints of a part of a curve, and projections onto them."""
+        given, (begin, end) = constraints_of(case["constraints"]), case["span"]
+        if end <= curve.length:  # of a smaller input there may be less
+            judge_constraints(world.robot, second, curve, given, (begin, end), self.counted, self.extreme)
+        rng = np.random.default_rng(case["draw"])
+        if rng.random() < PROJECTED and judge_projector(world.robot, second, given, rng):
+            self.counted["projectors"] += 1
+
     def _timed(self, world: World, curve: JointPath, rng: np.random.Generator) -> None:
         """The time law keeps the limits it was given."""
         scale = float(rng.uniform(*SPEEDS))
@@ -165,6 +193,14 @@ def _curve(points: FloatArray, share: float) -> JointPath:
         if np.abs(ways[k - 1] + ways[k]).max() < 0.3:
             widths[k] = 0.0
     return JointPath(points).with_blends(widths)
+
+
+def _span(curve: JointPath, rng: np.random.Generator) -> tuple[float, float]:
+    """The whole curve, a part of it or a point."""
+    if rng.random() < 0.5:
+        return 0.0, curve.length
+    begin, end = sorted(rng.uniform(0.0, curve.length, 2).tolist())
+    return begin, begin if rng.random() < 0.1 else end
 
 
 def _gap(second: IndependentChecker, q: FloatArray) -> float:

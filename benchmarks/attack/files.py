@@ -22,6 +22,7 @@ from benchmarks.attack.mutations import changed
 from benchmarks.attack.worlds import draw_robot, draw_scene, scene_of, written
 from benchmarks.harness import rows
 from planner_service.certify import ExemptInterval
+from planner_service.constraints import load_constraints
 from planner_service.errors import PlannerServiceError
 from planner_service.execute import Streaming, execute
 from planner_service.files.disk_cache import DiskCache
@@ -29,6 +30,7 @@ from planner_service.files.package_data import data_folder
 from planner_service.geometry.arrays import FloatArray
 from planner_service.records import plan_file
 from planner_service.records.problem_set import read_problems
+from planner_service.records.request import RequestRecord
 from planner_service.roadmap import Roadmap
 from planner_service.scene.moveit_scene import read_moveit_scene
 from planner_service.scene.urdf_scene import read_urdf_scene
@@ -122,6 +124,24 @@ sphere; 0.2; 0 0 0; 0 0 0 1; 0 0 0 0
 .
 """.replace("; ", "\n")
 
+CONSTRAINTS = """[[constraint]]
+kind = "tool region"
+name = "above the board"
+frame = { position = [0.3, 0.0, 0.2], quaternion_wxyz = [1.0, 0.0, 0.0, 0.0] }
+lower = [-inf, -inf, 0.05]
+upper = [inf, 0.5, 0.15]
+tilt = 0.1
+turn = 0.2
+tool = { position = [0.05, 0.0, 0.0] }
+link = "link_6"
+relative_to = "link_2"
+[[constraint]]
+kind = "joint range"
+joint = "joint_4"
+lower = -1.0
+upper = 1.0
+"""
+
 SRDF = """<robot name="drawn"><group name="arm"><chain base_link="l0" tip_link="l1"/></group>
 <group_state name="up" group="arm"><joint name="j1" value="0.01"/></group_state>
 <disable_collisions link1="l0" link2="l1" reason="Adjacent"/></robot>"""
@@ -156,7 +176,8 @@ class _Stock:
         self.contents["roadmap"] = (folder / "memory.npz").read_bytes()
         points = rng.normal(size=(8, 3)) * 0.1
         self.contents |= {"ply": _ply(points), "obj": _obj(points), "stl": _stl(points), "stl text": _stl_text(points)}
-        for kind, text in (("dae", DAE), ("world", WORLD), ("moveit", MOVEIT), ("srdf", SRDF)):
+        texts = {"dae": DAE, "world": WORLD, "moveit": MOVEIT, "srdf": SRDF, "constraints": CONSTRAINTS}
+        for kind, text in texts.items():
             self.contents[kind] = text.encode()
         self.contents["npy"] = _stored(np.save, points)
         self.contents["heights"] = _stored(np.save, np.abs(points[:3]))
@@ -208,6 +229,7 @@ class _Stock:
             "problems": ("f.json", read_problems),
             "cache": (f"cache/{KEY}.bin", lambda path: cache.get(KEY)),
             "results": ("f.jsonl", rows.read),
+            "constraints": ("f.toml", load_constraints),
         }
         for kind in ("ply", "obj", "stl", "stl text", "dae"):
             out[kind] = (f"f.{kind.split()[0]}", ps.Mesh.from_file)
@@ -217,12 +239,14 @@ class _Stock:
 WEIGHTS = {"plan": 0.5, "task": 0.15, "roadmap": 0.7, "urdf": 0.5, "srdf": 0.3, "robot": 0.7}
 """How often kinds that take more time are drawn; the others 1."""
 
-TEXTS = frozenset({"plan", "task", "obj", "stl text", "dae", "scene", "urdf", "robot", "srdf", "world", "moveit"})
+TEXTS = frozenset(
+    {"plan", "task", "obj", "stl text", "dae", "scene", "urdf", "robot", "srdf", "world", "moveit", "constraints"}
+)
 
 
 class Attack(Part):
     name = "files"
-    what = "files of 20 kinds, bytes, words, lines and structure mutated; forged plans driven by an arm that records"
+    what = "files of 21 kinds, bytes, words, lines and structure mutated; forged plans driven by an arm that records"
     lists = ("data",)
 
     def __init__(self) -> None:
@@ -264,6 +288,11 @@ class Attack(Part):
         self.counted[f"{case['kind']} read"] += found is not None
         if case["kind"] == "cache" and found is not None and found + b"" != stock.contents["cache"][32:]:
             raise Wrong("a cache gives what was put there, or nothing")
+        if case["kind"] == "constraints" and found is not None:
+            home = stock.service.robot.home
+            record = RequestRecord.find(ps.PlanRequest(home, home, constraints=found))
+            if record is None or RequestRecord.model_validate(record.document()).value.constraints != found:
+                raise Wrong("constraints are saved and loaded as they were")
         if isinstance(found, ps.Robot) and not np.isfinite(found.tool_pose(found.home)).all():
             raise Wrong("a robot that was read has a finite tool pose")
         if isinstance(found, ps.Mesh) and not np.isfinite(found.vertices).all():

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import Vector, cross_of, dot, set_fields, vector
 from planner_service.geometry.shapes import Pose
-from planner_service.geometry.validation import MAX_LENGTH, checked_name, finite_tuple, instance, items, number
+from planner_service.geometry.validation import MAX_LENGTH, checked_name, finite_tuple, instance, items, number, numbers
 
 __all__ = [
     "MAX_CONSTRAINTS",
@@ -284,9 +284,11 @@ def constraint_names(constraints: Sequence[Constraint]) -> str:
 def _coordinates(field: str, values: Sequence[float]) -> Vector:
     """Three numbers, which may be infinite."""
     expected = "three numbers (x, y, z)"
-    if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != 3:
+    array = numbers(field, values, expected)
+    if array.shape != (3,):
         raise InvalidRequest(field, values, expected)
-    x, y, z = (number(f"{field}[{k}]", value, "metres, or inf", -math.inf, math.inf) for k, value in enumerate(values))
+    listed = enumerate(array.tolist())
+    x, y, z = (number(f"{field}[{k}]", value, "metres, or inf", -math.inf, math.inf) for k, value in listed)
     for value in (x, y, z):
         if math.isfinite(value) and abs(value) > MAX_LENGTH:
             raise InvalidRequest(field, values, f"metres up to {MAX_LENGTH:g}, or inf")

@@ -27,7 +27,7 @@ MEMORY = 1_500_000_000
 SECONDS = 5.0
 
 PACKAGES = (
-    *("certify", "collision", "grasping", "optimize", "parallel", "path"),
+    *("certify", "collision", "constraints", "grasping", "optimize", "parallel", "path"),
     *("planning", "replanning", "roadmap", "scene", "search", "tasks"),
 )
 """Subpackages of which every name is attacked, as of the root."""
@@ -57,7 +57,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Call]:
     arm, scene = load_robot("wxai"), Scene()
     world = {"robot": arm, "scene": scene}
     upright = KeepUpright((0.0, 0.0, 1.0), 3.0)
-    part = {"allowed": (), "padding": 0.0, "exempt": ()}
+    part = {"allowed": (), "padding": 0.0, "exempt": (), "constraints": (upright,)}
     gripper = {"widths": (0.0, 0.01), "allowed": (), "touching": (), "reason": "", "backend": "auto"}
     return calls(tmp_path_factory.mktemp("files")) | {
         "certify": Call(certify, {**world, "path": [arm.home, arm.home], **part}),

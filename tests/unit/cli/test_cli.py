@@ -668,9 +668,15 @@ def test_a_plan_without_constraints_says_nothing_of_them() -> None:
     [
         (("--upright", "0"), "--upright: got 0.0; expected radians in [0.001, 3.142]"),
         (("--upright", "nan"), "--upright: got nan; expected radians"),
+        (("--upright=-inf",), "--upright: got -inf; expected radians"),
+        (("--upright", "1e400"), "--upright: got inf; expected radians"),
+        (("--upright", "tall"), "Invalid value for '--upright'"),
         (("--upright", "0.1", "--planner", "rrtconnect"), "planner: got RRTConnect"),
         (("--upright", "0.1", "--polish"), "expected None: an optimum does not keep constraints"),
         (("--region", "nowhere.toml"), "nowhere.toml"),
+        (("--region", "/"), "/"),
+        (("--region", "/dev/zero"), "/dev/zero"),
+        (("--region", ""), "not a file"),
     ],
 )
 def test_constraints_that_cannot_be_kept_are_bad_input(options: tuple[str, ...], problem: str) -> None:
@@ -686,3 +692,25 @@ def test_a_joint_that_the_robot_does_not_have_is_named(tmp_path: Path) -> None:
     file = tmp_path / "region.toml"
     file.write_text("[[constraint]]\nkind = 'joint range'\njoint = 'joint_44'\nlower = 0\nupper = 1\n")
     assert "unknown joint 'joint_44'; did you mean 'joint_4'?" in refused(*ACROSS, "--region", file)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x00\xff" * 50,
+        b"a = " + b"[" * 5_000,
+        b"constraint = 3",
+        b"[[constraint]]\nkind = 'tool region'\ntilt = 0.1\nname = \"\\u001b[2J\"",
+        b"[[constraint]]\nkind = 'tool region'\ntilt = 0.1\nlink = '" + b"l" * 90_000 + b"'",
+        b"[[constraint]]\nkind = 'tool region'\ntilt = 0.1\n" * 5_000,
+        b"[[constraint]]\nkind = 'joint range'\njoint = 'joint_4'\nlower = 0\nupper = 1" + b"0" * 400,
+    ],
+)
+def test_a_broken_file_of_constraints_is_bad_input(content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / "region.toml"
+    file.write_bytes(content)
+    said = refused(*ACROSS, "--region", file)
+    assert "region.toml" in " ".join(said.split())
+    assert len(said) < 5_000
+    assert "\x1b" not in said
