@@ -89,7 +89,6 @@ class IndependentChecker:
                 g.geometry = _grown(g.geometry, padding / 2)
         may_touch = [c["links"] for c in robot.get("allowed_contacts", ())] + [list(pair) for pair in allowed]
         may_touch += [[a["name"], link] for a in content.get("attached", ()) for link in a.get("touch_links", ())]
-        self._octrees = any(isinstance(g.geometry, coal.OcTree) for g in self.geometry.geometryObjects)
         self._pair_up({frozenset(pair) for pair in may_touch})
         joints = [self.model.joints[self.model.getJointId(name)] for name in robot["joints"]]
         self.joints: list[str] = robot["joints"]
@@ -238,21 +237,11 @@ class IndependentChecker:
     def curve_touch(self, q: Callable[[Any], FloatArray], length: float, motion_step: float = 0.001) -> Touch | None:
         """The first touch along a curve q(s), s in [0, length], (m,) in and (m, n) out.
 
-        No point moves more than ``motion_step`` from one sample to the next. Of those inside the joint limits, one to
-        which no point moves as far as the distance of any pair at a sample before is free without being asked; but none
-        among octrees, whose distances were not looked into.
+        Every sample is judged, and no point moves more than ``motion_step`` from one to the next.
         """
-        samples = self.along(q, length, motion_step)
-        inside = np.all((samples >= self._lower) & (samples <= self._upper), axis=1)
-        walked = np.concatenate([[0.0], np.cumsum((self.reach * np.abs(np.diff(samples, axis=0))).sum(axis=1))])
-        known = -math.inf
-        for k, sample in enumerate(samples):
-            if inside[k] and walked[k] < known:
-                continue
-            if not self.free(sample):
-                return self.touch(sample)
-            known = -math.inf if self._octrees else walked[k] + min(self.gaps(sample).values(), default=math.inf) - NEAR
-        return None
+        return next(
+            (self.touch(sample) for sample in self.along(q, length, motion_step) if not self.free(sample)), None
+        )
 
     def along(self, q: Callable[[Any], FloatArray], length: float, motion_step: float) -> FloatArray:
         """Configurations (m, n) of a curve q(s) from s = 0 to length, no point moving more than a step between two.

@@ -36,6 +36,8 @@ DOMAIN = {
     "scenes": f"up to {OBSTACLES} obstacles, at most 1 m from the base along each axis",
     "curves": f"polylines of 2 to {LONGEST} waypoints anywhere within the joint limits, rounded or not; gaps to the "
     f"nearest obstacle from {GAPS[0] * 1e6:g} um to {GAPS[1] * 1e3:g} mm",
+    "constraints": "up to three on a curve or a part of it: ranges of joints, and regions for a frame on any link in "
+    "that of any other, with bounds on coordinates, tilt and turn; tolerances from 0.1 mm and 1 mrad",
     "speeds": f"{SPEEDS[0]:g} to {SPEEDS[1]:g} of the joint velocity limits",
     "roadmaps": f"histories of up to {HISTORY} changes of the scene",
 }

@@ -12,7 +12,7 @@ from auditor.constraints import deviations
 from benchmarks.harness.audit import audited, independent
 from benchmarks.studies import constrained as study
 from benchmarks.worlds import constrained
-from planner_service import CollisionChecker, JointPath, Pose, load_robot
+from planner_service import CollisionChecker, Pose, load_robot
 from planner_service.constraints import Constraint, InBox, JointRange, KeepOrientation, KeepUpright, RelativePose
 from planner_service.constraints.resolved import ConstraintSet
 from planner_service.scene.scene import load_scene
@@ -101,17 +101,3 @@ def test_poses_of_links_along_a_motion_are_those_of_each_configuration(robot: st
     assert np.abs(found - np.array([second.link_poses(q, links) for q in Q])).max() < 1e-14
     with pytest.raises(LookupError, match="nowhere"):
         second.poses_along(Q, ["nowhere"])
-
-
-def test_a_curve_touches_where_its_first_sample_does_that_is_not_free() -> None:
-    """Most samples of a curve are not asked, as a distance at one before shows them free."""
-    known, second, rng = load_robot("wxai"), independent("wxai", load_scene("shelf")), np.random.default_rng(3)
-    touched = 0
-    for _ in range(12):
-        ends = rng.uniform(known.limits.lower, known.limits.upper, (2, known.n))
-        line = JointPath(np.array([known.home, known.home + 0.5 * (ends[0] - known.home), ends[1]]))
-        samples = second.along(line, line.length, 0.004)
-        asked = next((second.touch(q) for q in samples if not second.free(q)), None)
-        assert second.curve_touch(line, line.length, 0.004) == asked
-        touched += asked is not None
-    assert 2 <= touched <= 11
