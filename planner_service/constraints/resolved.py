@@ -135,9 +135,9 @@ class ConstraintSet:
                 slides = any(body.prismatic for body in self.robot.bodies if body.q_index == joint)
                 value, unit = values[joint], "m" if slides else "rad"
                 out.append(_bounded("joint range", given.joint, value, given.lower, given.upper, 1.0, unit))
-        poses = [_pose_of(body) for body in self.robot.body_poses(values)]
+        bodies = self.robot.body_poses(values)
         for placed in self.regions:
-            out += _region_quantities(placed, poses)
+            out += _region_quantities(placed, _pose_of(bodies[placed.base]), _pose_of(bodies[placed.body]))
         return out
 
     def violation(self, q: Sequence[float] | FloatArray) -> Quantity | None:
@@ -169,9 +169,9 @@ def _placed(robot: Robot, field: str, region: ToolRegion) -> Placed:
     return Placed(region, body, tool, base, frame, read_only(reach), (room[0], room[1], room[2]))
 
 
-def _region_quantities(placed: Placed, poses: Sequence[Pose]) -> list[Quantity]:
+def _region_quantities(placed: Placed, base: Pose, body: Pose) -> list[Quantity]:
     region = placed.region
-    apart = (poses[placed.base] @ placed.frame).inverse() @ (poses[placed.body] @ placed.at)
+    apart = (base @ placed.frame).inverse() @ (body @ placed.at)
     bounds = zip("xyz", apart.position, region.lower, region.upper, placed.room, strict=True)
     out = [
         _bounded(region.name, axis, value, low, high, room, "m")
