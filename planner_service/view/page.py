@@ -19,7 +19,7 @@ from planner_service.presentation.tables import markdown_escaped
 from planner_service.view import lines
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
 from planner_service.view.plots import Plots
-from planner_service.view.scene_nodes import RobotNodes, SceneNodes, colours_of
+from planner_service.view.scene_nodes import RegionNodes, RobotNodes, SceneNodes, colours_of
 from planner_service.view.state import ViewState
 from planner_service.view.still.composition import GOAL, TOOL_PATH
 from planner_service.view.triangles import GROUND, placements, robot_solids, scene_solids
@@ -31,6 +31,9 @@ FRAMES = 30.0
 
 PLOT_SECONDS = 0.25
 """Between two updates of the time mark in the plots while playing."""
+
+ARROW = 0.15
+"""Length of the arrows of constraints, as a share of the size of robot and scene."""
 
 STEP = 0.001
 """Step of a joint's slider, in rad or m."""
@@ -90,6 +93,7 @@ class Page:
         self._start = RobotNodes(scene, "/start", robot, ghost=START)
         self._goal = RobotNodes(scene, "/goal", robot, ghost=GOAL.colour)
         self._scene_nodes = SceneNodes(scene, self._robot.tool)
+        self._regions = RegionNodes(scene, "/constraints", ARROW * _extent(state)[1])
 
     def _draw(self) -> None:
         """Draw everything that depends on the configuration."""
@@ -100,6 +104,8 @@ class Page:
             self._robot.set_robot(robot)
             self._robot.move(state.q)
             self._scene_nodes.show(state.service.scene)
+            self._regions.show(state.kept, state.q)
+            self._set(self._show_regions, "visible", self._regions.any)
             self._draw_ghost(self._start, state.start, hidden_by=[state.q])
             self._draw_ghost(self._goal, state.goal, hidden_by=[state.q, state.start])
             colours = colours_of(colliding, expected, robot)
@@ -173,8 +179,7 @@ class Page:
             self._add_joints()
         with tabs.add_tab("plan"):
             self._add_planning()
-        with tabs.add_tab("plots"):
-            self._plots = Plots(gui, self.state.service.robot.joint_names)
+        self._plots = Plots(gui, tabs.add_tab("plots"), self.state.service.robot.joint_names)
         with tabs.add_tab("show"):
             self._add_toggles()
         self._time.on_update(self._on_user_update(lambda: self.scrub(self._time.value)))
@@ -208,9 +213,14 @@ class Page:
         self._show_ends.on_update(self._on_user_update(self._draw))
         self._show_names = gui.add_checkbox("names of obstacles", True, hint="hidden while contacts are named")
         self._show_names.on_update(self._on_user_update(self._draw))
+        self._show_regions = gui.add_checkbox("constraints (teal)", True, visible=False)
+        self._show_regions.on_update(self._on_user_update(self._show_chosen_regions))
         self._show_layers = {name: gui.add_checkbox(name, True) for name in LAYERS}
         for box in self._show_layers.values():
             box.on_update(self._on_user_update(self._show_chosen_layers))
+
+    def _show_chosen_regions(self) -> None:
+        self._regions.root.visible = self._show_regions.value
 
     def _show_chosen_layers(self) -> None:
         for name, node in self._layers.items():

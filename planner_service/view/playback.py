@@ -18,6 +18,7 @@ from planner_service.planning.result import PlanResult
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment
 from planner_service.view.collision_report import CollisionReporter
+from planner_service.view.regions import PLACES, Kept
 
 __all__ = ["Clip", "Frame", "Playback", "Samples"]
 
@@ -35,6 +36,7 @@ class Clip:
         service: Plans for the robot and the scene as they are during this motion.
         exempt: Stretches of its path on which named pairs may touch.
         begin: When it begins, in seconds on the clock of the playback.
+        kept: The constraints that it keeps; None if there are none.
     """
 
     name: str
@@ -42,6 +44,15 @@ class Clip:
     trajectory: Trajectory
     exempt: tuple[ExemptInterval, ...]
     begin: float
+    kept: Kept | None
+
+    @classmethod
+    def of(cls, name: str, service: PlannerService, result: PlanResult, begin: float) -> Clip:
+        """The motion of a plan in the world of a service."""
+        _, trajectory = result.unwrap()
+        Q = trajectory(np.linspace(0.0, trajectory.duration, PLACES, dtype=np.float64))
+        kept = Kept.of(service.robot, result.constraints, Q)
+        return cls(name, service, trajectory, result.exempt, begin, kept)
 
     @property
     def end(self) -> float:
@@ -89,9 +100,7 @@ class Playback:
     @classmethod
     def of_result(cls, service: PlannerService, result: PlanResult) -> Playback | None:
         """The motion of a plan made by a service; None if there is no plan."""
-        if result.trajectory is None:
-            return None
-        return cls((Clip("plan", service, result.trajectory, result.exempt, 0.0),))
+        return None if result.trajectory is None else cls((Clip.of("plan", service, result, 0.0),))
 
     @classmethod
     def of_task(cls, service: PlannerService, segments: Sequence[Segment]) -> Playback | None:
@@ -103,12 +112,11 @@ class Playback:
         clips = list[Clip]()
         clock = 0.0
         for segment in segments:
-            result = segment.result
-            if result.trajectory is None:
+            if segment.result.trajectory is None:
                 break
             world = segment.world_after(service.world)
             service = service if world is service.world else PlannerService.of(world)
-            clips.append(Clip(segment.name, service, result.trajectory, result.exempt, clock))
+            clips.append(Clip.of(segment.name, service, segment.result, clock))
             clock = clips[-1].end
         return cls(tuple(clips)) if clips else None
 
@@ -135,19 +143,38 @@ class Playback:
     @cached_property
     def samples(self) -> Samples:
         """The curves to plot."""
-        parts = [_sampled(clip, self.duration) for clip in self.clips]
+        parts = [_sampled(clip, t) for clip, t in zip(self.clips, self._instants, strict=True)]
         return Samples(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
+    @cached_property
+    def used(self) -> dict[str, FloatArray]:
+        """By name, how much of its tolerance each bounded quantity uses at the instants of ``samples``, (m,): from -1
+        at a lower bound to 1 at an upper one; NaN while it is not bounded.
+        """
+        begins = np.cumsum([0, *map(len, self._instants)])
+        out: dict[str, FloatArray] = {}
+        for clip, t, first in zip(self.clips, self._instants, begins.tolist(), strict=False):
+            if clip.kept is not None:
+                for name, values in zip(clip.kept.names, clip.kept.used(clip.trajectory(t)).T, strict=True):
+                    out.setdefault(name, np.full(begins[-1], np.nan))[first : first + len(t)] = values
+        return out
 
-def _sampled(clip: Clip, whole: float) -> Samples:
-    count = max(3, round(SAMPLES * clip.trajectory.duration / whole)) if whole > 0.0 else 2
-    t: FloatArray = np.linspace(0.0, clip.trajectory.duration, count, dtype=np.float64)
+    @cached_property
+    def _instants(self) -> list[FloatArray]:
+        """When each motion is sampled, in seconds since it began."""
+        per_second = SAMPLES / self.duration if self.duration > 0.0 else 0.0
+        ends = [clip.trajectory.duration for clip in self.clips]
+        counts = [max(3, round(per_second * end)) if per_second else 2 for end in ends]
+        return [np.linspace(0.0, end, count, dtype=np.float64) for end, count in zip(ends, counts, strict=True)]
+
+
+def _sampled(clip: Clip, t: FloatArray) -> Samples:
     q, qd, qdd = (clip.trajectory(t, order) for order in (0, 1, 2))
     limits = clip.service.robot.limits
     middle, half = (limits.lower + limits.upper) / 2.0, (limits.upper - limits.lower) / 2.0
     inside = np.minimum(np.maximum(q, limits.lower), limits.upper)
     expected = [clip.expected(at) for at in t.tolist()]
-    clearance = np.zeros(count)
+    clearance = np.zeros(len(t))
     for pairs in set(expected):
         rows: NDArray[np.bool_] = np.array([other == pairs for other in expected])
         clearance[rows] = clip.reporter.clearances(inside[rows], pairs)

@@ -1,4 +1,6 @@
-"""Plots over time: positions, velocities and accelerations as fractions of their limits, and proven clearance."""
+"""Plots over time: positions, velocities and accelerations as fractions of their limits, proven clearance, and how much
+of their tolerances constraints use.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from planner_service.geometry.arrays import FloatArray
-from planner_service.view.playback import Playback, Samples
+from planner_service.view.playback import Playback
 
 __all__ = ["Plots"]
 
@@ -21,21 +23,27 @@ MAX_CLEARANCE = 0.1
 KINDS = {"position": "position (limits at -1 and 1)", "velocity": "velocity (fraction of limit)",
          "acceleration": "acceleration (fraction of limit)"}  # fmt: skip
 CLEARANCE = "clearance in mm (without expected contacts)"
+CONSTRAINTS = "constraints (bounds at -1 and 1)"
 
 
 class Plots:
-    """Four plots, one below the other.
+    """Four plots, one below the other, and one more for a motion with constraints.
 
     Args:
         gui: viser's panel.
+        tab: The tab of the panel that they are in.
         joints: Names of the n joints.
     """
 
-    def __init__(self, gui: Any, joints: Sequence[str]) -> None:
-        self._samples: Samples | None = None
-        colours = [COLOURS[k % len(COLOURS)] for k in range(len(joints))]
-        series = [_line(name, colour) for name, colour in zip(joints, colours, strict=True)]
-        many = ({"label": "t"}, *series, _limit("lower limit"), _limit("upper limit"), _now())
+    def __init__(self, gui: Any, tab: Any, joints: Sequence[str]) -> None:
+        self._gui, self._tab = gui, tab
+        self._playback: Playback | None = None
+        with tab:
+            self._add(joints)
+        self._constraints: Any = None
+
+    def _add(self, joints: Sequence[str]) -> None:
+        gui, many = self._gui, _series(joints)
         one = ({"label": "t"}, _line("clearance", COLOURS[0]), _limit("limit"), _now())
         self._none = gui.add_markdown("no motion yet")
         self._plots = {
@@ -54,18 +62,27 @@ class Plots:
 
     def show(self, playback: Playback | None) -> None:
         """Plot a playback; None clears the plots."""
-        self._samples = None if playback is None else playback.samples
+        self._playback = playback
         self._none.visible = playback is None
         for plot in self._plots.values():
             plot.visible = playback is not None
+        if self._constraints is not None:
+            self._constraints.remove()
+            self._constraints = None
         if playback is not None:
+            if playback.used:  # the others have the same curves for each motion
+                with self._tab:
+                    series = _series(tuple(playback.used))
+                    self._constraints = self._added(self._gui, CONSTRAINTS, series, (-1.1, 1.1), legend=True)
+                    self._constraints.visible = True
             self.mark(0.0)
 
     def mark(self, seconds: float) -> None:
         """Move the time mark."""
-        samples = self._samples
-        if samples is None:
+        playback = self._playback
+        if playback is None:
             return
+        samples = playback.samples
         row = int(np.argmin(np.abs(samples.t - seconds)))
         for kind in KINDS:
             self._plots[kind].data = _data(samples.t, getattr(samples, kind), (-1.0, 1.0), row, (-1.1, 1.1))
@@ -73,6 +90,15 @@ class Plots:
         self._plots["clearance"].data = _data(
             samples.t, room[:, None], (0.0,), row, (-5.0, 1000.0 * MAX_CLEARANCE + 5.0)
         )
+        if self._constraints is not None:
+            used = np.stack(list(playback.used.values()), axis=1)
+            self._constraints.data = _data(samples.t, used, (-1.0, 1.0), row, (-1.1, 1.1))
+
+
+def _series(names: Sequence[str]) -> tuple[dict[str, Any], ...]:
+    """One curve for each name, two limits and the time mark."""
+    curves = [_line(name, COLOURS[k % len(COLOURS)]) for k, name in enumerate(names)]
+    return ({"label": "t"}, *curves, _limit("lower limit"), _limit("upper limit"), _now())
 
 
 def _line(label: str, colour: str) -> dict[str, Any]:

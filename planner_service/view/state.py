@@ -20,6 +20,7 @@ from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
 from planner_service.view.collision_report import CollisionReport, CollisionReporter
 from planner_service.view.playback import Playback
+from planner_service.view.regions import Kept
 
 __all__ = ["ViewState"]
 
@@ -40,6 +41,7 @@ class ViewState:
         playback: The motions, None if there are none.
         results: The plans, each with its name.
         failure: Why there is no plan, or no complete task.
+        kept: The constraints of the motion shown, or of the plan that failed; None if there are none.
     """
 
     service: PlannerService
@@ -51,6 +53,7 @@ class ViewState:
     playback: Playback | None = None
     results: tuple[Segment, ...] = ()
     failure: Failure | None = None
+    kept: Kept | None = None
 
     @classmethod
     def of(cls, service: PlannerService, shown: Showable | None = None) -> ViewState:
@@ -79,6 +82,8 @@ class ViewState:
         if request is not None:
             start = self._within(np.array(request.start))
             state = replace(state, start=start, q=start, goal=self._within(_goal(request, self)))
+            kept = Kept.of(self.service.robot, result.constraints, np.stack([state.start, state.goal]))
+            state = replace(state, kept=kept)
         return state._with_playback(Playback.of_result(self.service, result))
 
     def _with_playback(self, playback: Playback | None) -> ViewState:
@@ -98,7 +103,8 @@ class ViewState:
         seconds = min(max(seconds, 0.0), self.playback.duration)
         frame = self.playback.at(seconds)
         clip = frame.clip
-        return replace(self, service=clip.service, reporter=clip.reporter, q=self._within(frame.q), seconds=seconds)
+        q = self._within(frame.q)
+        return replace(self, service=clip.service, reporter=clip.reporter, q=q, seconds=seconds, kept=clip.kept)
 
     def posed(self, q: Sequence[float] | FloatArray) -> ViewState:
         """The robot moved by hand to q (n,), kept within its limits; a joint given as NaN stays."""

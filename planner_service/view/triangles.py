@@ -24,7 +24,18 @@ from planner_service.robot.kinematic_tree import BodyPose
 from planner_service.robot.model import Robot
 from planner_service.scene.scene import Attached, Obstacle, Scene
 
-__all__ = ["TOOL", "Colour", "IntArray", "Solid", "is_ground", "placements", "robot_solids", "scene_solids"]
+__all__ = [
+    "TOOL",
+    "Colour",
+    "IntArray",
+    "Solid",
+    "Triangles",
+    "is_ground",
+    "lathe",
+    "placements",
+    "robot_solids",
+    "scene_solids",
+]
 
 Colour = tuple[int, int, int]
 """Red, green, blue: 0 to 255."""
@@ -69,6 +80,7 @@ MAX_BOXES = 6_000
 """Boxes drawn of a cloud or a height field; a larger one is drawn in coarser cells that cover its own."""
 
 Triangles = tuple[FloatArray, IntArray]
+"""Corners (k, 3), and triangles (m, 3) as rows of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,13 +196,13 @@ def _convex(shape: Shape, pose: Pose) -> Triangles:
     if isinstance(shape, Mesh):
         return _moved((shape.vertices, shape.faces.astype(np.int64)), pose)
     if isinstance(shape, Sphere):
-        return _moved(_lathe(_arc(shape.radius, 0.0, -1.0, 1.0)), pose)
+        return _moved(lathe(_arc(shape.radius, 0.0, -1.0, 1.0)), pose)
     if isinstance(shape, Cylinder):
         h = shape.length / 2
-        return _moved(_lathe([(0.0, -h), (shape.radius, -h), (shape.radius, h), (0.0, h)]), pose)
+        return _moved(lathe([(0.0, -h), (shape.radius, -h), (shape.radius, h), (0.0, h)]), pose)
     if isinstance(shape, Capsule):
         h = shape.length / 2
-        return _moved(_lathe([*_arc(shape.radius, -h, -1.0, 0.0), *_arc(shape.radius, h, 0.0, 1.0)]), pose)
+        return _moved(lathe([*_arc(shape.radius, -h, -1.0, 0.0), *_arc(shape.radius, h, 0.0, 1.0)]), pose)
     raise BrokenInvariant(f"a {type(shape).__name__} has no triangles")
 
 
@@ -201,7 +213,7 @@ def _arc(radius: float, z: float, low: float, high: float) -> list[tuple[float, 
     return [(0.0 if abs(a) > 1.57 else radius * math.cos(a), z + radius * math.sin(a)) for a in angles]
 
 
-def _lathe(outline: list[tuple[float, float]]) -> Triangles:
+def lathe(outline: list[tuple[float, float]]) -> Triangles:
     """A solid of revolution about z, from its outline (distance, height), upwards, from axis to axis."""
     turn = [(math.cos(2 * math.pi * k / ROUND), math.sin(2 * math.pi * k / ROUND)) for k in range(ROUND)]
     rings = [[(r * c, r * s, z) for c, s in turn] for r, z in outline[1:-1]]

@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planner_service.constraints.values import Constraint
 from planner_service.geometry.arrays import FloatArray
 from planner_service.geometry.shapes import Pose
 from planner_service.path.joint_path import JointPath
 from planner_service.robot.model import Robot
 from planner_service.scene.names import Names
 from planner_service.scene.scene import Scene
-from planner_service.view.still.camera import Camera
+from planner_service.view.regions import Kept, edges, frames_at, rectangles
+from planner_service.view.still.camera import Camera, combined
 from planner_service.view.still.lettering import CAPTION, Caption, Mark, lettered, place_of
 from planner_service.view.still.paint import Drawing, Line, paint, placed
 from planner_service.view.still.sights import Sights
@@ -30,7 +32,20 @@ from planner_service.view.triangles import (
     scene_solids,
 )
 
-__all__ = ["GOAL", "START", "TOOL_PATH", "TOUCHING", "WAY", "Kind", "Stand", "View", "picture", "tool_path"]
+__all__ = [
+    "GOAL",
+    "KEPT",
+    "START",
+    "TOOL_PATH",
+    "TOUCHING",
+    "WAY",
+    "Kind",
+    "Stand",
+    "View",
+    "bounds",
+    "picture",
+    "tool_path",
+]
 
 Image = NDArray[np.uint8]
 
@@ -51,6 +66,8 @@ GOAL = Kind((58, 168, 104), 0.66)
 
 TOUCHING: Colour = (218, 44, 44)
 TOOL_PATH: Colour = (20, 84, 190)
+KEPT: Colour = (0, 150, 160)
+"""Of constraints that hold; on the page, those that do not have the colour of what touches."""
 AXES: tuple[Colour, ...] = ((214, 52, 52), (46, 150, 70), (40, 90, 210))
 AXIS, BELOW = 0.08, 18.0
 """Metres of the axes of a frame, and pixels below its origin for its name."""
@@ -88,7 +105,7 @@ class View:
 
     Attributes:
         stands: The first is drawn opaque.
-        lines: Tool paths.
+        lines: Tool paths and bounds.
         frames: Goals of the tool for which there is no configuration, drawn as axes.
     """
 
@@ -103,6 +120,20 @@ def tool_path(robot: Robot, path: JointPath) -> Line:
     """The line of the tool frame's origin along a path."""
     places = path(path.length * (np.arange(POINTS) / (POINTS - 1)))
     return Line(np.array([[row[3] for row in robot.tool_rows(q)] for q in places]), TOOL_PATH, 3.2)
+
+
+def bounds(robot: Robot, constraints: Sequence[Constraint], Q: FloatArray) -> tuple[Line, ...]:
+    """The outlines of the bounds on coordinates of a motion through Q (m, n), where they are at the first of them."""
+    kept = Kept.of(robot, tuple(constraints), Q)
+    lines: list[Line] = []
+    for at in () if kept is None else kept.constraints.regions:
+        frames = frames_at(robot, at, Q)
+        T = frames.region[0]
+        lines += [
+            Line(combined(T[:3, :3], side) + T[:3, 3], KEPT, 2.0)
+            for side in edges(rectangles(at.region, frames.points))
+        ]
+    return tuple(lines)
 
 
 def _axes_at(pose: Pose) -> tuple[Line, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 
 from planner_service import PlannerService, PlanRequest
+from planner_service.constraints import JointRange, ToolRegion
 from planner_service.view import Viewer, open_viewer
 from planner_service.view import viewer as view_module
 from planner_service.view.state import ViewState
@@ -29,6 +31,8 @@ SCENE = slice(0, 400)
 
 NOTICE = slice(0, 190)
 """Rows in which the page may tell that it draws without a graphics card."""
+
+ELBOW = JointRange("elbow", -2.5, 2.5)
 
 pytestmark = [
     pytest.mark.browser,
@@ -166,6 +170,88 @@ def test_a_colliding_configuration_shows_its_pair_in_red(page: Any, viewer: View
 def reds(image: Any) -> int:
     red, green, blue = (image[..., k].astype(int) for k in range(3))
     return int(((red > 150) & (green < 80) & (blue < 80)).sum())
+
+
+@pytest.fixture(scope="module")
+def constrained(browser: Any) -> Iterator[tuple[Any, Viewer]]:
+    """The page of a plan with constraints, with a name from a file."""
+    service = PlannerService("planar2", "discs")
+    robot = service.robot
+    low = ToolRegion(upper=(math.inf, 1.4, math.inf), tilt=0.5, turn=3.0, name="<img src=x>")
+    request = PlanRequest(
+        robot.pose("lesson_start"), robot.pose("lesson_goal"), time_limit=None, constraints=[low, ELBOW]
+    )
+    with open_viewer(service, service.plan(request), port=0, keep=True) as viewer:
+        page = browser.new_page(viewport={"width": 800, "height": 500})
+        page.goto(viewer.url)
+        page.get_by_text("shoulder").first.wait_for()
+        until(lambda: len(np.unique(picture(page).reshape(-1, 3), axis=0)) > 50)
+        yield page, viewer
+
+
+@pytest.mark.slow
+def test_constraints_are_drawn_while_their_box_is_ticked(constrained: tuple[Any, Viewer]) -> None:
+    page, _ = constrained
+    page.get_by_role("tab", name="show").click()
+    assert teals(settled(page)) > 200
+    page.get_by_text("constraints (teal)").click()
+    until(lambda: teals(picture(page)) == 0)
+    page.get_by_text("constraints (teal)").click()
+    until(lambda: teals(picture(page)) > 200)
+
+
+@pytest.mark.slow
+def test_the_arrows_of_a_constraint_move_with_the_robot(constrained: tuple[Any, Viewer]) -> None:
+    page, viewer = constrained
+    viewer.page.scrub(0.0)
+    before = settled(page)
+    viewer.page.scrub(present(viewer.page.state.playback).duration)
+    after = settled(page)
+    first, second = (np.argwhere(teal(image)).mean(axis=0) for image in (before, after))
+    assert np.abs(first - second).max() > 20.0
+
+
+@pytest.mark.slow
+def test_a_constraint_that_is_left_is_red(constrained: tuple[Any, Viewer]) -> None:
+    page, viewer = constrained
+    viewer.page.pose(np.array([math.pi / 2, 0.0]))
+    until(lambda: teals(picture(page)) == 0)
+    viewer.page.pose(np.zeros(2))
+    until(lambda: teals(picture(page)) > 200)
+
+
+@pytest.mark.slow
+def test_constraints_are_plotted_under_their_names(constrained: tuple[Any, Viewer]) -> None:
+    page, _ = constrained
+    page.get_by_role("tab", name="plots").click()
+    page.get_by_text("constraints (bounds at -1 and 1)").wait_for()
+    for name in ("<img src=x> y", "<img src=x> tilt", "<img src=x> turn"):
+        assert page.get_by_text(name, exact=True).count() == 1
+    assert page.get_by_text("elbow", exact=True).count() == 3  # the slider's, and those of two plots
+    assert page.locator("img[src=x]").count() == 0
+
+
+@pytest.mark.slow
+def test_a_plan_without_constraints_has_neither_plot_nor_box(constrained: tuple[Any, Viewer]) -> None:
+    page, viewer = constrained
+    page.get_by_role("tab", name="plots").click()
+    page.get_by_text("clearance in mm").first.wait_for()
+    viewer.page.pose(np.zeros(2))
+    viewer.page.plan("rrtconnect", 0)
+    until(lambda: page.get_by_text("constraints (bounds at -1 and 1)").count() == 0)
+    page.get_by_role("tab", name="show").click()
+    page.get_by_text("names of obstacles").wait_for()
+    assert page.get_by_text("constraints (teal)").count() == 0
+    assert teals(settled(page)) == 0
+
+
+def teals(image: Any) -> int:
+    return int(teal(image).sum())
+
+
+def teal(image: Any) -> Any:
+    red, green, blue = (image[..., k].astype(int) for k in range(3))
+    return (red < green - 60) & (abs(green - blue) < 30)
 
 
 @pytest.mark.slow

@@ -27,6 +27,8 @@ from planner_service import (
 )
 from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
+from planner_service.constraints import JointRange, KeepUpright, ToolRegion
+from planner_service.planning.result import Reason
 from planner_service.records.plan_file import SavedTask, load_task, save_plan
 from planner_service.search.trace import SearchGraph
 from planner_service.tasks import Segment
@@ -39,6 +41,8 @@ from planner_service.view.playback import Playback
 from planner_service.view.state import ViewState
 from tests.support.command import refused
 from tests.support.optional import present
+
+KEPT = (ToolRegion(upper=(math.inf, 1.4, math.inf), name="low"), JointRange("elbow", -2.5, 2.5))
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +129,61 @@ def test_plotted_velocities_are_parts_of_the_limits(discs: PlannerService) -> No
     np.testing.assert_allclose(samples.acceleration[k] * limits.acceleration, clip.trajectory(at, 2), atol=1e-12)
     low, high = limits.lower, limits.upper
     np.testing.assert_allclose((samples.position[k] + 1.0) / 2.0 * (high - low) + low, clip.trajectory(at), atol=1e-12)
+
+
+def test_how_much_of_its_tolerances_a_plan_uses_is_plotted_at_the_instants_of_the_other_plots(
+    discs: PlannerService,
+) -> None:
+    result = discs.plan(asked(discs, constraints=KEPT))
+    playback = present(ViewState.of(discs, result).playback)
+    assert list(playback.used) == ["elbow", "low y"]
+    trajectory = present(result.trajectory)
+    elbow = trajectory(playback.samples.t)[:, 1]
+    np.testing.assert_allclose(playback.used["elbow"], elbow / 2.5, atol=1e-12)
+    assert all(np.abs(values).max() <= 1.0 for values in playback.used.values())
+    assert present(Playback.of_result(discs, discs.plan(asked(discs)))).used == {}
+
+
+def test_of_a_task_what_a_motion_does_not_keep_is_not_plotted_while_it_lasts(
+    bin_: PlannerService, task: TaskResult
+) -> None:
+    segments = [
+        replace(segment, result=replace(segment.result, constraints=(KeepUpright((-1, 0, 0), 3.0),)))
+        if segment.name in ("lift", "lower")
+        else segment
+        for segment in task.segments
+    ]
+    playback = present(Playback.of_task(bin_, segments))
+    (tilt,) = playback.used.values()
+    assert tilt.shape == playback.samples.t.shape
+    for clip in playback.clips:
+        inside = (playback.samples.t > clip.begin) & (playback.samples.t < clip.end)
+        assert (np.isnan(tilt[inside]) == (clip.name not in ("lift", "lower"))).all()
+    state = ViewState.of(bin_, replace(task, segments=tuple(segments)))
+    for clip in playback.clips:
+        assert (state.at(clip.begin + 1e-3).kept is None) == (clip.name not in ("lift", "lower"))
+
+
+def test_a_plan_that_fails_shows_the_constraints_that_it_was_to_keep(discs: PlannerService) -> None:
+    high = replace(KEPT[0], lower=(-math.inf, 0.5, -math.inf), upper=(math.inf, 2.0, math.inf))
+    result = discs.plan(asked(discs, constraints=(high,)))
+    assert present(result.failure).reason is Reason.START_VIOLATES_CONSTRAINT
+    state = ViewState.of(discs, result)
+    kept = present(state.kept)
+    assert kept.constraints.constraints == (high,)
+    assert kept.Q.tolist() == [state.start.tolist(), state.goal.tolist()]
+    assert state.posed((0.5, 0.5)).kept is kept
+    assert state.planned("rrt", 0).kept is None
+
+
+def test_a_plan_from_a_file_shows_its_constraints(discs: PlannerService, tmp_path: Path) -> None:
+    result = discs.plan(asked(discs, constraints=KEPT))
+    result.save(tmp_path / "plan.json")
+    service, shown, _ = opened(str(tmp_path / "plan.json"), None, None)
+    known, found = (present(ViewState.of(*given).playback).used for given in ((discs, result), (service, shown)))
+    assert list(known) == list(found)
+    for name in known:
+        assert known[name].tolist() == found[name].tolist()
 
 
 # What is said of a configuration.
