@@ -32,8 +32,10 @@ from planner_service.robot.model import Robot, length_unit
 from planner_service.scene.scene import Scene
 from planner_service.service import PlannerService
 from planner_service.tasks.result import TaskResult
+from planner_service.view.regions import PLACES
 from planner_service.view.still.composition import (
     GOAL,
+    KEPT,
     START,
     TOOL_PATH,
     TOUCHING,
@@ -41,6 +43,7 @@ from planner_service.view.still.composition import (
     Kind,
     Stand,
     View,
+    bounds,
     picture,
     tool_path,
 )
@@ -137,9 +140,11 @@ def _planned(service: PlannerService, result: PlanResult) -> tuple[View, Caption
     kinds = [START, *[WAY] * ON_THE_WAY, GOAL]
     moved = f"{trajectory.duration:.2f} s of motion", f"path {path.length:.2f} {length_unit(robot)}".rstrip()
     words = (_joined(*moved, _counted(result.counts)), _proof([result]))
-    caption = Caption(f"{_where(robot, service.scene)}: planned", words, _keys((START, WAY, GOAL), tool=True))
+    region = bounds(robot, result.constraints, path(np.linspace(0.0, path.length, PLACES)))
+    keys = _keys((START, WAY, GOAL), tool=True, region=bool(region))
+    caption = Caption(f"{_where(robot, service.scene)}: planned", words, keys)
     stands = tuple(Stand(q, kind) for q, kind in zip(places, kinds, strict=True))
-    return View(robot, service.scene, stands, (tool_path(robot, path),)), caption
+    return View(robot, service.scene, stands, (tool_path(robot, path), *region)), caption
 
 
 def _failed(robot: Robot, scene: Scene, request: PlanRequest, result: PlanResult) -> tuple[View, Caption]:
@@ -156,8 +161,9 @@ def _failed(robot: Robot, scene: Scene, request: PlanRequest, result: PlanResult
     reason = "" if failure is None else f" ({failure.reason.value})"
     kinds = [stand.kind for stand in stands]
     title = f"{_where(robot, scene)}: no plan{reason}"
-    caption = Caption(title, (words, _counted(result.counts)), _keys(kinds, contacts))
-    return View(robot, scene, tuple(stands), frames=frames), caption
+    region = bounds(robot, result.constraints, np.array([stand.q for stand in stands]))
+    caption = Caption(title, (words, _counted(result.counts)), _keys(kinds, contacts, region=bool(region)))
+    return View(robot, scene, tuple(stands), region, frames), caption
 
 
 def _where(robot: Robot, scene: Scene) -> str:
@@ -171,10 +177,13 @@ def _names(contacts: Iterable[Contact]) -> frozenset[str]:
 MEANINGS = ((START, "start"), (WAY, "on the way"), (GOAL, "goal"))
 
 
-def _keys(kinds: Sequence[Kind], contacts: Sequence[Contact] = (), *, tool: bool = False) -> tuple[Key, ...]:
+def _keys(
+    kinds: Sequence[Kind], contacts: Sequence[Contact] = (), *, tool: bool = False, region: bool = False
+) -> tuple[Key, ...]:
     """What the colours mean."""
     keys = [(kind.colour, meaning) for kind, meaning in MEANINGS if kind in kinds]
     keys += [(TOOL_PATH, "tool path")] if tool else []
+    keys += [(KEPT, "constraints")] if region else []
     return (*keys, *([(TOUCHING, "touching")] if contacts else []))
 
 

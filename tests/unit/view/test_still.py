@@ -26,11 +26,12 @@ from planner_service import (
     load_robot,
     load_scene,
 )
+from planner_service.constraints import RelativePose, ToolRegion
 from planner_service.geometry.arrays import FloatArray
 from planner_service.tasks.pick_place import plan_pick_place
 from planner_service.view.still import pictures as still
 from planner_service.view.still.camera import Camera
-from planner_service.view.still.composition import TOUCHING
+from planner_service.view.still.composition import TOUCHING, bounds
 from planner_service.view.still.lettering import CAPTION, Caption, Mark, lettered, place_of
 from planner_service.view.still.paint import Drawing, Line, paint, placed
 from planner_service.view.still.pictures import SIZE, draw_check, draw_plan, draw_task, write_png
@@ -288,6 +289,39 @@ def test_a_plan_shows_the_robot_on_the_way_in_blue_and_at_the_goal_in_green(
     r, g, b = read(tmp_path / "a.png")[: PAGE[1] - CAPTION].astype(int).transpose(2, 0, 1)
     assert np.count_nonzero((g > r + 25) & (g > b + 15)) > 100
     assert np.count_nonzero((b > r + 20) & (b > g + 5) & (b > 200)) > 100
+
+
+@pytest.mark.slow
+def test_the_bounds_that_a_plan_keeps_are_outlined_in_teal(
+    tmp_path: Path, planned: tuple[PlannerService, PlanRequest, PlanResult]
+) -> None:
+    service, request, _ = planned
+    inside = ToolRegion(upper=(math.inf, 1.4, math.inf), name="inside")
+    outside = ToolRegion(upper=(math.inf, -0.5, math.inf), name="outside")
+    seen = []
+    for constraint in (None, inside, outside):
+        asked = replace(request, constraints=() if constraint is None else (constraint,))
+        result = service.plan(asked)
+        assert result.ok == (constraint is not outside)
+        draw_plan(service, asked, result, tmp_path / "a.png")
+        r, g, b = read(tmp_path / "a.png")[: PAGE[1] - CAPTION].astype(int).transpose(2, 0, 1)
+        seen.append(np.count_nonzero((r < g - 80) & (np.abs(g - b) < 30)))
+    assert seen[0] == 0
+    assert min(seen[1:]) > 200
+
+
+def test_bounds_are_outlined_where_they_are_at_the_start() -> None:
+    robot = load_robot("wxai_dual")
+    Q = np.stack([robot.home, 0.5 * (robot.limits.lower + robot.limits.upper)])
+    hands = "right_ee_gripper_link", "left_ee_gripper_link"
+    lines = bounds(robot, [RelativePose(*hands, Pose((0.1, -0.3, 0.2)), 0.002, 0.01)], Q)
+    body, at = robot.link_frame(hands[1])
+    turns, places = robot.body_poses_batch(Q[:1])
+    middle = turns[0, body] @ (at @ np.array([0.1, -0.3, 0.2, 1.0]))[:3] + places[0, body]
+    corners = np.concatenate([line.points for line in lines])
+    np.testing.assert_allclose(np.linalg.norm(corners - middle, axis=1), 0.002 * math.sqrt(3.0), rtol=1e-6)
+    assert len(lines) == 24
+    assert bounds(robot, [], Q) == ()
 
 
 @pytest.mark.slow
