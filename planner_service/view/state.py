@@ -128,12 +128,16 @@ class ViewState:
         return self.reporter.report(self.q, expected)
 
     def planned(self, planner: str, seed: int, cancel: CancelToken | None = None) -> ViewState:
-        """The plan from start to goal by the planner of that name, with its search trace.
+        """The plan from start to goal by the planner of that name, with its search trace; it keeps what ``kept`` does.
 
         Raises:
-            InvalidRequest: there is no such planner, or the seed is invalid.
+            InvalidRequest: there is no such planner, it keeps no constraints but there are some, or the seed is invalid.
         """
-        request = PlanRequest(self.start, self.goal, planner_by_name(planner), seed=seed, time_limit=PLAN_SECONDS)
+        constraints = () if self.kept is None else self.kept.constraints.constraints
+        search = planner_by_name(planner)
+        request = PlanRequest(
+            self.start, self.goal, search, seed=seed, time_limit=PLAN_SECONDS, constraints=constraints
+        )
         return self._with_result(self.service.plan(request, cancel=cancel, trace=True))
 
 

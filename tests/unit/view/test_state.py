@@ -173,7 +173,14 @@ def test_a_plan_that_fails_shows_the_constraints_that_it_was_to_keep(discs: Plan
     assert kept.constraints.constraints == (high,)
     assert kept.Q.tolist() == [state.start.tolist(), state.goal.tolist()]
     assert state.posed((0.5, 0.5)).kept is kept
-    assert state.planned("rrt", 0).kept is None
+
+
+def test_the_next_plan_keeps_the_constraints_of_the_motion_shown(discs: PlannerService) -> None:
+    state = ViewState.of(discs, discs.plan(asked(discs, constraints=KEPT)))
+    (again,) = state.with_goal().planned("balancedrrtconnect", 0).results
+    assert again.result.constraints == KEPT
+    with pytest.raises(InvalidRequest, match="planner: got RRT.*as there are constraints"):
+        state.planned("rrt", 0)
 
 
 def test_a_plan_from_a_file_shows_its_constraints(discs: PlannerService, tmp_path: Path) -> None:
