@@ -37,7 +37,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from planner_service.certify.relative_motion import RelativeMotion
-from planner_service.constraints.values import Constraint, JointRange, ToolRegion
+from planner_service.constraints.values import MAX_JOINT, Constraint, JointRange, ToolRegion
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray
 from planner_service.geometry.shapes import Pose
@@ -207,8 +207,8 @@ def prove_kept(
         charge: Called with 0 before each batch of configurations: what it raises passes through.
 
     Raises:
-        InvalidRequest: ``path`` is not a ``JointPath`` of as many joints as the robot, a constraint is none, or the
-            part is not on the path.
+        InvalidRequest: ``path`` is not a ``JointPath`` of as many joints as the robot, or goes beyond 1e6 rad or m; a
+            constraint is none; or the part is not on the path.
         UnknownName: A constraint names no link or joint of the robot.
     """
     instance("robot", robot, Robot, "a Robot")
@@ -221,6 +221,8 @@ def prove_kept(
         raise InvalidRequest("path", path, "a JointPath")
     if path.n != robot.n:
         raise InvalidRequest("path", path.n, f"a path of {robot.n} joints")
+    if float(np.abs(path.waypoints).max()) > MAX_JOINT:  # of larger angles the sines are not right
+        raise InvalidRequest("path", path.waypoints, f"joint values up to {MAX_JOINT:g}")
     stretches = _stretches(path, (0.0, path.length) if part is None else _part_of(path, part))
     kept: list[Kept] = []
     for index, constraint in enumerate(given):

@@ -18,6 +18,7 @@ from planner_service.geometry.validation import MAX_LENGTH, checked_name, finite
 
 __all__ = [
     "MAX_CONSTRAINTS",
+    "MAX_JOINT",
     "MIN_ANGLE",
     "MIN_LENGTH",
     "Constraint",
@@ -38,6 +39,9 @@ MAX_CONSTRAINTS = 16
 
 MIN_LENGTH, MIN_ANGLE = 1e-4, 1e-3
 """The least tolerance: metres and radians either way."""
+
+MAX_JOINT = 1e6
+"""Radians or metres of a joint either way."""
 
 MAX_TURN_TILT = math.pi / 2
 """Radians: beyond it a turn about the axis means little."""
@@ -67,8 +71,8 @@ class ToolRegion:
         name: What messages call it.
 
     Raises:
-        InvalidRequest: A number is not one, bounds are reversed or closer than 0.2 mm, an angle is not from 0.001 to
-            pi, nothing is bounded, or a name is not 1 to 64 printable characters.
+        InvalidRequest: A number is not one, a position is farther than 1 km, bounds are reversed or closer than 0.2 mm,
+            an angle is not from 0.001 to pi, nothing is bounded, or a name is not 1 to 64 printable characters.
     """
 
     frame: Pose = BASE
@@ -82,8 +86,12 @@ class ToolRegion:
     name: str = "tool region"
 
     def __post_init__(self) -> None:
-        instance("frame", self.frame, Pose, "a Pose")
-        instance("tool", self.tool, Pose, "a Pose")
+        for field in ("frame", "tool"):
+            position = instance(field, getattr(self, field), Pose, "a Pose").position
+            if max(map(abs, position)) > MAX_LENGTH:
+                raise InvalidRequest(
+                    f"position of {field}", position, f"metres, at most {MAX_LENGTH:g} along each axis"
+                )
         for field in ("link", "relative_to"):
             if getattr(self, field) is not None:
                 checked_name(field, getattr(self, field), A_LINK)
@@ -246,8 +254,8 @@ class JointRange:
         upper: Likewise; above ``lower``.
 
     Raises:
-        InvalidRequest: The name is not 1 to 64 printable characters, a bound is not a finite number, or they are
-            reversed.
+        InvalidRequest: The name is not 1 to 64 printable characters, a bound is not a number up to 1e6, or they
+            are reversed.
     """
 
     joint: str
@@ -256,7 +264,10 @@ class JointRange:
 
     def __post_init__(self) -> None:
         checked_name("joint", self.joint, "the name of a joint, ")
-        lower, upper = finite_tuple("lower", (self.lower,), 1)[0], finite_tuple("upper", (self.upper,), 1)[0]
+        expected = f"radians or metres, up to {MAX_JOINT:g} either way"
+        lower, upper = (
+            number(field, getattr(self, field), expected, -MAX_JOINT, MAX_JOINT) for field in ("lower", "upper")
+        )
         if not lower + MIN_ANGLE <= upper:
             raise InvalidRequest("upper", upper, f"at least {MIN_ANGLE:g} above lower = {lower:g}")
         set_fields(self, lower=lower, upper=upper)

@@ -297,3 +297,11 @@ def test_a_curve_of_another_class_is_not_taken_for_its_waypoints() -> None:
 
     with pytest.raises(InvalidRequest, match="a JointPath"):
         prove_kept(PLANAR, Elsewhere(np.array([[0.0, 0.0], [1.0, 0.0]])), [below(2.0)])
+
+
+def test_a_curve_of_which_the_sines_are_not_right_is_refused(tmp_path: Path) -> None:
+    """At 1e20 rad the remainder of full turns is lost, at 1e160 m squares overflow."""
+    flat = ToolRegion(tilt=3.0)
+    for path in (line([0.0, 1e20], [0.1, 1e20]), line([1e160, 0.0], [1e160, 0.1])):
+        with pytest.raises(InvalidRequest, match="joint values up to"):
+            prove_kept(built(tmp_path, SLIDER), path, [flat])

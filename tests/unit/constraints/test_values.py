@@ -59,8 +59,11 @@ WRONG: Any = 3
         (lambda: ToolRegion(turn=0.1), "tilt"),
         (lambda: ToolRegion(tilt=2.0, turn=0.1), "tilt"),
         (lambda: ToolRegion(frame=WRONG, tilt=0.1), "frame"),
+        (lambda: ToolRegion(frame=Pose((0.0, 2e3, 0.0)), tilt=0.1), "position of frame"),
+        (lambda: OnPlane(Pose(), 0.001, point=(1e308, 0.0, 0.0)), "position of tool"),
         (lambda: JointRange("joint_0", 0.5, 0.5), "upper"),
         (lambda: JointRange("joint_0", NAN, 0.5), "lower"),
+        (lambda: JointRange("joint_0", 0.0, 1.7e308), "upper"),
         (lambda: JointRange(WRONG, 0.0, 0.5), "joint"),
     ],
 )
