@@ -23,6 +23,7 @@ from planner_service.concurrency.forks import renew_locks
 from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
 from planner_service.constraints.resolved import constraint_set
+from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.validation import flag, instance
 from planner_service.parallel import Engine
@@ -32,7 +33,7 @@ from planner_service.planning.batch import Batch
 from planner_service.planning.collision_recovery import WayOut, way_out
 from planner_service.planning.follow import AllowedStretch, FollowRequest, follow
 from planner_service.planning.pipeline import plan, require_plannable
-from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector
+from planner_service.planning.request import Goal, Pace, PlanRequest, joint_vector, kept_in
 from planner_service.planning.result import Origin, PlanResult
 from planner_service.planning.roadmap_work import Grower, RoadmapUpdate, grow, require_grower, update
 from planner_service.planning.world import World
@@ -249,6 +250,7 @@ class PlannerService:
         *,
         padding: float = 0.0,
         exempt: Sequence[ExemptInterval] = (),
+        constraints: Sequence[Constraint] = (),
         part: tuple[float, float] | None = None,
     ) -> Certificate:
         """The proof that any path is free, between samples too, or where it cannot be proven.
@@ -259,14 +261,17 @@ class PlannerService:
             path: A ``JointPath``, or waypoints (N, n) of a polyline.
             padding: Metres that every pair is to keep.
             exempt: Stretches on which named pairs are not checked.
+            constraints: What must hold all along, beside the constraints of what the robot carries.
             part: From where to where in s to prove it, such as ``certificate.part`` of a motion that was replanned; all
                 of it if None.
 
         Raises:
             InvalidRequest: The path is not one of this robot within its limits, or another value is out of range.
+            UnknownName: An exempt pair or a constraint names nothing that is there.
         """
         self._require_own_process()
-        return self._certifier.get().certify(path, padding=padding, exempt=exempt, part=part)
+        kept = kept_in(self.scene, checked_constraints(constraints))
+        return self._certifier.get().certify(path, padding=padding, exempt=exempt, constraints=kept, part=part)
 
     def certify_gripper(
         self,

@@ -266,3 +266,12 @@ def test_scenes_that_ask_for_different_things_have_different_hashes() -> None:
     scenes = [carrying(*each).scene for each in asked]
     assert len({scene.hash for scene in scenes}) == len(asked)
     assert len({scene.attached_hash for scene in scenes}) == len(asked)
+
+
+def test_any_path_is_proven_to_keep_what_is_carried_and_what_is_asked() -> None:
+    upright, plane = KeepUpright((-1, 0, 0), 0.1), OnPlane(Pose(START), 0.001)
+    line = present(move_linear(nothing_there(), start(), FORWARD).path)
+    proof = carrying(upright).certify(line, constraints=[plane])
+    assert [kept.name for kept in proof.kept] == ["plane", "upright"]
+    away = move_linear(nothing_there(), start(), (0.0, 0.0, 0.05)).path
+    assert not carrying(upright).certify(present(away), constraints=[plane]).certified
