@@ -131,7 +131,7 @@ class ViewState:
         """The plan from start to goal by the planner of that name, with its search trace; it keeps what ``kept`` does.
 
         Raises:
-            InvalidRequest: there is no such planner, it keeps no constraints but there are some, or the seed is invalid.
+            InvalidRequest: there is no such planner, it keeps no constraints but there are some, or a wrong seed.
         """
         constraints = () if self.kept is None else self.kept.constraints.constraints
         search = planner_by_name(planner)

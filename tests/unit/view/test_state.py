@@ -179,7 +179,7 @@ def test_the_next_plan_keeps_the_constraints_of_the_motion_shown(discs: PlannerS
     state = ViewState.of(discs, discs.plan(asked(discs, constraints=KEPT)))
     (again,) = state.with_goal().planned("balancedrrtconnect", 0).results
     assert again.result.constraints == KEPT
-    with pytest.raises(InvalidRequest, match="planner: got RRT.*as there are constraints"):
+    with pytest.raises(InvalidRequest, match=r"planner: got RRT.*as there are constraints"):
         state.planned("rrt", 0)
 
 
