@@ -31,6 +31,7 @@ from planner_service.path.trajectory import Trajectory
 from planner_service.robot.model import JointLimits
 from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, Peak, peaks, require_limits
 from planner_service.timing.profiles import Phase, Section, TooFast, speed_profile, trapezoid
+from planner_service.timing.runs import runs_of, split_at
 from planner_service.timing.segments import PathSegment, SpeedLimit, path_segments, straight_sections
 from planner_service.timing.time_optimal import GridLimits, grid_limits, two_passes
 from planner_service.timing.toppra_backend import toppra_passes
@@ -118,7 +119,7 @@ class Trapezoidal:
 class SCurve:
     """Seven-phase S-curves: the fastest rest-to-rest law for a straight line when jerk is limited too.
 
-    Each blend is passed at one constant speed, without acceleration where it meets a straight section.
+    Blends are passed at constant speed, or together with what is around them as if on a line, whichever is faster.
 
     Args:
         jerk: One limit for all joints (rad/s^3); None takes each joint's own limit from the robot.
@@ -323,7 +324,7 @@ def reference_time_with_peaks(
     if isinstance(timing, ToppRa):
         law = timing.phases
     elif isinstance(timing, Trapezoidal | SCurve):
-        law = partial(_constant_speed_on_blends, jerk=jerk)
+        law = partial(_closed_form, jerk=jerk)
     else:
         trajectory = timing.time_path(path, limits, speed_limit=speed_limit)
         return trajectory, peaks(trajectory, limits)
@@ -352,11 +353,17 @@ def _timed(path: JointPath, segments: Iterable[PathSegment], law: Callable[[Path
         raise TimingFailed(f"limits too extreme to compute with ({error})") from error
 
 
-def _constant_speed_on_blends(segment: PathSegment, *, jerk: bool) -> list[Phase]:
+def _closed_form(segment: PathSegment, *, jerk: bool) -> list[Phase]:
     sections = segment.sections(jerk=jerk)
     if _blend_at_stop(sections):
         raise TimingFailed(f"no constant speed on a blend that reaches a stop (segment from s = {segment.start:.6g})")
-    return speed_profile(sections)
+    constant = speed_profile(sections)
+    if not jerk:
+        return constant
+    on_runs = min((speed_profile(runs) for runs in runs_of(segment, sections)), key=_seconds, default=constant)
+    if _seconds(constant) <= _seconds(on_runs):
+        return constant
+    return split_at(on_runs, [section.start for section in sections])
 
 
 def _blend_at_stop(sections: Sequence[Section], entry: float = 0.0) -> bool:

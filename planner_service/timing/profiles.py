@@ -16,6 +16,10 @@ SPEED_TOLERANCE = 1e-9
 """Relative: an entry speed that exceeds the highest possible one by at most this is taken for it."""
 
 
+CONVERGED = 1e-13
+"""Relative: how closely the speeds of jerk-limited ramps are computed; nearly full precision."""
+
+
 class TooFast(ArithmeticError):
     """The entry speed is too high to slow down in time."""
 
@@ -154,6 +158,8 @@ def _reachable_speed(section: Section, speed: float) -> float:
     if section.blended:
         return speed
     length, limits = section.length, section.limits
+    if limits.jerk < math.inf:
+        return _largest_smooth_speed(length, (speed,), limits)
     estimate = math.sqrt(speed * speed + 2.0 * limits.acceleration * length)
     return _largest_speed(length, speed, estimate, limits.speed, lambda v: _ramp_distance(speed, v, limits))
 
@@ -164,10 +170,15 @@ def _between(distance: float, v0: float, v1: float, limits: ScalarLimits) -> lis
     def ramps(peak: float) -> float:
         return _ramp_distance(v0, peak, limits) + _ramp_distance(peak, v1, limits)
 
-    estimate = math.sqrt((v0 * v0 + v1 * v1) / 2.0 + limits.acceleration * distance)
-    peak = _largest_speed(distance, max(v0, v1), estimate, limits.speed, ramps)
+    if limits.jerk < math.inf:
+        peak = _largest_smooth_speed(distance, (v0, v1), limits)
+    else:
+        estimate = math.sqrt((v0 * v0 + v1 * v1) / 2.0 + limits.acceleration * distance)
+        peak = _largest_speed(distance, max(v0, v1), estimate, limits.speed, ramps)
     up, down = _ramp_distance(v0, peak, limits), _ramp_distance(peak, v1, limits)
-    cruise = max(0.0, distance - up - down)
+    cruise = distance - up - down
+    if cruise < (0.0 if limits.jerk == math.inf else 4.0 * CONVERGED * distance):
+        cruise = 0.0
     phases = [
         *_ramp(0.0, v0, peak, limits),
         Phase(cruise / peak, up, peak, 0.0, 0.0),
@@ -182,7 +193,7 @@ def _largest_speed(
     """The largest speed from ``low`` to ``high`` whose ramps, longer at higher speeds, fit into ``distance``.
 
     Args:
-        estimate: A guess at the result, right to within rounding if jerk is unbounded.
+        estimate: A guess at the result, right to within rounding.
     """
     high = max(low, high)
     if ramp_distance(high) <= distance:
@@ -191,9 +202,38 @@ def _largest_speed(
         if low < guess < high:
             low, high = (guess, high) if ramp_distance(guess) <= distance else (low, guess)
     middle = low + (high - low) / 2.0
-    while low < middle < high:  # until no number is left in between: about 5 times if the estimate was good, else 55
+    while low < middle < high:  # until no number is left in between: about 5 times
         low, high = (middle, high) if ramp_distance(middle) <= distance else (low, middle)
         middle = low + (high - low) / 2.0
+    return low
+
+
+def _largest_smooth_speed(distance: float, ends: Sequence[float], limits: ScalarLimits) -> float:
+    """The largest speed whose jerk-limited ramps to the speeds ``ends`` fit into ``distance``, to within ``CONVERGED``.
+
+    Newton's method, kept in a bracket and led a little beyond the root, so that both ends of the bracket come near.
+    """
+    low = max(ends)
+    high = max(low, limits.speed)
+
+    def ramps(v: float) -> tuple[float, float]:
+        """Their length, and how it changes with v."""
+        length = slope = 0.0
+        for end in ends:
+            t_j, flat = _ramp_times(abs(v - end), limits)
+            length += (v + end) / 2.0 * (2.0 * t_j + flat)
+            growth = 1.0 / limits.acceleration if flat > 0.0 or t_j == 0.0 else 1.0 / (limits.jerk * t_j)
+            slope += (2.0 * t_j + flat + (v + end) * growth) / 2.0
+        return length, slope
+
+    if ramps(high)[0] <= distance:
+        return high
+    v = low + (high - low) / 2.0
+    while low < v < high and high - low > CONVERGED * high:
+        length, slope = ramps(v)
+        low, high = (v, high) if length <= distance else (low, v)
+        guess = v + (distance - length) / slope + math.copysign(CONVERGED / 4.0 * v, distance - length)
+        v = guess if low < guess < high else low + (high - low) / 2.0
     return low
 
 

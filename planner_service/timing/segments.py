@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from planner_service.robot.model import JointLimits
 from planner_service.timing.limit_check import MIN_SHARE
 from planner_service.timing.profiles import ScalarLimits, Section
 
-__all__ = ["PathSegment", "SpeedLimit", "path_segments", "straight_sections"]
+__all__ = ["PathSegment", "Rates", "SpeedLimit", "path_segments", "smallest_ratio", "straight_sections"]
 
 SpeedLimit = Callable[[FloatArray], FloatArray]
 """The largest ds/dt allowed at each s, shape (m,) in and out; ``math.inf`` where there is no limit."""
@@ -28,6 +29,14 @@ SAMPLES, SPACING = 16, 0.05
 
 MARGIN = 1e-3
 """Relative amount by which sampled speed limits are lowered, because they may be lower between samples."""
+
+
+class Rates(NamedTuple):
+    """The largest abs(dq/ds), abs(d2q/ds2) and abs(d3q/ds3) of each joint on each section, (sections, n)."""
+
+    tangent: FloatArray
+    bend: FloatArray
+    twist: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +82,7 @@ class PathSegment:
         ends = [*(breaks[k] for k in firsts[1:]), breaks[self.pieces[-1] + 1]]
         lengths = [end - start for start, end in zip(starts, ends, strict=True)]
         blended = self.path.blended[firsts].tolist()
-        full_lengths = [end - breaks[first] for first, end in zip(firsts, ends, strict=True)]
-        limits = self._section_limits(blended, full_lengths, jerk)
+        limits = self._section_limits(blended, jerk)
         if self.speed_limit is not None:
             limits = list(map(self._with_speed_limit, starts, lengths, limits))
         return list(map(Section, starts, lengths, limits, blended))
@@ -132,24 +140,33 @@ class PathSegment:
         ends = self.path.on_pieces(np.concatenate([pieces, pieces]), np.concatenate([at[:-1], at[1:]]), 1)
         return np.where(np.abs(ends) > MIN_SHARE, ends, 0.0).reshape(2, len(pieces), -1)
 
-    def _section_limits(self, blended: Sequence[bool], lengths: Sequence[float], jerk: bool) -> list[ScalarLimits]:
-        """The limits of each section; on blends from the steepest slopes, abs(dq/ds) being largest at an end."""
-        limits, rows = self.limits, [first - self.pieces.start for first in self._first_pieces]
-        on_blend, length = np.array(blended)[:, None], np.array(lengths)[:, None]
+    @cached_property
+    def rates(self) -> Rates:
+        """The largest rates of each joint on each section."""
+        rows = [first - self.pieces.start for first in self._first_pieces]
+        breaks = self.path.breaks[[*self._first_pieces, self.pieces.stop]]
+        on_blend = self.path.blended[self._first_pieces][:, None]
+        length = (breaks[1:] - breaks[:-1])[:, None]
         before, after = self._tangents[:, rows]
-        share, turn = np.abs(before), np.where(on_blend, np.abs(after - before), 0.0)
-        share = np.where(on_blend, np.maximum(share, np.abs(after)), share)
-        speed, acceleration = _smallest_ratio(limits.velocity, share), _smallest_ratio(limits.acceleration, share)
-        speed = np.minimum(speed, np.sqrt(_smallest_ratio(limits.acceleration, turn * 2.0 * STEEPEST / length)))
-        jerks = [math.inf] * len(rows)
+        tangent, turn = np.abs(before), np.where(on_blend, np.abs(after - before), 0.0)
+        tangent = np.where(on_blend, np.maximum(tangent, np.abs(after)), tangent)
+        return Rates(tangent, turn * 2.0 * STEEPEST / length, turn * 4.0 * STEEPEST_SLOPE / (length * length))
+
+    def _section_limits(self, blended: Sequence[bool], jerk: bool) -> list[ScalarLimits]:
+        """The limits of each section; on blends from the steepest slopes, abs(dq/ds) being largest at an end."""
+        limits, rates = self.limits, self.rates
+        speed = smallest_ratio(limits.velocity, rates.tangent)
+        acceleration = smallest_ratio(limits.acceleration, rates.tangent)
+        speed = np.minimum(speed, np.sqrt(smallest_ratio(limits.acceleration, rates.bend)))
+        jerks = [math.inf] * len(blended)
         if jerk:
-            cubes = _smallest_ratio(limits.jerk, turn * 4.0 * STEEPEST_SLOPE / (length * length)).tolist()
+            cubes = smallest_ratio(limits.jerk, rates.twist).tolist()
             speed = np.minimum(speed, [math.pow(cube, 1.0 / 3.0) for cube in cubes])
-            jerks = np.where(on_blend[:, 0], math.inf, _smallest_ratio(limits.jerk, share)).tolist()
+            jerks = np.where(blended, math.inf, smallest_ratio(limits.jerk, rates.tangent)).tolist()
         return list(map(ScalarLimits, speed.tolist(), acceleration.tolist(), jerks))
 
 
-def _smallest_ratio(limits: FloatArray, shares: FloatArray) -> FloatArray:
+def smallest_ratio(limits: FloatArray, shares: FloatArray) -> FloatArray:
     """For each row of shares the smallest limit / share of the joints with a share; infinity if none has one."""
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # a law may not use that limit
         return np.asarray(np.where(shares > 0.0, limits / shares, math.inf).min(axis=1))
@@ -180,7 +197,7 @@ def straight_sections(path: JointPath, limits: JointLimits, *, jerk: bool) -> li
     share = np.abs(path.on_pieces(firsts, path.breaks[firsts], 1))
     share = np.where(share > MIN_SHARE, share, 0.0)
     rows = [limits.velocity, limits.acceleration, *([limits.jerk] if jerk else [])]
-    ratios = [_smallest_ratio(row, share).tolist() for row in rows] + ([] if jerk else [[math.inf] * len(starts)])
+    ratios = [smallest_ratio(row, share).tolist() for row in rows] + ([] if jerk else [[math.inf] * len(starts)])
     lengths = [end - start for start, end in pairwise([*starts, path.length])]
     return [
         Section(start, length, ScalarLimits(*own), False)

@@ -1,6 +1,7 @@
 """Durations, phases and peaks of every law on a few paths, so that no change of a law goes unseen.
 
-The numbers are those of release 0.1.0; the laws of the other files say why they are right.
+The numbers are those of release 0.1.0, except where an S-curve has since changed speed on blends; the laws of the other
+files say why they are right.
 """
 
 from __future__ import annotations
@@ -31,18 +32,18 @@ def path_of(seed: int) -> JointPath:
 
 CASES: list[tuple[int, Timing, tuple[float, int], tuple[float, int]]] = [
     (1, Trapezoidal(), (6.204715255, 13), (21.00790268, 13)),
-    (1, SCurve(), (8.184396358, 26), (22.01781657, 23)),
-    (1, SCurve(25.0), (6.968933635, 29), (21.50173686, 26)),
+    (1, SCurve(), (8.184396358, 24), (21.09447192, 21)),
+    (1, SCurve(25.0), (6.968933635, 28), (19.81749697, 24)),
     (1, ToppRa(), (6.106678703, 95), (9.78107517, 114)),
     (1, ToppRa(10), (6.204715255, 13), (9.78107517, 114)),
     (2, Trapezoidal(), (8.322068197, 19), (21.99571388, 18)),
-    (2, SCurve(), (10.22543035, 36), (23.56908819, 31)),
+    (2, SCurve(), (10.22543035, 34), (23.27244428, 31)),
     (2, SCurve(25.0), (9.087629217, 39), (22.71114591, 34)),
     (2, ToppRa(), (7.905057553, 142), (10.76055335, 165)),
     (2, ToppRa(10), (8.038466963, 116), (10.76055335, 165)),
     (3, Trapezoidal(), (6.071891437, 18), (11.92717483, 19)),
-    (3, SCurve(), (8.769720589, 34), (13.74667208, 32)),
-    (3, SCurve(25.0), (7.382583179, 34), (12.89916667, 32)),
+    (3, SCurve(), (8.769720589, 32), (13.3587953, 32)),
+    (3, SCurve(25.0), (7.382583179, 32), (12.4306336, 32)),
     (3, ToppRa(), (5.632122714, 138), (8.809748421, 138)),
     (3, ToppRa(10), (5.832834005, 119), (8.805974486, 134)),
 ]
@@ -83,9 +84,9 @@ def test_peaks_are_named_with_joint_and_time() -> None:
     given_limits = mixed_limits(path, 3)
     found = peaks(SCurve(25.0).time_path(path, given_limits, speed_limit=slow_in_the_middle), given_limits)
     for peak, ratio, joint, time in (
-        (found.velocity, 1.0, 1, 8.4290741762),
-        (found.acceleration, 0.65737510652, 1, 11.4391581638),
-        (found.jerk, 3.0300104863, 0, 9.3925878607),
+        (found.velocity, 1.0, 1, 7.7748297858),
+        (found.acceleration, 0.65737510652, 1, 10.970625096),
+        (found.jerk, 3.0300104863, 0, 11.167013707),
     ):
         assert peak.ratio == pytest.approx(ratio, rel=1e-9)
         assert peak.joint == joint

@@ -1,0 +1,81 @@
+"""Runs: a jerk-limited law changes speed on blends, too, and keeps all limits by closed bounds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planner_service.path.corner_blend import BLEND_SHARE
+from planner_service.path.joint_path import JointPath
+from planner_service.timing.laws import SCurve
+from planner_service.timing.limit_check import peaks
+from planner_service.timing.profiles import s_curve, speed_profile
+from planner_service.timing.runs import split_at
+from planner_service.timing.segments import path_segments
+from tests.unit.timing.test_laws import limits
+from tests.unit.timing.test_segments import mixed_limits
+
+
+def chain(seed: int, corners: int, turn: float) -> JointPath:
+    """A polyline of many corners whose blends touch each other."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 7))
+    directions = np.cumsum(rng.normal(size=(corners + 1, n)) * turn, axis=0) + np.ones(n)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    path = JointPath(np.vstack([np.zeros(n), np.cumsum(directions * rng.uniform(0.1, 0.3, (corners + 1, 1)), axis=0)]))
+    widths = np.zeros(corners + 2)
+    for k in path.corners:
+        room = np.diff(path.knots)[k - 1 : k + 1].min()
+        widths[k] = 0.0 if path.turns_back(k) else BLEND_SHARE * room
+    return path.with_blends(widths)
+
+
+@given(seed=st.integers(0, 10_000), corners=st.integers(1, 30), turn=st.floats(1e-3, 0.7))
+@settings(max_examples=60, deadline=None)
+def test_no_limit_is_exceeded_without_stretching_time(seed: int, corners: int, turn: float) -> None:
+    path = chain(seed, corners, turn)
+    given_limits = mixed_limits(path, seed)
+    trajectory = SCurve().time_path(path, given_limits)
+    found = peaks(trajectory, given_limits)
+    assert trajectory.dilation == 1.0
+    assert max(found.velocity.ratio, found.acceleration.ratio, found.jerk.ratio) <= 1.0 + 1e-9
+
+
+@given(seed=st.integers(0, 10_000), corners=st.integers(1, 30), turn=st.floats(1e-3, 0.7))
+@settings(max_examples=40, deadline=None)
+def test_it_is_never_slower_than_with_a_constant_speed_on_each_blend(seed: int, corners: int, turn: float) -> None:
+    path = chain(seed, corners, turn)
+    given_limits = mixed_limits(path, seed)
+    segments = path_segments(path, given_limits, None)
+    constant = sum(phase.duration for segment in segments for phase in speed_profile(segment.sections(jerk=True)))
+    assert SCurve().time_path(path, given_limits).duration <= constant * (1.0 + 1e-12)
+
+
+def test_corners_that_hardly_turn_cost_nothing() -> None:
+    """With a constant speed on each blend the speed would stay at what the first tenth of a radian allows."""
+    path = chain(1, 30, 1e-6)
+    line = JointPath(path.waypoints[[0, -1]])
+    given_limits = limits(path.n)
+    straight = SCurve().time_path(line, given_limits).duration
+    assert SCurve().time_path(path, given_limits).duration == pytest.approx(straight, rel=1e-3)
+
+
+@given(
+    distance=st.floats(0.01, 10.0),
+    rates=st.tuples(st.floats(0.1, 5.0), st.floats(0.5, 20.0), st.floats(5.0, 500.0)),
+    shares=st.lists(st.floats(0.0, 1.0), max_size=8, unique=True),
+)
+def test_a_motion_that_is_split_stays_what_it_was(
+    distance: float, rates: tuple[float, float, float], shares: list[float]
+) -> None:
+    phases, places = list(s_curve(distance, *rates)), sorted(distance * share for share in shares)
+    parts = split_at(phases, places)
+    assert math.fsum(part.duration for part in parts) == pytest.approx(math.fsum(p.duration for p in phases), rel=1e-12)
+    ends = [*(part.position for part in parts[1:]), distance]
+    for (h, s, v, a, j), end in zip(parts, ends, strict=True):
+        assert s + h * (v + h * (a / 2.0 + h * j / 6.0)) == pytest.approx(end, abs=1e-11 * distance)
+        assert not any(s + 1e-9 < place < end - 1e-9 for place in places)
