@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.collision import CollisionChecker
-from planner_service.geometry.arrays import FloatArray, read_only
-from planner_service.search.problem import SearchProblem, SearchResult, joint_distance
+from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
+from planner_service.search.problem import SearchProblem, SearchResult
 
 __all__ = ["STEP", "Lesson", "Toy", "ToyRun", "VertexShortcut", "samples", "stop_and_go_seconds"]
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from planner_service.constraints.resolved import ConstraintSet, Placed
-from planner_service.geometry.arrays import FloatArray, cosines_and_sines
+from planner_service.geometry.arrays import FloatArray, cosines_and_sines, joint_distance
 from planner_service.native.loading import load_core
 
 if TYPE_CHECKING:
@@ -331,11 +331,6 @@ class _Measured:
             return (turn[1] * R[0][2] - turn[0] * R[1][2]) / self._chord / region.chord
         twist = (turn[0] * R[0][2] + turn[1] * R[1][2] + turn[2] * (R[2][2] + 1.0)) / max(1.0 + R[2][2], FACING_AWAY)
         return (twist if self._g >= 0.0 else -twist) * (self._f / self._norm) / 2.0 / region.sine
-
-
-def joint_distance(a: Configuration, b: Configuration) -> float:
-    """The L2 norm of ``b - a``, summed in joint order."""
-    return math.sqrt(_sum((y - x) * (y - x) for x, y in zip(a, b, strict=True)))
 
 
 def _dot(a: Sequence[float], b: Sequence[float]) -> float:

@@ -12,10 +12,9 @@ from itertools import accumulate, pairwise
 
 import numpy as np
 
-from planner_service.geometry.arrays import FloatArray, IntArray
+from planner_service.geometry.arrays import FloatArray, IntArray, joint_distance
 from planner_service.path.corner_blend import BLEND_SHARE, integral
 from planner_service.path.joint_path import JointPath
-from planner_service.search.problem import joint_distance
 
 __all__ = ["IntArray", "Samples", "course_path", "evenly", "sampled", "squares", "summed"]
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from planner_service.collision import Contact
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -22,7 +22,6 @@ from planner_service.planning.collision_recovery import nearest_free
 from planner_service.planning.request import PlanRequest, joint_vector
 from planner_service.planning.result import Failure, Reason, Stage
 from planner_service.robot.model import ExemptRetreat, Robot
-from planner_service.search.problem import joint_distance
 
 __all__ = ["Ends", "GoalState", "find_ends", "padded_ends", "require_ends"]
 

@@ -16,14 +16,13 @@ from planner_service.concurrency.polling import Prepared
 from planner_service.constraints import Constraint
 from planner_service.constraints.values import checked_constraints
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, set_fields
+from planner_service.geometry.arrays import FloatArray, joint_distance, set_fields
 from planner_service.geometry.validation import instance, items, number, numbers, text, whole
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.accounting import Limits, NoPlan, PlanAccounting, certified_path, certify, require_proven
 from planner_service.planning.request import Pace, kept_in
 from planner_service.planning.result import Failure, PlanResult, Reason, Stage
 from planner_service.planning.timing_stage import timed
-from planner_service.search.problem import joint_distance
 from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import MIN_BLEND, blended
 

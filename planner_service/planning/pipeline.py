@@ -14,7 +14,7 @@ from planner_service.collision.proximity import require_kernel
 from planner_service.concurrency.polling import Prepared, waited
 from planner_service.constraints.resolved import constraint_set
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise, Optimum
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -41,7 +41,6 @@ from planner_service.roadmap import Roadmap
 from planner_service.robot.model import ExemptRetreat, Robot
 from planner_service.scene.scene import Scene
 from planner_service.search.constrained import ConstrainedOracle
-from planner_service.search.problem import joint_distance
 from planner_service.search.trace import Tracer
 from planner_service.smoothing.constrained import blend_is_kept
 from planner_service.smoothing.smoothing import blended

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner_service.collision import CollisionChecker, Contact, Known
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Figures, Optimise, Optimum
 from planner_service.path.joint_path import JointPath
 from planner_service.planning.result import Failure, PolishReport, Reason, Stage
 from planner_service.robot.model import Robot
-from planner_service.search.problem import joint_distance
 
 __all__ = ["Touch", "judged", "lines", "not_free", "optimum_path"]
 

@@ -17,7 +17,7 @@ from planner_service.certify import Certificate
 from planner_service.collision import Cancelled, CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent, TimeBoxSpent
 from planner_service.errors import BrokenInvariant
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise
 from planner_service.planning.accounting import NoPlan, PlanContext, StageEntry
 from planner_service.planning.collision_recovery import near
@@ -29,7 +29,7 @@ from planner_service.roadmap import Roadmap, Terms
 from planner_service.search.constrained import ConstrainedOracle
 from planner_service.search.edge_cache import SearchOracle
 from planner_service.search.planners import BalancedRRTConnect, RRTConnect
-from planner_service.search.problem import Planner, SearchProblem, joint_distance
+from planner_service.search.problem import Planner, SearchProblem
 from planner_service.smoothing.constrained import shortcut_on_constraints
 from planner_service.smoothing.smoothing import pulled_in, shortcut, without_short_pieces
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.budget import CheckBudgetSpent
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.optimize import Optimise
 from planner_service.path.corner_blend import STEEPEST
 from planner_service.path.joint_path import JointPath
@@ -29,7 +29,7 @@ from planner_service.replanning.splice import SwitchPoint
 from planner_service.roadmap import Roadmap
 from planner_service.search.edge_cache import SearchOracle, TieredOracle
 from planner_service.search.planners import BalancedRRTConnect
-from planner_service.search.problem import Configuration, SearchProblem, joint_distance
+from planner_service.search.problem import Configuration, SearchProblem
 from planner_service.smoothing.smoothing import blended, pulled_in, shortcut, without_short_pieces
 
 __all__ = ["CandidatePath", "Detours", "Place"]

@@ -21,7 +21,7 @@ from planner_service.collision.budget import CheckBudgetSpent, SearchStopped, Ti
 from planner_service.concurrency.polling import Prepared
 from planner_service.constraints.values import constraint_names
 from planner_service.errors import BrokenInvariant, InvalidRequest
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.geometry.shapes import Pose
 from planner_service.grasping.guards import reach_objection
 from planner_service.kinematics.pose_goal import PoseGoal
@@ -48,7 +48,6 @@ from planner_service.replanning.result import OldMotion, Outcome, Replanned, req
 from planner_service.replanning.splice import SwitchPoint
 from planner_service.scene.names import Names
 from planner_service.scene.scene import KIND_SUFFIXES
-from planner_service.search.problem import joint_distance
 from planner_service.timing.laws import TimingFailed, ToppRa
 from planner_service.timing.limit_check import TOLERANCE, LimitPeaks, peaks
 

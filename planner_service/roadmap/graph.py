@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
+from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, frozen, joint_distance, read_only
 from planner_service.geometry.validation import numbers
 from planner_service.native.loading import load_core
-from planner_service.search.problem import joint_distance
 
 if TYPE_CHECKING:
     from planner_service.native import _core

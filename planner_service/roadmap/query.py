@@ -21,7 +21,7 @@ import numpy as np
 
 from planner_service.collision.contact import EdgeHit
 from planner_service.collision.edge_sampling import KNOWN_ENDS
-from planner_service.geometry.arrays import BoolArray, FloatArray
+from planner_service.geometry.arrays import BoolArray, FloatArray, joint_distance
 from planner_service.native.loading import load_core
 from planner_service.roadmap.graph import Graph, Neighbour
 from planner_service.roadmap.nearest import Place, compiled_places, nearest_places
@@ -32,7 +32,6 @@ from planner_service.search.problem import (
     Configuration,
     SearchProblem,
     distances,
-    joint_distance,
     of_tuples,
 )
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, TypeVar
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.checker import EdgeHit
 from planner_service.collision.edge_sampling import KNOWN_ENDS
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.native.loading import load_core
-from planner_service.search.problem import SELF, Configuration, joint_distance
+from planner_service.search.problem import SELF, Configuration
 
 if TYPE_CHECKING:
     from planner_service.native import _core

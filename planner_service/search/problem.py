@@ -7,7 +7,7 @@ counts its checks. Tests use discs in a plane instead.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -32,7 +32,6 @@ __all__ = [
     "SearchSpace",
     "Space",
     "distances",
-    "joint_distance",
     "of_tuples",
     "require_seed",
 ]
@@ -217,14 +216,6 @@ class Planner(Protocol):
         Exceptions of the oracle and of ``poll`` pass through, unless there is a path, or a roadmap that learned
         something, to return (``SearchResult.stopped``).
         """
-
-
-def joint_distance(a: Iterable[float], b: Iterable[float]) -> float:
-    """The L2 norm of ``b - a``, summed in joint order for equal bits on every CPU."""
-    total = 0.0
-    for x, y in zip(a, b, strict=True):
-        total += (y - x) * (y - x)
-    return math.sqrt(total)
 
 
 def distances(points: FloatArray, q: FloatArray) -> FloatArray:

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner_service.constraints.projection import LEAST_STRIDE, Projector
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.path.joint_path import JointPath
 from planner_service.search.constrained import ConstrainedOracle
-from planner_service.search.problem import Configuration, joint_distance
+from planner_service.search.problem import Configuration
 from planner_service.smoothing.smoothing import MIN_GAIN, asked_of_core, point_at
 
 __all__ = ["blend_is_kept", "shortcut_on_constraints"]

@@ -23,11 +23,11 @@ from numpy.typing import ArrayLike
 
 from planner_service.collision.edge_sampling import KNOWN_ENDS, Known
 from planner_service.errors import InvalidRequest
-from planner_service.geometry.arrays import FloatArray, read_only
+from planner_service.geometry.arrays import FloatArray, joint_distance, read_only
 from planner_service.native.loading import load_core
 from planner_service.path.corner_blend import BLEND_SHARE
 from planner_service.path.joint_path import JointPath
-from planner_service.search.problem import CoarseOracle, Configuration, Oracle, joint_distance
+from planner_service.search.problem import CoarseOracle, Configuration, Oracle
 
 __all__ = [
     "MIN_BLEND",

@@ -48,10 +48,10 @@ from benchmarks.worlds.queries import SCENES, Region
 from planner_service.certify import Certificate, Refusal
 from planner_service.collision.native_kernel import instruction_sets
 from planner_service.errors import InvalidRequest, UnknownName
-from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.arrays import FloatArray, joint_distance
 from planner_service.planners import PLANNERS
 from planner_service.search.edge_cache import SearchOracle
-from planner_service.search.problem import SearchProblem, joint_distance
+from planner_service.search.problem import SearchProblem
 from planner_service.timing.limit_check import peaks
 
 Judged = tuple[Row, ps.JointPath]
