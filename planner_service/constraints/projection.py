@@ -10,7 +10,7 @@ This is the search's view; that a whole curve keeps its constraints is proven by
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -97,11 +97,17 @@ def projector_of(constraints: ConstraintSet) -> _core.Projector | ReferenceProje
     core = load_core()
     if core is None:
         return ReferenceProjector(constraints)
-    robot = constraints.robot
-    joints = [[body.parent, body.q_index, body.prismatic, *body.axis.tolist()] for body in robot.bodies[1:]]
-    rows = [_row(placed) for placed in constraints.regions]
+    robot, bodies = constraints.robot, _moved_by(constraints)
+    numbers = {body: number for number, body in enumerate([0, *bodies])}
+    table = robot.body_table[[body - 1 for body in bodies]]
+    table[:, 0] = [numbers[robot.bodies[body].parent] for body in bodies]
+    joints = [
+        [parent, robot.bodies[body].q_index, robot.bodies[body].prismatic, *robot.bodies[body].axis.tolist()]
+        for parent, body in zip(table[:, 0].tolist(), bodies, strict=True)
+    ]
+    rows = [_row(placed, numbers) for placed in constraints.regions]
     projector: _core.Projector = core.Projector(
-        robot.body_table,
+        table,
         np.array(joints, dtype=np.float64).reshape(-1, 6),
         constraints.lower,
         constraints.upper,
@@ -110,12 +116,22 @@ def projector_of(constraints: ConstraintSet) -> _core.Projector | ReferenceProje
     return projector
 
 
-def _row(placed: Placed) -> list[float]:
+def _moved_by(constraints: ConstraintSet) -> list[int]:
+    """The bodies that the frames of the regions depend on, parents first; the base is none of them."""
+    found: set[int] = set()
+    for index in (index for placed in constraints.regions for index in (placed.body, placed.base)):
+        while index > 0:
+            found.add(index)
+            index = constraints.robot.bodies[index].parent
+    return sorted(found)
+
+
+def _row(placed: Placed, numbers: Mapping[int, int]) -> list[float]:
     """A region as ``Region`` in native/constraints/projector.hpp."""
     region = placed.region
     frames = [number for pose in (placed.at, placed.frame) for number in _frame(pose.matrix)]
     bounds = [*region.lower, *region.upper, *placed.room, *_bounds(placed)]
-    return [placed.body, placed.base, *frames, *bounds, *placed.reach.tolist()]
+    return [numbers[placed.body], numbers[placed.base], *frames, *bounds, *placed.reach.tolist()]
 
 
 def _frame(T: FloatArray) -> list[float]:

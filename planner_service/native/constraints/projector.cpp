@@ -12,7 +12,7 @@ namespace {
 // These are those of constraints/projection.py.
 constexpr double KEPT = 0.8, AIM = 0.5, SAMPLE = 0.95, BOUND = 0.97, ROUNDING = 1e-9, FACING_AWAY = 1e-9, LEAST_PROGRESS = 0.1, MOST_DETOUR = 2.0;
 constexpr double DAMPING = 1e-6, LEAST_DAMPING = 1e-12, LONGEST_STEP = 0.3;
-constexpr int STEPS = 12, MAX_DEPTH = 8;
+constexpr int STEPS = 12;
 constexpr int TILT = 3, TURN = 4;
 
 double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -114,7 +114,7 @@ void Projector::place(const double* q) {
     }
 }
 
-void Projector::measure(const double* q, std::vector<double>& shares) {
+void Projector::measure(const double* q, Shares& shares) {
     place(q);
     shares.clear();
     for (const auto& [r, kind] : rows_) {
@@ -134,7 +134,7 @@ void Projector::measure(const double* q, std::vector<double>& shares) {
 }
 
 double Projector::share(const double* q) {
-    std::vector<double> shares;
+    Shares shares;
     measure(q, shares);
     return largest(shares);
 }
@@ -189,10 +189,15 @@ void Projector::gradients(const std::vector<std::size_t>& rows, std::vector<doub
 }
 
 bool Projector::project(Configuration& q) {
+    Shares at;
+    return project(q, at);
+}
+
+bool Projector::project(Configuration& q, Shares& shares) {
     ++projections_;
     const std::size_t n = arm_.joints;
-    std::vector<double> shares, J, A, y;
-    std::vector<std::size_t> rows;
+    std::vector<double>&J = J_, &A = A_, &y = y_;
+    std::vector<std::size_t>& rows = used_;
     for (int step = 0; step < STEPS; ++step) {
         measure(q.data(), shares);
         if (largest(shares) <= KEPT) return true;
@@ -230,6 +235,14 @@ bool Projector::project(Configuration& q) {
 }
 
 bool Projector::keeps(const Configuration& a, const Configuration& b) {
+    Shares first, last;
+    measure(a.data(), first);
+    measure(b.data(), last);
+    return keeps(a, b, first, last);
+}
+
+bool Projector::keeps(const Configuration& a, const Configuration& b, const Shares& first, const Shares& last) {
+    if (!(std::max(largest(first), largest(last)) <= 1.0 + ROUNDING)) return false;
     const std::size_t n = arm_.joints;
     from_ = a;
     for (std::size_t k = 0; k < n; ++k) difference_[k] = b[k] - a[k];
@@ -248,27 +261,33 @@ bool Projector::keeps(const Configuration& a, const Configuration& b) {
                                            : metres / region.room[kind];
         bend_.push_back(most / 8.0);
     }
-    std::vector<double> first, last;
-    measure(a.data(), first);
-    measure(b.data(), last);
     allowed_.clear();
     for (std::size_t k = 0; k < rows_.size(); ++k) allowed_.push_back(std::max(SAMPLE, std::max(first[k], last[k])));
-    return std::max(largest(first), largest(last)) <= 1.0 + ROUNDING && part_is_kept(0.0, 1.0, first, last, 0);
+    return part_is_kept(0.0, 1.0, first, last, 0);
 }
 
 bool Projector::step(const Configuration& from, Configuration& to, const Configuration& target, double distance, double step, bool fixed) {
-    if (!fixed && !project(to)) return false;
-    return length(to, target) <= distance - LEAST_PROGRESS * step && length(from, to) <= MOST_DETOUR * step && keeps(from, to);
+    if (!fixed && !project(to, last_)) return false;
+    if (!(length(to, target) <= distance - LEAST_PROGRESS * step && length(from, to) <= MOST_DETOUR * step)) return false;
+    if (fixed) measure(to.data(), last_);
+    if (from != reached_) {
+        measure(from.data(), first_);
+        reached_ = from;
+    }
+    if (!keeps(from, to, first_, last_)) return false;
+    reached_ = to;
+    std::swap(first_, last_);
+    return true;
 }
 
-bool Projector::part_is_kept(double from, double to, const std::vector<double>& first, const std::vector<double>& last, int depth) {
+bool Projector::part_is_kept(double from, double to, const Shares& first, const Shares& last, int depth) {
     const double part = to - from, square = part * part;
     bool certain = true;
     for (std::size_t k = 0; k < rows_.size() && certain; ++k) certain = std::max(first[k], last[k]) + square * bend_[k] <= BOUND;
     if (certain || depth == MAX_DEPTH) return true;
     const double middle = (from + to) / 2.0;
     for (std::size_t k = 0; k < on_.size(); ++k) on_[k] = from_[k] + difference_[k] * middle;
-    std::vector<double> shares;
+    Shares& shares = between_[static_cast<std::size_t>(depth)];
     measure(on_.data(), shares);
     for (std::size_t k = 0; k < rows_.size(); ++k)
         if (shares[k] > allowed_[k]) return false;

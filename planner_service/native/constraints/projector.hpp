@@ -12,6 +12,9 @@ namespace constraints {
 
 using Configuration = std::vector<double>;
 
+// Of the tolerance of each bounded quantity, the share that is used: 1 at a bound, more beyond it.
+using Shares = std::vector<double>;
+
 // A frame on one body that stays in a region on another, as ``ConstraintSet`` has it.
 struct Region {
     std::size_t body, base;
@@ -36,8 +39,6 @@ class Projector {
 
     std::size_t dof() const { return arm_.joints; }
 
-    // The share of its tolerance that each bounded quantity has used: 1 at a bound, more beyond it.
-    void measure(const double* q, std::vector<double>& shares);
     // The largest share at q.
     double share(const double* q);
 
@@ -69,9 +70,15 @@ class Projector {
         double at[3];            // the same in A
     };
 
+    static constexpr int MAX_DEPTH = 8;  // how often an edge is halved
+
     void place(const double* q);
+    void measure(const double* q, Shares& shares);
+    // project, with the shares where it ends; keeps, with the shares at both ends.
+    bool project(Configuration& q, Shares& shares);
+    bool keeps(const Configuration& a, const Configuration& b, const Shares& first, const Shares& last);
     void gradients(const std::vector<std::size_t>& rows, std::vector<double>& out) const;
-    bool part_is_kept(double from, double to, const std::vector<double>& first, const std::vector<double>& last, int depth);
+    bool part_is_kept(double from, double to, const Shares& first, const Shares& last, int depth);
 
     kinematics::Arm arm_;
     Joints joints_;
@@ -84,6 +91,13 @@ class Projector {
     // of the edge that is judged
     Configuration from_, difference_, on_;
     std::vector<double> bend_, allowed_;
+    std::array<Shares, MAX_DEPTH> between_;
+    // where the last step began, or ended if it was kept, and the shares there and at its other end
+    Configuration reached_;
+    Shares first_, last_;
+    // of a projection
+    std::vector<double> J_, A_, y_;
+    std::vector<std::size_t> used_;
 };
 
 }  // namespace constraints

@@ -83,6 +83,30 @@ def test_compiled_and_in_python_there_are_the_same_bits_and_what_is_projected_ke
 
 
 @pytest.mark.parametrize("name", CASES)
+def test_a_walk_has_the_same_bits_whatever_was_asked_before_each_step(name: str) -> None:
+    """The compiled form remembers where its last step ended."""
+    robot, constraints, compiled = case(name)
+    reference, rng = ReferenceProjector(constraints), np.random.default_rng(3)
+    drawn = (tuple(rng.uniform(constraints.lower, constraints.upper).tolist()) for _ in range(40))
+    near = next(q for q in map(compiled.project, drawn) if q is not None)
+    kept = refused = 0
+    for k in range(300):
+        away = 10.0 ** rng.uniform(-4, 0) * rng.normal(size=robot.n)
+        end = tuple((near + away).tolist())
+        if k % 5 == 0:
+            assert compiled.keeps(end, near) == reference.keeps(end, near)
+        if k % 7 == 0:
+            assert compiled.project(end) == reference.project(end)
+        args = (near, end, end, math.dist(near, end), math.dist(near, end), k % 3 > 0)  # to a bound, and a little back
+        step = compiled.step(*args)
+        assert step == reference.step(*args)
+        kept, refused = kept + (step is not None), refused + (step is None)
+        near = near if step is None else step
+    assert kept > 5
+    assert refused > 5
+
+
+@pytest.mark.parametrize("name", CASES)
 def test_shares_are_one_at_the_bounds_and_quantities_are_what_matrices_say(name: str) -> None:
     robot, constraints, projector = case(name)
     rng = np.random.default_rng(3)
