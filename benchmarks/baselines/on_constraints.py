@@ -1,6 +1,6 @@
-"""Other ways of planning under constraints: samples that do not keep them rejected, and OMPL's projected space.
+"""Other ways of planning under constraints: samples that do not keep them rejected, OMPL's projected space, roboplan.
 
-Both end with their first path, which is neither shortened nor proven nor timed.
+All end with their first path, which is neither shortened nor proven nor timed.
 """
 
 from __future__ import annotations
@@ -16,19 +16,25 @@ import ompl.geometric as og
 import ompl.util as ou
 import pinocchio as pin
 
+from benchmarks.baselines.peers.catalogue import PEERS
+from benchmarks.baselines.peers.environments import Environment
+from benchmarks.baselines.peers.jobs import Task
+from benchmarks.baselines.peers.running import NOT_INSTALLED, Run, path_of, replies_of
 from benchmarks.harness.audit import independent
+from benchmarks.harness.sources import Motion
 from benchmarks.worlds.constrained import ROBOTS, ConstrainedQuery
 from planner_service.collision import CollisionChecker, Known
 from planner_service.collision.budget import TimeBoxSpent
-from planner_service.constraints import Constraint, JointRange
+from planner_service.constraints import Constraint, JointRange, ToolRegion
 from planner_service.constraints.projection import Projector, projector_of
 from planner_service.constraints.resolved import ConstraintSet
 from planner_service.geometry.arrays import FloatArray
+from planner_service.path.joint_path import JointPath
 from planner_service.planners import RRTConnect
 from planner_service.robot.model import load_robot
 from planner_service.search.problem import SearchProblem
 
-__all__ = ["METHODS", "projected", "rejecting"]
+__all__ = ["METHODS", "Raw", "projected", "rejecting", "roboplan"]
 
 SEED = 1
 
@@ -137,6 +143,37 @@ def projected(query: ConstrainedQuery, given: tuple[Constraint, ...], seconds: f
     end = time.process_time() + seconds
     planner.solve(ob.PlannerTerminationCondition(lambda: time.process_time() > end))
     return bool(problem.hasExactSolution())
+
+
+@dataclass(frozen=True, eq=False)
+class Raw:
+    """What roboplan makes of a query.
+
+    Attributes:
+        ms: CPU of its search, without what prepares the scene; all it waited for where there is no answer.
+        path: None if there is none.
+        failure: None if there is a path from the start to a goal.
+    """
+
+    ms: float
+    path: JointPath | None
+    failure: str | None
+
+
+def roboplan(query: ConstrainedQuery, given: tuple[Constraint, ...], seconds: float) -> Raw | None:
+    """roboplan's RRT-Connect in its environment; None where no job can hold the robot and the constraints."""
+    if query.set != "panda":
+        return None
+    (upright,), robot, peer = given, load_robot(ROBOTS[query.set]), PEERS["roboplan"]
+    assert isinstance(upright, ToolRegion)
+    problem = Motion(query.name, query.set, robot.name, query.scene, query.start, tuple(query.goals))
+    tasks, environment = (Task(problem, SEED, upright),), Environment.of(peer)
+    if not environment.ready:
+        return Raw(0.0, None, NOT_INSTALLED)
+    (reply,) = replies_of(Run(peer, "rrtconnect", query.set, robot, tasks, seconds), environment, tasks)
+    path, failure, _ = path_of(reply, problem)
+    spent = reply.waited if reply.answer is None else float(reply.answer["cpu_seconds"])
+    return Raw(spent * 1e3, None if path is None or failure is not None else JointPath(path), failure)
 
 
 METHODS: dict[str, Callable[[ConstrainedQuery, tuple[Constraint, ...], float], bool | None]] = {

@@ -1,7 +1,8 @@
 """Plans that keep constraints along the whole motion, on stored queries, judged by kinematics that are not ours.
 
-Beside the service with its default request: RRTConnect that may only reject what does not keep the constraints, and
-OMPL's projected space, on every few queries.
+Beside the service with its default request, on every few queries: RRTConnect that may only reject what does not keep
+the constraints, OMPL's projected space, and roboplan with the Panda's cups, where it is installed
+(``python -m benchmarks peers install roboplan``).
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from rich.table import Table
 
 from auditor.checker import IndependentChecker
 from auditor.constraints import MOTION_STEP, Deviation, deviations
-from benchmarks.baselines.on_constraints import METHODS
+from benchmarks.baselines.on_constraints import METHODS, roboplan
+from benchmarks.baselines.peers.running import NOT_INSTALLED
 from benchmarks.harness.audit import audited, independent, touch_on_curve
 from benchmarks.harness.report import Promise, Report, Row, cpu_ms, grouped, merged, p50, spread, table_of
 from benchmarks.worlds.constrained import REGIONS, ROBOTS, UPRIGHT, ConstrainedQuery, draw, load
@@ -96,6 +98,11 @@ def measured(case: Case, query: ConstrainedQuery, *, compare: bool) -> Row:
             spent, solved = cpu_ms(partial(method, query, given, BASELINE_SECONDS))
             row |= {name: {"ms": spent, "solved": solved}}
             row["solvable"] |= bool(solved)
+        raw = roboplan(query, given, BASELINE_SECONDS)
+        if raw is not None:
+            found = {} if raw.path is None else _seen(query, case, raw.path)[0]
+            row["roboplan"] = {"ms": raw.ms, "failure": raw.failure} | found
+            row["solvable"] |= bool(found) and found["share"] <= 1.0 and found["touch"] is None
     return row
 
 
@@ -108,18 +115,13 @@ def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result
     path, trajectory = result.path, result.trajectory
     if path is None or trajectory is None:
         return {}
-    second = _second(ROBOTS[query.set], query.scene)
-    samples = second.along(path, path.length, MOTION_STEP)
-    asked = [audited(service.robot, constraint) for constraint in query.constraints(case.tolerance)]
-    found = deviations(second, samples, asked)
+    seen, found = _seen(query, case, path)
     free = service.plan(PlanRequest(query.start, path.waypoints[-1]))
     row: Row = {
         "waypoints": len(path.waypoints),
         "length": path.length,
-        "samples": len(samples),
-        "share": max(_share(item) for item in found),
+        **seen,
         "bounds": _bounds(result, found),
-        "touch": touch_on_curve(second, path, MOTION_STEP),
         "slower": None,
         "slower s-curve": None,
     }
@@ -128,6 +130,15 @@ def _judged(query: ConstrainedQuery, case: Case, service: PlannerService, result
         row["slower s-curve"] = _pace(service, path) / _pace(service, free.path)
         row["detour"] = path.length / free.path.length
     return row
+
+
+def _seen(query: ConstrainedQuery, case: Case, path: JointPath) -> tuple[Row, list[Deviation]]:
+    """What the second checker finds along a path: part of a row, and the largest deviations."""
+    second, robot = _second(ROBOTS[query.set], query.scene), load_robot(ROBOTS[query.set])
+    samples = second.along(path, path.length, MOTION_STEP)
+    found = deviations(second, samples, [audited(robot, each) for each in query.constraints(case.tolerance)])
+    share, touch = max(_share(item) for item in found), touch_on_curve(second, path, MOTION_STEP)
+    return {"samples": len(samples), "share": share, "touch": touch}, found
 
 
 def _share(item: Deviation) -> float:
@@ -245,19 +256,35 @@ def _others_table(rows: Sequence[Row]) -> Table:
         both = [row for row in here if all(name in row for name in METHODS)]
         out: Row = {"set": case, "service solved": f"{len(_done(both))}/{len(both)}"}
         out["service ms"] = spread(_values(both, "ms"), 0) if both else "-"
+        out["leave, touch"] = _wrong(_done(both))
         for name in METHODS:
             asked = [row[name] for row in both if row[name]["solved"] is not None]
             solved = f"{sum(run['solved'] for run in asked)}/{len(asked)}"
             out[f"{name} solved"] = solved if asked else "-"
             out[f"{name} ms"] = spread([run["ms"] for run in asked]) if asked else "-"
-        return out
+        return out | _peer_cells([row["roboplan"] for row in both if "roboplan" in row])
 
     caption = (
         f"Every {EVERY}th query, at most {BASELINE_SECONDS:g} s of CPU each; ms: p50 / p95, failures with what they "
         "spent. The others' paths are raw: neither shortened, nor proven, nor timed. OMPL's validity checks and "
-        "equations are Python that asks compiled code. -: nothing is narrow enough to be projected."
+        "equations are Python that asks compiled code. roboplan's ms: its search alone. -: nothing is narrow enough to "
+        "be projected; roboplan is asked about the Panda's cups only. Leave, touch: motions that leave a tolerance, "
+        f"and those that touch something, by Pinocchio and Coal at {MOTION_STEP * 1e3:g} mm motion steps."
     )
     return table_of("Other methods", (line(*each) for each in grouped(rows, "case").items()), caption=caption)
+
+
+def _peer_cells(told: Sequence[Row]) -> Row:
+    done = _done(told)
+    cells = {"solved": f"{len(done)}/{len(told)}", "ms": _spread(told, "ms"), "leave, touch": _wrong(done)}
+    if not told or told[0]["failure"] == NOT_INSTALLED:
+        cells = dict.fromkeys(cells, "not installed" if told else "-")
+    return {f"roboplan {name}": cell for name, cell in cells.items()}
+
+
+def _wrong(done: Sequence[Row]) -> str:
+    """How many leave a tolerance, and how many touch something."""
+    return f"{sum(row['share'] > 1.0 for row in done)}, {sum(row['touch'] is not None for row in done)}"
 
 
 def _promises(rows: Sequence[Row]) -> tuple[Promise, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import os
 import re
 import sys
@@ -31,6 +32,7 @@ from benchmarks.harness import rows
 from benchmarks.harness.environment import environment
 from benchmarks.harness.sources import Motion
 from planner_service import Box, Capsule, Cylinder, Mesh, Obstacle, Pose, Robot, Scene, Sphere, load_robot
+from planner_service.constraints import KeepUpright
 from planner_service.errors import InvalidRequest, UnknownName
 from planner_service.geometry.arrays import rpy_matrix
 from planner_service.geometry.shapes import Shape
@@ -412,6 +414,32 @@ def test_vamps_angles_are_turns_about_fixed_axes(monkeypatch: pytest.MonkeyPatch
     assert answer.waypoints is robot.simplify().path.numpy()
     with pytest.raises(ValueError, match="no ur5"):
         vamp_adapter.Vamp(told | {"robot": {"name": "ur5"}})
+
+
+def test_roboplan_keeps_the_world_upright_in_the_tools_frame_and_shortens_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    peer = MagicMock()
+    monkeypatch.setitem(sys.modules, "roboplan", peer)
+    monkeypatch.delitem(sys.modules, "benchmarks.baselines.peers.roboplan_adapter", raising=False)
+    from benchmarks.baselines.peers import roboplan_adapter
+
+    axis = np.array([0.6, -0.8, 0.0])
+    robot = {"urdf": str(tmp_path / "r.urdf"), "srdf": "", "joints": [], "acceleration": [], "base_links": []}
+    task = Task(motion(), 2, KeepUpright(tuple(axis), 0.1))
+    told = job_of(PEERS["roboplan"], "rrtconnect", robot | {"tool_frame": "tool"}, [task], 1.0)
+    peer.rrt.RRT().plan.return_value.positions = path = [[0.0], [1.0]]
+    answer = Answer()
+    roboplan_adapter.Roboplan(told).solve(told["problems"][0], 2, answer)
+    (_, _, frame, lower, upper, tool, reference), _ = peer.rrt.PoseConstraint.call_args
+    assert (frame, reference) == ("universe", "tool")
+    assert np.allclose(tool[:3, 2], axis)
+    assert np.array_equal(lower, -upper)
+    corner = np.hypot(*upper[3:5]) + 0.005  # by its own leniency beyond the bounds
+    assert (corner, upper[5]) == (pytest.approx(0.1), math.pi)
+    assert peer.rrt.RRT().plan.call_args.args[2] == [peer.rrt.PoseConstraint.return_value]
+    assert np.array_equal(answer.waypoints, path)
+    peer.core.PathShortcutter.assert_not_called()
 
 
 # --- environments

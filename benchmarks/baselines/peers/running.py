@@ -7,6 +7,7 @@ import hashlib
 import math
 import tempfile
 from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -31,7 +32,8 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray
 from planner_service.robot.model import Robot, load_robot
 
-__all__ = ["STEPS", "Run", "main", "row_of", "rows_of", "run_into", "tasks_of"]
+__all__ = ["NOT_INSTALLED", "STEPS", "Run", "main", "path_of", "replies_of", "row_of", "rows_of", "run_into"]
+__all__ += ["tasks_of"]
 
 STEPS = (0.01, 0.005)
 """Radians that a joint turns between two audited configurations at most, the coarser first."""
@@ -100,8 +102,7 @@ def tasks_of(suite: str, seeds: Sequence[int], only: int | None = None) -> tuple
 def row_of(run: Run, reply: Reply, problem: Motion) -> results.Row:
     """What became of a problem, judged by the independent checker."""
     answer = reply.answer or {}
-    path = _array(answer.get("waypoints"), run.robot.n)
-    failure, detail = _failure(reply, path, problem)
+    path, failure, detail = path_of(reply, problem)
     seconds = {stage: float(spent) for stage, spent in (answer.get("seconds") or {}).items()}
     row = {"suite": run.suite, **blank_row(problem, run.peer.name, run.planner, int(reply.problem["seed"]))}
     row |= {
@@ -127,16 +128,18 @@ def row_of(run: Run, reply: Reply, problem: Motion) -> results.Row:
     return row | _motion(run.robot, answer) | _judged(run, problem, path, samples)
 
 
-def _failure(reply: Reply, path: FloatArray | None, problem: Motion) -> tuple[str | None, str]:
+def path_of(reply: Reply, problem: Motion) -> tuple[FloatArray | None, str | None, str]:
+    """The path (m, n) of a reply, if it has one; why it does not solve the problem, None if it does; and in words."""
     if reply.answer is None:
-        return reply.failure, reply.detail
+        return None, reply.failure, reply.detail
+    path = _array(reply.answer.get("waypoints"), len(problem.start))
     if path is None:
-        return "no_path", str(reply.answer.get("error") or "no path, and no reason")[:2000]
+        return None, "no_path", str(reply.answer.get("error") or "no path, and no reason")[:2000]
     away = float(np.abs(path[0] - problem.start).max())
     if away > ENDS:
-        return "wrong_start", f"the path begins {away:.2g} rad from the start it was given"
+        return path, "wrong_start", f"the path begins {away:.2g} rad from the start it was given"
     missed = min(float(np.abs(path[-1] - goal).max()) for goal in problem.goals)
-    return ("wrong_goal", f"the path ends {missed:.2g} rad from the goal") if missed > ENDS else (None, "")
+    return (path, "wrong_goal", f"the path ends {missed:.2g} rad from the goal") if missed > ENDS else (path, None, "")
 
 
 def _judged(run: Run, problem: Motion, path: FloatArray, samples: FloatArray | None) -> results.Row:
@@ -195,13 +198,18 @@ def _length(path: FloatArray | None) -> float | None:
 
 def rows_of(run: Run, child: Environment, todo: Sequence[Task]) -> Generator[results.Row, None, None]:
     """The rows of these tasks; each is planned when it is asked for."""
+    with closing(replies_of(run, child, todo)) as replies:
+        yield from map(run.row, replies)
+
+
+def replies_of(run: Run, child: Environment, todo: Sequence[Task]) -> Generator[Reply, None, None]:
+    """The same, as they come."""
     with tempfile.TemporaryDirectory(prefix="peer-") as folder:
         robot = placed_robot(run.robot, Path(folder) / "robot")
         job = job_of(run.peer, run.planner, robot, todo, run.time_limit)
         command = (str(child.python), "-m", run.peer.adapter)
         started = Child(command, child.surroundings(), Path(folder), problem_seconds=run.time_limit + GRACE)
-        for reply in started.replies(job):
-            yield run.row(reply)
+        yield from started.replies(job)
 
 
 def _unavailable(run: Run, state: str, todo: Sequence[Task]) -> Iterator[results.Row]:
