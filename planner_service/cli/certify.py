@@ -67,7 +67,8 @@ def _verdict(certificate: Certificate) -> str:
         return f"refused: {certificate.refusal}"
     part = certificate.part
     stretch = "" if part is None else f" (from s = {part[0]:.6g} to {part[1]:.6g} of its path)"
-    return f"certified: {clearance_text(certificate.clearance)}{stretch}"
+    free = f"certified: {clearance_text(certificate.clearance)}{stretch}"
+    return "; ".join([free, *map(str, certificate.kept)])
 
 
 def _document(proven: Recertified, notes: Sequence[str]) -> dict[str, Any]:

@@ -408,6 +408,7 @@ def plan_lines(plan: PlanResult) -> list[str]:
     """How a plan moves, what is proven of it, and what was done beyond the request, a sentence each."""
     lines = [] if plan.motion is None else [f"motion: {plan.motion}"]
     if plan.certificate is not None and plan.ok:
-        lines.append(f"proof: {proof_text(plan.certificate.clearance, plan.certificate.distances)}")
+        free = f"proof: {proof_text(plan.certificate.clearance, plan.certificate.distances)}"
+        lines.append("; ".join([free, *map(str, plan.certificate.kept)]))
     lines += [] if plan.polish is None else [f"optimised: {plan.polish}"]
     return [*lines, *(f"note: {note}" for note in (*plan.notes, *map(str, plan.exempt)))]

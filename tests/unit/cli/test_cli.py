@@ -448,15 +448,24 @@ def test_every_motion_of_a_saved_task_is_proven_again_with_what_it_carries(tmp_p
     lines = " ".join(found.stdout.split())
     assert lines.count(": certified: ") == 7 + 3  # the gripper closes twice and opens once
     assert "gripper closes before lift: certified: " in lines
-    assert "note: descend: not judged from s = 0.000 to 0.530: finger_left x blue_block" in lines
-    document = json.loads(run("certify", there, "--json").stdout)
-    assert document["certified"] is True
-    assert [motion["clearance"] for motion in document["motions"]] == [
-        segment.result.certificate.clearance for segment in load_task(there).segments if segment.result.certificate
-    ]
-    refused = run("certify", there, "--padding", "0.01")
-    assert refused.exit_code == 1
-    assert "lift: refused: blue_block x bin_floor is not proven apart" in " ".join(refused.stdout.split())
+
+
+def test_certify_says_which_constraints_are_kept(tmp_path: Path) -> None:
+    ends = ["--start=-0.6747,1.754,1.5522,-1.369,0,-0.6747", "--goal", "pose:0.25,0.2,0.12,0.70711,0,0.70711,0"]
+    made = run(
+        "plan", "--scene", "post", *ends, "--upright", "0.1", "--seed", "7", "--out", str(tmp_path / "plan.json")
+    )
+    assert re.search(r"proof: [\d.]+ mm clear, .*; upright kept \(tilt", " ".join(made.stdout.split()))
+    found = " ".join(run("certify", str(tmp_path / "plan.json")).stdout.split())
+    assert re.search(r"motion: certified: [\d.]+ mm clear; upright kept \(tilt 0\.\d+ of 0\.1 rad\)", found)
+
+
+def test_what_is_picked_upright_is_said_to_be_kept(tmp_path: Path) -> None:
+    assert run("pick-place", "--upright", "0.1", "--out", str(tmp_path / "task.json")).exit_code == 0
+    found = " ".join(run("certify", str(tmp_path / "task.json")).stdout.split())
+    assert found.count("upright kept (tilt") == 3
+    refused = run("pick-place", "--upright", "0.1", "--planner", "rrtconnect")
+    assert refused.exit_code == 2
 
 
 def test_a_plan_is_proven_against_the_scene_in_its_file_or_one_that_is_given(tmp_path: Path) -> None:
