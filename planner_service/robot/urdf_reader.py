@@ -31,6 +31,13 @@ DEFAULT_VELOCITY = 1.0
 """rad/s of a continuous joint without a limit in the file: slow enough for any arm."""
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+INSTEAD = {
+    "planar": "write two prismatic joints and a revolute one instead, or type fixed if it stands still",
+    "floating": "write type fixed and plan for what it carries as it stands",
+}
+"""What to do about joints of several degrees of freedom, which have no limits."""
+XACRO = "xacro:"
+"""What the names of xacro's elements begin with."""
 
 
 def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[str, int] | None = None) -> Urdf:
@@ -45,6 +52,8 @@ def read_urdf(path: Path, package_dirs: Sequence[Path] = (), decompose: Mapping[
         MissingDependency: a mesh has to be cut, and coacd is not installed.
     """
     root = read_xml(path, "robot")
+    if any(element.tag.startswith(XACRO) for element in root.iter()):
+        raise InvalidFile(path, [f"holds xacro macros; expand them first: xacro {path.name} > expanded.urdf"])
     reader = _Reader((path.resolve().parent, *map(_resolved, package_dirs)), dict(decompose or {}))
     urdf = reader.robot(root)
     if reader.problems:
@@ -140,7 +149,8 @@ class _Reader:
         where = f"joint {name!r}"
         kind = element.get("type", "")
         if kind not in JOINT_TYPES:
-            self.problems.append(f"{where}: type {kind!r}; expected one of {', '.join(JOINT_TYPES)}")
+            instead = INSTEAD.get(kind, f"expected one of {', '.join(JOINT_TYPES)}")
+            self.problems.append(f"{where}: type {kind!r}; {instead}")
             kind = "fixed"
         ends = []
         for tag in ("parent", "child"):
