@@ -64,7 +64,10 @@ Goals = Annotated[
 RobotName = Annotated[
     str,
     typer.Option(
-        "--robot", metavar="NAME", help="A robot's name, or a robot.toml file.", autocompletion=_completing(robot_names)
+        "--robot",
+        metavar="NAME",
+        help="A robot's name, or a robot.toml or URDF file.",
+        autocompletion=_completing(robot_names),
     ),
 ]
 SceneName = Annotated[

@@ -41,6 +41,9 @@ __all__ = [
     "robot_names",
 ]
 
+URDF_SUFFIXES = (".urdf", ".xacro")
+"""Of files read as URDF; one with macros is refused with what to do."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
@@ -450,11 +453,17 @@ def _gripper_content(gripper: Gripper) -> dict[str, object]:
 
 
 def load_robot(name_or_path: str | Path) -> Robot:
-    """The robot of a robot.toml: by name if it comes with the package, else by path.
+    """The robot of a robot.toml or of a URDF: by name if it comes with the package, else by path.
+
+    A URDF (``my.urdf``) works by itself, with the SRDF beside it if there is one: in its folder, ../srdf or ../config,
+    with the same stem or the same name of the robot. Links may touch that are adjacent, that the SRDF disables, or that
+    overlapped in each of 1,000 random configurations; ``Robot.allowed_contacts`` gives the reasons. Limits are those of
+    ``Robot.from_urdf``. Home is the SRDF's "home" or "ready", else zero where the limits allow it, else their middle;
+    where the robot collides with itself there, it is the nearest free configuration found.
 
     Raises:
         UnknownName: no robot of that name comes with the package.
-        InvalidFile: robot.toml or its URDF has problems; all of them are named.
+        InvalidFile: robot.toml, its URDF or its SRDF has problems; all of them are named.
         MissingDependency: its files are in a package that is not installed; the message says what to install.
     """
     from planner_service.robot.loading import robot_from_file
@@ -463,6 +472,10 @@ def load_robot(name_or_path: str | Path) -> Robot:
         raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
     path = as_path("robot", name_or_path)
     name = str(name_or_path)
+    if path.suffix.lower() in URDF_SUFFIXES:
+        from planner_service.robot_setup.urdf_robot import load_urdf  # with all that collision checks need
+
+        return load_urdf(path)
     if not isinstance(name_or_path, str) or "/" in name or name.endswith(".toml"):
         return robot_from_file(path)
     if name not in robot_names():

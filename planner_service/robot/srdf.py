@@ -31,10 +31,12 @@ class Srdf:
         contacts: The ``<disable_collisions>``, reasons included.
         states: Joint positions by the name of the state, without fixed joints. States of several groups with the same
             name are merged, unless they differ in a joint: then each is called "group/state".
+        tips: The links at which the chains of its groups end, in the file's order.
     """
 
     contacts: tuple[AllowedContact, ...] = ()
     states: Mapping[str, Values] = field(default_factory=dict)
+    tips: tuple[str, ...] = ()
 
 
 def read_srdf(path: Path, urdf: Urdf) -> Srdf:
@@ -60,7 +62,8 @@ def read_srdf(path: Path, urdf: Urdf) -> Srdf:
         states[name][group] = _values(element, f"group_state {name!r}", urdf, problems)
     if problems:
         raise InvalidFile(path, problems)
-    return Srdf(contacts, _named(states))
+    tips = (chain.get("tip_link", "") for chain in root.iterfind("group/chain"))
+    return Srdf(contacts, _named(states), tuple(tip for tip in tips if tip in {link.name for link in urdf.links}))
 
 
 def _contacts(root: Element, urdf: Urdf, problems: list[str]) -> tuple[AllowedContact, ...]:

@@ -24,11 +24,12 @@ from planner_service.collision import CollisionChecker
 from planner_service.geometry.arrays import BoolArray, FloatArray, IntArray, read_only
 from planner_service.geometry.mesh import Mesh
 from planner_service.geometry.validation import instance, whole
+from planner_service.presentation.progress import bar
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import AllowedContact, Robot
 from planner_service.scene.scene import Scene
 
-__all__ = ["ContactKind", "ContactTable", "PairFinding", "contact_table"]
+__all__ = ["ContactKind", "ContactTable", "PairFinding", "always_overlapping", "contact_table"]
 
 
 MARGIN = 2e-6
@@ -51,6 +52,9 @@ SAMPLES = 1000
 """Configurations checked over the whole joint box: gives shares to a few per cent, in seconds."""
 SWEPT, MAX_SWEPT_JOINTS = 4000, 3
 """Points of the sweep behind "always"; over more joints, so many points are too few."""
+FIRST = 20
+"""Configurations looked at before the rest: most pairs come apart in some of them."""
+DRAWN = "configurations drawn at random, which is no proof"
 ADJACENT = "adjacent"
 
 
@@ -141,9 +145,7 @@ def contact_table(robot: Robot, *, samples: int = SAMPLES, max_bounds: int = MAX
     for contact in robot.allowed_contacts:  # an adjacent pair that an SRDF lists too stays adjacent
         given.setdefault(frozenset(contact.links), contact.reason)
     bare = replace(robot, allowed_contacts=())
-    lower, upper = robot.limits.lower, robot.limits.upper
-    unit = np.random.default_rng(0).random((samples, robot.n))
-    Q = np.minimum(lower + (upper - lower) * unit, upper)
+    Q = _draws(robot, samples)
     findings = []
     for links in bare.link_pairs:
         pair = _Pair(bare, links)
@@ -153,6 +155,37 @@ def contact_table(robot: Robot, *, samples: int = SAMPLES, max_bounds: int = MAX
         else:
             findings.append(_found(pair, Q, reason, max_bounds))
     return ContactTable(tuple(findings), samples)
+
+
+def always_overlapping(robot: Robot) -> tuple[AllowedContact, ...]:
+    """The checked pairs that overlap wherever they were looked at, so that the robot would never be free.
+
+    They overlap at home and in each of 1,000 configurations drawn over the whole joint box. Where at most three joints
+    lie between them, they also overlap all over a dense sweep of these, as ``ContactKind.ALWAYS`` says. A pair that was
+    ever seen apart is not among them. The same in every run.
+    """
+    instance("robot", robot, Robot, "a Robot")
+    at_home = {frozenset((c.a, c.b)) for c in CollisionChecker(robot, Scene()).contacts(robot.home)}
+    touching = [links for links in robot.link_pairs if frozenset(links) in at_home]
+    Q = _draws(robot, SAMPLES)
+    found = []
+    with bar("links that always overlap", None if touching else False) as tell:
+        for done, links in enumerate(touching, 1):
+            pair = _Pair(robot, links)
+            if not any(pair.checker.states_are_free(part).any() for part in (Q[:FIRST], Q[FIRST:])):
+                drawn = f"always: the shapes overlap in each of {SAMPLES:,} {DRAWN}"
+                reason = _always_overlaps(pair) if pair.sweepable else drawn
+                found += [AllowedContact(links, reason)] if reason else []
+            if tell is not None:
+                tell(done, len(touching))
+    return tuple(found)
+
+
+def _draws(robot: Robot, samples: int) -> FloatArray:
+    """Configurations (samples, n) all over the joint box, the same in every run."""
+    lower, upper = robot.limits.lower, robot.limits.upper
+    unit = np.random.default_rng(0).random((samples, robot.n))
+    return np.minimum(lower + (upper - lower) * unit, upper)
 
 
 class _Pair:
@@ -167,6 +200,11 @@ class _Pair:
         between += [body for body in reversed(second) if body not in first]
         self.columns = [robot.bodies[body].q_index for body in between]
         self.names = tuple(robot.joint_names[column] for column in self.columns)
+
+    @property
+    def sweepable(self) -> bool:
+        """Whether few enough joints lie between for a dense sweep."""
+        return len(self.columns) <= MAX_SWEPT_JOINTS
 
     @cached_property
     def listed(self) -> ProofPairs:
@@ -218,14 +256,14 @@ def _found(pair: _Pair, Q: FloatArray, given: str | None, max_bounds: int) -> Pa
 def _always_overlaps(pair: _Pair) -> str:
     """The reason for a pair that collides all over a grid of the joints between, limits included; else empty."""
     count, columns = len(pair.columns), pair.columns
-    if count > MAX_SWEPT_JOINTS:
+    if not pair.sweepable:
         return ""
     each = max(side for side in range(2, SWEPT + 1) if side**count <= SWEPT)
     lower, upper = pair.robot.limits.lower[columns], pair.robot.limits.upper[columns]
     share = np.arange(each) / (each - 1)
     lines = [np.minimum(lo + (hi - lo) * share, hi) for lo, hi in zip(lower.tolist(), upper.tolist(), strict=True)]
     grid = np.stack([axis.ravel() for axis in np.meshgrid(*lines, indexing="ij")], axis=1)
-    if not pair.collides(pair.configurations(grid)).all():
+    if pair.checker.states_are_free(pair.configurations(grid)).any():
         return ""
     steps = ", ".join(f"{step:.2g}" for step in ((upper - lower) / (each - 1)).tolist())
     swept = f"{len(grid):,} points swept over {_listed(pair.names)}, steps of {steps}"

@@ -1,0 +1,123 @@
+"""A robot to plan with from nothing but its URDF, and the SRDF beside it if there is one."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from planner_service.collision import CollisionChecker
+from planner_service.errors import InvalidFile
+from planner_service.files.xml_reader import read_xml
+from planner_service.geometry.arrays import FloatArray
+from planner_service.robot.loading import HOME, Selection, robot_of
+from planner_service.robot.model import Robot
+from planner_service.robot.srdf import Srdf, read_srdf
+from planner_service.robot.urdf_model import Urdf
+from planner_service.robot.urdf_reader import read_urdf
+from planner_service.robot_setup.self_collision_matrix import always_overlapping
+from planner_service.scene.scene import Scene
+
+__all__ = ["load_urdf"]
+
+READY = "ready"
+"""What MoveIt's configurations call the pose at rest if they do not call it home."""
+
+URDF_FOLDERS = ("urdf", "robots")
+"""Folders of a ROS package that hold URDFs, whose meshes are in a folder next to them."""
+
+SHARES = (0.01, 0.03, 0.1, 0.3, 1.0)
+"""Parts of the joint ranges around a colliding home in which a free configuration is looked for, one after another."""
+DRAWS = 200
+"""Configurations drawn in each."""
+
+logger = logging.getLogger(__name__)
+
+
+def load_urdf(path: Path) -> Robot:
+    """The robot of a URDF, with what a URDF does not say taken from the SRDF beside it or from its shapes.
+
+    The SRDF is the one with the same stem, else the only one that names the same robot, in the URDF's folder, ../srdf
+    or ../config. Links may touch that are adjacent, that the SRDF disables, or that overlap wherever they were looked
+    at (``always_overlapping``), each with its reason; nothing is kept on disk. The tool frame is the tip of the SRDF's
+    first chain, else the last link of the longest chain. Home is the SRDF's "home" or "ready", else as
+    ``Robot.from_urdf`` says; where the robot would collide with itself, it is the nearest free configuration found.
+    What was chosen is logged. Meshes may lie in the URDF's folder, in its ROS package, the nearest folder above with a
+    package.xml, and in the folder above one called urdf or robots.
+
+    Raises:
+        InvalidFile: the URDF has problems; all of them are named. An SRDF with problems is not used, with a warning.
+    """
+    read_xml(path, "robot")  # refuses what is no path
+    urdf = read_urdf(path, _package_folders(path))
+    file, srdf = _srdf_beside(path, urdf)
+    tool = next(iter(srdf.tips), None)
+    robot = robot_of(path, urdf, Selection(tool, file))
+    logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
+    if HOME not in srdf.states and READY in robot.poses:
+        robot = _at_home(robot, robot.pose(READY))
+    for contact in (always := always_overlapping(robot)):
+        logger.info("%s: %s may touch; %s", path, " x ".join(contact.links), contact.reason)
+    robot = replace(robot, allowed_contacts=(*robot.allowed_contacts, *always))
+    return _with_free_home(robot, path)
+
+
+def _whence(tool: str | None, srdf: Path | None) -> str:
+    chain = "the last link of the longest chain" if tool is None else f"the tip of a chain in {srdf}"
+    return f"{chain}; SRDF: {'none' if srdf is None else srdf}"
+
+
+def _package_folders(path: Path) -> list[Path]:
+    """The folder of the ROS package that the URDF is in, and the one above a folder of URDFs."""
+    own = path.resolve().parent
+    packages = (folder for folder in own.parents if (folder / "package.xml").is_file())
+    return [*([own.parent] if own.name in URDF_FOLDERS else []), *islice(packages, 1)]
+
+
+def _srdf_beside(path: Path, urdf: Urdf) -> tuple[Path | None, Srdf]:
+    """The SRDF of the URDF at ``path`` and its content; None and an empty one if there is none."""
+    own = path.resolve().parent
+    folders = (own, own.parent / "srdf", own.parent / "config")
+    files = [file for folder in folders for file in sorted(folder.glob("*.srdf"))]
+    chosen = [file for file in files if file.stem == path.stem]
+    chosen = chosen[:1] or [file for file in files if _robot_name(file) == urdf.name]
+    if len(chosen) != 1:
+        return None, Srdf()
+    try:
+        return chosen[0], read_srdf(chosen[0], urdf)
+    except InvalidFile as error:  # nobody asked for it, and without it more pairs are checked
+        logger.warning("%s is not used: %s", chosen[0], "; ".join(error.problems))
+        return None, Srdf()
+
+
+def _robot_name(file: Path) -> str | None:
+    try:
+        return read_xml(file, "robot").get("name")
+    except InvalidFile:
+        return None
+
+
+def _at_home(robot: Robot, home: FloatArray) -> Robot:
+    return replace(robot, named_poses=tuple((name, home if name == HOME else q) for name, q in robot.named_poses))
+
+
+def _with_free_home(robot: Robot, path: Path) -> Robot:
+    """The robot with a home in which it does not collide with itself, if one is found."""
+    checker = CollisionChecker(robot, Scene())
+    if checker.state_is_free(robot.home):
+        return robot
+    lower, upper, home = robot.limits.lower, robot.limits.upper, robot.home
+    rng = np.random.default_rng(0)
+    for share in SHARES:
+        steps = share * (upper - lower) * rng.uniform(-1.0, 1.0, (DRAWS, robot.n))
+        Q = np.clip(home + steps, lower, upper)
+        free = Q[checker.states_are_free(Q)]
+        if len(free):
+            away = np.abs((free - home) / (upper - lower)).max(axis=1)
+            logger.info("%s: home collides; the nearest free configuration found takes its place", path)
+            return _at_home(robot, free[away.argmin()])
+    logger.info("%s: home collides, and no free configuration was found", path)
+    return robot
