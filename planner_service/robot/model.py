@@ -24,6 +24,7 @@ from planner_service.geometry.validation import copied_in, finite_numbers, insta
 from planner_service.presentation.measures import numbers_text
 from planner_service.presentation.tables import Block, Table, render_html, render_text
 from planner_service.robot.kinematic_tree import Body, BodyPose, BodyTree, LinkFrame, LinkShape, chain_to_base
+from planner_service.robot.package_files import EXAMPLES, example_urdf
 from planner_service.robot.reach import reach_bounds
 
 __all__ = [
@@ -455,6 +456,8 @@ def _gripper_content(gripper: Gripper) -> dict[str, object]:
 def load_robot(name_or_path: str | Path) -> Robot:
     """The robot of a robot.toml or of a URDF: by name if it comes with the package, else by path.
 
+    ``example-robot-data:ur5_robot`` is the URDF of that name in the package example-robot-data.
+
     A URDF (``my.urdf``) works by itself, with the SRDF beside it if there is one: in its folder, ../srdf or ../config,
     with the same stem or the same name of the robot. Links may touch that are adjacent, that the SRDF disables, or that
     overlapped in each of 1,000 random configurations; ``Robot.allowed_contacts`` gives the reasons. Limits are those of
@@ -462,7 +465,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     where the robot collides with itself there, it is the nearest free configuration found.
 
     Raises:
-        UnknownName: no robot of that name comes with the package.
+        UnknownName: no robot of that name comes with the package, or with example-robot-data.
         InvalidFile: robot.toml, its URDF or its SRDF has problems; all of them are named.
         MissingDependency: its files are in a package that is not installed; the message says what to install.
     """
@@ -472,6 +475,9 @@ def load_robot(name_or_path: str | Path) -> Robot:
         raise InvalidRequest("robot", name_or_path, "the name of a robot or the path of a file")
     path = as_path("robot", name_or_path)
     name = str(name_or_path)
+    source, colon, example = name.partition(":")
+    if colon and source == EXAMPLES and isinstance(name_or_path, str):
+        path = example_urdf(example)
     if path.suffix.lower() in URDF_SUFFIXES:
         from planner_service.robot_setup.urdf_robot import load_urdf  # with all that collision checks need
 

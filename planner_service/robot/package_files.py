@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from planner_service.errors import MissingDependency, UnknownName
+from planner_service.errors import InvalidRequest, MissingDependency, UnknownName
 
-__all__ = ["package_folder"]
+__all__ = ["EXAMPLES", "example_urdf", "package_folder"]
+
+EXAMPLES = "example-robot-data"
+"""The package of many robots, and what their names begin with, before a colon."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +23,7 @@ class _Package:
 
 
 _PACKAGES = {
-    "example-robot-data": _Package("cmeel.prefix/share/example-robot-data", None),
+    EXAMPLES: _Package("cmeel.prefix/share/example-robot-data", None),
     "trossen-arm-sim": _Package("trossen_arm_sim", "wxai-meshes"),
 }
 
@@ -46,3 +50,24 @@ def package_folder(name: str) -> Path:
     if not folder.is_dir():
         raise LookupError(f"package {name!r} is installed, but {folder} is not a folder; pip install --force {name}")
     return folder
+
+
+def example_urdf(name: str) -> Path:
+    """The URDF of a robot in example-robot-data: its file's name without ``.urdf``, after a slash if several share it.
+
+    ``anymal_c_simple_description/anymal`` is the one in that folder of ``robots``.
+
+    Raises:
+        UnknownName: there is no such URDF.
+        InvalidRequest: the package is not installed, although we depend on it.
+    """
+    try:
+        folder = package_folder(EXAMPLES) / "robots"
+    except LookupError as error:
+        raise InvalidRequest("robot", name, f"an installed package: {error}") from None
+    files = sorted(folder.rglob("*.urdf"))
+    stems = Counter(file.stem for file in files)
+    found = {file.stem if stems[file.stem] == 1 else f"{file.parents[1].name}/{file.stem}": file for file in files}
+    if name not in found:
+        raise UnknownName(f"robot of {EXAMPLES}", name, found)
+    return found[name]

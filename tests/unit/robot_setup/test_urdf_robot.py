@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from planner_service.collision import CollisionChecker
-from planner_service.errors import InvalidFile
+from planner_service.errors import InvalidFile, UnknownName
 from planner_service.planning.request import PlanRequest
 from planner_service.robot.model import Robot, load_robot
 from planner_service.scene.scene import Scene
@@ -173,3 +173,17 @@ def test_a_service_takes_a_urdf_and_its_plans_are_proven(tmp_path: Path) -> None
     result = service.plan(PlanRequest([turn, tilt], [-2.0, math.copysign(2.5, tilt)]))
     assert result.certificate is not None
     assert result.certificate.clearance > 0.0
+
+
+def test_robots_of_example_robot_data_have_names() -> None:
+    robot = load_robot("example-robot-data:ur5_robot")
+    service = PlannerService(robot, Scene())
+    assert service.plan(PlanRequest(robot.home, robot.home + 0.2)).certificate is not None
+
+
+def test_an_unknown_example_is_answered_by_a_similar_name_and_one_of_several_by_its_folder() -> None:
+    with pytest.raises(UnknownName, match="unknown robot of example-robot-data 'ur5'; did you mean 'ur5_robot'"):
+        load_robot("example-robot-data:ur5")
+    with pytest.raises(UnknownName) as raised:
+        load_robot("example-robot-data:anymal")
+    assert {f"anymal_{kind}_simple_description/anymal" for kind in "bc"} <= set(raised.value.available)
