@@ -22,7 +22,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import fields
 from functools import cached_property
@@ -40,9 +39,6 @@ __all__ = ["Table", "keys_of", "read_constraints"]
 
 MAX_BYTES = 100_000
 """A table takes some three hundred bytes."""
-
-UNBOUNDED = ToolRegion(tilt=math.pi)
-"""What a table without keys would be, but for the tilt."""
 
 Bounds = Annotated[
     list[Annotated[float, Field(allow_inf_nan=True)]], of_length(3, "3 numbers [x, y, z], inf for no bound")
@@ -115,10 +111,9 @@ Table = Annotated[RegionTable | JointRangeTable, Discriminator("kind")]
 
 def keys_of(constraint: Constraint) -> dict[str, Any]:
     """The keys of a constraint's table; those with the value that they have if not given are left out."""
-    kind, plain = ("joint range", None) if isinstance(constraint, JointRange) else ("tool region", UNBOUNDED)
-    given = {item.name: getattr(constraint, item.name) for item in fields(constraint)}
-    changed = {name: value for name, value in given.items() if plain is None or value != getattr(plain, name)}
-    return {"kind": kind, **{name: _toml_of(value) for name, value in changed.items()}}
+    kind = "joint range" if isinstance(constraint, JointRange) else "tool region"
+    given = {item.name: (getattr(constraint, item.name), item.default) for item in fields(constraint)}
+    return {"kind": kind, **{name: _toml_of(value) for name, (value, usual) in given.items() if value != usual}}
 
 
 def _toml_of(value: Any) -> Any:

@@ -508,6 +508,8 @@ def test_what_is_asked_of_a_carried_object_survives_a_file(tmp_path: Path) -> No
     asked = (
         KeepUpright((1.0, 2.0, 3.0), 1 / 3, link="link_6"),
         ToolRegion(turned, (-math.inf, 0.0, -0.1), (0.5, math.inf, 1 / 3), 0.2, 0.1, turned, "link_3", "link_1", "own"),
+        ToolRegion(turned, (-math.inf, 0.0, -0.1), (0.5, math.inf, 1 / 3)),
+        ToolRegion(turned, (-0.1, -0.1, -0.1), (0.1, 0.1, 0.1), math.pi),
         JointRange("joint_4", -1 / 3, 0.5),
     )
     scene = Scene(attached=(Attached("cup", Sphere(0.02), Pose(), constraints=asked),))
