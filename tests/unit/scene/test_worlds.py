@@ -435,7 +435,7 @@ LIMIT = '<limit lower="0" upper="1" velocity="1" effort="1"/>'
     ("old", "new", "problem"),
     [
         ('"hang" type="fixed">', f'"hang" type="prismatic">{LIMIT}', "joint 'hang': it can move (prismatic); expected"),
-        ('"hang" type="fixed">', '"hang" type="floating">', "joint 'hang': type 'floating'; expected one of revolute"),
+        ('"hang" type="fixed">', '"hang" type="floating">', "joint 'hang': type 'floating'; write type fixed and plan"),
         ('link name="lamp"', 'link name="table#2"', "link 'table#2' collision[0]: the name 'table#2' is taken"),
         ('xyz="0.2 0 1"', 'xyz="2 -999.9 1"', "link 'lamp' collision[0]: position of 'lamp': got (1000.4, "),
         ('<sphere radius="0.1"/>', '<sphere radius="nan"/>', "link 'lamp' collision[0]: radius = 'nan'; expected"),
