@@ -99,7 +99,7 @@ def place(
 
     Raises:
         UnknownName: There is no such carried object or support.
-        InvalidRequest: No pose is given, or the robot has no gripper.
+        InvalidRequest: No pose is given, the robot has no gripper, or ``handling`` has ``upright``, which is for a pick.
     """
     return placed(service, q, carried, poses, handling)[0]
 
@@ -114,6 +114,8 @@ def placed(
     held = next((a for a in service.scene.attached if a.name == carried), None)
     if held is None:
         raise UnknownName("carried object", carried, [a.name for a in service.scene.attached])
+    if handling.upright is not None:
+        raise InvalidRequest("upright", handling.upright, "None for a place: it keeps the carried object's constraints")
     _require_poses("poses", poses)
     task = _Task(service, q, handling, f"place {carried}")
     return task.result([_placing(service, held, pose, handling) for pose in poses])

@@ -31,7 +31,7 @@ from planner_service.records.plan_file import SavedTask, load_task
 from planner_service.records.recertify import recertify
 from planner_service.tasks import move_circular, move_linear
 from planner_service.tasks.pick_place import plan_pick_place
-from planner_service.tasks.primitives import pick
+from planner_service.tasks.primitives import pick, place
 from tests.support.optional import present
 
 DOWN = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
@@ -220,6 +220,11 @@ def test_a_lean_that_is_none_is_refused(bad: float) -> None:
 
 
 # Carried.
+
+
+def test_a_place_does_not_ignore_a_lean() -> None:
+    with pytest.raises(InvalidRequest, match=r"upright: got 0\.1; expected None for a place"):
+        place(carrying(), start(), "cup", [Pose(START)], Handling(upright=0.1))
 
 
 def carrying(*constraints: Constraint) -> PlannerService:
