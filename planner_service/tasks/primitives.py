@@ -99,7 +99,7 @@ def place(
 
     Raises:
         UnknownName: There is no such carried object or support.
-        InvalidRequest: No pose is given, the robot has no gripper, or ``handling`` has ``upright``, which is for a pick.
+        InvalidRequest: No pose is given, the robot has no gripper, or ``handling.upright``, for picks, is given.
     """
     return placed(service, q, carried, poses, handling)[0]
 
