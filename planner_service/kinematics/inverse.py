@@ -35,6 +35,7 @@ __all__ = [
     "LineStop",
     "LineStopReason",
     "ToolLine",
+    "closest_configuration",
     "interpolate",
     "inverse_kinematics",
     "line_deviation",
@@ -445,8 +446,14 @@ class _Walk:
 
 def nearest_configuration(robot: Robot, pose: Pose, q: FloatArray) -> FloatArray | None:
     """The configuration (n,) to which the numeric search from ``q`` (n,) leads for a pose; None if it fails."""
+    end, arrived = closest_configuration(robot, pose, q)
+    return end if arrived else None
+
+
+def closest_configuration(robot: Robot, pose: Pose, q: FloatArray) -> tuple[FloatArray, bool]:
+    """Where the numeric search from ``q`` (n,) ends, (n,), and whether the tool is at the pose there."""
     end = _descended(robot, pose, q[np.newaxis])
-    return read_only(end.q[0]) if end.arrived[0] else None
+    return read_only(end.q[0]), bool(end.arrived[0])
 
 
 def stop_at(robot: Robot, pose: Pose, q: FloatArray, other: FloatArray | None, fraction: float) -> LineStop:

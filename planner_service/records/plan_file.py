@@ -131,6 +131,17 @@ class _Saved(ABC):
             InvalidRequest: a value in it cannot be written.
         """
 
+    def file_text(self) -> str:
+        """What a file of it holds, in ASCII.
+
+        Raises:
+            InvalidRequest: a value in it cannot be written, or the file would be too large.
+        """
+        text = json.dumps(self.document(), indent=1, allow_nan=False) + "\n"
+        if len(text) > MAX_BYTES:
+            raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
+        return text
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it to a file, whole or not at all.
 
@@ -138,11 +149,7 @@ class _Saved(ABC):
             InvalidRequest: a value in it cannot be written, or the file would be too large.
             InvalidFile: the file cannot be written.
         """
-        target = as_path("path", path)
-        text = json.dumps(self.document(), indent=1, allow_nan=False) + "\n"
-        if len(text) > MAX_BYTES:  # of ASCII
-            raise InvalidRequest("plan", f"{len(text):,} bytes", f"one that fits in {MAX_BYTES:,} bytes")
-        write_whole(target, text, OURS)
+        write_whole(as_path("path", path), self.file_text(), OURS)
 
 
 @dataclass(frozen=True, eq=False)

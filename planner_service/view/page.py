@@ -14,14 +14,17 @@ import numpy as np
 from planner_service.collision import CancelToken
 from planner_service.errors import PlannerServiceError
 from planner_service.geometry.arrays import FloatArray
-from planner_service.planners import PLANNERS, BalancedRRTConnect
+from planner_service.geometry.shapes import Pose
 from planner_service.presentation.tables import markdown_escaped
+from planner_service.records.plan_file import SavedTask
 from planner_service.view import lines
+from planner_service.view.goal_handles import GoalHandles
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
+from planner_service.view.planning_controls import PlanningControls
 from planner_service.view.plots import Plots
 from planner_service.view.scene_nodes import RegionNodes, RobotNodes, SceneNodes, colours_of
-from planner_service.view.state import ViewState
-from planner_service.view.still.composition import GOAL, TOOL_PATH
+from planner_service.view.state import Choice, ViewState
+from planner_service.view.still.composition import GOAL, TOOL_PATH, TOUCHING
 from planner_service.view.triangles import GROUND, placements, robot_solids, scene_solids
 
 __all__ = ["Page"]
@@ -33,7 +36,7 @@ PLOT_SECONDS = 0.25
 """Between two updates of the time mark in the plots while playing."""
 
 ARROW = 0.15
-"""Length of the arrows of constraints, as a share of the size of robot and scene."""
+"""Length of the arrows of constraints, and of the handles of the goal, as a share of the size of robot and scene."""
 
 STEP = 0.001
 """Step of a joint's slider, in rad or m."""
@@ -93,7 +96,9 @@ class Page:
         self._start = RobotNodes(scene, "/start", robot, ghost=START)
         self._goal = RobotNodes(scene, "/goal", robot, ghost=GOAL.colour)
         self._scene_nodes = SceneNodes(scene, self._robot.tool)
-        self._regions = RegionNodes(scene, "/constraints", ARROW * _extent(state)[1])
+        size = ARROW * _extent(state)[1]
+        self._regions = RegionNodes(scene, "/constraints", size)
+        self._handles = GoalHandles(scene, size, lambda pose, released: self.aim(pose, released=released))
 
     def _draw(self) -> None:
         """Draw everything that depends on the configuration."""
@@ -107,7 +112,9 @@ class Page:
             self._regions.show(state.kept, state.q)
             self._set(self._show_regions, "visible", self._regions.any)
             self._draw_ghost(self._start, state.start, hidden_by=[state.q])
-            self._draw_ghost(self._goal, state.goal, hidden_by=[state.q, state.start])
+            aimed = state.aim is not None
+            self._draw_ghost(self._goal, state.goal, hidden_by=[] if aimed else [state.q, state.start])
+            self._handles.show(state.tool_of_goal, visible=self._show_handles.value)
             colours = colours_of(colliding, expected, robot)
             self._robot.paint(colours)
             self._scene_nodes.paint(colours)
@@ -115,6 +122,13 @@ class Page:
             self._draw_contacts([(pair, point) for pair, point in report.points if pair in colliding])
             self._set(self._status, "content", report_markdown(report))
             self._set(self._clock, "content", state_markdown(state))
+
+    def _judge_goal(self) -> None:
+        """Say what is known against the goal, and paint it red."""
+        objection = self.state.goal_objection
+        self._goal.tint(TOUCHING if objection else None)
+        text = f"**goal**: {markdown_escaped(objection)}" if objection else ""
+        self._controls.say(objection=text, savable=self.state.saved is not None)
 
     def _draw_ghost(self, ghost: RobotNodes, q: FloatArray, *, hidden_by: list[FloatArray]) -> None:
         """Draw a ghost, unless another robot is drawn at the same configuration."""
@@ -163,7 +177,8 @@ class Page:
             self._time.visible = self._play.visible = self._speed.visible = playback is not None
             if playback is not None:
                 self._time.max = max(math.ceil(playback.duration * 100.0) / 100.0, 0.01)
-            self._set(self._costs, "content", result_markdown(self.state))
+            self._set(self._controls.costs, "content", result_markdown(self.state))
+            self._judge_goal()
             self._draw_layers()
             self._plots.show(playback)
 
@@ -178,7 +193,7 @@ class Page:
         with tabs.add_tab("robot"):
             self._add_joints()
         with tabs.add_tab("plan"):
-            self._add_planning()
+            self._controls = PlanningControls(gui, self.plan, self._send_file)
         self._plots = Plots(gui, tabs.add_tab("plots"), self.state.service.robot.joint_names)
         with tabs.add_tab("show"):
             self._add_toggles()
@@ -199,18 +214,24 @@ class Page:
         setting.on_click(self._on_press(self._set_end))
         going.on_click(self._on_press(lambda end: self.pose(self.state.start if end == ENDS[0] else self.state.goal)))
 
-    def _add_planning(self) -> None:
-        gui = self._server.gui
-        self._planner = gui.add_dropdown("planner", tuple(PLANNERS), initial_value=BalancedRRTConnect.name)
-        self._seed = gui.add_number("seed", 0, min=0, step=1)
-        self._plan = gui.add_button("plan")
-        self._plan.on_click(lambda _: self.plan(self._planner.value, int(self._seed.value)))
-        self._costs = gui.add_markdown("")
+    def _send_file(self, client: Any) -> None:
+        """Give the browser what ``save`` would write: the page writes no file itself."""
+        with self._lock:
+            saved = self.state.saved
+        if saved is None or client is None:
+            return
+        name = "task.json" if isinstance(saved, SavedTask) else "plan.json"
+        try:
+            client.send_file_download(name, saved.file_text().encode("ascii"), save_immediately=True)
+        except PlannerServiceError as error:
+            self._controls.costs.content = f"**not saved**: {markdown_escaped(str(error))}"
 
     def _add_toggles(self) -> None:
         gui = self._server.gui
         self._show_ends = gui.add_checkbox("start (grey) and goal (green)", True)
         self._show_ends.on_update(self._on_user_update(self._draw))
+        self._show_handles = gui.add_checkbox("handles to drag the goal", True)
+        self._show_handles.on_update(self._on_user_update(self._draw))
         self._show_names = gui.add_checkbox("names of obstacles", True, hint="hidden while contacts are named")
         self._show_names.on_update(self._on_user_update(self._draw))
         self._show_regions = gui.add_checkbox("constraints (teal)", True, visible=False)
@@ -248,6 +269,17 @@ class Page:
     def _set_end(self, end: str) -> None:
         self.state = self.state.with_start() if end == ENDS[0] else self.state.with_goal()
         self._draw()
+        self._judge_goal()
+
+    def aim(self, pose: Pose, *, released: bool) -> None:
+        """Drag the tool of the goal to a pose in the base frame; when released, the handles go back to the tool."""
+        with self._lock:
+            self.state = self.state.aimed(pose)
+            self._judge_goal()
+            if released:
+                self.state = self.state.released()
+                self._judge_goal()
+            self._draw()
 
     def _move_joint(self, joint: int) -> None:
         self.pause()
@@ -319,7 +351,7 @@ class Page:
                     self.pause()
                     self._plots.mark(seconds)
 
-    def plan(self, planner: str, seed: int) -> None:
+    def plan(self, choice: Choice) -> None:
         """Plan from start to goal and show the result; if a plan is under way, cancel it instead."""
         with self._lock:
             if self._planning is not None:
@@ -328,24 +360,26 @@ class Page:
             self.pause()
             token = self._planning = CancelToken()
             state = self.state
-            self._plan.label, self._costs.content = "stop", "planning ..."
+            self._controls.begin()
         try:
-            state = state.planned(planner, seed, token)
+            state = state.planned(choice, token)
             error_text = ""
         except PlannerServiceError as error:
             error_text = f"**no plan**: {markdown_escaped(str(error))}"
         except BaseException:  # our own bug: its traceback goes to the terminal, and the button can be used again
             with self._lock:
-                self._planning, self._plan.label, self._costs.content = None, "plan", "**no plan**: internal error"
+                self._planning, self._controls.costs.content = None, "**no plan**: internal error"
+                self._controls.end()
             raise
         with self._lock:
-            self._planning, self._plan.label = None, "plan"
+            self._planning = None
+            self._controls.end()
             self.state = state
             self._new_motion()
             self._draw()
             self._move_sliders()
             if error_text:
-                self._costs.content = error_text
+                self._controls.costs.content = error_text
 
     def close(self) -> None:
         """Stop playing and planning."""

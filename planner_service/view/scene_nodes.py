@@ -54,7 +54,7 @@ class RobotNodes:
     """
 
     def __init__(self, scene: Any, root: str, robot: Robot, *, ghost: Colour | None = None) -> None:
-        self._robot = robot
+        self._robot, self._ghost = robot, ghost
         self.root = scene.add_frame(root, show_axes=False)
         self._solids = {solid.name: solid for solid in robot_solids(robot)}
         opacity = 1.0 if ghost is None else 0.28
@@ -90,9 +90,18 @@ class RobotNodes:
 
     def paint(self, colours: dict[Owner, Colour]) -> None:
         """Recolour some links; the others get their own colour back."""
-        for name, solid in self._solids.items():
-            colour = colours.get(Owner(Kind.LINK, name), solid.colour)
-            if self._painted.get(name, solid.colour) != colour:
+        self._recolour({name: colours.get(Owner(Kind.LINK, name), self._own(name)) for name in self._solids})
+
+    def tint(self, colour: Colour | None) -> None:
+        """Recolour all of it; None for its own colours."""
+        self._recolour({name: colour or self._own(name) for name in self._solids})
+
+    def _own(self, name: str) -> Colour:
+        return self._ghost or self._solids[name].colour
+
+    def _recolour(self, colours: dict[str, Colour]) -> None:
+        for name, colour in colours.items():
+            if self._painted.get(name, self._own(name)) != colour:
                 self._painted[name] = self._meshes[name].color = colour
 
 

@@ -11,21 +11,43 @@ import numpy as np
 from planner_service.collision import CancelToken
 from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only
-from planner_service.planners import planner_by_name
+from planner_service.geometry.shapes import Pose
+from planner_service.kinematics.inverse import closest_configuration
+from planner_service.planners import BalancedRRTConnect, planner_by_name
 from planner_service.planning.request import PlanRequest
 from planner_service.planning.result import Failure, PlanResult
 from planner_service.presentation.page import Showable
-from planner_service.records.plan_file import SavedTask
+from planner_service.records.plan_file import TIMINGS, SavedPlan, SavedTask
 from planner_service.service import PlannerService
 from planner_service.tasks.result import Segment, TaskResult
+from planner_service.timing.laws import ToppRa
 from planner_service.view.collision_report import CollisionReport, CollisionReporter
 from planner_service.view.playback import Playback
 from planner_service.view.regions import Kept
 
-__all__ = ["ViewState"]
+__all__ = ["Aim", "Choice", "ViewState"]
 
 PLAN_SECONDS = 10.0
 """Time limit of a plan made on the page."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How the next plan is made: the names of planner and timing law, the seed, and shares of the limits."""
+
+    planner: str = BalancedRRTConnect.name
+    timing: str = ToppRa.name
+    seed: int = 0
+    velocity_scale: float = 1.0
+    acceleration_scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Aim:
+    """A tool pose that the goal was dragged to, in the base frame, and whether the tool reaches it there."""
+
+    pose: Pose
+    reached: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +64,8 @@ class ViewState:
         results: The plans, each with its name.
         failure: Why there is no plan, or no complete task.
         kept: The constraints of the motion shown, or of the plan that failed; None if there are none.
+        aim: Where the handles of the goal were dragged to; None if they are at its tool.
+        saved: What a file of the plan or task holds; None if there is neither, or its world is not known.
     """
 
     service: PlannerService
@@ -54,6 +78,8 @@ class ViewState:
     results: tuple[Segment, ...] = ()
     failure: Failure | None = None
     kept: Kept | None = None
+    aim: Aim | None = None
+    saved: SavedPlan | SavedTask | None = None
 
     @classmethod
     def of(cls, service: PlannerService, shown: Showable | None = None) -> ViewState:
@@ -71,13 +97,16 @@ class ViewState:
         if isinstance(shown, TaskResult | SavedTask):
             _require_joints(service, [segment.result for segment in shown.segments])
             playback = Playback.of_task(service, shown.segments)
-            return replace(state, results=tuple(shown.segments), failure=shown.failure)._with_playback(playback)
+            saved = SavedTask.of(shown) if isinstance(shown, TaskResult) else shown
+            state = replace(state, results=tuple(shown.segments), failure=shown.failure, saved=saved)
+            return state._with_playback(playback)
         raise InvalidRequest("shown", shown, "a PlanResult, a TaskResult, a SavedTask or None")
 
     def _with_result(self, result: PlanResult) -> ViewState:
         _require_joints(self.service, [result])
         named = (Segment("plan", result, self.service.robot.gripper_width),)
-        state = replace(self, results=named, failure=result.failure, seconds=None, playback=None)
+        saved = None if result.origin is None else SavedPlan.of(result)
+        state = replace(self, results=named, failure=result.failure, seconds=None, playback=None, saved=saved, aim=None)
         request = None if result.origin is None else result.origin.request
         if request is not None:
             start = self._within(np.array(request.start))
@@ -117,7 +146,29 @@ class ViewState:
 
     def with_goal(self) -> ViewState:
         """The next plan ends at the configuration shown."""
-        return replace(self, goal=self.q)
+        return replace(self, goal=self.q, aim=None)
+
+    def aimed(self, pose: Pose) -> ViewState:
+        """The next plan ends with the tool at a pose, or as near as the search from the last goal comes to it."""
+        goal, arrived = closest_configuration(self.service.robot, pose, self.goal)
+        return replace(self, goal=goal, aim=Aim(pose, reached=arrived))
+
+    def released(self) -> ViewState:
+        """The handles of the goal are back at its tool."""
+        return replace(self, aim=None)
+
+    @property
+    def tool_of_goal(self) -> Pose:
+        """Where the handles of the goal are, in the base frame."""
+        return Pose.from_matrix(self.service.robot.tool_pose(self.goal)) if self.aim is None else self.aim.pose
+
+    @property
+    def goal_objection(self) -> str:
+        """Why the next plan cannot end at the goal, for a person; empty if nothing is known against it."""
+        if self.aim is not None and not self.aim.reached:
+            return "not reached by the tool"
+        contacts = self.reporter.report(self.goal).contacts
+        return ", ".join(f"{contact.a} × {contact.b}" for contact in contacts)
 
     @property
     def report(self) -> CollisionReport:
@@ -127,16 +178,23 @@ class ViewState:
             expected = self.playback.at(self.seconds).expected
         return self.reporter.report(self.q, expected)
 
-    def planned(self, planner: str, seed: int, cancel: CancelToken | None = None) -> ViewState:
-        """The plan from start to goal by the planner of that name, with its search trace; it keeps what ``kept`` does.
+    def planned(self, choice: Choice, cancel: CancelToken | None = None) -> ViewState:
+        """The plan from start to goal as chosen, with its search trace; it keeps what ``kept`` does.
 
         Raises:
             InvalidRequest: there is no such planner, it keeps no constraints but there are some, or a wrong seed.
         """
         constraints = () if self.kept is None else self.kept.constraints.constraints
-        search = planner_by_name(planner)
         request = PlanRequest(
-            self.start, self.goal, search, seed=seed, time_limit=PLAN_SECONDS, constraints=constraints
+            self.start,
+            self.goal,
+            planner_by_name(choice.planner),
+            TIMINGS[choice.timing](),
+            seed=choice.seed,
+            time_limit=PLAN_SECONDS,
+            velocity_scale=choice.velocity_scale,
+            acceleration_scale=choice.acceleration_scale,
+            constraints=constraints,
         )
         return self._with_result(self.service.plan(request, cancel=cancel, trace=True))
 

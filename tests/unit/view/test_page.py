@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner_service import PlannerService, PlanRequest
+from planner_service import PlannerService, PlanRequest, Pose
 from planner_service.constraints import JointRange, ToolRegion
+from planner_service.records.plan_file import load_plan
 from planner_service.view import Viewer, open_viewer
 from planner_service.view import viewer as view_module
-from planner_service.view.state import ViewState
+from planner_service.view.state import Choice, ViewState
 from tests.support.chromium import executable, headless, pixels
 from tests.support.optional import present
 
@@ -185,6 +186,8 @@ def constrained(browser: Any) -> Iterator[tuple[Any, Viewer]]:
         page = browser.new_page(viewport={"width": 800, "height": 500})
         page.goto(viewer.url)
         page.get_by_text("shoulder").first.wait_for()
+        page.get_by_role("tab", name="show").click()
+        page.get_by_text("handles to drag the goal").click()  # whose green is nearly teal
         until(lambda: len(np.unique(picture(page).reshape(-1, 3), axis=0)) > 50)
         yield page, viewer
 
@@ -239,6 +242,86 @@ def test_a_plan_without_constraints_has_neither_plot_nor_box(page: Any) -> None:
     page.get_by_role("tab", name="show").click()
     page.get_by_text("names of obstacles").wait_for()
     assert page.get_by_text("constraints (teal)").count() == 0
+
+
+@pytest.fixture(scope="module")
+def bin_page(browser: Any) -> Iterator[tuple[Any, Viewer]]:
+    """The page of a plan whose goal can be dragged anywhere."""
+    service = PlannerService("wxai", "bin")
+    robot = service.robot
+    result = service.plan(PlanRequest(robot.home, robot.pose("ready"), time_limit=None))
+    with open_viewer(service, result, port=0, keep=True) as viewer:
+        page = browser.new_page(viewport={"width": 1000, "height": 700})
+        page.goto(viewer.url)
+        page.get_by_role("tab", name="plan").click()
+        until(lambda: len(handle(page)) > 10)
+        yield page, viewer
+
+
+def handle(page: Any) -> Any:
+    """Where the handle for the tool's z axis is drawn, (m, 2) rows and columns, the highest first."""
+    image = pixels(page)[:, :600]
+    red, green, blue = (image[..., k].astype(int) for k in range(3))
+    return np.argwhere((blue > 200) & (blue - red > 90) & (red > 60) & (abs(green - 160) < 25))
+
+
+@pytest.mark.slow
+def test_dragging_a_handle_moves_the_goal(bin_page: tuple[Any, Viewer]) -> None:
+    page, viewer = bin_page
+    settled(page)
+    row, column = handle(page)[5].tolist()
+    before, goal = viewer.page.state.tool_of_goal.position, viewer.page.state.goal
+    page.mouse.move(column, row + 2)
+    page.mouse.down()
+    for k in range(1, 9):
+        page.mouse.move(column, row + 2 - 5 * k)
+        time.sleep(0.05)
+    until(lambda: viewer.page.state.aim is not None)
+    page.mouse.up()
+    until(lambda: viewer.page.state.aim is None)
+    after = viewer.page.state.tool_of_goal.position
+    assert after[2] > before[2] + 0.01
+    assert np.abs(viewer.page.state.goal - goal).max() > 0.01
+
+
+@pytest.mark.slow
+def test_a_goal_out_of_reach_is_red_until_the_handles_are_let_go(bin_page: tuple[Any, Viewer]) -> None:
+    page, viewer = bin_page
+    far = Pose((2.0, 0.0, 0.3))
+    viewer.page.aim(far, released=False)
+    page.get_by_text("not reached by the tool").wait_for()
+    until(lambda: pinks(picture(page)) > 200)
+    viewer.page.aim(far, released=True)
+    page.get_by_text("not reached by the tool").wait_for(state="detached")
+
+
+def pinks(image: Any) -> int:
+    red, green, blue = (image[..., k].astype(int) for k in range(3))
+    return int(((red > 190) & (red - green > 60) & (red - blue > 60)).sum())
+
+
+@pytest.mark.slow
+def test_a_plan_is_saved_by_the_browser(bin_page: tuple[Any, Viewer], tmp_path: Path) -> None:
+    page, viewer = bin_page
+    with page.expect_download() as download:
+        page.get_by_role("button", name="save plan").click()
+    download.value.save_as(tmp_path / "plan.json")
+    assert download.value.suggested_filename == "plan.json"
+    saved, shown = load_plan(tmp_path / "plan.json").result, viewer.page.state.results[0].result
+    assert present(saved.path).waypoints.tolist() == present(shown.path).waypoints.tolist()
+
+
+@pytest.mark.slow
+def test_the_timing_law_is_chosen_on_the_page(bin_page: tuple[Any, Viewer]) -> None:
+    page, viewer = bin_page
+    page.get_by_label("timing law").click()
+    page.get_by_role("option", name="trapezoidal").click()
+    before = viewer.page.state.results[0].result
+    press_until(
+        page.get_by_role("button", name="plan", exact=True),
+        lambda: viewer.page.state.results[0].result is not before,
+    )
+    assert present(present(viewer.page.state.results[0].result.origin).request).timing.name == "trapezoidal"
 
 
 def teals(image: Any) -> int:
@@ -384,5 +467,4 @@ def test_a_fault_while_planning_leaves_the_button_as_it_was(monkeypatch: pytest.
         monkeypatch.setattr(service, "plan", fault)
         for _ in range(2):
             with pytest.raises(RuntimeError, match="a bug"):
-                viewer.page.plan("rrtconnect", 0)
-        assert viewer.page._plan.label == "plan"
+                viewer.page.plan(Choice("rrtconnect"))

@@ -29,7 +29,7 @@ from planner_service.cli.view import opened
 from planner_service.collision import CheckCounts
 from planner_service.constraints import JointRange, KeepUpright, ToolRegion
 from planner_service.planning.result import Reason
-from planner_service.records.plan_file import SavedTask, load_task, save_plan
+from planner_service.records.plan_file import SavedTask, load_plan_or_task, load_task, save_plan
 from planner_service.search.trace import SearchGraph
 from planner_service.tasks import Segment
 from planner_service.tasks.pick_place import plan_pick_place
@@ -38,7 +38,7 @@ from planner_service.view.collision_report import CollisionReporter
 from planner_service.view.lines import MAX_EDGES, curve_lines, free_graph, graph_lines, polyline_lines, tool_points
 from planner_service.view.markdown import report_markdown, result_markdown, state_markdown
 from planner_service.view.playback import Playback
-from planner_service.view.state import ViewState
+from planner_service.view.state import Choice, ViewState
 from tests.support.command import refused
 from tests.support.optional import present
 
@@ -177,10 +177,10 @@ def test_a_plan_that_fails_shows_the_constraints_that_it_was_to_keep(discs: Plan
 
 def test_the_next_plan_keeps_the_constraints_of_the_motion_shown(discs: PlannerService) -> None:
     state = ViewState.of(discs, discs.plan(asked(discs, constraints=KEPT)))
-    (again,) = state.with_goal().planned("balancedrrtconnect", 0).results
+    (again,) = state.with_goal().planned(Choice()).results
     assert again.result.constraints == KEPT
     with pytest.raises(InvalidRequest, match=r"planner: got RRT.*as there are constraints"):
-        state.planned("rrt", 0)
+        state.planned(Choice("rrt"))
 
 
 def test_a_plan_from_a_file_shows_its_constraints(discs: PlannerService, tmp_path: Path) -> None:
@@ -283,7 +283,7 @@ def test_start_and_goal_are_where_the_robot_stands(discs: PlannerService) -> Non
 
 
 def test_a_plan_made_on_the_page_is_the_services_with_a_trace(discs: PlannerService) -> None:
-    state = ViewState.of(discs, discs.plan(asked(discs))).planned("rrt", 7)
+    state = ViewState.of(discs, discs.plan(asked(discs))).planned(Choice("rrt", seed=7))
     (segment,) = state.results
     result = segment.result
     assert result.trace is not None
@@ -295,8 +295,55 @@ def test_a_plan_made_on_the_page_is_the_services_with_a_trace(discs: PlannerServ
     assert state.seconds == 0.0
 
 
+def test_a_plan_made_on_the_page_has_the_timing_that_was_chosen(discs: PlannerService) -> None:
+    state = ViewState.of(discs, discs.plan(asked(discs)))
+    choice = Choice(timing="trapezoidal", velocity_scale=0.5, acceleration_scale=0.25)
+    request = present(present(state.planned(choice).results[0].result.origin).request)
+    assert request.timing.name == "trapezoidal"
+    assert (request.velocity_scale, request.acceleration_scale) == (0.5, 0.25)
+
+
+def test_a_goal_that_is_dragged_follows_the_handles(bin_: PlannerService) -> None:
+    state = ViewState.of(bin_)
+    pose = Pose((0.0, 0.0, -0.02)) @ state.tool_of_goal
+    dragged = state.aimed(pose)
+    np.testing.assert_allclose(bin_.robot.tool_pose(dragged.goal), pose.matrix, atol=1e-7)
+    assert (dragged.tool_of_goal, dragged.goal_objection) == (pose, "")
+    assert dragged.start is state.start
+
+
+def test_a_goal_out_of_reach_is_told_until_the_handles_are_let_go(bin_: PlannerService) -> None:
+    state = ViewState.of(bin_)
+    far = Pose((5.0, 0.0, 0.0)) @ state.tool_of_goal
+    dragged = state.aimed(far)
+    assert dragged.goal_objection == "not reached by the tool"
+    released = dragged.released()
+    assert "not reached" not in released.goal_objection
+    assert released.tool_of_goal.position[0] < 1.0
+    assert released.with_goal().aim is None
+
+
+def test_a_goal_in_collision_names_its_pair(discs: PlannerService) -> None:
+    state = ViewState.of(discs).posed(colliding(discs)).with_goal()
+    (contact, *_) = discs.checker.contacts(state.goal)
+    assert f"{contact.a} × {contact.b}" in state.goal_objection
+
+
+def test_what_the_page_saves_is_what_the_result_saves(
+    discs: PlannerService, bin_: PlannerService, task: TaskResult, tmp_path: Path
+) -> None:
+    assert ViewState.of(discs).saved is None
+    for service, shown in ((discs, discs.plan(asked(discs))), (bin_, task)):
+        shown.save(tmp_path / "saved.json")
+        saved = present(ViewState.of(service, shown).saved)
+        assert saved.file_text() == (tmp_path / "saved.json").read_text("ascii")
+        again = load_plan_or_task(tmp_path / "saved.json")
+        shown_again = again if isinstance(again, SavedTask) else again.result
+        assert (ViewState.of(service, shown_again).saved is None) == (not isinstance(again, SavedTask))
+
+
 def test_a_plan_that_fails_is_told_with_its_reason(discs: PlannerService) -> None:
-    state = ViewState.of(discs).posed(colliding(discs)).with_goal().planned("rrtconnect", 0)
+    state = ViewState.of(discs).posed(colliding(discs)).with_goal().planned(Choice("rrtconnect"))
     assert state.playback is None
     words = result_markdown(state)
     assert "GOAL\\_IN\\_COLLISION" in words
@@ -305,7 +352,7 @@ def test_a_plan_that_fails_is_told_with_its_reason(discs: PlannerService) -> Non
 
 def test_an_unknown_planner_is_refused(discs: PlannerService) -> None:
     with pytest.raises(UnknownName, match="rrtconnect"):
-        ViewState.of(discs).planned("rrtconect", 0)
+        ViewState.of(discs).planned(Choice("rrtconect"))
 
 
 def test_a_result_is_shown_as_it_is(discs: PlannerService) -> None:
