@@ -27,8 +27,9 @@ MAX_SCALED = 100_000
 class MeshLoader:
     """Loads meshes, clouds and height fields by the names that a robot or scene file gives them.
 
-    ``package://name/rest`` is looked for as ``name/rest`` and as ``rest`` in each folder, anything relative in each
-    folder; a path that leaves all of them, even through a symbolic link, is refused.
+    ``package://name/rest`` is looked for as ``name/rest`` and as ``rest`` in each folder, and as ``rest`` in a folder
+    above that is called ``name``; anything relative in each folder. A path that leaves all of them, even through a
+    symbolic link, is refused.
 
     Args:
         folders: Resolved folders that may be read; the file's own first.
@@ -130,7 +131,9 @@ class MeshLoader:
         if scheme == "package":
             package, _, tail = rest.partition("/")
             tails = [rest] if package in ("", ".", "..") else [rest, tail]
-            return [(folder / tail).resolve() for folder in self._folders for tail in tails if tail]
+            called_so = [above for folder in self._folders for above in folder.parents if above.name == package]
+            places = [(folder, tail) for folder in self._folders for tail in tails] + [(at, tail) for at in called_so]
+            return [(folder / tail).resolve() for folder, tail in places if tail]
         return []
 
 

@@ -25,6 +25,8 @@ __all__ = ["Selection", "robot_from_file", "robot_from_urdf", "robot_of", "stand
 
 HOME = "home"
 
+VELOCITY = {"revolute": 1.0, "prismatic": 0.1}
+"""rad/s and m/s of a joint for which the URDF states none, or zero: slow enough for any arm."""
 ACCELERATION = {"revolute": 3.141596, "prismatic": 0.5}
 """rad/s^2 and m/s^2. URDF has no accelerations; these are common in MoveIt configurations."""
 JERK = {"revolute": 50.0, "prismatic": 10.0}
@@ -136,7 +138,7 @@ def _loose_limits(table: RobotTable, movable: Mapping[str, UrdfJoint]) -> list[s
                 problems.append(
                     f"limits.position: {name} [{low:g}, {high:g}] exceeds the URDF's [{joint.lower:g}, {joint.upper:g}]"
                 )
-            if table.limits.velocity.values[index] > joint.velocity:
+            if 0.0 < joint.velocity < table.limits.velocity.values[index]:
                 problems.append(f"limits.velocity: {name} exceeds the URDF's {joint.velocity:g}")
     for name, position in table.locked_joints.items():
         if name in movable and not movable[name].lower <= position <= movable[name].upper:
@@ -304,7 +306,7 @@ def _urdf_limits(joints: Sequence[UrdfJoint]) -> JointLimits:
     return JointLimits(
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
-        velocity=np.array([joint.velocity for joint in joints]),
+        velocity=np.array([joint.velocity or VELOCITY[joint.kind] for joint in joints]),
         acceleration=np.array([ACCELERATION[joint.kind] for joint in joints]),
         jerk=np.array([JERK[joint.kind] for joint in joints]),
     )

@@ -49,7 +49,10 @@ class Mimic:
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint; ``kind`` is revolute (also a continuous one), prismatic or fixed; ``axis`` is a unit vector."""
+    """A joint; ``kind`` is revolute (also a continuous one), prismatic or fixed; ``axis`` is a unit vector.
+
+    ``velocity`` and ``effort`` are 0 where the file does not state them.
+    """
 
     name: str
     kind: str

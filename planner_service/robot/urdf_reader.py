@@ -27,9 +27,6 @@ MAX_OFFSET = 1e3
 """Metres: no joint of an arm is a kilometre from its parent, so a longer offset is a unit mistake."""
 CONTINUOUS_RANGE = 2.0 * math.pi
 """A continuous joint may turn once in either direction: bounded, with no seam at half a turn."""
-DEFAULT_VELOCITY = 1.0
-"""rad/s of a continuous joint without a limit in the file: slow enough for any arm."""
-
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 INSTEAD = {
     "planar": "write two prismatic joints and a revolute one instead, or type fixed if it stands still",
@@ -188,7 +185,7 @@ class _Reader:
         return (x / norm, y / norm, z / norm)
 
     def limits(self, joint: ElementTree.Element, kind: str, where: str) -> tuple[float, float, float, float]:
-        """Lower, upper, velocity and effort."""
+        """Lower, upper, velocity and effort; the last two are 0 where the file does not state them."""
         if kind == "fixed":
             return (0.0, 0.0, 0.0, 0.0)
         span = CONTINUOUS_RANGE if kind == "continuous" else 0.0
@@ -196,10 +193,10 @@ class _Reader:
         if element is None:
             if kind != "continuous":
                 self.problems.append(f"{where}: a {kind} joint needs <limit lower upper velocity>")
-            return (-span, span, DEFAULT_VELOCITY, 0.0)
-        velocity = self.number(element, "velocity", f"{where} limit", 1.0)
-        if velocity <= 0.0:
-            self.problems.append(f"{where}: velocity {velocity:g}; expected more than 0")
+            return (-span, span, 0.0, 0.0)
+        velocity = self.optional(element, "velocity", f"{where} limit", 0.0)
+        if velocity < 0.0:
+            self.problems.append(f"{where}: velocity {velocity:g}; expected at least 0")
         effort = self.optional(element, "effort", f"{where} limit", 0.0)
         if effort < 0.0:
             self.problems.append(f"{where}: effort {effort:g}; expected at least 0")

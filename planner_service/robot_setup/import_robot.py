@@ -20,10 +20,10 @@ from planner_service.files.xml_reader import MAX_XML_BYTES, read_xml
 from planner_service.geometry.mesh_formats import MAX_BYTES
 from planner_service.geometry.mesh_paths import MeshLoader
 from planner_service.geometry.validation import copied_in, flag, instance, items
-from planner_service.robot.loading import ACCELERATION, JERK, Selection, robot_of, standing_joints
+from planner_service.robot.loading import ACCELERATION, JERK, VELOCITY, Selection, robot_of, standing_joints
 from planner_service.robot.model import Robot, load_robot
 from planner_service.robot.urdf_model import Urdf
-from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, DEFAULT_VELOCITY, read_urdf
+from planner_service.robot.urdf_reader import CONTINUOUS_RANGE, read_urdf
 from planner_service.robot_setup.second_reader import Agreement, compare_with_yourdfpy
 from planner_service.robot_setup.self_collision_matrix import ContactKind, ContactTable, PairFinding, contact_table
 from planner_service.scene.scene import Scene
@@ -242,7 +242,7 @@ def _text(robot: Robot, source: Source, read: _Read, table: ContactTable) -> str
         *_poses(robot, table),
         *_locked(source, read.urdf),
     ]
-    position, velocity = _urdf_sources(robot, read.root)
+    position, velocity = _urdf_sources(robot, read)
     lines += ["", "[limits.position]", f"lower = {_numbers(limits.lower.tolist())}"]
     lines += [f"upper = {_numbers(limits.upper.tolist())}", f"source = {_quoted(position)}"]
     for kind, values, words in (
@@ -280,17 +280,17 @@ def _locked(source: Source, urdf: Urdf) -> list[str]:
     return ["", "[locked_joints]   # these do not move, and neither do joints that mimic them", *lines] if lines else []
 
 
-def _urdf_sources(robot: Robot, root: ElementTree.Element) -> tuple[str, str]:
+def _urdf_sources(robot: Robot, read: _Read) -> tuple[str, str]:
     """Where position and velocity limits come from."""
-    endless = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
+    endless = [joint for joint in read.root.findall("joint") if joint.get("type") == "continuous"]
     turning = [joint.get("name", "") for joint in endless if joint.get("name") in robot.joint_names]
-    silent = [joint.get("name", "") for joint in endless if joint.find("limit") is None]
-    silent = [name for name in silent if name in turning]
+    silent = [joint.name for joint in read.urdf.joints if joint.name in robot.joint_names and not joint.velocity]
     position = velocity = "URDF <limit>"
     if turning:
         position += f"; convention: {', '.join(turning)} continuous, {CONTINUOUS_RANGE:.4f} rad (a turn) either way"
     if silent:
-        velocity += f"; convention: {DEFAULT_VELOCITY:g} rad/s for {', '.join(silent)}, which has none"
+        assumed = f"{VELOCITY['revolute']:g} rad/s ({VELOCITY['prismatic']:g} m/s sliding)"
+        velocity += f"; convention: {assumed} for {', '.join(silent)}, which has none"
     return position, velocity
 
 

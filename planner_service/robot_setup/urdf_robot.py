@@ -57,6 +57,9 @@ def load_urdf(path: Path) -> Robot:
     tool = next(iter(srdf.tips), None)
     robot = robot_of(path, urdf, Selection(tool, file))
     logger.info("%s: tool frame %s, %s", path, robot.tool_frame, _whence(tool, file))
+    silent = [joint.name for joint in urdf.joints if joint.name in robot.joint_names and not joint.velocity]
+    if silent:
+        logger.info("%s: no velocity is stated for %s; a slow one is assumed", path, ", ".join(silent))
     if HOME not in srdf.states and READY in robot.poses:
         robot = _at_home(robot, robot.pose(READY))
     for contact in (always := always_overlapping(robot)):

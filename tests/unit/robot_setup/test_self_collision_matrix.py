@@ -212,7 +212,7 @@ def test_an_imported_robot_is_the_robot_of_the_urdf_but_for_what_may_touch(
 def test_the_file_says_where_limits_come_from_and_what_is_judged(tmp_path: Path) -> None:
     text = import_robot(Source(small(tmp_path, -0.09)), tmp_path / "out").path.read_text("utf-8")
     assert 'source = "URDF <limit>; convention: turn continuous, 6.2832 rad (a turn) either way"' in text
-    assert 'source = "URDF <limit>; convention: 1 rad/s for turn, which has none"' in text
+    assert 'source = "URDF <limit>; convention: 1 rad/s (0.1 m/s sliding) for turn, which has none"' in text
     assert (
         '"convention: 3.141596 rad/s^2 (0.5 m/s^2 sliding), usual in MoveIt configurations; URDF states none"' in text
     )

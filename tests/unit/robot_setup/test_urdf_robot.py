@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -145,11 +146,38 @@ def test_the_meshes_of_its_ros_package_are_found(tmp_path: Path) -> None:
         written(package / name / "part.stl", stl(size))
     relative = MESHED.replace("package://arm/", "../")
     assert load_robot(written(package / "urdf" / "meshed.urdf", relative)).n == 3
+    package = package.rename(tmp_path / "other")
     path = written(package / "description" / "variants" / "meshed.urdf", MESHED)
     with pytest.raises(InvalidFile, match="does not exist in the folders that may be read"):
         load_robot(path)
     written(package / "package.xml", "<package/>")
     assert load_robot(path).n == 3
+    (package / "package.xml").unlink()
+    package = package.rename(tmp_path / "arm")
+    with pytest.raises(InvalidFile, match="does not exist in the folders that may be read"):
+        load_robot(package / "description" / "variants" / "meshed.urdf")
+
+
+def test_a_package_that_is_named_as_a_folder_above_is_that_folder(tmp_path: Path) -> None:
+    models = tmp_path / "arm" / "models" / "small"
+    for name, size in (("a", 0.4), ("b", 0.05)):
+        written(models / name / "part.stl", stl(size))
+    text = MESHED.replace("package://arm/", "package://arm/models/small/")
+    assert load_robot(written(models / "meshed.urdf", text)).n == 3
+
+
+@pytest.mark.parametrize("limit", ['<limit lower="-1" upper="1"/>', '<limit lower="-1" upper="1" velocity="0"/>'])
+def test_a_velocity_that_is_not_stated_is_a_slow_one_and_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, limit: str
+) -> None:
+    text, stated = BARRED, load_robot(written(tmp_path / "stated.urdf", BARRED))
+    given = re.findall(r"<limit[^>]*>", text)
+    path = written(tmp_path / "silent.urdf", text.replace(given[0], limit, 1))
+    with caplog.at_level(logging.INFO):
+        robot = load_robot(path)
+    assert robot.limits.velocity.tolist()[0] == 1.0
+    assert robot.limits.velocity.tolist()[1:] == stated.limits.velocity.tolist()[1:]
+    assert f"no velocity is stated for {robot.joint_names[0]}" in caplog.text
 
 
 @pytest.mark.parametrize("filename", ["package://{}/part.stl", "package:///{}/part.stl", "package://../part.stl"])
