@@ -39,7 +39,7 @@ COMMANDS = {
 INTERRUPTED = 130
 """The exit code of a program that was ended by Ctrl-C."""
 
-APART = ("differential", "bits", "law", "smoothing")
+APART = ("robots", "differential", "bits", "law", "smoothing")
 """Measures that are not among all: what they find changes with the code alone, and they take long."""
 
 STORED = ("queries",)
@@ -57,6 +57,7 @@ SETTINGS = {
     "panda": ("seeds", "against"),
     "latency": ("against",),
     "constrained": ("part", "queries", "seed"),
+    "robots": ("robot", "queries", "states", "seed"),
 }
 """Arguments that a measure takes."""
 
@@ -109,6 +110,8 @@ constrained  a cup upright, a point on a plane, on a line and in a box, a tray i
           (queries drawn from it, in place of the stored ones)
 throughput plans per second of two threads with one service, next to two processes; needs a quiet machine
 view      the page in the browser: until it is drawn, a step along 1,000 waypoints, what is left when it is closed
+robots    26 robots out of packages on PyPI, as a new user meets them: from the file to the first proven plan, random
+          queries, judged by Coal; half an hour, not among all; --robot NAME, --queries N, --states N, --seed S
 differential  a million states and 20,000 edges of four robots: the kernel is FCL pair by pair; not among all;
           --robot NAME, --states N, --edges N, --seed N (runs with different seeds ask different ones)
 bits      500 plans with every instruction set, without compiled code and from 1 to 8 threads: the same to the last bit;

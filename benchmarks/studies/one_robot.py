@@ -1,0 +1,138 @@
+"""What ``robots`` starts: a process that meets one robot, as a new user's would, and prints a row about it.
+
+From the file to the first proven plan, then random queries among random objects, then what another judge says.
+"""
+
+from __future__ import annotations
+
+import time
+
+began = time.monotonic()
+
+import json  # noqa: E402
+import random  # noqa: E402
+import sys  # noqa: E402
+from collections.abc import Iterator  # noqa: E402
+from typing import Any  # noqa: E402
+
+import numpy as np  # noqa: E402
+
+from planner_service import CollisionChecker, Obstacle, PlannerService, PlanRequest, Pose, Robot, Scene  # noqa: E402
+from planner_service.geometry.arrays import FloatArray  # noqa: E402
+from planner_service.planning.result import PlanResult, Reason  # noqa: E402
+from planner_service.robot.kinematic_tree import chain_to_base  # noqa: E402
+from planner_service.robot.model import load_robot  # noqa: E402
+
+POSES = 0.25
+"""Part of the queries whose goal is a pose of the tool."""
+
+OBJECTS = 6
+DRAWS = 20
+"""Draws for a free end, the last of which is taken as it is."""
+
+ENDS = (Reason.START_IN_COLLISION, Reason.GOAL_IN_COLLISION)
+"""Failures that are proofs."""
+
+CURVE_STEP = 0.002
+"""Metres that any point of the robot moves at most from one audited configuration to the next."""
+
+
+def main(source: str, queries: int, states: int, seed: int) -> None:
+    """Print a row about the robot of ``source``."""
+    robot = load_robot(source)
+    loaded = time.monotonic()
+    service = PlannerService(robot, Scene())
+    chance = random.Random(f"{seed} {robot.name}")
+    first = service.plan(PlanRequest(robot.home, _end(service, chance), seed=seed))
+    told: dict[str, Any] = {"joints": robot.n, "shapes": len(robot.shapes), "load_s": loaded - began}
+    told |= {"first_s": time.monotonic() - began, "first": str(first.failure or "proven")}
+    service = PlannerService(robot, _scene(robot, chance))
+    results = [service.plan(request) for request in _requests(service, chance, queries)]
+    told["solved"] = sum(result.ok for result in results)
+    told["ends"] = sum(_reason(result) in ENDS for result in results)
+    told["given up"] = [str(r.failure) for r in results if not r.ok and _reason(r) not in ENDS]
+    told["ms"] = [result.seconds * 1e3 for result in results]
+    print(json.dumps(told), flush=True)
+    print(json.dumps(told | _judged(service, source, results, states, seed)), flush=True)
+
+
+def _reason(result: PlanResult) -> Reason | None:
+    return None if result.failure is None else result.failure.reason
+
+
+def _end(service: PlannerService, chance: random.Random) -> list[float]:
+    """A configuration, uniform in the limits and free if draws give one."""
+    limits = service.robot.limits
+    ranges = list(zip(limits.lower.tolist(), limits.upper.tolist(), strict=True))
+    q = list[float]()
+    for _ in range(DRAWS):
+        q = [chance.uniform(low, high) for low, high in ranges]
+        if service.checker.state_is_free(q):
+            break
+    return q
+
+
+def _requests(service: PlannerService, chance: random.Random, count: int) -> Iterator[PlanRequest]:
+    for _ in range(count):
+        start, end = _end(service, chance), _end(service, chance)
+        pose = chance.random() < POSES
+        goal = Pose.from_matrix(service.robot.tool_pose(end)) if pose else end
+        yield PlanRequest(start, goal, seed=chance.randrange(2**32))
+
+
+def _scene(robot: Robot, chance: random.Random) -> Scene:
+    """Objects at arm's length, a tenth as large as the workspace, none of which touches the robot at home.
+
+    What stands at the shoulder cuts the free space in parts, and whether a query is possible is anybody's guess.
+    """
+    from benchmarks.worlds.drawn import turned
+    from planner_service import Box, Cylinder, Sphere
+    from planner_service.geometry.shapes import Shape
+
+    limits, places = robot.limits, list[FloatArray]()
+    for _ in range(200):
+        q = [chance.uniform(low, high) for low, high in zip(limits.lower, limits.upper, strict=True)]
+        places.append(robot.tool_pose(q)[:3, 3])
+    size = 0.1 * float(np.ptp(places, axis=0).max())
+    away = np.linalg.norm(np.array(places) - _shoulder(robot), axis=1)
+    scene = Scene()
+    for k in np.flatnonzero(away > np.median(away)).tolist():
+        place = places[k]
+        a, b, c = (chance.uniform(0.5, 1.5) * size for _ in range(3))
+        shapes: list[Shape] = [Box((a, b, c)), Cylinder(a / 2, b), Sphere(a / 2)]
+        shape = chance.choice(shapes)
+        position = tuple(place.tolist())
+        more = scene.with_obstacle(Obstacle(f"object_{len(scene.obstacles)}", shape, Pose(position, turned(chance))))
+        if CollisionChecker(robot, more).state_is_free(robot.home):
+            scene = more
+        if len(scene.obstacles) == OBJECTS:
+            break
+    return scene
+
+
+def _shoulder(robot: Robot) -> FloatArray:
+    """Where the first body that carries the tool begins, at home."""
+    body = chain_to_base(robot.bodies, robot.tool_body)[-1]
+    return np.array(robot.body_poses(robot.home)[body][9:])
+
+
+def _judged(service: PlannerService, source: str, results: list[PlanResult], states: int, seed: int) -> dict[str, Any]:
+    """What Pinocchio and Coal, reading the file themselves, say of random configurations and of the plans."""
+    from auditor.checker import IndependentChecker, tables_of
+    from benchmarks.harness.audit import touch_on_curve
+    from benchmarks.studies.agreement import compared, random_states
+    from benchmarks.worlds.foreign import table_of_robot
+
+    second = IndependentChecker(table_of_robot(service.robot, source), tables_of(service.scene))
+    Q = random_states(service.robot, states, np.random.default_rng(seed))
+    row = compared(service.checker, second, Q)
+    paths = [result.path for result in results if result.path is not None]
+    touched = [touch for path in paths if (touch := touch_on_curve(second, path, CURVE_STEP)) is not None]
+    return {"states": len(Q), "differ": row["disagreements"], "apart": row["apart"], "deep": row["deep"]} | {
+        "judged plans": len(paths),
+        "touched": touched,
+    }
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], *map(int, sys.argv[2:5]))

