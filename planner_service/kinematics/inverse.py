@@ -18,8 +18,7 @@ from planner_service.errors import InvalidRequest
 from planner_service.geometry.arrays import FloatArray, read_only, set_fields
 from planner_service.geometry.shapes import Pose
 from planner_service.geometry.validation import finite_numbers, instance, items, number, numbers, whole
-from planner_service.kinematics.numeric_inverse import STEPS, Descent, descend
-from planner_service.kinematics.tool_arm import tool_arm
+from planner_service.kinematics.tool_arm import descended, tool_arm
 from planner_service.kinematics.tool_chain import ToolChain
 from planner_service.kinematics.wxai_inverse import WxaiInverse
 from planner_service.robot.model import Robot
@@ -43,6 +42,7 @@ __all__ = [
     "require_joint_rate",
     "require_within_limits",
     "rotation_distance",
+    "sampled_range",
     "shifted",
     "stop_at",
     "straight_tool_line",
@@ -197,11 +197,11 @@ def _numeric_solutions(
     robot: Robot, pose: Pose, rng: np.random.Generator, given: list[FloatArray]
 ) -> list[tuple[float, ...]]:
     """Distinct solutions, in the order of the starts that led to them."""
-    low, high = _sampled_range(robot)
+    low, high = sampled_range(robot)
     first = [*given, robot.home]
     for _ in range(MAX_ROUNDS):
         starts = np.array([*first, *(low + (high - low) * rng.random((STARTS, robot.n)))])
-        end = _descended(robot, pose, starts)
+        end = descended(robot, pose, starts)
         solutions: list[tuple[float, ...]] = []
         for q in end.q[end.arrived].tolist():
             if all(_distance(q, other) > DISTINCT for other in solutions):
@@ -212,17 +212,7 @@ def _numeric_solutions(
     return []
 
 
-def _descended(robot: Robot, pose: Pose, starts: FloatArray) -> Descent:
-    """``descend``, by the compiled code where it was built."""
-    arm = tool_arm(robot)
-    if arm is None:
-        return descend(robot, pose, starts)
-    rows = [value for row, x in zip(pose.rotation_rows, pose.position, strict=True) for value in (*row, x)]
-    q, arrived = arm.descend(np.array(rows), np.ascontiguousarray(starts, dtype=np.float64), True, STEPS)
-    return Descent(q, np.array(arrived, dtype=np.bool_).ravel())
-
-
-def _sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
+def sampled_range(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """At most one full turn of each joint, around zero if possible: more turns repeat the same poses."""
     lower, upper = robot.limits.lower, robot.limits.upper
     half = np.minimum((upper - lower) / 2, math.pi)
@@ -452,7 +442,7 @@ def nearest_configuration(robot: Robot, pose: Pose, q: FloatArray) -> FloatArray
 
 def closest_configuration(robot: Robot, pose: Pose, q: FloatArray) -> tuple[FloatArray, bool]:
     """Where the numeric search from ``q`` (n,) ends, (n,), and whether the tool is at the pose there."""
-    end = _descended(robot, pose, q[np.newaxis])
+    end = descended(robot, pose, q[np.newaxis])
     return read_only(end.q[0]), bool(end.arrived[0])
 
 
@@ -463,7 +453,7 @@ def stop_at(robot: Robot, pose: Pose, q: FloatArray, other: FloatArray | None, f
         other: The nearest configuration for that pose, (n,); None if there is none.
         fraction: The share of the line that lies behind.
     """
-    free = descend(robot, pose, q[np.newaxis], limited=False)
+    free = descended(robot, pose, q[np.newaxis], (np.full(robot.n, -np.inf), np.full(robot.n, np.inf)))
     move = np.abs(free.q[0] - q)
     beyond = np.maximum(robot.limits.lower - free.q[0], free.q[0] - robot.limits.upper)
     reason = LineStopReason.SINGULARITY

@@ -18,7 +18,7 @@ from planner_service.geometry.shapes import Pose
 from planner_service.robot.kinematic_tree import chain_to_base
 from planner_service.robot.model import Robot
 
-__all__ = ["STEPS", "Descent", "descend", "length_scale"]
+__all__ = ["STEPS", "Bounds", "Descent", "approach", "descend", "length_scale"]
 
 EXACT = 1e-8
 """A start has arrived when its tool is this close to the pose, in metres and radians. At 1e-6 one solution of the
@@ -40,9 +40,19 @@ AT_LIMIT = 1e-12
 STEPS = 40
 """The most steps of a start."""
 
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING, DAMPING_FACTOR = 1e-2, 1e-9, 1e6, 4.0
+"""λ of ``approach``, per largest diagonal entry of J Jᵀ; with the most of it a step is too short to matter."""
+
+ARRIVED_COST = 1e-20
+"""Squared error below which ``approach`` has arrived."""
+
 SPAN_SHARE = 0.2
 """A metre counts as a radian at this share of the stretched arm's length. Of 0.1 to 1.0, most starts arrive at 0.1 and
 0.2 (40 % on the WidowX AI for random reachable poses, 37 % at 1.0)."""
+
+
+Bounds = tuple[FloatArray, FloatArray]
+"""Lowest and highest values of the joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,18 +63,18 @@ class Descent:
     arrived: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
-def descend(robot: Robot, pose: Pose, starts: FloatArray, *, limited: bool = True, steps: int = STEPS) -> Descent:
+def descend(
+    robot: Robot, pose: Pose, starts: FloatArray, bounds: Bounds | None = None, *, steps: int = STEPS
+) -> Descent:
     """Move all starts towards configurations that bring the tool to ``pose``: the reference of ``ToolArm.descend``.
 
     Args:
         starts: Shape (m, n).
-        limited: Stay within the joint limits.
+        bounds: Lowest and highest joint values, (n,) each; the joint limits if None.
         steps: The most steps per start.
     """
     chain = _Chain(robot)
-    lower, upper = robot.limits.lower[:, np.newaxis], robot.limits.upper[:, np.newaxis]
-    if not limited:
-        lower, upper = np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
+    lower, upper = (bound[:, np.newaxis] for bound in bounds or (robot.limits.lower, robot.limits.upper))
     q = np.minimum(np.maximum(np.asarray(starts, dtype=np.float64).T, lower), upper)
     arrived = np.zeros(q.shape[1], dtype=np.bool_)
     active = np.arange(q.shape[1])
@@ -77,21 +87,59 @@ def descend(robot: Robot, pose: Pose, starts: FloatArray, *, limited: bool = Tru
         if step == steps or bool(close.all()):
             break
         active, now, error, jacobian = active[~close], now[:, ~close], error[:, ~close], jacobian[:, :, ~close]
-        q[:, active] = np.minimum(np.maximum(now + _step(now, error, jacobian, (lower, upper)), lower), upper)
+        damping = DAMPING_SHARE * _sum_products(error, error) + DAMPING_FLOOR
+        move = _step(now, error, jacobian, (lower, upper), damping)
+        q[:, active] = np.minimum(np.maximum(now + move, lower), upper)
     return Descent(np.ascontiguousarray(q.T), arrived)
 
 
-def _step(q: FloatArray, error: FloatArray, jacobian: FloatArray, limits: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """dq (n, m) for configurations (n, m), errors (6, m), Jacobians (6, n, m)."""
-    lower, upper = limits
+def approach(robot: Robot, pose: Pose, starts: FloatArray, weights: tuple[float, float], *, steps: int) -> FloatArray:
+    """Move all starts to where the tool is as close to ``pose`` as it comes from there, within the limits, (m, n).
+
+    Unlike ``descend`` it ends at the least error where the pose is out of reach: λ shrinks with each step that lowers
+    the weighted error and grows with each that does not, which is not taken (Marquardt, J. SIAM 11(2), 1963).
+
+    Args:
+        starts: Shape (m, n).
+        weights: Of the position's error and of the orientation's, on top of ``length_scale``.
+    """
+    chain = _Chain(robot)
+    lower, upper = robot.limits.lower[:, np.newaxis], robot.limits.upper[:, np.newaxis]
+    weight = np.repeat(weights, 3)[:, np.newaxis]
+    target = pose.rotation, np.array(pose.position)
+
+    def at(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        error, jacobian, _ = chain.error(q, target)
+        return weight * error, weight[:, np.newaxis] * jacobian, _sum_products(weight * error, weight * error)
+
+    q = np.minimum(np.maximum(np.asarray(starts, dtype=np.float64).T, lower), upper)
+    error, jacobian, cost = at(q)
+    damping = np.full(q.shape[1], FIRST_DAMPING)
+    for _ in range(steps):
+        rows = _sum_products(jacobian.swapaxes(0, 1), jacobian.swapaxes(0, 1)).max(axis=0)
+        move = _step(q, error, jacobian, (lower, upper), damping * rows + DAMPING_FLOOR)
+        trial = np.minimum(np.maximum(q + move, lower), upper)
+        there = at(trial)
+        better = there[2] < cost
+        q, error, jacobian, cost = (
+            np.where(better, new, old) for new, old in zip((trial, *there), (q, error, jacobian, cost), strict=True)
+        )
+        damping = np.where(better, np.maximum(damping / DAMPING_FACTOR, LEAST_DAMPING), damping * DAMPING_FACTOR)
+        if not np.any((damping < MOST_DAMPING) & (cost > ARRIVED_COST)):
+            break
+    return np.ascontiguousarray(q.T)
+
+
+def _step(q: FloatArray, error: FloatArray, jacobian: FloatArray, bounds: Bounds, damping: FloatArray) -> FloatArray:
+    """dq (n, m) for configurations (n, m), errors (6, m), Jacobians (6, n, m) and λ (m,)."""
+    lower, upper = bounds
     pull = _sum_products(jacobian, error[:, np.newaxis])
     held = ((q <= lower + AT_LIMIT) & (pull < 0.0)) | ((q >= upper - AT_LIMIT) & (pull > 0.0))
     J = np.where(held, 0.0, jacobian)
     columns = J.swapaxes(0, 1)
     normal = _sum_products(columns[:, :, np.newaxis], columns[:, np.newaxis])
-    squared = _sum_products(error, error)
     for i in range(6):
-        normal[i, i] += DAMPING_SHARE * squared + DAMPING_FLOOR
+        normal[i, i] += damping
     dq = _sum_products(J, _solved(normal, error)[:, np.newaxis])
     longest = np.abs(dq).max(axis=0)
     return np.asarray(dq * (MAX_STEP / np.maximum(longest, MAX_STEP)))

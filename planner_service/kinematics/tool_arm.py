@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planner_service.kinematics.numeric_inverse import length_scale
+from planner_service.geometry.arrays import FloatArray
+from planner_service.geometry.shapes import Pose
+from planner_service.kinematics.numeric_inverse import STEPS, Bounds, Descent, descend, length_scale
 from planner_service.kinematics.wxai_inverse import WxaiInverse
 from planner_service.native.loading import load_core
 from planner_service.robot.kinematic_tree import chain_to_base
@@ -18,7 +20,7 @@ from planner_service.robot.model import Robot
 if TYPE_CHECKING:
     from planner_service.native import _core
 
-__all__ = ["tool_arm"]
+__all__ = ["descended", "tool_arm"]
 
 
 @lru_cache(maxsize=16)
@@ -48,6 +50,17 @@ def tool_arm(robot: Robot, *, closed_form: bool = False) -> _core.ToolArm | None
         math.hypot,
     )
     return arm
+
+
+def descended(robot: Robot, pose: Pose, starts: FloatArray, bounds: Bounds | None = None) -> Descent:
+    """``numeric_inverse.descend``, by the compiled code where it was built."""
+    arm = tool_arm(robot)
+    if arm is None:
+        return descend(robot, pose, starts, bounds)
+    rows = [value for row, x in zip(pose.rotation_rows, pose.position, strict=True) for value in (*row, x)]
+    lower, upper = bounds or (robot.limits.lower, robot.limits.upper)
+    q, arrived = arm.descend(np.array(rows), np.ascontiguousarray(starts, dtype=np.float64), lower, upper, STEPS)
+    return Descent(q, np.array(arrived, dtype=np.bool_).ravel())
 
 
 def _numbers(form: WxaiInverse) -> list[float]:

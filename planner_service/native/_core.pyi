@@ -322,9 +322,14 @@ class ToolArm:
         hypot: Callable[..., float],
     ) -> None: ...
     def descend(
-        self, target: NDArray[np.float64], starts: NDArray[np.float64], limited: bool, steps: int
+        self,
+        target: NDArray[np.float64],
+        starts: NDArray[np.float64],
+        lower: NDArray[np.float64],
+        upper: NDArray[np.float64],
+        steps: int,
     ) -> tuple[NDArray[np.float64], list[bool]]:
-        """Where the starts (m, n) end on their way to tool rows ``target`` (12,), and which of them arrive."""
+        """Where the starts (m, n) end, within bounds (n,), on their way to tool rows ``target`` (12,); which arrive."""
 
     def walk(
         self, begin: Sequence[float], end: Sequence[float], start: NDArray[np.float64], points: int

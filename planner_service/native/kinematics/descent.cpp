@@ -1,7 +1,6 @@
 #include "descent.hpp"
 
 #include <algorithm>
-#include <limits>
 
 namespace kinematics {
 
@@ -97,11 +96,9 @@ void step_of(const double* q, const double* error, std::vector<double>& J, const
 
 }  // namespace
 
-bool descend(const Arm& arm, const double* target, bool limited, int steps, double* q, std::vector<Frame>& frames) {
+bool descend(const Arm& arm, const double* target, const double* lower, const double* upper, int steps, double* q,
+             std::vector<Frame>& frames) {
     const std::size_t n = arm.joints;
-    const double infinity = std::numeric_limits<double>::infinity();
-    const std::vector<double> low(n, -infinity), high(n, infinity);
-    const double *lower = limited ? arm.lower.data() : low.data(), *upper = limited ? arm.upper.data() : high.data();
     std::vector<double> jacobian(6 * n), dq(n);
     double error[6];
     for (std::size_t k = 0; k < n; ++k) q[k] = std::min(std::max(q[k], lower[k]), upper[k]);

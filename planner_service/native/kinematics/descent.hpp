@@ -5,7 +5,8 @@
 
 namespace kinematics {
 
-// Moves ``q`` to a configuration with the tool at rows ``target`` (three of four); whether it arrives.
-bool descend(const Arm& arm, const double* target, bool limited, int steps, double* q, std::vector<Frame>& frames);
+// Moves ``q`` within bounds to a configuration with the tool at rows ``target`` (three of four); whether it arrives.
+bool descend(const Arm& arm, const double* target, const double* lower, const double* upper, int steps, double* q,
+             std::vector<Frame>& frames);
 
 }  // namespace kinematics

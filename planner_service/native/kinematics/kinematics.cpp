@@ -65,15 +65,19 @@ class ToolArm {
         }
     }
 
-    std::pair<nb::object, std::vector<bool>> descend(const Row& target, const Rows& starts, bool limited, int steps) const {
-        require(target.shape(0) == 12 && starts.shape(1) == arm_.joints, "a pose, and configurations of this arm");
+    std::pair<nb::object, std::vector<bool>> descend(const Row& target, const Rows& starts, const Row& lower, const Row& upper,
+                                                    int steps) const {
+        const auto fits = [this](std::size_t size) { return size == arm_.joints; };
+        require(target.shape(0) == 12 && fits(starts.shape(1)) && fits(lower.shape(0)) && fits(upper.shape(0)),
+                "a pose, and configurations and bounds of this arm");
         std::vector<double> out(starts.data(), starts.data() + starts.size());
         std::vector<bool> arrived;
         {
             nb::gil_scoped_release released;
             std::vector<Frame> frames(arm_.bodies + 1);
             for (std::size_t k = 0; k < starts.shape(0); ++k)
-                arrived.push_back(kinematics::descend(arm_, target.data(), limited, steps, out.data() + k * arm_.joints, frames));
+                arrived.push_back(kinematics::descend(arm_, target.data(), lower.data(), upper.data(), steps,
+                                                      out.data() + k * arm_.joints, frames));
         }
         return {matrix_of(std::move(out), arm_.joints), std::move(arrived)};
     }

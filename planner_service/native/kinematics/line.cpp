@@ -216,7 +216,7 @@ Step next(Work& work, Solver* solver, const Pose& pose, const double* before, st
         double target[12];
         rows_of(pose, target);
         std::copy_n(before, n, q);
-        return descend(work.arm, target, true, steps, q, work.frames) ? Step::there : Step::none;
+        return descend(work.arm, target, work.arm.lower.data(), work.arm.upper.data(), steps, q, work.frames) ? Step::there : Step::none;
     }
     if (!solver->solve(pose, solutions)) return Step::unknown;
     double least = 0.0;

@@ -11,6 +11,7 @@ import pytest
 from planner_service import Pose, Robot, load_robot
 from planner_service.geometry.arrays import FloatArray
 from planner_service.kinematics import cartesian_waypoints, inverse
+from planner_service.kinematics import tool_arm as compiled_arm
 from planner_service.kinematics.cartesian_waypoints import thinned
 from planner_service.kinematics.inverse import ToolLine, inverse_kinematics, straight_tool_line
 from planner_service.kinematics.tool_arm import tool_arm
@@ -23,7 +24,7 @@ ROBOTS = ("wxai", "panda_mbm", "ur5", "planar2")
 def in_python() -> Iterator[None]:
     """Without the compiled code."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (inverse, cartesian_waypoints):
+        for module in (inverse, cartesian_waypoints, compiled_arm):
             patch.setattr(module, "tool_arm", lambda robot, **_: None)
         yield
 
