@@ -8,5 +8,19 @@ from planner_service.kinematics.inverse import (
     straight_tool_line,
 )
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.reachability import Cause, LimitExcess, Slip, Suggestion, Unreachable, why_unreachable
 
-__all__ = ["LineStop", "LineStopReason", "PoseGoal", "ToolLine", "inverse_kinematics", "straight_tool_line"]
+__all__ = [
+    "Cause",
+    "LimitExcess",
+    "LineStop",
+    "LineStopReason",
+    "PoseGoal",
+    "Slip",
+    "Suggestion",
+    "ToolLine",
+    "Unreachable",
+    "inverse_kinematics",
+    "straight_tool_line",
+    "why_unreachable",
+]

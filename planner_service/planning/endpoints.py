@@ -17,6 +17,7 @@ from planner_service.geometry.arrays import FloatArray, joint_distance, read_onl
 from planner_service.geometry.shapes import Pose
 from planner_service.kinematics.inverse import inverse_kinematics
 from planner_service.kinematics.pose_goal import PoseGoal
+from planner_service.kinematics.reachability import why_unreachable
 from planner_service.planning.accounting import NoPlan, PlanContext
 from planner_service.planning.collision_recovery import nearest_free
 from planner_service.planning.request import PlanRequest, joint_vector
@@ -156,7 +157,7 @@ def _ends(context: PlanContext) -> Ends:
                     colliding = goal
                 failures.append(no_plan.failure)
     if not goals:
-        raise NoPlan(failures[0] if colliding is None else _with_nearest_free(context, failures[0], colliding))
+        raise NoPlan(_explained(context, failures[0], requested[0], colliding, begin))
     goals.sort(key=lambda goal: joint_distance(start.tolist(), goal.q.tolist()))
     return Ends(begin, start, departure, start_padding, tuple(goals), arrived_at)
 
@@ -209,13 +210,13 @@ def _configurations(
             detail = f"{name}: {_outside_in_words(given, joint, robot)}"
             raise NoPlan(Failure(Stage.ENDPOINTS, Reason.GOAL_OUTSIDE_LIMITS, detail))
         return [given]
-    poses, middle = ((given,), given) if isinstance(given, Pose) else (given.poses(), given.pose)
+    poses = (given,) if isinstance(given, Pose) else given.poses()
     solutions = list[FloatArray]()
     for pose in poses:
         context.checker.ledger.poll()
         solutions += [read_only(q) for q in inverse_kinematics(robot, pose, still=begin)]
     if not solutions:
-        x, y, z = middle.position
+        x, y, z = (given if isinstance(given, Pose) else given.pose).position
         tried = "this pose at" if isinstance(given, Pose) else f"any of {len(poses)} poses around"
         detail = f"{name}: the arm cannot reach {tried} ({x:.4f}, {y:.4f}, {z:.4f}) within its joint limits"
         raise NoPlan(Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, detail))
@@ -266,6 +267,35 @@ def _in_collision(context: PlanContext, name: str, q: FloatArray) -> Failure:
             detail += f"; the pose {retreat.pose!r} itself has a way out, to within {SAME_POSE:g} of it"
     reason = Reason.START_IN_COLLISION if name == "start" else Reason.GOAL_IN_COLLISION
     return Failure(Stage.ENDPOINTS, reason, detail, contacts)
+
+
+def _explained(
+    context: PlanContext,
+    failure: Failure,
+    given: FloatArray | Pose | PoseGoal,
+    colliding: FloatArray | None,
+    begin: FloatArray,
+) -> Failure:
+    """The failure at the first goal with what would help: the nearest free configuration, or why it is unreachable."""
+    if colliding is not None:
+        return _with_nearest_free(context, failure, colliding)
+    if failure.reason is not Reason.NO_IK_SOLUTION or not isinstance(given, Pose | PoseGoal):
+        return failure
+    pose, which = (given, "") if isinstance(given, Pose) else (given.pose, "for the one in the middle, ")
+    why = why_unreachable(context.checker.robot, pose, seed=context.request.seed, still=begin)
+    if why.suggestion is not None and not _can_be_reached(context, why.suggestion.pose, begin):
+        why = replace(why, suggestion=None)
+    return replace(failure, detail=f"{failure.detail}: {which}{why}", unreachable=why)
+
+
+def _can_be_reached(context: PlanContext, pose: Pose, begin: FloatArray) -> bool:
+    """Whether a configuration for a pose is known to be free."""
+    try:
+        solutions = inverse_kinematics(context.checker.robot, pose, seed=context.request.seed, still=begin)
+        return any(context.checker.state_is_free(q) for q in solutions)
+    except (CheckBudgetSpent, TimeBoxSpent) as stopped:
+        context.accounting.stopped_by(stopped)
+        return False
 
 
 def _with_nearest_free(context: PlanContext, failure: Failure, q: FloatArray) -> Failure:

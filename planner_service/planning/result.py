@@ -15,6 +15,7 @@ from planner_service.constraints import Constraint
 from planner_service.errors import BrokenInvariant, InvalidRequest, PlanningFailed
 from planner_service.geometry.arrays import FloatArray, as_sent
 from planner_service.geometry.validation import copied_in
+from planner_service.kinematics.reachability import Unreachable
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
@@ -117,6 +118,7 @@ class Failure:
         detail: A sentence for a person: what was wrong, the value, what would be right.
         contacts: What touches at an end that is in collision, or at the first place where an optimum is; deepest first.
         nearest_free: For an end in collision, the nearest free configuration found, shape (n,).
+        unreachable: For a pose without a configuration, how near the tool comes and what is in the way.
         blocked_by: For a search, (link, what it hit, share of the colliding states), most frequent first.
     """
 
@@ -126,6 +128,7 @@ class Failure:
     contacts: tuple[Contact, ...] = ()
     nearest_free: FloatArray | None = None
     blocked_by: tuple[tuple[str, str, float], ...] = ()
+    unreachable: Unreachable | None = None
     __setstate__ = as_sent
 
     def __post_init__(self) -> None:

@@ -8,14 +8,13 @@ along the polyline.
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from planner_service.certify import (
     Certificate,
@@ -26,20 +25,19 @@ from planner_service.certify import (
     KeptRefusal,
     Refusal,
 )
-from planner_service.collision import CheckCounts, Contact
+from planner_service.collision import CheckCounts
 from planner_service.errors import InvalidRequest
 from planner_service.files import schema
-from planner_service.geometry.arrays import read_only
 from planner_service.optimize import Figures
 from planner_service.path.joint_path import JointPath
 from planner_service.path.trajectory import Trajectory
-from planner_service.planning.result import Failure, MotionReport, PlanResult, PolishReport, Reason, Stage, StageReport
+from planner_service.planning.result import MotionReport, PlanResult, PolishReport, Stage, StageReport
 from planner_service.records.constraints import Constraints
+from planner_service.records.failure import MAX_PAIRS, FailureRecord, StageName
 from planner_service.timing.limit_check import LimitPeaks, Peak
 
 __all__ = [
     "CountsRecord",
-    "FailureRecord",
     "GripperMotionRecord",
     "PairList",
     "ResultRecord",
@@ -49,8 +47,6 @@ __all__ = [
 
 MAX_ENTRIES = 1_000
 """Of stages, stretches, contacts or notes."""
-
-MAX_PAIRS = 100_000
 
 ROUNDING = 1e-9
 """By which sums may differ from one machine to another."""
@@ -69,17 +65,6 @@ def certificate_record(certificate: Certificate) -> dict[str, Any]:
     return schema.recorded("certificate", lambda: CertificateRecord.of(certificate)).document()
 
 
-def _one_of(kind: type[enum.Enum]) -> Callable[[str], str]:
-    values = [member.value for member in kind]
-
-    def checked(value: str) -> str:
-        if value not in values:
-            raise ValueError(f"one of {', '.join(values)}")
-        return value
-
-    return checked
-
-
 def _null_for_infinity(value: Any, info: ValidationInfo) -> Any:
     """JSON has no infinity."""
     infinite = isinstance(value, float) and not math.isfinite(value)
@@ -90,8 +75,6 @@ def _or_infinity(value: float | None) -> float:
     return math.inf if value is None else value
 
 
-StageName = Annotated[str, AfterValidator(_one_of(Stage))]
-ReasonName = Annotated[str, AfterValidator(_one_of(Reason))]
 Unbounded = Annotated[float | None, BeforeValidator(_null_for_infinity)]
 """Null where it is infinite."""
 
@@ -127,44 +110,6 @@ class StageRecord(schema.GrownRecord):
     def value(self) -> StageReport:
         counts = CheckCounts(self.states, self.edges, self.distances, self.projections)
         return StageReport(Stage(self.stage), counts, self.seconds, self.length, self.note)
-
-
-class ContactRecord(schema.Record):
-    """A ``Contact``."""
-
-    makes = Contact
-
-    a: schema.Text
-    b: schema.Text
-    depth: float = Field(alias="depth_at_most")
-
-
-class BlockedRecord(schema.Record):
-    """One entry of ``Failure.blocked_by``."""
-
-    a: schema.Text
-    b: schema.Text
-    share: float
-
-    @cached_property
-    def value(self) -> tuple[str, str, float]:
-        return self.a, self.b, self.share
-
-
-class FailureRecord(schema.Record):
-    """A ``Failure``."""
-
-    stage: StageName
-    reason: ReasonName
-    detail: schema.Prose
-    contacts: Annotated[list[ContactRecord], schema.at_most(MAX_PAIRS)]
-    nearest_free: schema.Joints | None
-    blocked_by: Annotated[list[BlockedRecord], schema.at_most(MAX_PAIRS)]
-
-    @cached_property
-    def value(self) -> Failure:
-        arguments = self.arguments | {"stage": Stage(self.stage), "reason": Reason(self.reason)}
-        return Failure(**arguments | {"nearest_free": self.nearest_free and read_only(self.nearest_free)})
 
 
 class ExemptRecord(schema.Record):

@@ -18,6 +18,7 @@ from planner_service.errors import InvalidFile, InvalidRequest
 from planner_service.files.json_reader import MAX_BYTES
 from planner_service.files.writing import require_writable
 from planner_service.geometry.shapes import Pose
+from planner_service.kinematics import Cause, LimitExcess, Slip, Suggestion, Unreachable
 from planner_service.kinematics.pose_goal import PoseGoal
 from planner_service.path.joint_path import JointPath
 from planner_service.planners import PLANNERS, RRT, BalancedRRTConnect
@@ -71,6 +72,22 @@ def failed() -> PlanResult:
     return PlanResult(None, None, failure, (StageReport(Stage.ENDPOINTS, CheckCounts(9, 0, 0), 0.01),))
 
 
+def unreached(*, with_all: bool) -> PlanResult:
+    meant = Suggestion((Slip.MILLIMETRES, Slip.XYZW), Pose((0.1, 1 / 3, 0.0), (0.6, 0.0, 0.8, 0.0)))
+    why = Unreachable(
+        cause=Cause.JOINT_LIMIT,
+        nearest=np.array([0.1, 1 / 3]),
+        position=(0.1, 0.2, 1 / 3),
+        gap=1e-3,
+        turn=1 / 7,
+        beyond=LimitExcess("elbow", 2 / 3, 0.5),
+        suggestion=meant,
+    )
+    failure = Failure(Stage.ENDPOINTS, Reason.NO_IK_SOLUTION, "goal: the arm cannot reach", unreachable=why)
+    bare = replace(failure, unreachable=replace(why, beyond=None, suggestion=None))
+    return replace(failed(), failure=failure if with_all else bare)
+
+
 def request(**changes: Any) -> PlanRequest:
     return PlanRequest(**{"start": (0.1, 1 / 3), "goal": (2**0.5, 1e-9), **changes})
 
@@ -105,7 +122,14 @@ REQUESTS = [
     request(goal=(PoseGoal(POSE, 0.01, 1 / 7, (0.0, 0.6, 0.8), 5), PoseGoal(POSE))),
 ]
 RESULTS = [
-    *(failed(), planned(ToppRa()), planned(Trapezoidal()), planned(SCurve())),
+    *(
+        failed(),
+        unreached(with_all=True),
+        unreached(with_all=False),
+        planned(ToppRa()),
+        planned(Trapezoidal()),
+        planned(SCurve()),
+    ),
     replace(planned(), certificate=Certificate(math.inf, 0, 0.0)),
     replace(planned(), certificate=Certificate(-math.inf, 7, 0.002, (), NOT_PROVEN)),
 ]
@@ -273,6 +297,23 @@ def test_a_damaged_file_names_the_place_and_what_would_be_right(
     change: Callable[[Document], object], problem: str, there: Path
 ) -> None:
     assert problem in damaged(there, change)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda d: d.update(cause="tired"), "unreachable.cause: got 'tired'; expected one of out of reach"),
+        (lambda d: d["nearest"].append("x"), "unreachable.nearest: got [0.1, 0.333"),
+        (lambda d: d["suggestion"]["slips"].append("inches"), "unreachable.suggestion.slips: got"),
+        (lambda d: d["suggestion"]["pose"].update(quaternion_wxyz=[2, 0, 0, 0]), "a unit quaternion"),
+        (lambda d: d["beyond"].update(needed=None), "unreachable.beyond.needed: got None"),
+    ],
+)
+def test_a_damaged_reason_names_the_place_too(change: Callable[[Document], object], problem: str, there: Path) -> None:
+    def inside(document: Document) -> None:
+        change(document["result"]["failure"]["unreachable"])
+
+    assert problem in damaged(there, inside, result=unreached(with_all=True))
 
 
 def test_all_problems_are_named_not_the_first(there: Path) -> None:
